@@ -1,0 +1,30 @@
+//! Packstone's engine: from a concrete mix design to a dense, checked packing of spheres.
+//!
+//! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`specimen`] -> [`plan`]
+//! (what to expect, and whether it can fit) -> [`rsa`] -> [`verify`] -> [`packing`] -> [`mod@format`].
+//! The engine is pure: it computes, reports through [`control`], and writes to writers that it is
+//! handed. It knows no files, no network, no other clock than to state how long a phase took.
+#![forbid(unsafe_code)]
+
+pub mod control;
+pub mod distance;
+pub mod error;
+pub mod format;
+pub mod mix;
+mod pack;
+pub mod packing;
+pub mod plan;
+pub mod request;
+pub mod rsa;
+pub mod specimen;
+pub mod verify;
+
+pub use control::{Control, Phase, Progress, Unattended};
+pub use error::{NotReached, PackError, PlanError};
+pub use pack::pack;
+pub use packing::{Packing, Report, Spheres};
+pub use plan::{Limits, Plan};
+pub use request::{FieldError, PackingRequest};
+
+/// Version of the engine, recorded in every result.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");

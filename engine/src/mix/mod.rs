@@ -1,0 +1,2 @@
+//! From a grading to diameters.
+pub mod standard;

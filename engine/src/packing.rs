@@ -1,0 +1,169 @@
+//! The result of a run: spheres in columns, and what is known about them.
+//!
+//! Plain data that every format writes and the server stores; it must never know how a packing
+//! was computed or where it goes.
+
+use serde::{Deserialize, Serialize};
+
+/// Name and version of the random generator, recorded in every result: the stream behind a seed
+/// is part of what a seed means.
+pub const RNG_NAME: &str = "xoshiro256++ (rand_xoshiro 0.8), streams by splitmix64";
+
+/// Spheres in columns of equal length, largest first; the row number is the grain's id.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Spheres {
+    /// Centres, x in mm.
+    pub x_mm: Vec<f64>,
+    /// Centres, y in mm.
+    pub y_mm: Vec<f64>,
+    /// Centres, z in mm.
+    pub z_mm: Vec<f64>,
+    /// Diameters in mm.
+    pub d_mm: Vec<f64>,
+}
+
+impl Spheres {
+    /// Number of spheres.
+    pub fn len(&self) -> usize {
+        self.d_mm.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.d_mm.is_empty()
+    }
+
+    /// Columns with room for `n` spheres.
+    pub fn with_capacity(n: usize) -> Self {
+        let column = || Vec::with_capacity(n);
+        Self { x_mm: column(), y_mm: column(), z_mm: column(), d_mm: column() }
+    }
+
+    /// Appends one sphere.
+    pub fn push(&mut self, [x, y, z]: [f64; 3], d: f64) {
+        self.x_mm.push(x);
+        self.y_mm.push(y);
+        self.z_mm.push(z);
+        self.d_mm.push(d);
+    }
+
+    /// Centre of sphere `i`.
+    pub fn center(&self, i: usize) -> [f64; 3] {
+        [self.x_mm[i], self.y_mm[i], self.z_mm[i]]
+    }
+}
+
+/// A finished, checked packing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Packing {
+    /// The grains.
+    pub spheres: Spheres,
+    /// All that is known about them.
+    pub report: Report,
+}
+
+/// What is known about a packing, but for its spheres.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Report {
+    /// The figures people ask for first.
+    pub summary: Summary,
+    /// Wall-clock time of each phase.
+    pub timings_s: Timings,
+    /// What the algorithms counted.
+    pub statistics: Statistics,
+    /// What the independent check found.
+    pub verification: Verification,
+    /// Distance reached against simulated time; empty for methods that do not grow grains.
+    pub distance_curve: Vec<[f64; 2]>,
+}
+
+/// The figures people ask for first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Summary {
+    /// Number of grains placed.
+    pub grains: u64,
+    /// Volume of the specimen.
+    pub specimen_volume_mm3: f64,
+    /// Volume of all aggregate of the mix over that of the specimen (`phi_M`).
+    pub volume_fraction_mixture: f64,
+    /// Volume of the grains placed over that of the specimen (`phi_eff`), counted.
+    pub volume_fraction_effective: f64,
+    /// The same with each grain enlarged by half the distance it keeps from its own kind.
+    pub volume_fraction_with_coating: f64,
+    /// The constant distance kept, or `null` where it varies from pair to pair.
+    pub distance_mm: Option<f64>,
+    /// Smallest diameter placed.
+    pub d_min_mm: f64,
+    /// Largest diameter placed.
+    pub d_max_mm: f64,
+    /// Size classes from fine to coarse; `sieve_class` in the VTK forms counts them from 0.
+    pub classes: Vec<ClassReport>,
+}
+
+/// One size class of the result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ClassReport {
+    /// Lower sieve.
+    pub d_min_mm: f64,
+    /// Upper sieve.
+    pub d_max_mm: f64,
+    /// Grains in the class.
+    pub grains: u64,
+    /// Volume that the grading curve asks for.
+    pub target_volume_mm3: f64,
+    /// Volume of the grains placed.
+    pub volume_mm3: f64,
+}
+
+/// Wall-clock time of each phase, in s.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Timings {
+    /// Drawing the diameters.
+    pub take: f64,
+    /// Random sequential addition.
+    pub rsa: f64,
+    /// The independent check.
+    pub verify: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// What the algorithms counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Statistics {
+    /// Random sequential addition.
+    pub rsa: RsaStatistics,
+}
+
+/// What random sequential addition counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct RsaStatistics {
+    /// Points drawn, in the whole specimen or in what was left of the free space.
+    pub attempts: u64,
+    /// Grains whose place was found by subdividing the free space.
+    pub grains_by_subdivision: u64,
+    /// Voxels tested against the exclusion spheres.
+    pub voxels_tested: u64,
+}
+
+/// What the independent check found. A packing that fails is never returned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Verification {
+    /// Smallest clear distance between two grains; `null` where there is one grain only.
+    pub min_clearance_mm: Option<f64>,
+    /// Smallest clear distance from a grain to a wall; `null` in a periodic box.
+    pub min_wall_clearance_mm: Option<f64>,
+    /// Smallest excess of a pair's clear distance over what its rule demands; never negative.
+    pub min_slack_mm: Option<f64>,
+    /// Largest miss of a size class, as a share of the mass of all grains.
+    pub max_class_mass_error: f64,
+    /// Pairs whose distance was computed.
+    pub pairs_checked: u64,
+}

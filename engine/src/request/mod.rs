@@ -1,0 +1,258 @@
+//! The request: what a user asks the engine to pack, with its defaults, its bounds and its JSON form.
+//!
+//! Field names and variants are the HTTP contract's. Everything that can be judged without
+//! computing (types, signs, intervals, order of sieves) is judged here; whether the mix fits its
+//! specimen is the plan's question ([`crate::plan`]). This module must never know how a packing is
+//! computed.
+
+pub mod decode;
+mod read;
+
+use serde::Serialize;
+
+pub use decode::FieldError;
+
+/// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
+/// up to 2^53 - 1.
+pub const MAX_SEED: u64 = (1 << 53) - 1;
+
+/// Largest length a request may name, in mm.
+pub const MAX_LENGTH_MM: f64 = 1.0e6;
+
+/// Cut-off diameter of `standard` and `fuller` mixes that name none, in mm: grains below it are
+/// mortar by convention (Titscher and Unger 2015, section 3).
+pub const DEFAULT_D_MIN_MM: f64 = 2.0;
+
+/// A packing to compute. Read it with [`PackingRequest::from_json`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct PackingRequest {
+    /// Seed of the random generator; the same seed and build give the same packing, bit for bit.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 9_007_199_254_740_991_u64))]
+    pub seed: u64,
+    /// What is filled.
+    pub specimen: Specimen,
+    /// What it is filled with.
+    pub mix: Mix,
+    /// The clear distance that grains keep from one another and from the walls.
+    pub distance: Distance,
+    /// How the packing is computed.
+    pub method: Method,
+}
+
+/// The region that grains are placed in.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Specimen {
+    /// A box that spans 0..size on every axis.
+    Box {
+        /// Edge lengths in x, y, z.
+        #[cfg_attr(feature = "openapi", schema(example = json!([150.0, 150.0, 150.0])))]
+        size_mm: [f64; 3],
+        /// What the six faces are; rigid walls when absent.
+        #[cfg_attr(feature = "openapi", schema(default = "walls", required = false))]
+        boundary: Boundary,
+    },
+    /// A cylinder that stands on z = 0 with its axis at x = y = diameter / 2.
+    Cylinder {
+        /// Diameter of the cylinder.
+        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        diameter_mm: f64,
+        /// Height of the cylinder.
+        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        height_mm: f64,
+    },
+}
+
+/// What the faces of a box are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Boundary {
+    /// Rigid walls, as of a mould: whole grains lie inside.
+    Walls,
+    /// The box repeats endlessly: a representative volume element.
+    Periodic,
+}
+
+/// The aggregate: its grading, its cut-off and its amount.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Mix {
+    /// Which diameters, in which proportion by mass.
+    pub grading: Grading,
+    /// Cut-off: finer grains are mortar and are not placed. Default: 2 for `standard` and
+    /// `fuller`, else the smallest diameter that the grading describes.
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
+    )]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub d_min_mm: Option<f64>,
+    /// Volume of the aggregate over that of the specimen. Required, except for the grading
+    /// `diameters`, which prescribes it.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 1))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume_fraction: Option<f64>,
+    /// Which aggregate `volume_fraction` counts.
+    #[cfg_attr(feature = "openapi", schema(default = "mixture", required = false))]
+    pub basis: Basis,
+}
+
+/// Which aggregate a volume fraction counts (`engine.md` section 1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Basis {
+    /// All aggregate of the mix, that below the cut-off too (`phi_M`).
+    Mixture,
+    /// Only the grains that are placed (`phi_eff`).
+    Effective,
+}
+
+/// The cumulative mass fraction passing each diameter, in one of its usual forms.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Grading {
+    /// A standard curve of DIN 1045-2.
+    Standard {
+        /// Which one.
+        name: StandardCurve,
+    },
+    /// Fuller's curve `F(d) = (d / d_max)^exponent`.
+    Fuller {
+        /// Largest diameter.
+        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        d_max_mm: f64,
+        /// Exponent; 0.5 is Fuller's own.
+        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1))]
+        exponent: f64,
+    },
+    /// Sieves of the user's: `[diameter in mm, passing 0..1]`, both rising, the last passing 1.
+    /// Between two sieves the passing is linear in the logarithm of the diameter.
+    Sieves {
+        /// The points of the curve, at least two.
+        #[cfg_attr(feature = "openapi", schema(min_items = 2, example = json!([[2.0, 0.0], [8.0, 0.6], [16.0, 1.0]])))]
+        points: Vec<[f64; 2]>,
+    },
+    /// Size classes with their share of the mass; what they leave to 1 is finer than all of them.
+    Classes {
+        /// The classes, which must not overlap.
+        #[cfg_attr(feature = "openapi", schema(min_items = 1))]
+        classes: Vec<SizeClass>,
+    },
+    /// Equal spheres.
+    Monodisperse {
+        /// Their diameter.
+        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        diameter_mm: f64,
+    },
+    /// An explicit list; its volume is the mix's.
+    Diameters {
+        /// Diameter of every grain, in any order.
+        #[cfg_attr(feature = "openapi", schema(min_items = 1, example = json!([12.0, 10.0, 8.0])))]
+        mm: Vec<f64>,
+    },
+}
+
+/// The grading curves of DIN 1045-2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[allow(missing_docs)]
+pub enum StandardCurve {
+    A8,
+    B8,
+    C8,
+    A16,
+    B16,
+    C16,
+    A32,
+    B32,
+    C32,
+}
+
+/// One size class of a mix.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct SizeClass {
+    /// Lower bound of the diameter.
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+    pub d_min_mm: f64,
+    /// Upper bound of the diameter.
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+    pub d_max_mm: f64,
+    /// Share of the whole aggregate's mass.
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1))]
+    pub mass_fraction: f64,
+}
+
+/// The clear distance `g(i, j)` between two grains, and that to the walls (`engine.md` section 3).
+///
+/// `wall_mm` replaces the default distance to the walls, which is half of what the grain keeps
+/// from another of its own size. It means nothing in a periodic box.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Distance {
+    /// Grains may touch.
+    None {
+        /// Distance to the walls; 0 when absent.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        wall_mm: Option<f64>,
+    },
+    /// The same for every pair.
+    Constant {
+        /// The distance.
+        #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1e6))]
+        mm: f64,
+        /// Distance to the walls; `mm / 2` when absent.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        wall_mm: Option<f64>,
+    },
+    /// `factor (d_i + d_j) / 2` (Schlangen and van Mier use 0.1).
+    Proportional {
+        /// The factor.
+        #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 100))]
+        factor: f64,
+        /// Distance to the walls; `factor d_i / 2` when absent.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        wall_mm: Option<f64>,
+    },
+    /// `factor min(d_i, d_j)` (Wang et al.).
+    SmallerDiameter {
+        /// The factor.
+        #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 100))]
+        factor: f64,
+        /// Distance to the walls; `factor d_i / 2` when absent.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        wall_mm: Option<f64>,
+    },
+}
+
+/// How the packing is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Method {
+    /// Let the engine choose; today that is exhaustive `rsa`.
+    Auto {},
+    /// Random sequential addition, largest grain first.
+    Rsa {
+        /// Give up after so many failed attempts for one grain, as the paper does. When absent
+        /// the search is exhaustive: a grain fails only when it is proven that no place is left.
+        #[cfg_attr(
+            feature = "openapi",
+            schema(required = false, nullable, minimum = 1, maximum = 1_000_000_000_000_u64)
+        )]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        attempts_per_grain: Option<u64>,
+    },
+}

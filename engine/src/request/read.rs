@@ -1,0 +1,392 @@
+//! Reads the request types out of JSON, with all their bounds.
+
+use serde_json::Value;
+
+use super::decode::{At, Bound, Faults, Object};
+use super::{
+    Basis, Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED, Method, Mix,
+    PackingRequest, SizeClass, Specimen, StandardCurve,
+};
+use crate::mix::standard;
+
+const LENGTH: Bound = Bound::positive(MAX_LENGTH_MM, "mm");
+const GAP: Bound = Bound::closed(0.0, MAX_LENGTH_MM, "mm");
+const FRACTION: Bound = Bound::positive(1.0, "");
+const FACTOR: Bound = Bound::closed(0.0, 100.0, "");
+const PASSING: Bound = Bound::closed(0.0, 1.0, "");
+/// Mass fractions typed by hand (three thirds as 0.333) may miss 1 by this much.
+const SUM_TOLERANCE: f64 = 1.0e-9;
+
+impl PackingRequest {
+    /// Reads a request that holds nothing but the fields of a packing.
+    ///
+    /// `seed` is used when the document names none.
+    ///
+    /// # Errors
+    /// All faults of the document, each with its pointer.
+    pub fn from_json(value: &Value, seed: u64) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        let request = At::root(value, &faults).object().and_then(|mut object| {
+            let request = Self::from_object(&mut object, seed);
+            object.finish();
+            request
+        });
+        match request {
+            Some(request) if faults.count() == 0 => Ok(request),
+            _ => Err(faults.into_vec()),
+        }
+    }
+
+    /// Reads the packing's fields from an object that may hold others, which the caller asks for.
+    ///
+    /// `None` means that faults were reported; the reverse does not hold, so ask the faults.
+    pub fn from_object(object: &mut Object<'_>, seed: u64) -> Option<Self> {
+        let seed = match object.optional("seed") {
+            Some(at) => at.integer(0, MAX_SEED as i64).map(|s| s as u64),
+            None => Some(seed),
+        };
+        let specimen = object.required("specimen").and_then(|at| read_specimen(&at));
+        let mix = object.required("mix").and_then(|at| read_mix(&at));
+        let distance = match object.optional("distance") {
+            Some(at) => read_distance(&at),
+            None => Some(Distance::None { wall_mm: None }),
+        };
+        let method = match object.optional("method") {
+            Some(at) => read_method(&at),
+            None => Some(Method::Auto {}),
+        };
+        Some(Self { seed: seed?, specimen: specimen?, mix: mix?, distance: distance?, method: method? })
+    }
+}
+
+fn length(object: &mut Object<'_>, name: &'static str) -> Option<f64> {
+    object.required(name)?.number(LENGTH)
+}
+
+fn read_specimen(at: &At<'_>) -> Option<Specimen> {
+    #[derive(Clone, Copy)]
+    enum Kind {
+        Box,
+        Cylinder,
+    }
+    let mut object = at.object()?;
+    let specimen = match object.variant(&[("box", Kind::Box), ("cylinder", Kind::Cylinder)])? {
+        Kind::Box => {
+            let size = object.required("size_mm").and_then(|at| {
+                let [x, y, z] = at.array_of()?.map(|at| at.number(LENGTH));
+                Some([x?, y?, z?])
+            });
+            let boundary = match object.optional("boundary") {
+                Some(at) => at.choice(&[("walls", Boundary::Walls), ("periodic", Boundary::Periodic)]),
+                None => Some(Boundary::Walls),
+            };
+            size.zip(boundary).map(|(size_mm, boundary)| Specimen::Box { size_mm, boundary })
+        }
+        Kind::Cylinder => {
+            let diameter = length(&mut object, "diameter_mm");
+            let height = length(&mut object, "height_mm");
+            diameter.zip(height).map(|(diameter_mm, height_mm)| Specimen::Cylinder { diameter_mm, height_mm })
+        }
+    };
+    object.finish();
+    specimen
+}
+
+fn read_mix(at: &At<'_>) -> Option<Mix> {
+    let mut object = at.object()?;
+    let grading_at = object.required("grading");
+    let grading = grading_at.as_ref().and_then(read_grading);
+    let d_min_at = object.optional("d_min_mm");
+    let d_min = d_min_at.as_ref().and_then(|at| at.number(LENGTH));
+    let is_list = matches!(grading, Some(Grading::Diameters { .. }));
+    let fraction = if is_list {
+        if let Some(at) = object.optional("volume_fraction") {
+            at.fault("an explicit list of diameters prescribes the volume: leave this field out");
+        }
+        None
+    } else {
+        object.required("volume_fraction").and_then(|at| at.number(FRACTION))
+    };
+    let basis = match object.optional("basis") {
+        Some(at) => at.choice(&[("mixture", Basis::Mixture), ("effective", Basis::Effective)]),
+        None => Some(Basis::Mixture),
+    };
+    object.finish();
+    let (grading, grading_at) = (grading?, grading_at?);
+    // An unreadable cut-off is reported already; the default would only add a second fault.
+    if d_min_at.is_none() || d_min.is_some() {
+        check_d_min(&grading, d_min, d_min_at.as_ref().unwrap_or(&grading_at))?;
+    }
+    let d_min_mm = match (&grading, d_min) {
+        (Grading::Standard { .. } | Grading::Fuller { .. }, None) => Some(DEFAULT_D_MIN_MM),
+        (_, given) => given,
+    };
+    Some(Mix { grading, d_min_mm, volume_fraction: fraction, basis: basis? })
+}
+
+/// The cut-off must leave something to place, and must lie where the curve is known.
+fn check_d_min(grading: &Grading, given: Option<f64>, at: &At<'_>) -> Option<()> {
+    let (low, high) = described_range(grading);
+    let d_min = match (grading, given) {
+        (_, Some(d)) => d,
+        (Grading::Standard { .. } | Grading::Fuller { .. }, None) => DEFAULT_D_MIN_MM,
+        (_, None) => low,
+    };
+    let single = matches!(grading, Grading::Monodisperse { .. } | Grading::Diameters { .. });
+    if given.is_none() && d_min >= high && !single {
+        at.fault(format!(
+            "the default d_min_mm {DEFAULT_D_MIN_MM} is not below the largest diameter {high} mm: name a d_min_mm"
+        ));
+        return None;
+    }
+    if d_min > high || (d_min >= high && !single) {
+        at.fault(format!("{d_min} is out of range: must be less than the largest diameter {high} mm"));
+        return None;
+    }
+    if d_min < low && !matches!(grading, Grading::Fuller { .. }) && !single && passing_below(grading) > 0.0 {
+        at.fault(format!(
+            "{d_min} is out of range: must be at least {low} mm, below which the grading says nothing"
+        ));
+        return None;
+    }
+    Some(())
+}
+
+/// Smallest and largest diameter that a grading describes.
+fn described_range(grading: &Grading) -> (f64, f64) {
+    let span = |values: &mut dyn Iterator<Item = f64>| {
+        values.fold((f64::INFINITY, 0.0_f64), |(lo, hi), d| (lo.min(d), hi.max(d)))
+    };
+    match grading {
+        Grading::Standard { name } => span(&mut standard::points(*name).iter().map(|p| p[0])),
+        Grading::Fuller { d_max_mm, .. } => (0.0, *d_max_mm),
+        Grading::Sieves { points } => span(&mut points.iter().map(|p| p[0])),
+        Grading::Classes { classes } => span(&mut classes.iter().flat_map(|c| [c.d_min_mm, c.d_max_mm])),
+        Grading::Monodisperse { diameter_mm } => (*diameter_mm, *diameter_mm),
+        Grading::Diameters { mm } => span(&mut mm.iter().copied()),
+    }
+}
+
+/// Mass fraction finer than all that the grading describes.
+fn passing_below(grading: &Grading) -> f64 {
+    match grading {
+        Grading::Standard { name } => standard::points(*name)[0][1],
+        Grading::Sieves { points } => points[0][1],
+        Grading::Classes { classes } => {
+            let rest = 1.0 - classes.iter().map(|c| c.mass_fraction).sum::<f64>();
+            if rest > SUM_TOLERANCE { rest } else { 0.0 }
+        }
+        _ => 0.0,
+    }
+}
+
+fn read_grading(at: &At<'_>) -> Option<Grading> {
+    #[derive(Clone, Copy)]
+    enum Kind {
+        Standard,
+        Fuller,
+        Sieves,
+        Classes,
+        Monodisperse,
+        Diameters,
+    }
+    let mut object = at.object()?;
+    let kind = object.variant(&[
+        ("standard", Kind::Standard),
+        ("fuller", Kind::Fuller),
+        ("sieves", Kind::Sieves),
+        ("classes", Kind::Classes),
+        ("monodisperse", Kind::Monodisperse),
+        ("diameters", Kind::Diameters),
+    ])?;
+    let grading = match kind {
+        Kind::Standard => object
+            .required("name")
+            .and_then(|at| at.choice(&StandardCurve::NAMES))
+            .map(|name| Grading::Standard { name }),
+        Kind::Fuller => {
+            let d_max = length(&mut object, "d_max_mm");
+            let exponent = object.required("exponent").and_then(|at| at.number(FRACTION));
+            d_max.zip(exponent).map(|(d_max_mm, exponent)| Grading::Fuller { d_max_mm, exponent })
+        }
+        Kind::Sieves => {
+            object.required("points").and_then(|at| read_sieves(&at)).map(|points| Grading::Sieves { points })
+        }
+        Kind::Classes => object
+            .required("classes")
+            .and_then(|at| read_classes(&at))
+            .map(|classes| Grading::Classes { classes }),
+        Kind::Monodisperse => {
+            length(&mut object, "diameter_mm").map(|diameter_mm| Grading::Monodisperse { diameter_mm })
+        }
+        Kind::Diameters => {
+            object.required("mm").and_then(|at| read_diameters(&at)).map(|mm| Grading::Diameters { mm })
+        }
+    };
+    object.finish();
+    grading
+}
+
+fn read_sieves(at: &At<'_>) -> Option<Vec<[f64; 2]>> {
+    let items = at.array()?;
+    if items.len() < 2 {
+        at.fault(format!("has {} points: must have at least 2", items.len()));
+        return None;
+    }
+    let mut points: Vec<[f64; 2]> = Vec::with_capacity(items.len());
+    for item in &items {
+        let [d, passing] = item.array_of()?;
+        let (d, passing) = (d.number(LENGTH)?, passing.number(PASSING)?);
+        if let Some(&[d_before, passing_before]) = points.last() {
+            if d <= d_before {
+                item.fault(format!("sieves must rise: {d} mm follows {d_before} mm"));
+                return None;
+            }
+            if passing < passing_before {
+                item.fault(format!("passing must not fall: {passing} follows {passing_before}"));
+                return None;
+            }
+        }
+        points.push([d, passing]);
+    }
+    let (first, last) = (points[0][1], points[points.len() - 1][1]);
+    if last < 1.0 {
+        items[items.len() - 1].fault(format!(
+            "passing {last} is out of range: all mass must pass the last sieve, so its passing must be 1"
+        ));
+        return None;
+    }
+    if first >= 1.0 {
+        items[0].fault("passing 1 is out of range: the first sieve must hold some mass back, so its passing must be less than 1");
+        return None;
+    }
+    Some(points)
+}
+
+fn read_classes(at: &At<'_>) -> Option<Vec<SizeClass>> {
+    let items = at.array()?;
+    if items.is_empty() {
+        at.fault("has 0 classes: must have at least 1");
+        return None;
+    }
+    let mut classes = Vec::with_capacity(items.len());
+    for item in &items {
+        let mut object = item.object()?;
+        let d_min = length(&mut object, "d_min_mm");
+        let d_max = length(&mut object, "d_max_mm");
+        let mass = object.required("mass_fraction").and_then(|at| at.number(FRACTION));
+        object.finish();
+        let class = SizeClass { d_min_mm: d_min?, d_max_mm: d_max?, mass_fraction: mass? };
+        if class.d_min_mm >= class.d_max_mm {
+            item.fault(format!("d_min_mm {} must be less than d_max_mm {}", class.d_min_mm, class.d_max_mm));
+            return None;
+        }
+        classes.push(class);
+    }
+    let total: f64 = classes.iter().map(|c| c.mass_fraction).sum();
+    if total > 1.0 + SUM_TOLERANCE {
+        at.fault(format!("the mass fractions sum to {total}: must be at most 1"));
+        return None;
+    }
+    let mut order: Vec<usize> = (0..classes.len()).collect();
+    order.sort_by(|&i, &j| classes[i].d_min_mm.total_cmp(&classes[j].d_min_mm));
+    for pair in order.windows(2) {
+        let (lower, upper) = (&classes[pair[0]], &classes[pair[1]]);
+        if upper.d_min_mm < lower.d_max_mm {
+            items[pair[1]].fault(format!(
+                "d_min_mm {} lies inside the class {}..{} mm: classes must not overlap",
+                upper.d_min_mm, lower.d_min_mm, lower.d_max_mm
+            ));
+            return None;
+        }
+    }
+    classes.sort_by(|a, b| a.d_min_mm.total_cmp(&b.d_min_mm));
+    Some(classes)
+}
+
+fn read_diameters(at: &At<'_>) -> Option<Vec<f64>> {
+    let items = at.array()?;
+    if items.is_empty() {
+        at.fault("has 0 diameters: must have at least 1");
+        return None;
+    }
+    // One bad unit in a long list would repeat itself a million times.
+    items.iter().map(|item| item.number(LENGTH)).collect()
+}
+
+fn read_distance(at: &At<'_>) -> Option<Distance> {
+    #[derive(Clone, Copy)]
+    enum Kind {
+        None,
+        Constant,
+        Proportional,
+        SmallerDiameter,
+    }
+    let mut object = at.object()?;
+    let kind = object.variant(&[
+        ("none", Kind::None),
+        ("constant", Kind::Constant),
+        ("proportional", Kind::Proportional),
+        ("smaller_diameter", Kind::SmallerDiameter),
+    ])?;
+    let size = match kind {
+        Kind::None => Some(0.0),
+        Kind::Constant => object.required("mm").and_then(|at| at.number(GAP)),
+        Kind::Proportional | Kind::SmallerDiameter => {
+            object.required("factor").and_then(|at| at.number(FACTOR))
+        }
+    };
+    let wall_at = object.optional("wall_mm");
+    let wall_mm = wall_at.as_ref().and_then(|at| at.number(GAP));
+    object.finish();
+    let size = size?;
+    if wall_at.is_some() && wall_mm.is_none() {
+        return None;
+    }
+    Some(match kind {
+        Kind::None => Distance::None { wall_mm },
+        Kind::Constant => Distance::Constant { mm: size, wall_mm },
+        Kind::Proportional => Distance::Proportional { factor: size, wall_mm },
+        Kind::SmallerDiameter => Distance::SmallerDiameter { factor: size, wall_mm },
+    })
+}
+
+fn read_method(at: &At<'_>) -> Option<Method> {
+    #[derive(Clone, Copy)]
+    enum Kind {
+        Auto,
+        Rsa,
+    }
+    let mut object = at.object()?;
+    let kind = object.variant(&[("auto", Kind::Auto), ("rsa", Kind::Rsa)])?;
+    let method = match kind {
+        Kind::Auto => Some(Method::Auto {}),
+        Kind::Rsa => match object.optional("attempts_per_grain") {
+            Some(at) => {
+                at.integer(1, 1_000_000_000_000).map(|n| Method::Rsa { attempts_per_grain: Some(n as u64) })
+            }
+            None => Some(Method::Rsa { attempts_per_grain: None }),
+        },
+    };
+    object.finish();
+    method
+}
+
+impl StandardCurve {
+    /// Every standard curve with its name in DIN 1045-2.
+    pub const NAMES: [(&'static str, Self); 9] = [
+        ("A8", Self::A8),
+        ("B8", Self::B8),
+        ("C8", Self::C8),
+        ("A16", Self::A16),
+        ("B16", Self::B16),
+        ("C16", Self::C16),
+        ("A32", Self::A32),
+        ("B32", Self::B32),
+        ("C32", Self::C32),
+    ];
+}
+
+#[cfg(test)]
+#[path = "read_tests.rs"]
+mod tests;

@@ -1,0 +1,2 @@
+//! Packstone's binary.
+fn main() {}
