@@ -18,8 +18,6 @@ const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
 const NONE: u32 = u32::MAX;
 /// Largest number of grains that entries can name.
 pub(crate) const MAX_PLACED: u64 = ID_MASK as u64;
-/// Coverage is claimed with this relative margin on squared distances, far above rounding.
-const COVERED_MARGIN: f64 = 1.0 - 1.0e-12;
 
 /// Entries added to a cell after the grid was built.
 #[derive(Clone, Copy, Debug)]
@@ -137,17 +135,25 @@ impl Cells {
         part_mm: f64,
         placed: &[Placed],
     ) -> Option<Placed> {
-        self.entries_of(cell).map(|entry| self.sphere(entry, placed)).find(|sphere| {
-            let [dx, dy, dz] = [p[0] - sphere[0], p[1] - sphere[1], p[2] - sphere[2]];
-            let reach = sphere[3] + part_mm;
-            dx * dx + dy * dy + dz * dz < reach * reach
-        })
+        self.entries_of(cell).map(|entry| self.sphere(entry, placed)).find(|sphere| holds(sphere, p, part_mm))
     }
 
-    /// Collects the exclusion spheres of a cell.
-    pub(super) fn gather(&self, cell: usize, placed: &[Placed], into: &mut Vec<Placed>) {
+    /// Collects the exclusion spheres of the cell that hold `p`, for a new grain with `part_mm`.
+    #[inline]
+    pub(super) fn gather_around(
+        &self,
+        cell: usize,
+        p: [f64; 3],
+        part_mm: f64,
+        placed: &[Placed],
+        into: &mut Vec<Placed>,
+    ) {
         into.clear();
-        into.extend(self.entries_of(cell).map(|entry| self.sphere(entry, placed)));
+        into.extend(
+            self.entries_of(cell)
+                .map(|entry| self.sphere(entry, placed))
+                .filter(|sphere| holds(sphere, p, part_mm)),
+        );
     }
 
     #[inline]
@@ -209,13 +215,12 @@ impl Cells {
     }
 }
 
-/// Whether an exclusion sphere holds a whole cuboid, for new grains whose part is at least `part_mm`.
+/// Whether an exclusion sphere holds a point, for a new grain with `part_mm`.
 #[inline]
-pub(super) fn covers(sphere: &Placed, center: [f64; 3], half: [f64; 3], part_mm: f64) -> bool {
-    let far = |a: usize| (center[a] - sphere[a]).abs() + half[a];
-    let (x, y, z) = (far(0), far(1), far(2));
+fn holds(sphere: &Placed, p: [f64; 3], part_mm: f64) -> bool {
+    let [dx, dy, dz] = [p[0] - sphere[0], p[1] - sphere[1], p[2] - sphere[2]];
     let reach = sphere[3] + part_mm;
-    x * x + y * y + z * z < reach * reach * COVERED_MARGIN
+    dx * dx + dy * dy + dz * dz < reach * reach
 }
 
 fn images(periodic: bool, size: [f64; 3]) -> Vec<[f64; 3]> {
