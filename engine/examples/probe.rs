@@ -10,7 +10,14 @@ fn main() {
         let r = PackingRequest::from_json(&v, seed).unwrap();
         let t = Instant::now();
         match pack(&r, &Limits::default(), &Unattended) {
-            Ok(p) => println!("seed {seed} ok n={} phi={:.4} {:?} {:?} {:?}", p.spheres.len(), p.report.summary.volume_fraction_effective, p.report.timings_s, p.report.statistics.rsa, p.report.verification),
+            Ok(p) => println!(
+                "seed {seed} ok n={} phi={:.4} {:?} {:?} {:?}",
+                p.spheres.len(),
+                p.report.summary.volume_fraction_effective,
+                p.report.timings_s,
+                p.report.statistics.rsa,
+                p.report.verification
+            ),
             Err(e) => println!("seed {seed} {:.3}s {e}", t.elapsed().as_secs_f64()),
         }
     }

@@ -24,11 +24,11 @@ use free_space::{Draw, FreeSpace};
 const SEGMENT_RATIO: f64 = 0.75;
 /// A segment ends when the grains have grown in number by this factor, so that the chains of
 /// entries added to the grid stay short.
-const SEGMENT_GROWTH: f64 = 1.5;
+const SEGMENT_GROWTH: f64 = 2.0;
 /// Edge of a cell in exclusion diameters of the smallest grain of the segment.
 const CELL_EDGE: f64 = 1.5;
 /// Failed draws for one grain before voxels are split.
-const SPLIT_AFTER: u64 = 20;
+const SPLIT_AFTER: u64 = 100;
 /// Failed draws for one grain before its free space is subdivided to the end.
 const DECIDE_AFTER: u64 = 20_000;
 /// Relative margin on exclusion radii, so that the check, which rounds differently, never sees a
@@ -201,7 +201,7 @@ impl Run<'_> {
             free.wake(search.part);
             let found = match self.search(&mut search, &mut free, &cells, rng) {
                 Found::NotYet => {
-                    let own = free.for_one(search.part, &search.region, &cells, &self.placed);
+                    let own = free.for_one(search.part, &search.region, &cells);
                     self.search_to_the_end(&mut search, own, &cells, rng)
                 }
                 found => found,
@@ -214,7 +214,7 @@ impl Run<'_> {
                     let own = rsa.rule.exclusion(d).placed_factor * d / 2.0 * ROUNDING_MARGIN;
                     let [x, y, z] = draw.point;
                     let placed = [x, y, z, own];
-                    cells.insert(grain as u32, &placed, search.part);
+                    cells.insert(&placed, search.part);
                     self.placed.push(placed);
                 }
                 Found::Stopped => return End::Stopped,
@@ -261,7 +261,7 @@ impl Run<'_> {
                     found => return found,
                 }
             }
-            free.split_all(&search.region, cells, &self.placed);
+            free.split_all(&search.region, cells);
             if free.is_empty() {
                 self.statistics.voxels_tested += free.tested;
                 return Found::Nothing { proven: true };
@@ -290,14 +290,14 @@ impl Run<'_> {
             return Found::Nothing { proven: false };
         }
         if inside {
-            match cells.blocking(draw.cell, draw.point, search.part, &self.placed) {
+            match cells.blocking(draw.cell(), draw.point, search.part) {
                 None => return Found::Place(draw),
                 Some(sphere) if free.drop_if_held(&draw, &sphere, cells) => {}
-                Some(_) if split => free.split(&draw, cells, &self.placed),
+                Some(_) if split => free.split(&draw, cells),
                 Some(_) => {}
             }
         } else if split {
-            free.split(&draw, cells, &self.placed);
+            free.split(&draw, cells);
         }
         search.failed += 1;
         Found::NotYet
@@ -327,7 +327,7 @@ impl Search {
             self.attempts += 1;
             return false;
         };
-        let p = free.volume_cells() / self.region_cells;
+        let p = free.drawn_from_cells() / self.region_cells;
         if p < 1.0 {
             let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
             // Saturates where nearly nothing is left.
