@@ -14,8 +14,8 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use crate::api::{self, App};
 use crate::api::auth::{ApiKeys, KeysError};
+use crate::api::{self, App};
 use crate::artifacts::Artifacts;
 use crate::config::ServeOptions;
 use crate::http_server;

@@ -248,8 +248,10 @@ mod tests {
     fn finishing_loses_nothing() {
         let value = serde_json::to_value(router::document()).unwrap();
         assert_eq!(value["components"]["schemas"]["JobRequest"]["additionalProperties"], false);
-        assert_eq!(value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
-            "#/components/schemas/Problem");
+        assert_eq!(
+            value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
+            "#/components/schemas/Problem"
+        );
         assert_eq!(value["components"]["securitySchemes"]["api_key"]["scheme"], "bearer");
     }
 }

@@ -63,7 +63,10 @@ impl Artifacts {
         }
         let found = hex::encode(&digest.finalize());
         if found != record.sha256 {
-            return Err(invalid(format!("{} has the sha256 {found} instead of {}", record.path, record.sha256)));
+            return Err(invalid(format!(
+                "{} has the sha256 {found} instead of {}",
+                record.path, record.sha256
+            )));
         }
         let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
         if verified.len() >= VERIFIED_KEPT {
@@ -111,4 +114,3 @@ impl SphereSource for StoredResult {
 fn invalid(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, what)
 }
-

@@ -12,8 +12,8 @@ use std::time::Duration;
 use bytes::{Bytes, BytesMut};
 use packstone_engine::format::{self, Format};
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
 use tokio::sync::OwnedSemaphorePermit;
+use tokio::sync::mpsc;
 
 use super::read::StoredResult;
 

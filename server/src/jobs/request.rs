@@ -263,10 +263,7 @@ mod tests {
                 json!({"name": "x".repeat(201)}),
                 "/name: has 201 characters: must have at least 1 and at most 200",
             ),
-            (
-                json!({"name": "a\nb"}),
-                "/name: has the control character U+000A: must be one line of text",
-            ),
+            (json!({"name": "a\nb"}), "/name: has the control character U+000A: must be one line of text"),
             (
                 json!({"priority": 101}),
                 "/priority: 101 is out of range: must be a whole number from -100 to 100",
