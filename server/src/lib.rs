@@ -15,6 +15,7 @@ mod jobs;
 mod metrics;
 mod problem;
 mod service;
+mod strict_json;
 mod telemetry;
 
 pub use cli::main;
