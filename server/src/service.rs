@@ -25,7 +25,7 @@ use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
-const LEASE: Duration = Duration::from_secs(60);
+const LEASE: Duration = Duration::from_mins(1);
 /// Time that running jobs may take to go back to the queue, beyond that of the last requests: with
 /// those it stays below the ten seconds that init systems and container engines grant.
 const STOP_RUNS: Duration = Duration::from_secs(3);

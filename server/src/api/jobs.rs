@@ -17,11 +17,12 @@ use super::observe::Caller;
 use super::openapi::{self, JobProblems, SubmitProblems};
 use super::params::{JobPath, Query};
 use super::problem::refused;
-use super::{App, LARGE_BODY_BYTES, body, strict_json};
+use super::{App, LARGE_BODY_BYTES, body};
 use crate::hex;
 use crate::jobs::store::{IdempotencyKey, NewJob, StoreError, Submitted};
 use crate::jobs::{JobId, JobRecord, JobRequest, request};
 use crate::problem::{Fault, Kind, Problem};
+use crate::strict_json;
 
 const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
 const MAX_KEY_CHARS: usize = 255;
@@ -34,7 +35,7 @@ const MAX_KEY_CHARS: usize = 255;
     post, path = "/v1/jobs", tag = "jobs", operation_id = "submit_job",
     params(
         ("dry_run" = Option<bool>, Query, description = "Only plan: store and run nothing"),
-        ("Idempotency-Key" = Option<String>, Header, description = "1 to 255 visible ASCII characters. The same key and body give the same job, however often they are sent; the key lives as long as its job"),
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[!-~]{1,255}$", description = "1 to 255 visible ASCII characters. The same key and body give the same job, however often they are sent; the key lives as long as its job"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job is finished, or after N s (at most 60)"),
     ),
     request_body(content = JobRequest, content_type = "application/json"),

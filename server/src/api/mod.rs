@@ -20,9 +20,9 @@ mod params;
 mod problem;
 mod problem_pages;
 mod ranges;
+mod request_schemas;
 mod results;
 mod router;
-mod strict_json;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

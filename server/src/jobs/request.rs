@@ -176,7 +176,7 @@ fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>>
     let mut labels = BTreeMap::new();
     for (key, value) in map {
         let pointer = format!("{}/{}", at.pointer(), key.replace('~', "~0").replace('/', "~1"));
-        let mut fault = |detail: String| faults.add(pointer.clone(), detail);
+        let fault = |detail: String| faults.add(pointer.clone(), detail);
         if !check_text(key, 1, MAX_LABEL_KEY_CHARS, |detail| fault(format!("the key {detail}"))) {
             continue;
         }
@@ -186,7 +186,7 @@ fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>>
         }
         match value {
             Value::String(text) => {
-                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, &mut fault) {
+                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, fault) {
                     labels.insert(key.clone(), text.clone());
                 }
             }

@@ -192,7 +192,10 @@ impl Runner {
             report: packing.report,
         };
         let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
-        let artifact = self.artifacts.write(&place, &head, &packing.spheres, control).map_err(unwritten)?;
+        let artifact = self
+            .artifacts
+            .write(&place, &head, &packing.spheres, control)
+            .map_err(|error| unwritten(&error))?;
         Ok(End::Stored { artifact, grains, _place: place })
     }
 
@@ -283,7 +286,7 @@ fn as_recorded(progress: &Progress, fraction: &mut f64, elapsed: Duration) -> Jo
     }
 }
 
-fn unwritten(error: io::Error) -> Problem {
+fn unwritten(error: &io::Error) -> Problem {
     if error.kind() != io::ErrorKind::ConnectionAborted {
         tracing::error!(%error, "the result was not written");
     }
