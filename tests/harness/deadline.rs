@@ -1,0 +1,21 @@
+//! Deadlines that only a fault can reach: a test that would hang fails with a name instead.
+
+use std::future::Future;
+use std::time::Duration;
+
+/// What a test waits for at most, unless it says otherwise. Long enough for a machine that builds
+/// something else meanwhile.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
+
+/// Waits for `what`, at most [`PATIENCE`].
+pub(crate) async fn patiently<T>(what: &str, future: impl Future<Output = T>) -> T {
+    within(PATIENCE, what, future).await
+}
+
+/// Waits for `what`, at most `limit`.
+pub(crate) async fn within<T>(limit: Duration, what: &str, future: impl Future<Output = T>) -> T {
+    match tokio::time::timeout(limit, future).await {
+        Ok(value) => value,
+        Err(_) => panic!("waited {limit:?} in vain for {what}"),
+    }
+}

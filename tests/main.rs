@@ -1,0 +1,18 @@
+//! The end-to-end suite: the real binary, over HTTP, as a client sees it.
+//!
+//! One test binary for all topics, because each further one would link the same crates once more
+//! and wait for the one before it, while the tests of one binary share the cores. The suite may
+//! know the published interface (`openapi.yaml`, the command line, the signals) and nothing else:
+//! it must never import the server or the engine, or look into the store.
+//!
+//! Every answer that passes through [`harness::Client`] is held against `openapi.yaml`. Waiting is
+//! done on signals (a long-poll, an event, the end of a process), each with a deadline that only a
+//! fault can reach.
+// An unwrap here is an assertion about the program under test, and its panic is the report.
+#![allow(clippy::unwrap_used)]
+
+mod harness;
+
+mod formats;
+mod packings;
+mod submission;
