@@ -15,6 +15,7 @@ mod pack;
 pub mod packing;
 pub mod plan;
 pub mod request;
+mod rng;
 pub mod rsa;
 pub mod specimen;
 pub mod verify;

@@ -4,7 +4,10 @@
 //! result are the same whenever they are asked for; that is what ETags and byte ranges rely on.
 //! Nothing here holds more than one block of rows in memory, and nothing knows files.
 
+mod npy;
 pub mod stored;
+mod text;
+mod vtk;
 
 use std::io::{self, Write};
 
@@ -148,20 +151,83 @@ impl SphereSource for Spheres {
     }
 }
 
+/// Rows that are read, converted and written at a time.
+const BLOCK_ROWS: usize = 4096;
+
 /// Writes a result.
 ///
 /// # Errors
 /// Those of the writer and of the source.
 pub fn write(format: Format, head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
-    let _ = (format, head, spheres, out);
-    unimplemented!()
+    match format {
+        Format::Json => text::write_json(head, spheres, out),
+        Format::Csv => text::write_csv(spheres, out),
+        Format::Vtk => vtk::write_legacy(head, spheres, out),
+        Format::Vtp => vtk::write_xml(head, spheres, out),
+        Format::Npy => npy::write(spheres, out),
+    }
 }
 
-/// Number of bytes that [`write()`] writes.
+/// Number of bytes that [`write()`] writes. Text has to be made to be measured; it is thrown away.
 ///
 /// # Errors
 /// Those of the source.
 pub fn length(format: Format, head: &Head, spheres: &dyn SphereSource) -> io::Result<u64> {
-    let _ = (format, head, spheres);
-    unimplemented!()
+    let mut counter = Counter(0);
+    match format {
+        Format::Json | Format::Csv => write(format, head, spheres, &mut counter)?,
+        // The length of the binary forms does not depend on the values.
+        Format::Vtk | Format::Vtp | Format::Npy => write(format, head, &Zeros(spheres.len()), &mut counter)?,
+    }
+    Ok(counter.0)
 }
+
+/// Counts what is written.
+struct Counter(u64);
+
+impl Write for Counter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 += bytes.len() as u64;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A source of that many rows of zeros.
+struct Zeros(usize);
+
+impl SphereSource for Zeros {
+    fn len(&self) -> usize {
+        self.0
+    }
+
+    fn read(&self, _: Column, _: usize, block: &mut [f64]) -> io::Result<()> {
+        block.fill(0.0);
+        Ok(())
+    }
+}
+
+/// Calls `visit` with blocks of rows, as slices of the asked columns, from the first row to the last.
+fn for_each_block<const N: usize>(
+    spheres: &dyn SphereSource,
+    columns: [Column; N],
+    mut visit: impl FnMut([&[f64]; N]) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut buffers: [Vec<f64>; N] = std::array::from_fn(|_| vec![0.0; BLOCK_ROWS.min(spheres.len())]);
+    let mut start = 0;
+    while start < spheres.len() {
+        let rows = BLOCK_ROWS.min(spheres.len() - start);
+        for (column, buffer) in columns.iter().zip(&mut buffers) {
+            spheres.read(*column, start, &mut buffer[..rows])?;
+        }
+        visit(std::array::from_fn(|i| &buffers[i][..rows]))?;
+        start += rows;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -6,10 +6,16 @@
 
 use std::io::{self, Read, Write};
 
+use super::npy::write_columns;
 use super::{Column, Head, SphereSource};
 
 /// First bytes of a stored result.
 pub const MAGIC: [u8; 8] = *b"PACKSTN1";
+
+/// Magic and two lengths.
+const FIXED: usize = 24;
+/// Columns start at a multiple of this.
+const ALIGNMENT: usize = 64;
 
 /// What a stored result holds and where.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,8 +34,24 @@ impl Layout {
     /// # Errors
     /// Those of the reader; `InvalidData` where it is no stored result.
     pub fn read(from: &mut dyn Read) -> io::Result<Self> {
-        let _ = from;
-        unimplemented!()
+        let mut fixed = [0; FIXED];
+        from.read_exact(&mut fixed)?;
+        let (magic, lengths) = fixed.split_at(8);
+        if magic != MAGIC {
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                "not a stored result: its magic is missing",
+            ));
+        }
+        let number = |i: usize| u64::from_le_bytes(std::array::from_fn(|b| lengths[8 * i + b]));
+        let (head_length, rows) = (number(0), number(1));
+        let mut text = Vec::new();
+        from.take(head_length).read_to_end(&mut text)?;
+        if text.len() as u64 != head_length {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        let head = serde_json::from_slice(&text)?;
+        Ok(Self { head, rows, columns_offset: FIXED as u64 + head_length })
     }
 
     /// Offset of a row of a column from the start of the file, in bytes.
@@ -48,6 +70,12 @@ impl Layout {
 /// # Errors
 /// Those of the writer and of the source.
 pub fn write(head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
-    let _ = (head, spheres, out);
-    unimplemented!()
+    let mut text = serde_json::to_vec(head)?;
+    let padded = (FIXED + text.len()).next_multiple_of(ALIGNMENT) - FIXED;
+    text.resize(padded, b' ');
+    out.write_all(&MAGIC)?;
+    out.write_all(&(padded as u64).to_le_bytes())?;
+    out.write_all(&(spheres.len() as u64).to_le_bytes())?;
+    out.write_all(&text)?;
+    write_columns(spheres, out)
 }

@@ -1,2 +1,167 @@
-//! From a grading to diameters.
+//! The take: from a grading to the diameters of one packing (`engine.md` section 1).
+//!
+//! A grading becomes a list of classes, each with a closed law of diameters ([`class`]); the
+//! cut-off splits the class it falls into; diameters are drawn class by class from the coarsest
+//! down ([`take`]). This module knows volumes and diameters; it must never know where grains lie.
+
+pub mod class;
+pub mod sieve;
 pub mod standard;
+pub mod take;
+
+use crate::request::{Basis, Grading, Mix};
+use class::{Class, Law};
+
+/// Narrow classes per octave of diameter into which Fuller's continuous curve is split, so that
+/// the few largest grains follow the curve too.
+const CLASSES_PER_OCTAVE: f64 = 12.0;
+
+/// A mix resolved against a specimen's volume.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GradedMix {
+    /// Classes above the cut-off, from fine to coarse; empty for an explicit list.
+    pub classes: Vec<Class>,
+    /// The explicit list of diameters, in mm, where the grading is one, cut off and sorted from
+    /// the coarsest down.
+    pub list: Option<Vec<f64>>,
+    /// Volume of all aggregate over that of the specimen (`phi_M`).
+    pub volume_fraction_mixture: f64,
+    /// Volume of the grains to place over that of the specimen (`phi_eff`).
+    pub volume_fraction_effective: f64,
+    /// Smallest diameter that can occur.
+    pub d_min_mm: f64,
+    /// Largest diameter that can occur.
+    pub d_max_mm: f64,
+    /// Volume of the specimen.
+    pub specimen_volume_mm3: f64,
+}
+
+/// Volume of a sphere.
+pub fn sphere_volume(d: f64) -> f64 {
+    std::f64::consts::FRAC_PI_6 * d * d * d
+}
+
+impl GradedMix {
+    /// Resolves a mix whose fields were checked by [`crate::request`].
+    pub fn new(mix: &Mix, specimen_volume_mm3: f64) -> Self {
+        if let Grading::Diameters { mm } = &mix.grading {
+            return Self::from_list(mm, mix.d_min_mm, specimen_volume_mm3);
+        }
+        let d_min = mix.d_min_mm.unwrap_or(0.0);
+        let classes = classes_above(&mix.grading, d_min);
+        let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
+        let asked = mix.volume_fraction.unwrap_or(0.0);
+        let (mixture, effective) = match mix.basis {
+            Basis::Mixture => (asked, asked * kept),
+            Basis::Effective => (asked / kept, asked),
+        };
+        let d_min_mm = classes.first().map_or(0.0, |c| c.low_mm);
+        let d_max_mm = classes.last().map_or(0.0, |c| c.high_mm);
+        Self {
+            classes,
+            list: None,
+            volume_fraction_mixture: mixture,
+            volume_fraction_effective: effective,
+            d_min_mm,
+            d_max_mm,
+            specimen_volume_mm3,
+        }
+    }
+
+    fn from_list(mm: &[f64], d_min: Option<f64>, specimen_volume_mm3: f64) -> Self {
+        let all: f64 = mm.iter().map(|&d| sphere_volume(d)).sum();
+        let mut list: Vec<f64> = mm.iter().copied().filter(|&d| d_min.is_none_or(|m| d >= m)).collect();
+        list.sort_unstable_by(|a, b| b.total_cmp(a));
+        let kept: f64 = list.iter().map(|&d| sphere_volume(d)).sum();
+        Self {
+            classes: Vec::new(),
+            volume_fraction_mixture: all / specimen_volume_mm3,
+            volume_fraction_effective: kept / specimen_volume_mm3,
+            d_min_mm: list.last().copied().unwrap_or(0.0),
+            d_max_mm: list.first().copied().unwrap_or(0.0),
+            list: Some(list),
+            specimen_volume_mm3,
+        }
+    }
+
+    /// Volume that a class is to fill (`V_i` of `engine.md` section 1).
+    pub fn class_volume_mm3(&self, class: &Class) -> f64 {
+        class.mass_fraction * self.volume_fraction_mixture * self.specimen_volume_mm3
+    }
+
+    /// Expected number of grains, in closed form; of an explicit list, its length.
+    pub fn expected_grains(&self) -> f64 {
+        self.expected_sum(|c| c.grains_per_volume(), |_| 1.0)
+    }
+
+    /// Expected sum over all grains of the volume of a sphere of diameter `factor d + offset`.
+    pub fn expected_enlarged_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
+        let enlarged = |d: f64| sphere_volume(factor * d + offset);
+        self.expected_sum(|c| c.mean_of(&enlarged) * c.grains_per_volume(), enlarged)
+    }
+
+    fn expected_sum(&self, per_volume: impl Fn(&Class) -> f64, of_grain: impl Fn(f64) -> f64) -> f64 {
+        match &self.list {
+            Some(list) => list.iter().map(|&d| of_grain(d)).sum(),
+            None => self.classes.iter().map(|c| self.class_volume_mm3(c) * per_volume(c)).sum(),
+        }
+    }
+}
+
+/// The classes of a grading above the cut-off, from fine to coarse.
+fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
+    match grading {
+        Grading::Standard { name } => piecewise(standard::points(*name), d_min),
+        Grading::Sieves { points } => piecewise(points, d_min),
+        Grading::Fuller { d_max_mm, exponent } => fuller(*d_max_mm, *exponent, d_min),
+        Grading::Classes { classes } => classes
+            .iter()
+            .filter_map(|c| {
+                Class {
+                    law: Law::LogUniform,
+                    low_mm: c.d_min_mm,
+                    high_mm: c.d_max_mm,
+                    mass_fraction: c.mass_fraction,
+                }
+                .above(d_min)
+            })
+            .collect(),
+        Grading::Monodisperse { diameter_mm } => {
+            vec![Class { law: Law::Single, low_mm: *diameter_mm, high_mm: *diameter_mm, mass_fraction: 1.0 }]
+        }
+        Grading::Diameters { .. } => Vec::new(),
+    }
+}
+
+fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
+    points
+        .windows(2)
+        .filter_map(|pair| {
+            let [[low_mm, below], [high_mm, above]] = [pair[0], pair[1]];
+            let class = Class { law: Law::LogUniform, low_mm, high_mm, mass_fraction: above - below };
+            if class.mass_fraction > 0.0 { class.above(d_min) } else { None }
+        })
+        .collect()
+}
+
+fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
+    let octaves = (d_max / d_min).log2();
+    let n = (octaves * CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
+    let edge = |i: usize| match i {
+        0 => d_min,
+        i if i == n => d_max,
+        i => d_min * (octaves * i as f64 / n as f64).exp2(),
+    };
+    let passing = |d: f64| (d / d_max).powf(exponent);
+    (0..n)
+        .map(|i| Class {
+            law: Law::Fuller { exponent },
+            low_mm: edge(i),
+            high_mm: edge(i + 1),
+            mass_fraction: passing(edge(i + 1)) - passing(edge(i)),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,1 +1,369 @@
-//! To come.
+//! Random sequential addition, largest grain first (`engine.md` section 4).
+//!
+//! Two modules do the work: [`cells`] answers whether a point is free, [`free_space`] knows where
+//! free points can still be. This one drives them: it cuts the grains into segments of similar
+//! size, each with a grid of its own, and finds a place for one grain after the other. It knows
+//! diameters, a specimen and a distance rule; it must never know where they come from.
+
+mod cells;
+mod free_space;
+
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::control::{Control, Phase, Progress};
+use crate::distance::DistanceRule;
+use crate::packing::RsaStatistics;
+use crate::request::Specimen;
+use crate::rng::uniform;
+use crate::specimen::Region;
+pub(crate) use cells::MAX_PLACED;
+use cells::{Cells, Placed};
+use free_space::{Draw, FreeSpace};
+
+/// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
+const SEGMENT_RATIO: f64 = 0.75;
+/// A segment ends when the grains have grown in number by this factor, so that the chains of
+/// entries added to the grid stay short.
+const SEGMENT_GROWTH: f64 = 1.5;
+/// Edge of a cell in exclusion diameters of the smallest grain of the segment.
+const CELL_EDGE: f64 = 1.5;
+/// Failed draws for one grain before voxels are split.
+const SPLIT_AFTER: u64 = 40;
+/// Failed draws for one grain before a closer superset of its free space is made.
+const NARROW_AFTER: u64 = 400;
+/// Grains that a closer superset serves.
+const NARROW_GRAINS: usize = 64;
+/// Relative margin on exclusion radii, so that the check, which rounds differently, never sees a
+/// violation in the last digit.
+const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
+/// Draws between two looks at the control.
+const DRAWS_PER_LOOK: u64 = 4096;
+
+/// What random sequential addition is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Rsa<'a> {
+    /// Diameters from the largest down, in mm.
+    pub diameters_mm: &'a [f64],
+    /// What is filled.
+    pub specimen: &'a Specimen,
+    /// Distance between grains and to the walls.
+    pub rule: DistanceRule,
+    /// Attempts for one grain after which the run has failed; `None` searches exhaustively.
+    pub attempts_per_grain: Option<u64>,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Centres in the order of the diameters, of those placed.
+    pub centers_mm: Vec<[f64; 3]>,
+    /// What was counted.
+    pub statistics: RsaStatistics,
+    /// Why it ended.
+    pub end: End,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// All grains are placed.
+    Complete,
+    /// The next grain found no place.
+    NoPlace {
+        /// Whether it is proven that there is none.
+        proven: bool,
+        /// Attempts spent on it.
+        attempts: u64,
+    },
+    /// The control said so.
+    Stopped,
+}
+
+impl Rsa<'_> {
+    /// Places the grains.
+    ///
+    /// `attempts_per_grain` counts attempts of the textbook algorithm: uniform points of the region
+    /// where the sphere lies inside the specimen. Those that would fall where no place can be are
+    /// not drawn but counted, by a geometric number with the same law, so that the outcome has the
+    /// distribution of the textbook algorithm at a fraction of its time.
+    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+        let mut run = Run {
+            rsa: self,
+            placed: Vec::with_capacity(self.diameters_mm.len()),
+            statistics: RsaStatistics::default(),
+            looks: 0,
+            control,
+        };
+        let end = run.place_all(rng);
+        Outcome {
+            centers_mm: run.placed.iter().map(|&[x, y, z, _]| [x, y, z]).collect(),
+            statistics: run.statistics,
+            end,
+        }
+    }
+
+    /// The new grain's part of exclusion radii.
+    fn part(&self, grain: usize) -> f64 {
+        self.rule.exclusion(self.diameters_mm[grain]).part_mm * ROUNDING_MARGIN
+    }
+
+    /// Where the centre of a grain may lie.
+    fn region(&self, grain: usize) -> Option<Region> {
+        let d = self.diameters_mm[grain];
+        self.specimen.center_region(d / 2.0 + self.rule.wall_gap_mm(d))
+    }
+}
+
+struct Run<'a> {
+    rsa: &'a Rsa<'a>,
+    placed: Vec<Placed>,
+    statistics: RsaStatistics,
+    looks: u64,
+    control: &'a dyn Control,
+}
+
+/// The search for one grain's place.
+struct Search {
+    part: f64,
+    region: Region,
+    /// Failed draws so far.
+    failed: u64,
+    /// Textbook attempts so far.
+    attempts: u64,
+    limit: Option<u64>,
+    region_cells: f64,
+}
+
+enum Found {
+    Place(Draw),
+    /// No success yet; a closer superset is due.
+    NotYet,
+    Nothing {
+        proven: bool,
+    },
+    Stopped,
+}
+
+impl Run<'_> {
+    fn place_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
+        let grains = self.rsa.diameters_mm.len();
+        while self.placed.len() < grains {
+            let end = self.segment_end();
+            match self.place_segment(end, rng) {
+                End::Complete => {}
+                other => return other,
+            }
+        }
+        End::Complete
+    }
+
+    /// One past the last grain of the segment that starts with the next grain.
+    fn segment_end(&self) -> usize {
+        let first = self.placed.len();
+        let exclusion = |i: usize| {
+            let d = self.rsa.diameters_mm[i];
+            let exclusion = self.rsa.rule.exclusion(d);
+            exclusion.placed_factor * d / 2.0 + exclusion.part_mm
+        };
+        let least = exclusion(first) * SEGMENT_RATIO;
+        let most = (first as f64 * SEGMENT_GROWTH) as usize + 64;
+        let grains = self.rsa.diameters_mm.len();
+        let by_size = first
+            + self.rsa.diameters_mm[first..].partition_point(|&d| {
+                let e = self.rsa.rule.exclusion(d);
+                e.placed_factor * d / 2.0 + e.part_mm >= least
+            });
+        by_size.clamp(first + 1, most.max(first + 1)).min(grains)
+    }
+
+    /// Places the grains up to `end` with one grid.
+    fn place_segment(&mut self, end: usize, rng: &mut Xoshiro256PlusPlus) -> End {
+        let first = self.placed.len();
+        let rsa = self.rsa;
+        let no_place = End::NoPlace { proven: true, attempts: 0 };
+        let Some(region) = rsa.region(end - 1) else { return no_place };
+        let part_least = rsa.part(end - 1);
+        let d_least = rsa.diameters_mm[end - 1];
+        let reach = rsa.rule.exclusion(d_least).placed_factor * d_least / 2.0 + part_least;
+        // Few grains in much space need no fine grid.
+        let spacing = (region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0)).cbrt();
+        let edge = (CELL_EDGE * reach).max(spacing);
+        let mut cells = Cells::build(region, rsa.specimen.is_periodic(), edge, &self.placed, rsa.part(first));
+        let mut free = FreeSpace::whole(&cells, part_least);
+        let mut narrow: Option<(usize, FreeSpace)> = None;
+        for grain in first..end {
+            let Some(region) = rsa.region(grain) else { return no_place };
+            let mut search = Search {
+                part: rsa.part(grain),
+                region,
+                failed: 0,
+                attempts: 0,
+                limit: rsa.attempts_per_grain,
+                region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
+            };
+            if narrow.as_ref().is_some_and(|&(until, _)| grain >= until) {
+                narrow = None;
+            }
+            let found = match &mut narrow {
+                Some((_, narrow)) => self.search(&mut search, narrow, &cells, 0, rng),
+                None => match self.search(&mut search, &mut free, &cells, SPLIT_AFTER, rng) {
+                    Found::NotYet => {
+                        let until = (grain + NARROW_GRAINS).min(end);
+                        let part = rsa.part(until - 1);
+                        let closer = free.restricted(part, &cells.region, &cells, &self.placed);
+                        let (_, closer) = narrow.insert((until, closer));
+                        search.failed = 0;
+                        self.search(&mut search, closer, &cells, 0, rng)
+                    }
+                    found => found,
+                },
+            };
+            let found = match found {
+                Found::NotYet => {
+                    let closest = narrow.as_ref().map_or(&free, |(_, narrow)| narrow).restricted(
+                        search.part,
+                        &search.region,
+                        &cells,
+                        &self.placed,
+                    );
+                    self.search_to_the_end(&mut search, closest, &cells, rng)
+                }
+                found => found,
+            };
+            self.statistics.grains_by_subdivision +=
+                u64::from(search.failed > SPLIT_AFTER || narrow.is_some());
+            self.statistics.attempts += search.attempts;
+            match found {
+                Found::Place(draw) => {
+                    let d = rsa.diameters_mm[grain];
+                    let own = rsa.rule.exclusion(d).placed_factor * d / 2.0 * ROUNDING_MARGIN;
+                    let [x, y, z] = draw.point;
+                    let placed = [x, y, z, own];
+                    cells.insert(grain as u32, &placed, search.part);
+                    self.placed.push(placed);
+                }
+                Found::Stopped => return End::Stopped,
+                Found::Nothing { proven } => return End::NoPlace { proven, attempts: search.attempts },
+                Found::NotYet => unreachable!("the search to the end always decides"),
+            }
+            if grain % 1024 == 0 {
+                self.report();
+            }
+        }
+        self.statistics.voxels_tested += free.tested;
+        End::Complete
+    }
+
+    /// Draws from `free` until a place is found, splitting voxels after `split_after` failures.
+    fn search(
+        &mut self,
+        search: &mut Search,
+        free: &mut FreeSpace,
+        cells: &Cells,
+        split_after: u64,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        while search.failed < NARROW_AFTER {
+            match self.try_once(search, free, cells, search.failed >= split_after, rng) {
+                Found::NotYet => {}
+                found => return found,
+            }
+        }
+        Found::NotYet
+    }
+
+    /// Draws from `free` and halves its voxels, in turn, until a place is found or nothing is left.
+    fn search_to_the_end(
+        &mut self,
+        search: &mut Search,
+        mut free: FreeSpace,
+        cells: &Cells,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        loop {
+            for _ in 0..free.len() {
+                match self.try_once(search, &mut free, cells, true, rng) {
+                    Found::NotYet => {}
+                    found => return found,
+                }
+            }
+            free.split_all(&search.region, cells, &self.placed);
+            if free.is_empty() {
+                self.statistics.voxels_tested += free.tested;
+                return Found::Nothing { proven: true };
+            }
+        }
+    }
+
+    #[inline]
+    fn try_once(
+        &mut self,
+        search: &mut Search,
+        free: &mut FreeSpace,
+        cells: &Cells,
+        split: bool,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        self.looks += 1;
+        if self.looks % DRAWS_PER_LOOK == 0 && self.control.should_stop() {
+            return Found::Stopped;
+        }
+        let Some(draw) = free.draw(cells, rng) else {
+            return Found::Nothing { proven: true };
+        };
+        let inside = search.region.contains(draw.point);
+        if search.count(inside, free, rng) {
+            return Found::Nothing { proven: false };
+        }
+        if inside {
+            match cells.blocking(draw.cell, draw.point, search.part, &self.placed) {
+                None => return Found::Place(draw),
+                Some(sphere) if free.drop_if_covered(&draw, &sphere, cells) => {}
+                Some(_) if split => free.split(&draw, cells, &self.placed),
+                Some(_) => {}
+            }
+        } else if split {
+            free.split(&draw, cells, &self.placed);
+        }
+        search.failed += 1;
+        Found::NotYet
+    }
+
+    fn report(&self) {
+        let (done, total) = (self.placed.len() as u64, self.rsa.diameters_mm.len() as u64);
+        self.control.report(&Progress {
+            phase: Phase::Rsa,
+            fraction: done as f64 / total as f64,
+            done,
+            total,
+            unit: "grains",
+            message: format!("placing grains of {:.3} mm", self.rsa.diameters_mm[self.placed.len() - 1]),
+        });
+    }
+}
+
+impl Search {
+    /// Counts the textbook attempts that one draw stands for; says whether the limit is passed.
+    ///
+    /// A textbook attempt falls into the voxels with probability `p`, their share of the region;
+    /// those before it that missed them have failed unseen.
+    #[inline]
+    fn count(&mut self, inside: bool, free: &FreeSpace, rng: &mut Xoshiro256PlusPlus) -> bool {
+        let Some(limit) = self.limit else {
+            self.attempts += 1;
+            return false;
+        };
+        let p = free.volume_cells() / self.region_cells;
+        if p < 1.0 {
+            let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
+            // Saturates where nearly nothing is left.
+            self.attempts = self.attempts.saturating_add(unseen as u64).saturating_add(1);
+        } else if inside {
+            self.attempts += 1;
+        }
+        self.attempts > limit
+    }
+}
+
+#[cfg(test)]
+mod tests;

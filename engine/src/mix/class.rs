@@ -1,0 +1,117 @@
+//! One size class and its law of diameters, with every closed form that follows from it.
+
+use super::sphere_volume;
+
+/// How mass is spread over the diameters of a class.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Law {
+    /// `F` linear in `ln d`: the mass density is `1 / (d ln(b/a))`.
+    LogUniform,
+    /// Fuller: the mass density is proportional to `d^(exponent - 1)`.
+    Fuller {
+        /// Exponent `q`, `0 < q <= 1`.
+        exponent: f64,
+    },
+    /// All grains of one diameter.
+    Single,
+}
+
+/// A class `low..high` of diameters and its share of the aggregate's mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Class {
+    /// Law of diameters inside the class.
+    pub law: Law,
+    /// Lower bound `a`.
+    pub low_mm: f64,
+    /// Upper bound `b`.
+    pub high_mm: f64,
+    /// `F(b) - F(a)`.
+    pub mass_fraction: f64,
+}
+
+impl Class {
+    /// The part of the class above a cut-off, if any is.
+    pub fn above(self, d_min: f64) -> Option<Self> {
+        if d_min <= self.low_mm {
+            return Some(self);
+        }
+        if d_min >= self.high_mm {
+            return None;
+        }
+        Some(Self {
+            low_mm: d_min,
+            mass_fraction: self.mass_fraction * self.mass_share(d_min, self.high_mm),
+            ..self
+        })
+    }
+
+    /// Share of the class's mass between two diameters inside it.
+    pub fn mass_share(&self, from: f64, to: f64) -> f64 {
+        let (a, b) = (self.low_mm, self.high_mm);
+        match self.law {
+            Law::LogUniform => (to / from).ln() / (b / a).ln(),
+            Law::Fuller { exponent: q } => (to.powf(q) - from.powf(q)) / (b.powf(q) - a.powf(q)),
+            Law::Single => 1.0,
+        }
+    }
+
+    /// Expected number of grains per mm³ of the class's volume: `N_i / V_i`.
+    pub fn grains_per_volume(&self) -> f64 {
+        let (a, b) = (self.low_mm, self.high_mm);
+        match self.law {
+            Law::LogUniform => (a.powi(-3) - b.powi(-3)) / (3.0 * (b / a).ln()) / std::f64::consts::FRAC_PI_6,
+            Law::Fuller { exponent: q } => {
+                q * (b.powf(q - 3.0) - a.powf(q - 3.0))
+                    / ((q - 3.0) * (b.powf(q) - a.powf(q)))
+                    / std::f64::consts::FRAC_PI_6
+            }
+            Law::Single => 1.0 / sphere_volume(a),
+        }
+    }
+
+    /// The diameter at which the number CDF equals `u`, `0 <= u < 1`.
+    pub fn diameter(&self, u: f64) -> f64 {
+        let (a, b) = (self.low_mm, self.high_mm);
+        let d = match self.law {
+            Law::LogUniform => a * b / (b * b * b * (1.0 - u) + a * a * a * u).cbrt(),
+            Law::Fuller { exponent: q } => {
+                let s = q - 3.0;
+                let (a_s, b_s) = (a.powf(s), b.powf(s));
+                (a_s - u * (a_s - b_s)).powf(1.0 / s)
+            }
+            Law::Single => a,
+        };
+        // Rounding may leave the class by a last digit; the grading check must not see that.
+        d.clamp(a, b)
+    }
+
+    /// Mean over the grains (by number) of a smooth function of the diameter: the integral over
+    /// the number CDF by Gauss-Legendre on 64 panels, to about 1e-12.
+    pub fn mean_of(&self, f: &dyn Fn(f64) -> f64) -> f64 {
+        const PANELS: usize = 64;
+        // Three-point rule; see Abramowitz and Stegun, table 25.4.
+        const NODE: f64 = 0.774_596_669_241_483_4;
+        const NODES: [(f64, f64); 3] = [(-NODE, 5.0 / 9.0), (0.0, 8.0 / 9.0), (NODE, 5.0 / 9.0)];
+        if self.law == Law::Single {
+            return f(self.low_mm);
+        }
+        // In u the coarse end is steep; in ln d the integrand is smooth. Weight by dF_N/dln d ~ d^(q-3).
+        let q = match self.law {
+            Law::Fuller { exponent } => exponent,
+            _ => 0.0,
+        };
+        let (from, to) = (self.low_mm.ln(), self.high_mm.ln());
+        let half = (to - from) / (2.0 * PANELS as f64);
+        let (mut weighted, mut weights) = (0.0, 0.0);
+        for panel in 0..PANELS {
+            let middle = from + half * (2.0 * panel as f64 + 1.0);
+            for (node, weight) in NODES {
+                let d = (middle + half * node).exp();
+                let w = weight * (d / self.low_mm).powf(q - 3.0);
+                weighted += w * f(d);
+                weights += w;
+            }
+        }
+        weighted / weights
+    }
+}

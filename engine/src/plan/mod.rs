@@ -1,0 +1,282 @@
+//! The plan of a run: what a request amounts to, before a single grain is drawn.
+//!
+//! Expected counts in closed form, volume fractions, memory, and whether the mix can fit at all.
+//! It knows the mix, the specimen and the distance rule; it must never draw a random number.
+
+use serde::Serialize;
+
+use crate::distance::DistanceRule;
+use crate::error::PlanError;
+use crate::mix::GradedMix;
+use crate::mix::sieve::sieve_classes;
+use crate::request::{FieldError, PackingRequest, Specimen};
+use crate::rsa::MAX_PLACED;
+
+/// What a run may use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Most grains of one packing.
+    pub max_grains: u64,
+    /// Most memory of one packing, in bytes.
+    pub max_memory_bytes: u64,
+}
+
+impl Default for Limits {
+    /// 20 million grains, 8 GB.
+    fn default() -> Self {
+        Self { max_grains: 20_000_000, max_memory_bytes: 8_000_000_000 }
+    }
+}
+
+/// What a request amounts to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Plan {
+    /// Expected number of grains.
+    pub grains: f64,
+    /// Volume of the specimen.
+    pub specimen_volume_mm3: f64,
+    /// Volume of all aggregate over that of the specimen (`phi_M`).
+    pub volume_fraction_mixture: f64,
+    /// Volume of the grains to place over that of the specimen (`phi_eff`).
+    pub volume_fraction_effective: f64,
+    /// The same with each grain enlarged by half the distance it keeps from its own kind.
+    pub volume_fraction_with_coating: f64,
+    /// Memory that the run will use at its peak.
+    pub memory_bytes: u64,
+    /// CPU time that the run is likely to take; a rough guess.
+    pub estimated_time_s: f64,
+    /// Expected grains by size class, from fine to coarse.
+    pub classes: Vec<ClassPlan>,
+    /// What is likely to go wrong, in words.
+    pub warnings: Vec<String>,
+}
+
+/// Expected grains of one size class.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ClassPlan {
+    /// Lower sieve.
+    pub d_min_mm: f64,
+    /// Upper sieve.
+    pub d_max_mm: f64,
+    /// Expected number of grains.
+    pub grains: f64,
+    /// Volume that the grading curve asks for.
+    pub volume_mm3: f64,
+}
+
+/// Densest packing of equal spheres (Kepler; Hales 2005): pi / sqrt(18).
+const EQUAL_SPHERES: f64 = 0.740_480_489_693_061;
+/// Share of the voids that stays when the ratio of diameters grows: an exponent below which no
+/// known packing lies. (Best of binary spheres at a ratio of 4.5: 0.8245, Hopkins et al. 2012;
+/// the curve gives 0.858.)
+const VOIDS_EXPONENT: f64 = -0.4;
+/// Saturation of random sequential addition of equal spheres (Torquato et al. 2006).
+const RSA_EQUAL_SPHERES: f64 = 0.384;
+/// Fitted to what half of the runs of Fuller's curve, 2..16 mm in 80 mm, reach.
+const RSA_VOIDS_EXPONENT: f64 = -0.29;
+/// Bytes that placing and checking hold per grain at their peak, and for the program as such.
+const BYTES_PER_GRAIN: f64 = 260.0;
+const BYTES_AT_LEAST: f64 = 2.0e6;
+/// Placing one grain in an empty specimen, in s, on a core of about 2 GHz.
+const SECONDS_PER_GRAIN: f64 = 2.5e-6;
+
+impl Plan {
+    /// Plans a request.
+    ///
+    /// # Errors
+    /// When a grain does not fit into the specimen, when there are more grains than `limits`
+    /// allow, or when no arrangement of spheres reaches the volume fraction.
+    pub fn new(request: &PackingRequest, limits: &Limits) -> Result<Self, PlanError> {
+        let specimen_volume_mm3 = request.specimen.volume_mm3();
+        let mix = GradedMix::new(&request.mix, specimen_volume_mm3);
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        check_fractions(request, &mix)?;
+        check_largest(request, &mix, &rule)?;
+        let grains = mix.expected_grains();
+        let memory_bytes = (BYTES_AT_LEAST + BYTES_PER_GRAIN * grains) as u64;
+        check_limits(&mix, grains, memory_bytes, limits)?;
+
+        // Enlarged grains fill a region enlarged by what the walls leave of half the distance.
+        let (factor, offset) = rule.enlargement(mix.d_min_mm);
+        let enlarged = mix.expected_enlarged_volume_mm3(factor, offset);
+        let room = enlarged_room(request, &rule, mix.d_max_mm);
+        let ratio = (factor * mix.d_max_mm + offset) / (factor * mix.d_min_mm + offset);
+        check_feasible(request, enlarged / room, ratio, mix.volume_fraction_effective)?;
+
+        let rsa_limit = 1.0 - (1.0 - RSA_EQUAL_SPHERES) * ratio.powf(RSA_VOIDS_EXPONENT);
+        let crowding = (enlarged / room / rsa_limit).min(1.0);
+        let classes = sieve_classes(&mix)
+            .iter()
+            .map(|c| ClassPlan {
+                d_min_mm: c.low_mm,
+                d_max_mm: c.high_mm,
+                grains: c.grains,
+                volume_mm3: c.volume_mm3,
+            })
+            .collect();
+        Ok(Self {
+            grains,
+            specimen_volume_mm3,
+            volume_fraction_mixture: mix.volume_fraction_mixture,
+            volume_fraction_effective: mix.volume_fraction_effective,
+            volume_fraction_with_coating: enlarged / specimen_volume_mm3,
+            memory_bytes,
+            // Attempts per grain grow with the inverse of the free space that is left.
+            estimated_time_s: grains * SECONDS_PER_GRAIN / (1.0 - 0.95 * crowding),
+            classes,
+            warnings: warnings(request, &mix, grains, enlarged / room, rsa_limit),
+        })
+    }
+}
+
+fn check_fractions(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanError> {
+    let phi = mix.volume_fraction_mixture;
+    if phi <= 1.0 {
+        return Ok(());
+    }
+    if mix.list.is_some() {
+        return Err(infeasible(
+            "/mix/grading/mm",
+            format!("the grains have {phi:.4} times the specimen's volume: must be at most 1"),
+        ));
+    }
+    Err(PlanError::Invalid(vec![FieldError {
+        pointer: "/mix/volume_fraction".into(),
+        detail: format!(
+            "{} of grains above the cut-off is a mixture volume fraction of {phi:.4}: must be at most 1",
+            request.mix.volume_fraction.unwrap_or(phi)
+        ),
+    }]))
+}
+
+/// The largest grain must fit, with its distance to the walls or to its own image.
+fn check_largest(request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule) -> Result<(), PlanError> {
+    let d = mix.d_max_mm;
+    let wall = rule.wall_gap_mm(d);
+    let needed = if request.specimen.is_periodic() { d + rule.gap_mm(d, d) } else { d + 2.0 * wall };
+    let fits = |length: f64| needed <= length;
+    let refuse = |pointer: &str, length: f64| {
+        let with = if needed > d { format!(" ({needed} mm with its distance)") } else { String::new() };
+        Err(PlanError::Invalid(vec![FieldError {
+            pointer: pointer.into(),
+            detail: format!("{length} mm is too small: the largest grain is {d} mm{with}, and must fit"),
+        }]))
+    };
+    match request.specimen {
+        Specimen::Box { size_mm, .. } => {
+            for (axis, &length) in size_mm.iter().enumerate() {
+                if !fits(length) {
+                    return refuse(&format!("/specimen/size_mm/{axis}"), length);
+                }
+            }
+        }
+        Specimen::Cylinder { diameter_mm, height_mm } => {
+            if !fits(diameter_mm) {
+                return refuse("/specimen/diameter_mm", diameter_mm);
+            }
+            if !fits(height_mm) {
+                return refuse("/specimen/height_mm", height_mm);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits) -> Result<(), PlanError> {
+    let field = if mix.list.is_some() { "/mix/grading/mm" } else { "/mix/d_min_mm" };
+    let advice = if mix.list.is_some() { "name fewer" } else { "raise d_min_mm or take a smaller specimen" };
+    let too_large = |detail: String| {
+        Err(PlanError::TooLarge(FieldError { pointer: field.into(), detail: format!("{detail}: {advice}") }))
+    };
+    let max_grains = limits.max_grains.min(MAX_PLACED);
+    if grains > max_grains as f64 {
+        return too_large(format!(
+            "the mix has about {grains:.0} grains above {} mm: must be at most {max_grains}",
+            mix.d_min_mm
+        ));
+    }
+    if memory_bytes > limits.max_memory_bytes {
+        return too_large(format!(
+            "the mix has about {grains:.0} grains above {} mm, which take about {memory_bytes} bytes of memory: must be at most {}",
+            mix.d_min_mm, limits.max_memory_bytes
+        ));
+    }
+    Ok(())
+}
+
+/// Volume that enlarged grains may fill: the specimen, widened at walls that let grains come
+/// closer than half their distance.
+fn enlarged_room(request: &PackingRequest, rule: &DistanceRule, d_max: f64) -> f64 {
+    if request.specimen.is_periodic() {
+        return request.specimen.volume_mm3();
+    }
+    let wider = (rule.gap_mm(d_max, d_max) / 2.0 - rule.wall_gap_mm(d_max)).max(0.0);
+    match request.specimen {
+        Specimen::Box { size_mm, .. } => size_mm.iter().map(|l| l + 2.0 * wider).product(),
+        Specimen::Cylinder { diameter_mm, height_mm } => {
+            let diameter = diameter_mm + 2.0 * wider;
+            std::f64::consts::FRAC_PI_4 * diameter * diameter * (height_mm + 2.0 * wider)
+        }
+    }
+}
+
+fn check_feasible(
+    request: &PackingRequest,
+    filled: f64,
+    ratio: f64,
+    effective: f64,
+) -> Result<(), PlanError> {
+    let densest = 1.0 - (1.0 - EQUAL_SPHERES) * ratio.powf(VOIDS_EXPONENT);
+    if filled <= densest {
+        return Ok(());
+    }
+    let coating = if filled > effective * 1.000_001 {
+        format!(", {filled:.4} with the distance as a coating")
+    } else {
+        String::new()
+    };
+    let pointer =
+        if request.mix.volume_fraction.is_some() { "/mix/volume_fraction" } else { "/mix/grading/mm" };
+    Err(infeasible(
+        pointer,
+        format!(
+            "the grains to place are a volume fraction of {effective:.4}{coating}: spheres of this range of \
+             diameters (1 : {ratio:.2}) fill at most {densest:.4}; lower the volume fraction or the distance"
+        ),
+    ))
+}
+
+fn infeasible(pointer: &str, detail: String) -> PlanError {
+    PlanError::Infeasible(FieldError { pointer: pointer.into(), detail })
+}
+
+fn warnings(
+    request: &PackingRequest,
+    mix: &GradedMix,
+    grains: f64,
+    filled: f64,
+    rsa_limit: f64,
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if filled > 0.98 * rsa_limit {
+        warnings.push(format!(
+            "random sequential addition rarely reaches a volume fraction of {filled:.3} (with coating): its limit for this mix is near {rsa_limit:.3}"
+        ));
+    }
+    if mix.list.is_none() && grains < 10.0 {
+        warnings.push(format!("about {grains:.1} grains: too few to follow the grading curve"));
+    }
+    let shortest = request.specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+    if shortest < 3.0 * mix.d_max_mm && mix.list.is_none() {
+        warnings.push(format!(
+            "the smallest edge {shortest} mm is less than three of the largest grains ({} mm)",
+            mix.d_max_mm
+        ));
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,31 @@
+//! The random streams of a run. Their definition is part of what a seed means, so nothing here may
+//! change without a new name in [`crate::packing::RNG_NAME`].
+
+use rand::rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+/// What a stream is used for. Streams of one seed do not overlap (2^128 draws apart), so that a
+/// change in one phase leaves the draws of the others as they were.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stream {
+    /// Diameters.
+    Take,
+    /// Places.
+    Rsa,
+}
+
+/// The stream of a seed for one use.
+pub(crate) fn stream(seed: u64, stream: Stream) -> Xoshiro256PlusPlus {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    for _ in 0..stream as u32 {
+        rng.jump();
+    }
+    rng
+}
+
+/// A uniform number in `[0, 1)` with 53 bits.
+#[inline]
+pub(crate) fn uniform(rng: &mut Xoshiro256PlusPlus) -> f64 {
+    const STEP: f64 = 1.0 / (1_u64 << 53) as f64;
+    (rng.next_u64() >> 11) as f64 * STEP
+}
