@@ -13,6 +13,27 @@
 
 mod harness;
 
+mod actions;
+mod auth;
+mod bad_fields;
+mod bad_requests;
+mod command_line;
+mod connections;
+mod crash;
+mod data_dir;
+mod determinism;
+mod events;
 mod formats;
+mod idempotency;
+mod listing;
+mod operations;
 mod packings;
+mod planning;
+mod published_contract;
+mod python_readers;
+mod ranges;
+mod scheduling;
+mod shutdown;
+mod streaming;
 mod submission;
+mod waiting;

@@ -19,3 +19,14 @@ pub(crate) async fn within<T>(limit: Duration, what: &str, future: impl Future<O
         Err(_) => panic!("waited {limit:?} in vain for {what}"),
     }
 }
+
+/// Waits until `condition` holds, for what gives no signal of its own, such as a file that goes.
+pub(crate) async fn eventually(what: &str, condition: impl Fn() -> bool) {
+    patiently(what, async {
+        let mut look_again = tokio::time::interval(Duration::from_millis(20));
+        while !condition() {
+            look_again.tick().await;
+        }
+    })
+    .await;
+}

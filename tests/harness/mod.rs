@@ -7,11 +7,14 @@ mod contract;
 pub(crate) mod deadline;
 pub(crate) mod jobs;
 mod process;
+mod raw;
 pub(crate) mod results;
 mod server;
 mod sse;
 
 pub(crate) use client::{Client, Reply, id_of};
-pub(crate) use process::{Finished, packstone};
+pub(crate) use contract::{Contract, text as contract_text};
+pub(crate) use process::{packstone, run};
+pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};
-pub(crate) use sse::{Event, EventStream};
+pub(crate) use sse::Event;

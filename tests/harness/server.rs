@@ -2,35 +2,41 @@
 
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
-use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
-use tokio::io::unix::AsyncFd;
-use tokio::sync::mpsc;
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
+};
+use tokio::sync::{mpsc, watch};
 
 use super::client::Client;
 use super::deadline::{patiently, within};
 
-/// A data directory that outlives the servers that use it.
-pub(crate) struct DataDir(tempfile::TempDir);
+/// A data directory that outlives the servers that use it. The first of them has to make it.
+pub(crate) struct DataDir {
+    path: PathBuf,
+    _parent: tempfile::TempDir,
+}
 
 impl DataDir {
-    /// A fresh, empty one.
+    /// The path of a fresh one.
     pub(crate) fn new() -> Self {
-        Self(tempfile::tempdir().expect("a temporary directory"))
+        let parent = tempfile::tempdir().expect("a temporary directory");
+        Self { path: parent.path().join("packstone/data"), _parent: parent }
     }
 
     /// Where it is.
     pub(crate) fn path(&self) -> &Path {
-        self.0.path()
+        &self.path
     }
 
-    /// Every file below it.
-    pub(crate) fn files(&self) -> Vec<PathBuf> {
+    /// The stored results below it, finished or not.
+    pub(crate) fn artifacts(&self) -> Vec<PathBuf> {
         fn walk(directory: &Path, found: &mut Vec<PathBuf>) {
             for entry in std::fs::read_dir(directory).expect("a readable directory") {
                 let entry = entry.unwrap();
@@ -42,14 +48,11 @@ impl DataDir {
             }
         }
         let mut found = Vec::new();
-        walk(self.path(), &mut found);
+        let artifacts = self.path.join("artifacts");
+        if artifacts.exists() {
+            walk(&artifacts, &mut found);
+        }
         found
-    }
-
-    /// The stored results below it, finished or not: everything that is not the database or its lock.
-    pub(crate) fn artifacts(&self) -> Vec<PathBuf> {
-        let artifacts = self.path().join("artifacts");
-        self.files().into_iter().filter(|file| file.starts_with(&artifacts)).collect()
     }
 }
 
@@ -108,11 +111,14 @@ impl Launch {
             .expect("the binary starts");
         let log = Arc::new(Mutex::new(String::new()));
         let (said, mut addresses) = mpsc::unbounded_channel();
-        follow(child.stdout.take().unwrap(), &log, said.clone());
-        follow(child.stderr.take().unwrap(), &log, said);
-        let pidfd = pidfd_open(pid_of(&child), PidfdFlags::NONBLOCK).expect("a handle of the process");
-        let exited = AsyncFd::new(pidfd).expect("a runtime with I/O");
-        let mut server = Server { child, exited, log, address: ([0, 0, 0, 0], 0).into() };
+        let followers = vec![
+            follow(child.stdout.take().unwrap(), &log, said.clone()),
+            follow(child.stderr.take().unwrap(), &log, said),
+        ];
+        let pidfd =
+            pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).expect("a handle of the process");
+        let (pidfd, exited) = await_exit(pidfd);
+        let mut server = Server { child, pidfd, exited, log, followers, address: ([0, 0, 0, 0], 0).into() };
         // The channel closes when the process ends: a server that refuses to start fails at once.
         match patiently("the server to listen", addresses.recv()).await {
             Some(address) => server.address = address,
@@ -122,8 +128,18 @@ impl Launch {
     }
 }
 
-fn pid_of(child: &Child) -> Pid {
-    Pid::from_child(child)
+/// Watches for the end of a process from a thread of its own; its status is left to be collected.
+fn await_exit(pidfd: OwnedFd) -> (Arc<OwnedFd>, watch::Receiver<bool>) {
+    let pidfd = Arc::new(pidfd);
+    let (ended, exited) = watch::channel(false);
+    let watched = Arc::clone(&pidfd);
+    std::thread::spawn(move || {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
+        let outcome = waitid(WaitId::PidFd(watched.as_fd()), options);
+        // A server that was dropped has been collected meanwhile: nobody listens any more.
+        ended.send_replace(outcome.is_ok());
+    });
+    (pidfd, exited)
 }
 
 /// Keeps what a server prints, and looks in it for the address.
@@ -131,7 +147,7 @@ fn follow(
     from: impl Read + Send + 'static,
     log: &Arc<Mutex<String>>,
     said: mpsc::UnboundedSender<SocketAddr>,
-) {
+) -> JoinHandle<()> {
     let log = Arc::clone(log);
     std::thread::spawn(move || {
         for line in BufReader::new(from).lines().map_while(Result::ok) {
@@ -143,7 +159,7 @@ fn follow(
             log.push_str(&line);
             log.push('\n');
         }
-    });
+    })
 }
 
 fn address_in(line: &str) -> Option<SocketAddr> {
@@ -155,8 +171,12 @@ fn address_in(line: &str) -> Option<SocketAddr> {
 /// A running server; dropped, it is killed.
 pub(crate) struct Server {
     child: Child,
-    exited: AsyncFd<OwnedFd>,
+    /// Names this process even when its number is used again.
+    pidfd: Arc<OwnedFd>,
+    exited: watch::Receiver<bool>,
     log: Arc<Mutex<String>>,
+    /// The readers of its two outputs.
+    followers: Vec<JoinHandle<()>>,
     address: SocketAddr,
 }
 
@@ -192,6 +212,11 @@ impl Server {
         self.signal(Signal::TERM);
     }
 
+    /// Interrupts it, as a person at the terminal does.
+    pub(crate) fn interrupt(&self) {
+        self.signal(Signal::INT);
+    }
+
     /// Waits until it has ended by itself.
     pub(crate) async fn ends_within(mut self, limit: Duration) -> ExitStatus {
         within(limit, "the server to end", self.wait()).await
@@ -204,6 +229,16 @@ impl Server {
         assert!(status.success(), "a server that was asked to end ended with {status}");
     }
 
+    /// Waits for the end and returns all that was printed.
+    pub(crate) async fn log_at_end(mut self) -> String {
+        patiently("the server to end", self.wait()).await;
+        for follower in self.followers.drain(..) {
+            // The pipes close with the process: the last lines are on their way.
+            follower.join().expect("a reader of the log");
+        }
+        self.log()
+    }
+
     /// Resident memory in bytes.
     pub(crate) fn resident_bytes(&self) -> u64 {
         let path = format!("/proc/{}/status", self.child.id());
@@ -214,12 +249,11 @@ impl Server {
     }
 
     fn signal(&self, signal: Signal) {
-        pidfd_send_signal(self.exited.get_ref(), signal).expect("a process that has not been waited for");
+        pidfd_send_signal(&self.pidfd, signal).expect("a process that has not been waited for");
     }
 
     async fn wait(&mut self) -> ExitStatus {
-        // A pidfd becomes readable when its process ends.
-        let _ = self.exited.readable().await.expect("a handle of the process");
+        self.exited.wait_for(|exited| *exited).await.expect("the thread that watches the process");
         self.child.wait().expect("the status of the process")
     }
 }
