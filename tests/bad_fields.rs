@@ -283,7 +283,7 @@ async fn limits_of_grains_and_memory_are_the_operator_s() {
     client.succeed(&jobs::equal_spheres(900, 1)).await;
     server.stop().await;
 
-    let server = Launch::new(&data_dir).args(&["--max-memory-mb", "100"]).start().await;
+    let server = Launch::new(&data_dir).args(&["--max-memory-mib", "100"]).start().await;
     let refused = server.client().post("/v1/jobs").json(&jobs::equal_spheres(5_000_000, 1)).send().await;
     let problem = refused.expect_problem(422, "too-large");
     let detail = problem["errors"][0]["detail"].as_str().unwrap();

@@ -26,6 +26,7 @@ mod events;
 mod formats;
 mod idempotency;
 mod listing;
+mod load;
 mod operations;
 mod packings;
 mod planning;
