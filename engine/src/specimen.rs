@@ -111,6 +111,13 @@ impl Region {
             })
     }
 
+    /// Whether a cuboid lies wholly inside; `false` where that is not known at once.
+    #[inline]
+    pub fn surely_holds_cuboid(&self, center: [f64; 3], half: [f64; 3]) -> bool {
+        let inside = |a: usize| center[a] - half[a] >= self.low[a] && center[a] + half[a] <= self.high[a];
+        self.disc.is_none() && inside(0) && inside(1) && inside(2)
+    }
+
     /// Volume in mm³; 0 where only a point, a line or a plane is left.
     pub fn volume_mm3(&self) -> f64 {
         let edge = |a: usize| self.high[a] - self.low[a];

@@ -92,7 +92,7 @@ impl Plan {
         let specimen_volume_mm3 = request.specimen.volume_mm3();
         let mix = GradedMix::new(&request.mix, specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        check_fractions(request, &mix)?;
+        check_list(&mix)?;
         check_largest(request, &mix, &rule)?;
         let grains = mix.expected_grains();
         let memory_bytes = (BYTES_AT_LEAST + BYTES_PER_GRAIN * grains) as u64;
@@ -131,24 +131,16 @@ impl Plan {
     }
 }
 
-fn check_fractions(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanError> {
+/// A list of diameters may have more volume than the specimen.
+fn check_list(mix: &GradedMix) -> Result<(), PlanError> {
     let phi = mix.volume_fraction_mixture;
-    if phi <= 1.0 {
+    if phi <= 1.0 || mix.list.is_none() {
         return Ok(());
     }
-    if mix.list.is_some() {
-        return Err(infeasible(
-            "/mix/grading/mm",
-            format!("the grains have {phi:.4} times the specimen's volume: must be at most 1"),
-        ));
-    }
-    Err(PlanError::Invalid(vec![FieldError {
-        pointer: "/mix/volume_fraction".into(),
-        detail: format!(
-            "{} of grains above the cut-off is a mixture volume fraction of {phi:.4}: must be at most 1",
-            request.mix.volume_fraction.unwrap_or(phi)
-        ),
-    }]))
+    Err(infeasible(
+        "/mix/grading/mm",
+        format!("the grains have {phi:.4} times the specimen's volume: must be at most 1"),
+    ))
 }
 
 /// The largest grain must fit, with its distance to the walls or to its own image.
@@ -267,6 +259,12 @@ fn warnings(
     }
     if mix.list.is_none() && grains < 10.0 {
         warnings.push(format!("about {grains:.1} grains: too few to follow the grading curve"));
+    }
+    if mix.list.is_none() && mix.volume_fraction_mixture > 1.0 {
+        warnings.push(format!(
+            "the whole mix, finer grains too, would fill {:.4} of the specimen: no concrete has this mix",
+            mix.volume_fraction_mixture
+        ));
     }
     let shortest = request.specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
     if shortest < 3.0 * mix.d_max_mm && mix.list.is_none() {

@@ -18,8 +18,6 @@ const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
 const NONE: u32 = u32::MAX;
 /// Largest number of grains that entries can name.
 pub(crate) const MAX_PLACED: u64 = ID_MASK as u64;
-/// Coverage is claimed with this relative margin on squared distances, far above rounding.
-const COVERED_MARGIN: f64 = 1.0 - 1.0e-12;
 
 /// Entries added to a cell after the grid was built.
 #[derive(Clone, Copy, Debug)]
@@ -38,12 +36,17 @@ pub(super) struct Cells {
     /// Edges of a cell in mm; 0 along an axis on which one place only is left.
     pub(super) edge: [f64; 3],
     per_edge: [f64; 3],
+    /// One over the cells of a row and of a layer, plus the trifle that makes truncation exact.
+    per_row: f64,
+    per_layer: f64,
     /// Entries of cell `i` known at the build are `entries[starts[i]..starts[i + 1]]`.
     starts: Vec<u32>,
     entries: Vec<u32>,
     /// Head of the chain of entries added since.
     heads: Vec<u32>,
     links: Vec<Link>,
+    /// The grains known at the build in the order of [`Self::ordered`], then those placed since.
+    spheres: Vec<Placed>,
     /// Offsets of the periodic images; only the zero offset where there are walls.
     images: Vec<[f64; 3]>,
 }
@@ -68,22 +71,26 @@ impl Cells {
             counts,
             edge,
             per_edge,
-            starts: vec![0; number + 1],
+            per_row: 1.0 / counts[0] as f64,
+            per_layer: 1.0 / (counts[0] * counts[1]) as f64,
+            starts: Vec::new(),
             entries: Vec::new(),
             heads: vec![NONE; number],
             links: Vec::new(),
+            spheres: Vec::new(),
             images: images(periodic, size),
         };
-        let mut starts = std::mem::take(&mut cells.starts);
-        for (id, grain) in placed.iter().enumerate() {
-            cells.for_each_touched(id as u32, grain, part_mm, |cell, _| starts[cell + 1] += 1);
+        cells.spheres = cells.ordered(placed);
+        let mut starts = vec![0; number + 1];
+        for grain in &cells.spheres {
+            cells.for_each_touched(0, grain, part_mm, |cell, _| starts[cell + 1] += 1);
         }
         for i in 0..number {
             starts[i + 1] += starts[i];
         }
         let mut entries = vec![0; starts[number] as usize];
         // Filling moves every start to the end of its cell, which is the start of the next.
-        for (id, grain) in placed.iter().enumerate() {
+        for (id, grain) in cells.spheres.iter().enumerate() {
             cells.for_each_touched(id as u32, grain, part_mm, |cell, entry| {
                 entries[starts[cell] as usize] = entry;
                 starts[cell] += 1;
@@ -96,13 +103,47 @@ impl Cells {
         cells
     }
 
+    /// The grains in a few groups from large to small, each in the order of cells: neighbours are
+    /// neighbours in memory, and in a cell's list the grains most likely to block come first.
+    fn ordered(&self, placed: &[Placed]) -> Vec<Placed> {
+        let cell_of = |grain: &Placed| {
+            let at: [usize; 3] = std::array::from_fn(|a| self.index(a, grain[a]));
+            (at[2] * self.counts[1] + at[1]) * self.counts[0] + at[0]
+        };
+        let mut ordered = vec![[0.0; 4]; placed.len()];
+        let n = placed.len();
+        for (from, to) in [(0, n / 8), (n / 8, n / 4), (n / 4, n / 2), (n / 2, n)] {
+            let mut next = vec![0_u32; self.len() + 1];
+            for grain in &placed[from..to] {
+                next[cell_of(grain) + 1] += 1;
+            }
+            for i in 1..next.len() {
+                next[i] += next[i - 1];
+            }
+            for grain in &placed[from..to] {
+                let next = &mut next[cell_of(grain)];
+                ordered[from + *next as usize] = *grain;
+                *next += 1;
+            }
+        }
+        ordered
+    }
+
+    /// Index along an axis of the cell that holds a coordinate, or of the nearest.
+    #[inline]
+    fn index(&self, axis: usize, x: f64) -> usize {
+        (((x - self.region.low[axis]) * self.per_edge[axis]).max(0.0) as usize).min(self.counts[axis] - 1)
+    }
+
     /// Number of cells.
     pub(super) fn len(&self) -> usize {
         self.heads.len()
     }
 
     /// Enters a grain just placed, for new grains whose part is at most `part_mm`.
-    pub(super) fn insert(&mut self, id: u32, grain: &Placed, part_mm: f64) {
+    pub(super) fn insert(&mut self, grain: &Placed, part_mm: f64) {
+        let id = self.spheres.len() as u32;
+        self.spheres.push(*grain);
         let mut heads = std::mem::take(&mut self.heads);
         let mut links = std::mem::take(&mut self.links);
         self.for_each_touched(id, grain, part_mm, |cell, entry| {
@@ -114,52 +155,71 @@ impl Cells {
     }
 
     /// Lower corner of a cell, by its index.
+    #[inline]
     pub(super) fn corner(&self, cell: usize) -> [f64; 3] {
-        let [nx, ny, _] = self.counts;
-        let at = [cell % nx, cell / nx % ny, cell / (nx * ny)];
+        // Three integer divisions cost more than the rest of a draw. The half keeps the quotient
+        // away from whole numbers, so that truncation is exact for all u32.
+        let z = ((cell as f64 + 0.5) * self.per_layer) as usize;
+        let in_layer = cell - z * self.counts[0] * self.counts[1];
+        let y = ((in_layer as f64 + 0.5) * self.per_row) as usize;
+        let at = [in_layer - y * self.counts[0], y, z];
         std::array::from_fn(|a| self.region.low[a] + at[a] as f64 * self.edge[a])
+    }
+
+    /// Reads what [`Self::blocking`] will read first in each of the cells, so that the cache misses
+    /// of many draws overlap. The sum only keeps the reads from being dropped as unused.
+    pub(super) fn touch<const N: usize>(&self, cells: &[usize; N]) -> f64 {
+        let starts = cells.map(|cell| (self.starts[cell] as usize, self.heads[cell] as usize));
+        let entries = starts.map(|(known, since)| {
+            let since = self.links.get(since).map_or(0, |link| link.entry);
+            (self.entries.get(known).copied().unwrap_or(0), since)
+        });
+        let x = |entry: u32| self.spheres.get((entry & ID_MASK) as usize).map_or(0.0, |sphere| sphere[0]);
+        entries.iter().map(|&(known, since)| x(known) + x(since)).sum()
     }
 
     /// The exclusion sphere behind an entry, at the image that the entry names.
     #[inline]
-    pub(super) fn sphere(&self, entry: u32, placed: &[Placed]) -> Placed {
-        let [x, y, z, part] = placed[(entry & ID_MASK) as usize];
+    fn sphere(&self, entry: u32) -> Placed {
+        let [x, y, z, part] = self.spheres[(entry & ID_MASK) as usize];
         let shift = self.images[(entry >> IMAGE_SHIFT) as usize];
         [x + shift[0], y + shift[1], z + shift[2], part]
     }
 
-    /// The first exclusion sphere of the cell that holds `p`, for a new grain with `part_mm`.
+    /// An exclusion sphere of the cell that holds `p`, if any does, for a new grain with `part_mm`.
     #[inline]
-    pub(super) fn blocking(
-        &self,
-        cell: usize,
-        p: [f64; 3],
-        part_mm: f64,
-        placed: &[Placed],
-    ) -> Option<Placed> {
-        self.entries_of(cell).map(|entry| self.sphere(entry, placed)).find(|sphere| {
-            let [dx, dy, dz] = [p[0] - sphere[0], p[1] - sphere[1], p[2] - sphere[2]];
-            let reach = sphere[3] + part_mm;
-            dx * dx + dy * dy + dz * dz < reach * reach
-        })
-    }
-
-    /// Collects the exclusion spheres of a cell.
-    pub(super) fn gather(&self, cell: usize, placed: &[Placed], into: &mut Vec<Placed>) {
-        into.clear();
-        into.extend(self.entries_of(cell).map(|entry| self.sphere(entry, placed)));
-    }
-
-    #[inline]
-    fn entries_of(&self, cell: usize) -> impl Iterator<Item = u32> + '_ {
-        let known = &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize];
+    pub(super) fn blocking(&self, cell: usize, p: [f64; 3], part_mm: f64) -> Option<Placed> {
+        for &entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
+            let sphere = self.sphere(entry);
+            if holds(&sphere, p, part_mm) {
+                return Some(sphere);
+            }
+        }
         let mut at = self.heads[cell];
-        let since = std::iter::from_fn(move || {
-            let link = self.links.get(at as usize)?;
+        while let Some(link) = self.links.get(at as usize) {
+            let sphere = self.sphere(link.entry);
+            if holds(&sphere, p, part_mm) {
+                return Some(sphere);
+            }
             at = link.next;
-            Some(link.entry)
-        });
-        known.iter().copied().chain(since)
+        }
+        None
+    }
+
+    /// Collects the exclusion spheres of the cell that hold `p`, for a new grain with `part_mm`.
+    #[inline]
+    pub(super) fn gather_around(&self, cell: usize, p: [f64; 3], part_mm: f64, into: &mut Vec<Placed>) {
+        into.clear();
+        let known = &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize];
+        into.extend(known.iter().map(|&entry| self.sphere(entry)).filter(|sphere| holds(sphere, p, part_mm)));
+        let mut at = self.heads[cell];
+        while let Some(link) = self.links.get(at as usize) {
+            let sphere = self.sphere(link.entry);
+            if holds(&sphere, p, part_mm) {
+                into.push(sphere);
+            }
+            at = link.next;
+        }
     }
 
     /// Calls `visit(cell, entry)` for every cell that the exclusion sphere of a grain touches.
@@ -209,13 +269,12 @@ impl Cells {
     }
 }
 
-/// Whether an exclusion sphere holds a whole cuboid, for new grains whose part is at least `part_mm`.
+/// Whether an exclusion sphere holds a point, for a new grain with `part_mm`.
 #[inline]
-pub(super) fn covers(sphere: &Placed, center: [f64; 3], half: [f64; 3], part_mm: f64) -> bool {
-    let far = |a: usize| (center[a] - sphere[a]).abs() + half[a];
-    let (x, y, z) = (far(0), far(1), far(2));
+fn holds(sphere: &Placed, p: [f64; 3], part_mm: f64) -> bool {
+    let [dx, dy, dz] = [p[0] - sphere[0], p[1] - sphere[1], p[2] - sphere[2]];
     let reach = sphere[3] + part_mm;
-    x * x + y * y + z * z < reach * reach * COVERED_MARGIN
+    dx * dx + dy * dy + dz * dz < reach * reach
 }
 
 fn images(periodic: bool, size: [f64; 3]) -> Vec<[f64; 3]> {

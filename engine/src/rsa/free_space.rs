@@ -6,52 +6,94 @@
 //! out. When none is left, it is proven that there is no place. Which voxels were dropped or split
 //! depends on failed draws alone, so the law of the accepted point stays uniform.
 //!
-//! A set of voxels is made for a part of the exclusion radius, the smallest of the grains it will
-//! serve, and is a superset of the free space for each of them.
+//! A voxel inside a sphere is so only for grains above some size. Since grains come from the
+//! largest down, such a voxel sleeps until a grain is small enough, and is forgotten if none will
+//! be before the voxels are made anew.
 
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::cells::{Cells, Placed, covers};
+use super::cells::{Cells, Placed};
 use crate::rng::uniform;
 use crate::specimen::Region;
 
 /// Deepest level of subdivision: a cell's edge over 2^30. What is left there has less volume than
 /// the rounding of a coordinate and counts as nothing.
 const MAX_LEVEL: usize = 30;
+/// Points drawn ahead.
+const BATCH: usize = 16;
+/// Steps of grain size at which sleeping voxels wake.
+const BEDS: usize = 128;
+/// A sphere is said to hold a voxel with this relative margin, far above rounding.
+const HELD_MARGIN: f64 = 1.0 + 1.0e-12;
 
 /// A voxel of some level: its cell, and its place in the cell in units of its own edge.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Voxel {
     cell: u32,
     at: [u32; 3],
 }
 
-/// Where a draw came from.
-#[derive(Clone, Copy, Debug)]
+/// A point drawn, and the voxel it was drawn from.
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Draw {
     level: usize,
     index: usize,
-    /// The cell of the voxel.
-    pub(super) cell: usize,
-    /// The point drawn.
+    voxel: Voxel,
+    /// The point.
     pub(super) point: [f64; 3],
+}
+
+impl Draw {
+    /// The cell of the voxel.
+    pub(super) fn cell(&self) -> usize {
+        self.voxel.cell as usize
+    }
+}
+
+/// Points drawn ahead, so that the cache misses behind them overlap. The voxels may shrink
+/// meanwhile: points of a larger superset of the free space serve as well. They may not grow.
+#[derive(Debug)]
+struct Batch {
+    draws: [Draw; BATCH],
+    next: usize,
+    /// Volume that the points were drawn from, in units of a cell.
+    volume_cells: f64,
+}
+
+impl Batch {
+    fn empty() -> Self {
+        Self { draws: [Draw::default(); BATCH], next: BATCH, volume_cells: 0.0 }
+    }
+}
+
+/// The range of the new grains' parts of the exclusion radius that voxels serve, from the largest
+/// to the least, in equal steps.
+#[derive(Clone, Copy, Debug)]
+struct Parts {
+    largest: f64,
+    least: f64,
 }
 
 /// The voxels.
 #[derive(Debug)]
 pub(super) struct FreeSpace {
-    levels: Vec<Vec<Voxel>>,
-    /// Voxels below this part of the exclusion radius are not represented.
-    part_mm: f64,
+    /// Voxels that may hold a place for the present grain, by level.
+    awake: Vec<Vec<Voxel>>,
+    /// Voxels, with their level, that some sphere holds until grains are smaller.
+    asleep: Vec<Vec<(u8, Voxel)>>,
+    parts: Parts,
+    /// Beds before this one are empty, their voxels awake.
+    bed: usize,
+    batch: Batch,
     /// Voxels tested against exclusion spheres.
     pub(super) tested: u64,
     spheres: Vec<Placed>,
 }
 
 impl FreeSpace {
-    /// All of the region, in cells.
-    pub(super) fn whole(cells: &Cells, part_mm: f64) -> Self {
+    /// All of the region, in cells, for grains whose part falls from `largest` to `least`.
+    pub(super) fn whole(cells: &Cells, largest: f64, least: f64) -> Self {
         let half = cells.edge.map(|e| e / 2.0);
         let voxels = (0..cells.len())
             .filter(|&cell| {
@@ -61,53 +103,101 @@ impl FreeSpace {
             })
             .map(|cell| Voxel { cell: cell as u32, at: [0; 3] })
             .collect();
-        Self { levels: vec![voxels], part_mm, tested: 0, spheres: Vec::new() }
+        let asleep = vec![Vec::new(); BEDS];
+        let parts = Parts { largest, least };
+        Self {
+            awake: vec![voxels],
+            asleep,
+            parts,
+            bed: 0,
+            batch: Batch::empty(),
+            tested: 0,
+            spheres: Vec::new(),
+        }
     }
 
-    /// Number of voxels.
+    /// Number of voxels awake.
     pub(super) fn len(&self) -> usize {
-        self.levels.iter().map(Vec::len).sum()
+        self.awake.iter().map(Vec::len).sum()
     }
 
-    /// Whether nothing is left.
+    /// Whether nothing is left for the present grain.
     pub(super) fn is_empty(&self) -> bool {
-        self.levels.iter().all(Vec::is_empty)
+        self.awake.iter().all(Vec::is_empty)
     }
 
-    /// Volume of the voxels in units of a cell.
-    pub(super) fn volume_cells(&self) -> f64 {
+    /// Wakes the voxels that may hold a place for a grain of `part_mm`. Parts must not rise from
+    /// call to call.
+    pub(super) fn wake(&mut self, part_mm: f64) {
+        let bed = self.parts.bed_of(part_mm);
+        while self.bed <= bed {
+            for (level, voxel) in std::mem::take(&mut self.asleep[self.bed]) {
+                self.batch.next = BATCH;
+                self.awake[usize::from(level)].push(voxel);
+            }
+            self.bed += 1;
+        }
+    }
+
+    /// A uniform point of the voxels awake, or of those that were awake a few draws ago; `None`
+    /// when nothing was left.
+    #[inline]
+    pub(super) fn draw(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<Draw> {
+        if self.batch.next == BATCH {
+            self.draw_batch(cells, rng)?;
+        }
+        self.batch.next += 1;
+        Some(self.batch.draws[self.batch.next - 1])
+    }
+
+    /// Volume that the last draw was made from, in units of a cell.
+    pub(super) fn drawn_from_cells(&self) -> f64 {
+        self.batch.volume_cells
+    }
+
+    fn draw_batch(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<()> {
+        let volume_cells = self.volume_cells();
+        let mut draws = [Draw::default(); BATCH];
+        for draw in &mut draws {
+            draw.level = self.draw_level(volume_cells, rng)?;
+            let voxels = self.awake[draw.level].len();
+            draw.index = ((u128::from(rng.next_u64()) * voxels as u128) >> 64) as usize;
+            draw.point = std::array::from_fn(|_| uniform(rng));
+        }
+        for draw in &mut draws {
+            draw.voxel = self.awake[draw.level][draw.index];
+        }
+        for draw in &mut draws {
+            let corner = cells.corner(draw.cell());
+            let scale = scale_of(draw.level);
+            draw.point = std::array::from_fn(|a| {
+                corner[a] + (f64::from(draw.voxel.at[a]) + draw.point[a]) * scale * cells.edge[a]
+            });
+        }
+        std::hint::black_box(cells.touch(&draws.map(|draw| draw.cell())));
+        self.batch = Batch { draws, next: 0, volume_cells };
+        Some(())
+    }
+
+    /// Volume of the voxels awake, in units of a cell.
+    fn volume_cells(&self) -> f64 {
         let mut volume = 0.0;
-        for level in self.levels.iter().rev() {
+        for level in self.awake.iter().rev() {
             volume = volume / 8.0 + level.len() as f64;
         }
         volume
     }
 
-    /// A uniform point of the voxels; `None` when nothing is left.
-    #[inline]
-    pub(super) fn draw(&self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<Draw> {
-        let level = self.draw_level(rng)?;
-        let voxels = &self.levels[level];
-        let index = ((u128::from(rng.next_u64()) * voxels.len() as u128) >> 64) as usize;
-        let voxel = voxels[index];
-        let corner = cells.corner(voxel.cell as usize);
-        let scale = scale_of(level);
-        let point = std::array::from_fn(|a| {
-            corner[a] + (f64::from(voxel.at[a]) + uniform(rng)) * scale * cells.edge[a]
-        });
-        Some(Draw { level, index, cell: voxel.cell as usize, point })
-    }
-
     /// A level with the probability of its share of the volume.
     #[inline]
-    fn draw_level(&self, rng: &mut Xoshiro256PlusPlus) -> Option<usize> {
-        if let [only] = self.levels.as_slice() {
+    fn draw_level(&self, volume_cells: f64, rng: &mut Xoshiro256PlusPlus) -> Option<usize> {
+        if let [only] = self.awake.as_slice() {
             return (!only.is_empty()).then_some(0);
         }
-        let mut left = uniform(rng) * self.volume_cells();
+        let mut left = uniform(rng) * volume_cells;
         let mut last = None;
         let mut weight = 1.0;
-        for (level, voxels) in self.levels.iter().enumerate() {
+        for (level, voxels) in self.awake.iter().enumerate() {
             if !voxels.is_empty() {
                 last = Some(level);
                 left -= voxels.len() as f64 * weight;
@@ -120,102 +210,167 @@ impl FreeSpace {
         last
     }
 
-    /// Drops the voxel of a failed draw if `blocking` holds it whole; says whether it did.
+    /// Puts the voxel of a failed draw to sleep if `blocking` holds it whole; says whether it did.
     #[inline]
-    pub(super) fn drop_if_covered(&mut self, draw: &Draw, blocking: &Placed, cells: &Cells) -> bool {
-        let voxel = self.levels[draw.level][draw.index];
-        let (center, half) = geometry(cells, voxel, draw.level);
+    pub(super) fn drop_if_held(&mut self, draw: &Draw, blocking: &Placed, cells: &Cells) -> bool {
+        let (center, half) = geometry(cells, draw.voxel, draw.level);
         self.tested += 1;
-        let covered = covers(blocking, center, half, self.part_mm);
-        if covered {
-            self.levels[draw.level].swap_remove(draw.index);
+        let held_above = held_above(blocking, center, half);
+        let held = self.parts.bed_of(held_above) >= self.bed;
+        if held && self.remove(draw) {
+            self.keep(draw.voxel, draw.level, held_above);
         }
-        covered
+        held
     }
 
-    /// Splits the voxel of a failed draw and keeps the parts that no single sphere holds.
-    pub(super) fn split(&mut self, draw: &Draw, cells: &Cells, placed: &[Placed]) {
-        let voxel = self.levels[draw.level].swap_remove(draw.index);
-        let mut spheres = std::mem::take(&mut self.spheres);
-        cells.gather(draw.cell, placed, &mut spheres);
-        self.split_voxel(voxel, draw.level, cells, &cells.region, &spheres);
-        self.spheres = spheres;
+    /// Splits the voxel of a failed draw.
+    pub(super) fn split(&mut self, draw: &Draw, cells: &Cells) {
+        if self.remove(draw) {
+            self.split_voxel(draw.voxel, draw.level, cells, &cells.region);
+        }
     }
 
-    /// What of this is left for grains whose part is at least `part_mm` and whose centres lie in
-    /// `region`.
-    pub(super) fn restricted(&self, part_mm: f64, region: &Region, cells: &Cells, placed: &[Placed]) -> Self {
-        let mut tested = 0;
-        let mut spheres = Vec::new();
-        let mut gathered = usize::MAX;
-        let mut levels = Vec::with_capacity(self.levels.len());
-        for (level, voxels) in self.levels.iter().enumerate() {
-            let mut kept = Vec::new();
+    /// Takes out the voxel of a draw; says whether it was still there.
+    #[inline]
+    fn remove(&mut self, draw: &Draw) -> bool {
+        let voxels = &mut self.awake[draw.level];
+        let there = voxels.get(draw.index) == Some(&draw.voxel);
+        if there {
+            voxels.swap_remove(draw.index);
+        }
+        there
+    }
+
+    /// What of this is left for the one grain of `part_mm` whose centre lies in `region`.
+    pub(super) fn for_one(&self, part_mm: f64, region: &Region, cells: &Cells) -> Self {
+        let parts = Parts { largest: part_mm, least: part_mm };
+        let asleep = vec![Vec::new(); BEDS];
+        let mut one = Self {
+            awake: Vec::new(),
+            asleep,
+            parts,
+            bed: 1,
+            batch: Batch::empty(),
+            tested: 0,
+            spheres: Vec::new(),
+        };
+        for (level, voxels) in self.awake.iter().enumerate() {
+            one.awake.push(Vec::new());
             for &voxel in voxels {
-                if voxel.cell as usize != gathered {
-                    gathered = voxel.cell as usize;
-                    cells.gather(gathered, placed, &mut spheres);
-                }
-                let (center, half) = geometry(cells, voxel, level);
-                tested += 1;
-                if !region.misses_cuboid(center, half) && !covered(&spheres, center, half, part_mm) {
-                    kept.push(voxel);
-                }
+                let (center, _) = geometry(cells, voxel, level);
+                cells.gather_around(voxel.cell as usize, center, part_mm, &mut one.spheres);
+                one.add(voxel, level, cells, region);
             }
-            levels.push(kept);
         }
-        Self { levels, part_mm, tested, spheres: Vec::new() }
+        one
     }
 
     /// Splits every voxel once.
-    pub(super) fn split_all(&mut self, region: &Region, cells: &Cells, placed: &[Placed]) {
-        let levels = std::mem::take(&mut self.levels);
-        let mut spheres = std::mem::take(&mut self.spheres);
-        let mut gathered = usize::MAX;
-        for (level, voxels) in levels.into_iter().enumerate() {
+    pub(super) fn split_all(&mut self, region: &Region, cells: &Cells) {
+        for (level, voxels) in std::mem::take(&mut self.awake).into_iter().enumerate() {
             for voxel in voxels {
-                if voxel.cell as usize != gathered {
-                    gathered = voxel.cell as usize;
-                    cells.gather(gathered, placed, &mut spheres);
-                }
-                self.split_voxel(voxel, level, cells, region, &spheres);
+                self.split_voxel(voxel, level, cells, region);
             }
         }
-        self.spheres = spheres;
     }
 
-    fn split_voxel(
-        &mut self,
-        voxel: Voxel,
-        level: usize,
-        cells: &Cells,
-        region: &Region,
-        spheres: &[Placed],
-    ) {
+    fn split_voxel(&mut self, voxel: Voxel, level: usize, cells: &Cells, region: &Region) {
         if level == MAX_LEVEL {
             return;
         }
-        while self.levels.len() <= level + 1 {
-            self.levels.push(Vec::new());
+        while self.awake.len() <= level + 1 {
+            self.awake.push(Vec::new());
         }
-        for part in 0..8_u32 {
+        // All eight parts meet in the centre, so a sphere that holds one of them holds the centre.
+        let (center, _) = geometry(cells, voxel, level);
+        let part_mm = self.parts.at(self.bed);
+        cells.gather_around(voxel.cell as usize, center, part_mm, &mut self.spheres);
+        let half = cells.edge.map(|e| e * scale_of(level + 1) / 2.0);
+        let held_above = parts_held_above(&self.spheres, center, half);
+        self.tested += 8;
+        let whole_inside = region.surely_holds_cuboid(center, half.map(|h| 2.0 * h));
+        for (part, &held_above) in held_above.iter().enumerate() {
             let bit = [part & 1, part >> 1 & 1, part >> 2];
             // Along an axis without extent both halves are the same place.
-            if (0..3).any(|a| bit[a] == 1 && cells.edge[a] == 0.0) {
+            if (0..3).any(|a| bit[a] == 1 && half[a] == 0.0) {
                 continue;
             }
-            let child = Voxel { cell: voxel.cell, at: std::array::from_fn(|a| 2 * voxel.at[a] + bit[a]) };
-            let (center, half) = geometry(cells, child, level + 1);
-            self.tested += 1;
-            if !region.misses_cuboid(center, half) && !covered(spheres, center, half, self.part_mm) {
-                self.levels[level + 1].push(child);
+            let part_center = std::array::from_fn(|a| center[a] + (2.0 * bit[a] as f64 - 1.0) * half[a]);
+            if whole_inside || !region.misses_cuboid(part_center, half) {
+                let at = std::array::from_fn(|a| 2 * voxel.at[a] + bit[a] as u32);
+                self.keep(Voxel { cell: voxel.cell, at }, level + 1, held_above);
             }
+        }
+    }
+
+    /// Keeps a voxel, awake or asleep, unless it is outside or held for all grains to come.
+    /// `self.spheres` must have every sphere that may hold it for the present grain.
+    fn add(&mut self, voxel: Voxel, level: usize, cells: &Cells, region: &Region) {
+        let (center, half) = geometry(cells, voxel, level);
+        self.tested += 1;
+        if !region.misses_cuboid(center, half) {
+            let least = |least: f64, sphere: &Placed| least.min(held_above(sphere, center, half));
+            let held_above = self.spheres.iter().fold(f64::INFINITY, least);
+            self.keep(voxel, level, held_above);
+        }
+    }
+
+    fn keep(&mut self, voxel: Voxel, level: usize, held_above: f64) {
+        let bed = self.parts.bed_of(held_above);
+        if bed < self.bed {
+            self.awake[level].push(voxel);
+        } else if let Some(bed) = self.asleep.get_mut(bed) {
+            bed.push((level as u8, voxel));
         }
     }
 }
 
-fn covered(spheres: &[Placed], center: [f64; 3], half: [f64; 3], part_mm: f64) -> bool {
-    spheres.iter().any(|sphere| covers(sphere, center, half, part_mm))
+impl Parts {
+    /// A part no smaller than those of the grains for which the beds before `bed` are awake.
+    #[inline]
+    fn at(&self, bed: usize) -> f64 {
+        let from = bed.saturating_sub(1) as f64 / BEDS as f64;
+        (self.largest - from * (self.largest - self.least)) * HELD_MARGIN
+    }
+
+    /// The step in which a part lies: 0 for the largest, `BEDS` for those below the least. Parts
+    /// above the largest count as the largest.
+    #[inline]
+    fn bed_of(&self, part_mm: f64) -> usize {
+        if part_mm < self.least {
+            return BEDS;
+        }
+        let share = (self.largest - part_mm) / (self.largest - self.least);
+        // A range of one part only has a share that is no number, which becomes 0.
+        ((share * BEDS as f64) as usize).min(BEDS - 1)
+    }
+}
+
+/// The part of the exclusion radius above which a sphere holds a whole cuboid.
+#[inline]
+fn held_above(sphere: &Placed, center: [f64; 3], half: [f64; 3]) -> f64 {
+    let far = |a: usize| (center[a] - sphere[a]).abs() + half[a];
+    let (x, y, z) = (far(0), far(1), far(2));
+    (x * x + y * y + z * z).sqrt() * HELD_MARGIN - sphere[3]
+}
+
+/// [`held_above`] of the eight parts of a voxel, the least over all spheres. Along each axis a part
+/// reaches from `center` to `2 half` on one side.
+#[inline]
+fn parts_held_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> [f64; 8] {
+    let mut least = [f64::INFINITY; 8];
+    for sphere in spheres {
+        let far2 = |a: usize| {
+            let offset = center[a] - sphere[a];
+            [(offset - half[a]).abs() + half[a], (offset + half[a]).abs() + half[a]].map(|far| far * far)
+        };
+        let (x, y, z) = (far2(0), far2(1), far2(2));
+        let distance2: [f64; 8] = std::array::from_fn(|part| x[part & 1] + y[part >> 1 & 1] + z[part >> 2]);
+        for (least, distance2) in least.iter_mut().zip(distance2) {
+            *least = least.min(distance2.sqrt() * HELD_MARGIN - sphere[3]);
+        }
+    }
+    least
 }
 
 #[inline]

@@ -24,15 +24,13 @@ use free_space::{Draw, FreeSpace};
 const SEGMENT_RATIO: f64 = 0.75;
 /// A segment ends when the grains have grown in number by this factor, so that the chains of
 /// entries added to the grid stay short.
-const SEGMENT_GROWTH: f64 = 1.5;
+const SEGMENT_GROWTH: f64 = 2.0;
 /// Edge of a cell in exclusion diameters of the smallest grain of the segment.
 const CELL_EDGE: f64 = 1.5;
 /// Failed draws for one grain before voxels are split.
-const SPLIT_AFTER: u64 = 40;
-/// Failed draws for one grain before a closer superset of its free space is made.
-const NARROW_AFTER: u64 = 400;
-/// Grains that a closer superset serves.
-const NARROW_GRAINS: usize = 64;
+const SPLIT_AFTER: u64 = 100;
+/// Failed draws for one grain before its free space is subdivided to the end.
+const DECIDE_AFTER: u64 = 20_000;
 /// Relative margin on exclusion radii, so that the check, which rounds differently, never sees a
 /// violation in the last digit.
 const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
@@ -136,7 +134,7 @@ struct Search {
 
 enum Found {
     Place(Draw),
-    /// No success yet; a closer superset is due.
+    /// No success yet.
     NotYet,
     Nothing {
         proven: bool,
@@ -189,8 +187,7 @@ impl Run<'_> {
         let spacing = (region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0)).cbrt();
         let edge = (CELL_EDGE * reach).max(spacing);
         let mut cells = Cells::build(region, rsa.specimen.is_periodic(), edge, &self.placed, rsa.part(first));
-        let mut free = FreeSpace::whole(&cells, part_least);
-        let mut narrow: Option<(usize, FreeSpace)> = None;
+        let mut free = FreeSpace::whole(&cells, rsa.part(first), part_least);
         for grain in first..end {
             let Some(region) = rsa.region(grain) else { return no_place };
             let mut search = Search {
@@ -201,37 +198,15 @@ impl Run<'_> {
                 limit: rsa.attempts_per_grain,
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
             };
-            if narrow.as_ref().is_some_and(|&(until, _)| grain >= until) {
-                narrow = None;
-            }
-            let found = match &mut narrow {
-                Some((_, narrow)) => self.search(&mut search, narrow, &cells, 0, rng),
-                None => match self.search(&mut search, &mut free, &cells, SPLIT_AFTER, rng) {
-                    Found::NotYet => {
-                        let until = (grain + NARROW_GRAINS).min(end);
-                        let part = rsa.part(until - 1);
-                        let closer = free.restricted(part, &cells.region, &cells, &self.placed);
-                        let (_, closer) = narrow.insert((until, closer));
-                        search.failed = 0;
-                        self.search(&mut search, closer, &cells, 0, rng)
-                    }
-                    found => found,
-                },
-            };
-            let found = match found {
+            free.wake(search.part);
+            let found = match self.search(&mut search, &mut free, &cells, rng) {
                 Found::NotYet => {
-                    let closest = narrow.as_ref().map_or(&free, |(_, narrow)| narrow).restricted(
-                        search.part,
-                        &search.region,
-                        &cells,
-                        &self.placed,
-                    );
-                    self.search_to_the_end(&mut search, closest, &cells, rng)
+                    let own = free.for_one(search.part, &search.region, &cells);
+                    self.search_to_the_end(&mut search, own, &cells, rng)
                 }
                 found => found,
             };
-            self.statistics.grains_by_subdivision +=
-                u64::from(search.failed > SPLIT_AFTER || narrow.is_some());
+            self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
             self.statistics.attempts += search.attempts;
             match found {
                 Found::Place(draw) => {
@@ -239,7 +214,7 @@ impl Run<'_> {
                     let own = rsa.rule.exclusion(d).placed_factor * d / 2.0 * ROUNDING_MARGIN;
                     let [x, y, z] = draw.point;
                     let placed = [x, y, z, own];
-                    cells.insert(grain as u32, &placed, search.part);
+                    cells.insert(&placed, search.part);
                     self.placed.push(placed);
                 }
                 Found::Stopped => return End::Stopped,
@@ -254,17 +229,16 @@ impl Run<'_> {
         End::Complete
     }
 
-    /// Draws from `free` until a place is found, splitting voxels after `split_after` failures.
+    /// Draws from `free` until a place is found or it gets too rare for drawing.
     fn search(
         &mut self,
         search: &mut Search,
         free: &mut FreeSpace,
         cells: &Cells,
-        split_after: u64,
         rng: &mut Xoshiro256PlusPlus,
     ) -> Found {
-        while search.failed < NARROW_AFTER {
-            match self.try_once(search, free, cells, search.failed >= split_after, rng) {
+        while search.failed < DECIDE_AFTER {
+            match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
                 Found::NotYet => {}
                 found => return found,
             }
@@ -287,7 +261,7 @@ impl Run<'_> {
                     found => return found,
                 }
             }
-            free.split_all(&search.region, cells, &self.placed);
+            free.split_all(&search.region, cells);
             if free.is_empty() {
                 self.statistics.voxels_tested += free.tested;
                 return Found::Nothing { proven: true };
@@ -316,14 +290,14 @@ impl Run<'_> {
             return Found::Nothing { proven: false };
         }
         if inside {
-            match cells.blocking(draw.cell, draw.point, search.part, &self.placed) {
+            match cells.blocking(draw.cell(), draw.point, search.part) {
                 None => return Found::Place(draw),
-                Some(sphere) if free.drop_if_covered(&draw, &sphere, cells) => {}
-                Some(_) if split => free.split(&draw, cells, &self.placed),
+                Some(sphere) if free.drop_if_held(&draw, &sphere, cells) => {}
+                Some(_) if split => free.split(&draw, cells),
                 Some(_) => {}
             }
         } else if split {
-            free.split(&draw, cells, &self.placed);
+            free.split(&draw, cells);
         }
         search.failed += 1;
         Found::NotYet
@@ -353,7 +327,7 @@ impl Search {
             self.attempts += 1;
             return false;
         };
-        let p = free.volume_cells() / self.region_cells;
+        let p = free.drawn_from_cells() / self.region_cells;
         if p < 1.0 {
             let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
             // Saturates where nearly nothing is left.
