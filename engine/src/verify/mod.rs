@@ -99,7 +99,7 @@ pub fn verify(spheres: &Spheres, request: &PackingRequest) -> Result<Check, Faul
 /// Smallest clear distance to a wall; `None` where there are no walls or no grains.
 fn check_walls(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> Result<Option<f64>, Fault> {
     if specimen.is_periodic() {
-        return Ok(None);
+        return check_inside_period(spheres, specimen.bounds_mm());
     }
     let mut least: Option<f64> = None;
     for grain in 0..spheres.len() {
@@ -112,6 +112,19 @@ fn check_walls(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> R
         least = Some(least.map_or(clearance_mm, |l| l.min(clearance_mm)));
     }
     Ok(least)
+}
+
+/// A periodic box has no walls, but its grains are named by their image inside.
+fn check_inside_period(spheres: &Spheres, bounds: [f64; 3]) -> Result<Option<f64>, Fault> {
+    for grain in 0..spheres.len() {
+        for (p, length) in spheres.center(grain).into_iter().zip(bounds) {
+            let clearance_mm = p.min(length - p);
+            if clearance_mm < 0.0 {
+                return Err(Fault::Wall { grain, clearance_mm, required_mm: 0.0 });
+            }
+        }
+    }
+    Ok(None)
 }
 
 fn wall_clearance([x, y, z]: [f64; 3], r: f64, specimen: &Specimen) -> f64 {

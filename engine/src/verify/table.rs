@@ -1,8 +1,8 @@
 //! The neighbour table of the check: grains sorted by octave of diameter and by cell.
 //!
-//! Each octave has a grid of its own whose cells are as wide as two of its grains can reach; a
-//! grain looks for partners in its own octave and in the coarser ones. Grains lie in memory in the
-//! order of their cells, so that neighbours are read in runs.
+//! Each octave has a grid of its own whose cells are as wide as two of its grains can reach. A grain
+//! looks for partners in its own octave and in the finer ones: coarse grains are few, and meet the
+//! fine ones around them in long runs, for grains lie in memory in the order of their cells.
 
 use crate::packing::Spheres;
 
@@ -60,19 +60,18 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
     /// beyond; returns how many.
     pub(super) fn for_each_pair(&self, mut visit: impl FnMut(usize, usize, &Grain, &Grain)) -> u64 {
         let mut pairs = 0;
-        for (fine_index, fine) in self.octaves.iter().enumerate() {
-            for (coarse_index, coarse) in self.octaves[..=fine_index].iter().enumerate() {
-                let same = coarse_index == fine_index;
-                for (i, grain) in fine.grains.iter().enumerate() {
-                    let reach =
-                        (grain.diameter + coarse.top) / 2.0 + (self.reach_beyond)(grain.diameter, coarse.top);
-                    coarse.for_each_run(grain.center, reach, self.periodic, |from, to| {
+        for (index, coarse) in self.octaves.iter().enumerate() {
+            for (steps, fine) in self.octaves[index..].iter().enumerate() {
+                let same = steps == 0;
+                for (i, grain) in coarse.grains.iter().enumerate() {
+                    let beyond = (self.reach_beyond)(grain.diameter, fine.top);
+                    let reach = (grain.diameter + fine.top) / 2.0 + beyond;
+                    fine.for_each_run(grain.center, reach, self.periodic, same, |from, to| {
                         // Within an octave each pair is met from both sides; one side counts it.
                         let from = if same { from.max(i + 1) } else { from };
                         for j in from..to.max(from) {
                             pairs += 1;
-                            let (row_i, row_j) = (fine.rows[i] as usize, coarse.rows[j] as usize);
-                            visit(row_i, row_j, grain, &coarse.grains[j]);
+                            visit(coarse.rows[i] as usize, fine.rows[j] as usize, grain, &fine.grains[j]);
                         }
                     });
                 }
@@ -135,31 +134,42 @@ impl Octave {
     }
 
     /// Calls `visit(from, to)` for runs of grains that together hold all with centres within
-    /// `reach` of `center`, none twice.
+    /// `reach` of `center`, none twice. With `forward` in a box with walls, those of earlier layers
+    /// of cells and of earlier rows of the same layer are left out.
     fn for_each_run(
         &self,
         center: [f64; 3],
         reach: f64,
         periodic: bool,
+        forward: bool,
         mut visit: impl FnMut(usize, usize),
     ) {
-        let [(x0, x1), (y0, y1), (z0, z1)] = std::array::from_fn(|a| {
-            let (low, high) = ((center[a] - reach) * self.per_mm[a], (center[a] + reach) * self.per_mm[a]);
-            let count = self.counts[a] as i64;
-            if !periodic {
-                return (low.floor().max(0.0) as i64, (high.floor() as i64).min(count - 1));
-            }
-            let (low, high) = (low.floor() as i64, high.floor() as i64);
-            if high - low + 1 >= count { (0, count - 1) } else { (low, high) }
-        });
-        let wrapped = |i: i64, axis: usize| i.rem_euclid(self.counts[axis] as i64) as usize;
-        for z in z0..=z1 {
-            for y in y0..=y1 {
-                let row = self.cell(0, wrapped(y, 1), wrapped(z, 2));
+        let [x, y, mut z] = std::array::from_fn(|a| self.span(a, center[a], reach, periodic));
+        let wrapped = |i: i64, axis: usize| {
+            let count = self.counts[axis] as i64;
+            // A division would cost as much as all that is done with the run.
+            (if (0..count).contains(&i) { i } else { i.rem_euclid(count) }) as usize
+        };
+        let own = forward && !periodic;
+        let own_row = self.index(1, center[1]) as i64;
+        let own_layer = self.index(2, center[2]) as i64;
+        if own {
+            z.low = own_layer;
+        }
+        for z_index in z.low..=z.high {
+            let y_low = if own && z_index == own_layer { own_row } else { y.low };
+            let left_z = reach * reach - self.gap2(2, z_index, center[2], &z);
+            for y_index in y_low..=y.high {
+                let left = left_z - self.gap2(1, y_index, center[1], &y);
+                if left < 0.0 {
+                    continue;
+                }
+                let row = self.cell(0, wrapped(y_index, 1), wrapped(z_index, 2));
                 let mut run = |from: usize, to: usize| {
                     visit(self.starts[row + from] as usize, self.starts[row + to + 1] as usize);
                 };
-                let (from, to) = (wrapped(x0, 0), wrapped(x1, 0));
+                let x = if x.full { x } else { self.span(0, center[0], left.sqrt(), periodic) };
+                let (from, to) = (wrapped(x.low, 0), wrapped(x.high, 0));
                 if from <= to {
                     run(from, to);
                 } else {
@@ -169,4 +179,40 @@ impl Octave {
             }
         }
     }
+
+    /// The cells along an axis that hold coordinates within `reach`.
+    #[inline]
+    fn span(&self, axis: usize, center: f64, reach: f64, periodic: bool) -> Span {
+        // Widened far above rounding: a row's reach is a root of a difference.
+        let reach = reach + 1.0e-9 / self.per_mm[axis];
+        if !periodic {
+            let index = |x: f64| self.index(axis, x) as i64;
+            return Span { low: index(center - reach), high: index(center + reach), full: false };
+        }
+        let count = self.counts[axis] as i64;
+        let index = |x: f64| (x * self.per_mm[axis]).floor() as i64;
+        let (low, high) = (index(center - reach), index(center + reach));
+        if high - low + 1 >= count {
+            Span { low: 0, high: count - 1, full: true }
+        } else {
+            Span { low, high, full: false }
+        }
+    }
+
+    /// Squared gap along an axis between a coordinate and a cell; 0 where the span is all around.
+    #[inline]
+    fn gap2(&self, axis: usize, index: i64, center: f64, span: &Span) -> f64 {
+        let at = center * self.per_mm[axis];
+        let gap = (index as f64 - at).max(at - index as f64 - 1.0) - 1.0e-9;
+        if span.full || gap <= 0.0 { 0.0 } else { (gap / self.per_mm[axis]).powi(2) }
+    }
+}
+
+/// Cells from `low` to `high` along an axis, not yet wrapped into a periodic box.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    low: i64,
+    high: i64,
+    /// Whether they are all cells of the axis.
+    full: bool,
 }
