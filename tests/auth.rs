@@ -17,7 +17,7 @@ async fn key_file(names: &[&str]) -> (tempfile::TempDir, PathBuf, Vec<String>) {
         let line = made.stdout.lines().find(|line| line.contains(name)).expect("a line for the file");
         lines.push_str(line);
         lines.push('\n');
-        let key = printed.split_whitespace().find(|word| word.starts_with("pk_")).expect("a key");
+        let key = printed.split_whitespace().find(|word| word.starts_with("packstone_")).expect("a key");
         assert!(!line.contains(key), "the file would hold the key itself");
         keys.push(key.to_owned());
     }
@@ -39,7 +39,9 @@ async fn only_keys_of_the_file_open() {
     client.with_key(&keys[0]).succeed(&jobs::quick(1)).await;
 
     let mut others = vec![client.clone()];
-    for key in ["", "pk_", "nonsense", &keys[0][1..], &keys[0].to_uppercase(), &format!("{}x", keys[0])] {
+    for key in
+        ["", "packstone_", "nonsense", &keys[0][1..], &keys[0].to_uppercase(), &format!("{}x", keys[0])]
+    {
         others.push(client.with_key(key));
     }
     for other in &others {

@@ -65,8 +65,7 @@ async fn nonsense_on_the_wire_is_survived() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let long_line = format!("GET /{} HTTP/1.1\r\nHost: x\r\n\r\n", "a".repeat(1 << 20));
-    let many_headers: String = (0..10_000).map(|i| format!("x-{i}: y\r\n")).collect();
-    let many_headers = format!("GET /healthz HTTP/1.1\r\nHost: x\r\n{many_headers}\r\n");
+    let many_headers = format!("GET /healthz HTTP/1.1\r\nHost: x\r\n{}\r\n", "x-a: y\r\n".repeat(10_000));
     for nonsense in [
         &b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"[..],
         b"\0\0\0\0\0\0\0\0\r\n\r\n",

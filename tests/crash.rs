@@ -5,6 +5,7 @@
 //! drawn from a seeded generator, so that a failure can be run again.
 
 use std::collections::HashMap;
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -12,6 +13,7 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use crate::harness::deadline::eventually;
 use crate::harness::{Client, DataDir, Launch, id_of, jobs};
 
 #[tokio::test]
@@ -87,9 +89,7 @@ async fn survive(kills: usize, seed: u64) {
 
     // The sweep at the next start leaves one file for each job, and no half-written one.
     let server = Launch::new(&data_dir).start().await;
-    server.client().get("/readyz").send().await.expect(200);
-    let files = data_dir.artifacts();
-    assert_eq!(files.len(), known.accepted.len(), "orphans were left: {files:?}");
+    eventually("orphans to be swept", || data_dir.artifacts().len() == known.accepted.len()).await;
     server.stop().await;
     println!(
         "{kills} kills: {} jobs, {} of them seen finished before a later kill",
@@ -177,7 +177,10 @@ fn check_artifact(data_dir: &DataDir, job: &Value) {
         name.contains(&format!("{id}.{}", job["attempt"])) && !name.contains("tmp")
     });
     let bytes = std::fs::read(file.unwrap_or_else(|| panic!("no file of {job:#} in {files:?}"))).unwrap();
-    let sha256: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    let mut sha256 = String::new();
+    for byte in Sha256::digest(&bytes) {
+        write!(sha256, "{byte:02x}").unwrap();
+    }
     assert_eq!(job["result"]["sha256"], sha256, "the file of {id} is not what its checksum says");
     assert_eq!(job["result"]["bytes"], bytes.len());
 }

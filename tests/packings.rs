@@ -196,10 +196,11 @@ fn check_volumes(name: &str, result: &Value, rows: &results::Rows) {
     close(name, "d_max_mm", &summary["d_max_mm"], largest);
     assert_eq!(summary["grains"], rows.len(), "{name}");
 
-    // Drawing ends where the volume is reached: it misses by less than one smallest grain.
+    // Drawing ends where the volume is reached: it misses by less than the last grain drawn, which is of the
+    // smallest of the narrow classes, twelve to an octave.
     if let (Some(fraction), true) = (mix["volume_fraction"].as_f64(), mix["basis"] == "effective") {
         let missed = (grains_mm3 - fraction * specimen_mm3).abs();
-        assert!(missed <= volume(smallest), "{name}: the volume is missed by {missed} mm3");
+        assert!(missed <= volume(1.06 * smallest), "{name}: the volume is missed by {missed} mm3");
     }
     let classes = summary["classes"].as_array().unwrap();
     let counted: u64 = classes.iter().map(|class| class["grains"].as_u64().unwrap()).sum();
@@ -239,9 +240,10 @@ async fn volume_fractions_follow_from_the_grading() {
     });
     let job = client.succeed(&job).await;
     let summary = &job["result"]["summary"];
-    let smallest_grain = PI / 6.0 * 8.0 / 216_000.0;
+    // The last grain drawn is of the class 2..4 mm.
+    let last_grain = PI / 6.0 * 64.0 / 216_000.0;
     assert!((summary["volume_fraction_mixture"].as_f64().unwrap() - 0.40).abs() < 1.0e-9, "{summary:#}");
     let effective = summary["volume_fraction_effective"].as_f64().unwrap();
-    assert!((effective - 0.40 * 0.79).abs() < 3.0 * smallest_grain, "{summary:#}");
+    assert!((effective - 0.40 * 0.79).abs() < last_grain, "{summary:#}");
     server.stop().await;
 }

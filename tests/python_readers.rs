@@ -1,4 +1,4 @@
-//! Results read by the readers that users have: numpy, and the VTK library behind ParaView.
+//! Results read by the readers that users have: numpy, and the VTK library behind `ParaView`.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/read_
 
 /// The interpreter to use: that of `PACKSTONE_PYTHON`, which must then do, or else a `python3` that happens
 /// to have the packages.
-async fn interpreter() -> Option<PathBuf> {
+fn interpreter() -> Option<PathBuf> {
     if let Some(named) = std::env::var_os("PACKSTONE_PYTHON") {
         return Some(named.into());
     }
@@ -38,7 +38,7 @@ async fn check(python: &Path, job: &Value) -> String {
 
 #[tokio::test]
 async fn vtk_and_numpy_read_what_the_json_says() {
-    let Some(python) = interpreter().await else {
+    let Some(python) = interpreter() else {
         // Past the capture of the test harness: that nothing was tested must be seen.
         let warning = "\n*** SKIPPED: no Python with vtk and numpy; nobody read the VTK and NPY files.\n\
                        *** Set PACKSTONE_PYTHON to one with tests/python/requirements.txt installed.\n";

@@ -1,4 +1,4 @@
-//! Results as files of the web: ETag, ranges, conditions, HEAD (RFC 9110 sections 8.8, 13 and 14).
+//! Results as files of the web: `ETag`, ranges, conditions, HEAD (RFC 9110 sections 8.8, 13 and 14).
 
 use bytes::Bytes;
 

@@ -207,7 +207,7 @@ impl Request {
     pub(crate) async fn stream(self) -> reqwest::Response {
         let (method, path) = (self.method, self.path);
         // The limit for a whole answer is no limit for a stream.
-        let response = self.inner.timeout(Duration::from_secs(600)).send().await.expect("an answer");
+        let response = self.inner.timeout(Duration::from_mins(10)).send().await.expect("an answer");
         check(&method, &path, response.status(), response.headers(), None);
         assert!(response.status().is_success(), "{method} {path}: {}", response.status());
         response

@@ -16,7 +16,7 @@ pub(crate) async fn patiently<T>(what: &str, future: impl Future<Output = T>) ->
 pub(crate) async fn within<T>(limit: Duration, what: &str, future: impl Future<Output = T>) -> T {
     match tokio::time::timeout(limit, future).await {
         Ok(value) => value,
-        Err(_) => panic!("waited {limit:?} in vain for {what}"),
+        Err(_elapsed) => panic!("waited {limit:?} in vain for {what}"),
     }
 }
 

@@ -12,7 +12,7 @@ pub(crate) fn quick(seed: u64) -> Value {
     })
 }
 
-/// Exactly `grains` equal spheres, of which a computer places some hundred thousand a second.
+/// About `grains` equal spheres, of which a computer places some hundred thousand a second.
 pub(crate) fn equal_spheres(grains: u32, seed: u64) -> Value {
     let volume_mm3 = f64::from(grains) * std::f64::consts::PI / 6.0;
     let edge_mm = (volume_mm3 / 0.25).cbrt();

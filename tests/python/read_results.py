@@ -68,7 +68,10 @@ def main(directory):
         sys.exit(f"csv: another header line: {header}")
     equal("csv", np.array([[float(x) for x in row] for row in rows]).reshape(-1, 4), spheres)
 
-    for reader, name in [(vtkXMLPolyDataReader(), "result.vtp"), (vtkPolyDataReader(), "result.vtk")]:
+    legacy = vtkPolyDataReader()
+    # As ParaView and PyVista do: by default this reader takes the first of several scalar arrays only.
+    legacy.ReadAllScalarsOn()
+    for reader, name in [(vtkXMLPolyDataReader(), "result.vtp"), (legacy, "result.vtk")]:
         seen, arrays, vertices = read_vtk(reader, directory / name)
         if seen.dtype != np.float64:
             sys.exit(f"{name}: points of {seen.dtype}")
