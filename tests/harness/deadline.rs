@@ -14,10 +14,8 @@ pub(crate) async fn patiently<T>(what: &str, future: impl Future<Output = T>) ->
 
 /// Waits for `what`, at most `limit`.
 pub(crate) async fn within<T>(limit: Duration, what: &str, future: impl Future<Output = T>) -> T {
-    match tokio::time::timeout(limit, future).await {
-        Ok(value) => value,
-        Err(_elapsed) => panic!("waited {limit:?} in vain for {what}"),
-    }
+    let outcome = tokio::time::timeout(limit, future).await;
+    outcome.unwrap_or_else(|_| panic!("waited {limit:?} in vain for {what}"))
 }
 
 /// Waits until `condition` holds, for what gives no signal of its own, such as a file that goes.
