@@ -1,2 +1,5 @@
-//! Packstone's binary.
-fn main() {}
+//! Packstone's binary: everything is in the library, so that tests reach it.
+
+fn main() -> std::process::ExitCode {
+    packstone_server::main()
+}

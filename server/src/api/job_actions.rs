@@ -1,0 +1,87 @@
+//! What a client may do to a job: cancel, retry, delete.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
+
+use super::App;
+use super::job_view::{self, Job};
+use super::openapi::{ActionProblems, RetryProblems};
+use super::params::{JobPath, Query};
+use super::problem::refused;
+use crate::jobs::JobRecord;
+use crate::jobs::store::Cancelled;
+use crate::problem::Problem;
+
+/// Cancel a job
+///
+/// A waiting job is cancelled at once; a running one is asked to stop, and does within two seconds.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancel_job",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses(
+        (status = 200, description = "The job is cancelled", body = Job),
+        (status = 202, description = "The job was asked to stop", body = Job),
+        ActionProblems
+    )
+)]
+pub(super) async fn cancel(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let cancelled = app.shared.store.cancel(id).await.map_err(|error| refused(error, id))?;
+    let (job, status) = match cancelled {
+        Cancelled::Now(job) => (job, StatusCode::OK),
+        Cancelled::Soon(job) => (job, StatusCode::ACCEPTED),
+    };
+    tracing::info!(job_id = %id, state = job.state.name(), "cancel asked for");
+    shown(&app, &job, status).await
+}
+
+/// Retry a job that failed or was cancelled
+///
+/// It goes back to the queue as its next attempt, with its attempts renewed.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retry_job",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses((status = 200, description = "The job waits again", body = Job), RetryProblems)
+)]
+pub(super) async fn retry(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let job = app.shared.store.retry(id).await.map_err(|error| refused(error, id))?;
+    tracing::info!(job_id = %id, attempt = job.attempt, "retried");
+    shown(&app, &job, StatusCode::OK).await
+}
+
+/// Delete a finished job and its result
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses((status = 204, description = "The job is gone"), ActionProblems)
+)]
+pub(super) async fn delete(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let artifact = app.shared.store.delete(id).await.map_err(|error| refused(error, id))?;
+    if let Some(path) = artifact
+        && let Err(error) = app.shared.artifacts.remove(&path)
+    {
+        tracing::warn!(%error, job_id = %id, "the result is left to the sweeper");
+    }
+    tracing::info!(job_id = %id, "deleted");
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+async fn shown(app: &App, record: &JobRecord, status: StatusCode) -> Result<Response, Problem> {
+    let job = job_view::whole(app, record).await.map_err(|error| refused(error, record.id))?;
+    Ok(job_view::response(status, record, &job))
+}

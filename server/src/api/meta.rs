@@ -1,0 +1,189 @@
+//! What the service says about itself: what it can do, how it is, what it counted, its interface.
+
+use axum::extract::State;
+use axum::http::{HeaderValue, header};
+use axum::response::{IntoResponse as _, Response};
+use packstone_engine::format::{EngineInfo, Format};
+use packstone_engine::mix::standard;
+use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, StandardCurve};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::App;
+use super::conditional::MAX_WAIT_S;
+use super::openapi::{OpenProblems, ReadyProblems};
+use super::params::Query;
+use crate::jobs::request;
+use crate::metrics::Gauges;
+use crate::problem::{Kind, Problem};
+
+/// What this server can do, and how much of it.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Capabilities {
+    /// Version of the service.
+    version: &'static str,
+    /// What computes packings.
+    engine: EngineInfo,
+    /// Specimens.
+    specimens: Vec<&'static str>,
+    /// Gradings of a mix.
+    gradings: Vec<&'static str>,
+    /// Standard curves with their points.
+    standard_curves: Vec<Curve>,
+    /// Rules for the distance between grains.
+    distances: Vec<&'static str>,
+    /// Methods.
+    methods: Vec<&'static str>,
+    /// Formats of results.
+    formats: Vec<FormatInfo>,
+    /// Bounds.
+    limits: LimitsInfo,
+}
+
+/// A standard grading curve.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Curve {
+    /// Its name.
+    name: &'static str,
+    /// `[sieve in mm, mass fraction passing]`, from fine to coarse.
+    points: &'static [[f64; 2]],
+}
+
+/// A format of results.
+#[derive(Serialize, ToSchema)]
+pub(super) struct FormatInfo {
+    /// Its name in `?format=`.
+    name: Format,
+    /// Its media type in `Accept`.
+    media_type: &'static str,
+}
+
+/// Bounds of this server.
+#[derive(Serialize, ToSchema)]
+pub(super) struct LimitsInfo {
+    /// Most grains of a packing.
+    max_grains: u64,
+    /// Most memory of a packing.
+    max_memory_bytes: u64,
+    /// Longest length in a request.
+    max_length_mm: f64,
+    /// Largest seed.
+    max_seed: u64,
+    /// Longest body of a request.
+    max_body_bytes: u64,
+    /// Most jobs that wait.
+    max_queued: u64,
+    /// Jobs that run at once.
+    workers: usize,
+    /// Most attempts of a job.
+    max_attempts: i64,
+    /// Priorities lie between this and its negative.
+    max_priority: i64,
+    /// Longest time of an attempt.
+    max_timeout_s: f64,
+    /// Longest name of a job, in characters.
+    max_name_chars: usize,
+    /// Most labels of a job.
+    max_labels: usize,
+    /// Longest `Prefer: wait`.
+    max_wait_s: u64,
+    /// Most results being sent at once.
+    max_downloads: usize,
+}
+
+/// What this server can do
+#[utoipa::path(
+    get, path = "/v1/capabilities", tag = "service", operation_id = "get_capabilities",
+    responses((status = 200, description = "What this server can do", body = Capabilities), OpenProblems)
+)]
+pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result<Response, Problem> {
+    query.finish()?;
+    let shared = &app.shared;
+    let capabilities = Capabilities {
+        version: env!("CARGO_PKG_VERSION"),
+        engine: EngineInfo::current(),
+        specimens: vec!["box", "cylinder"],
+        gradings: vec!["standard", "fuller", "sieves", "classes", "monodisperse", "diameters"],
+        standard_curves: StandardCurve::NAMES
+            .iter()
+            .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
+            .collect(),
+        distances: vec!["none", "constant", "proportional", "smaller_diameter"],
+        methods: vec!["auto", "rsa"],
+        formats: Format::ALL
+            .into_iter()
+            .map(|format| FormatInfo { name: format, media_type: format.media_type() })
+            .collect(),
+        limits: LimitsInfo {
+            max_grains: shared.limits.max_grains,
+            max_memory_bytes: shared.limits.max_memory_bytes,
+            max_length_mm: MAX_LENGTH_MM,
+            max_seed: MAX_SEED,
+            max_body_bytes: shared.max_body_bytes,
+            max_queued: shared.max_queued,
+            workers: shared.workers,
+            max_attempts: request::MAX_ATTEMPTS,
+            max_priority: request::MAX_PRIORITY,
+            max_timeout_s: request::MAX_TIMEOUT_S,
+            max_name_chars: request::MAX_NAME_CHARS,
+            max_labels: request::MAX_LABELS,
+            max_wait_s: MAX_WAIT_S,
+            max_downloads: shared.max_downloads,
+        },
+    };
+    Ok(axum::Json(capabilities).into_response())
+}
+
+/// How the service is.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Health {
+    /// `ok`.
+    status: &'static str,
+}
+
+/// Whether the process answers at all
+#[utoipa::path(
+    get, path = "/healthz", tag = "service", operation_id = "get_health",
+    responses((status = 200, description = "It answers", body = Health))
+)]
+pub(super) async fn health() -> Response {
+    axum::Json(Health { status: "ok" }).into_response()
+}
+
+/// Whether the service takes jobs
+///
+/// False while it starts or stops, and while it cannot write to its data directory.
+#[utoipa::path(
+    get, path = "/readyz", tag = "service", operation_id = "get_readiness",
+    responses((status = 200, description = "It takes jobs", body = Health), ReadyProblems)
+)]
+pub(super) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
+    let not_ready = |why: &str| Problem::new(Kind::NotReady, why).with_header("retry-after", "1");
+    if !app.is_ready() {
+        return Err(not_ready("the server is starting or stopping"));
+    }
+    app.shared.store.check_writable().await.map_err(|error| {
+        tracing::error!(%error, "the store cannot be written");
+        not_ready("the store cannot be written; the server's log says why")
+    })?;
+    Ok(axum::Json(Health { status: "ready" }).into_response())
+}
+
+/// Counters in the text form of Prometheus
+#[utoipa::path(
+    get, path = "/metrics", tag = "service", operation_id = "get_metrics",
+    responses((status = 200, description = "The counters", body = String, content_type = "text/plain"), OpenProblems)
+)]
+pub(super) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
+    let shared = &app.shared;
+    let gauges = Gauges {
+        jobs: shared.store.counts().await?,
+        workers: shared.workers,
+        connections: shared.max_connections.saturating_sub(shared.connections.available_permits()),
+        results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),
+    };
+    let mut response = shared.metrics.render(&gauges).into_response();
+    let text = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
+    response.headers_mut().insert(header::CONTENT_TYPE, text);
+    Ok(response)
+}

@@ -1,0 +1,113 @@
+//! The HTTP interface: one file per resource, problem documents for every error.
+//!
+//! A handler reads its request, asks the store, and shows what it got; rules about jobs live in
+//! [`crate::jobs`], bytes of results in [`crate::artifacts`]. What clients rely on is written in
+//! `openapi.yaml`, which is rendered from here.
+
+pub(crate) mod auth;
+mod body;
+mod conditional;
+mod job_actions;
+mod job_events;
+mod job_list;
+mod job_view;
+mod jobs;
+mod meta;
+mod negotiation;
+mod observe;
+pub(crate) mod openapi;
+mod params;
+mod problem;
+mod problem_pages;
+mod ranges;
+mod results;
+mod router;
+mod strict_json;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use packstone_engine::Limits;
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+
+use crate::artifacts::Artifacts;
+use crate::config::ServeOptions;
+use crate::jobs::store::Store;
+use crate::metrics::Metrics;
+
+pub(crate) use router::router;
+
+/// Bodies of more than this are read and planned a few at a time and off the threads that answer.
+const LARGE_BODY_BYTES: usize = 1 << 18;
+/// Large bodies at once: parsed JSON takes up to thirty times the room of its text.
+const LARGE_BODIES: usize = 2;
+
+/// What handlers share.
+#[derive(Clone, Debug)]
+pub(crate) struct App {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    store: Store,
+    artifacts: Artifacts,
+    metrics: Arc<Metrics>,
+    keys: Option<auth::ApiKeys>,
+    limits: Limits,
+    max_body_bytes: u64,
+    max_queued: u64,
+    workers: usize,
+    /// One permit per connection that may be open.
+    connections: Arc<Semaphore>,
+    max_connections: usize,
+    /// One permit per result being sent.
+    downloads: Arc<Semaphore>,
+    max_downloads: usize,
+    large_bodies: Semaphore,
+    ready: AtomicBool,
+    shutdown: CancellationToken,
+}
+
+impl App {
+    /// Gathers what handlers share.
+    pub(crate) fn new(
+        options: &ServeOptions,
+        store: Store,
+        artifacts: Artifacts,
+        metrics: Arc<Metrics>,
+        keys: Option<auth::ApiKeys>,
+        connections: Arc<Semaphore>,
+        shutdown: CancellationToken,
+    ) -> Self {
+        Self {
+            shared: Arc::new(Shared {
+                store,
+                artifacts,
+                metrics,
+                keys,
+                limits: options.limits(),
+                max_body_bytes: options.max_body_bytes,
+                max_queued: options.max_queued,
+                workers: options.workers(),
+                connections,
+                max_connections: options.max_connections,
+                downloads: Arc::new(Semaphore::new(options.max_downloads)),
+                max_downloads: options.max_downloads,
+                large_bodies: Semaphore::new(LARGE_BODIES),
+                ready: AtomicBool::new(false),
+                shutdown,
+            }),
+        }
+    }
+
+    /// Whether the service takes jobs, as far as it decides that itself.
+    pub(crate) fn set_ready(&self, ready: bool) {
+        self.shared.ready.store(ready, Ordering::Release);
+    }
+
+    fn is_ready(&self) -> bool {
+        self.shared.ready.load(Ordering::Acquire) && !self.shared.shutdown.is_cancelled()
+    }
+}

@@ -1,0 +1,255 @@
+//! The interface as an OpenAPI document: what the handlers say of themselves, the problems each can
+//! give, and what holds everywhere.
+//!
+//! `packstone openapi` prints it, `openapi.yaml` at the root of the repository equals it.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+use utoipa::openapi::response::{Response, ResponseBuilder};
+use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr};
+use utoipa::{IntoResponses, OpenApi as _, ToSchema};
+
+use super::job_view::Job;
+use super::problem::PROBLEM_JSON;
+use super::{observe, router};
+use crate::problem::{Kind, ProblemDocument};
+use packstone_engine::Plan;
+use packstone_engine::format::EngineInfo;
+use packstone_engine::packing::{Statistics, Summary, Timings, Verification};
+
+use crate::jobs::JobRequest;
+
+const DESCRIPTION: &str = "Packstone turns a concrete mix design into a dense, checked packing of spheres.\n\n\
+Submit a job, wait for its end (`Prefer: wait=N`, long-polling by tag, or server-sent events), fetch the result in \
+the format you need. Every length is in mm, every time in s, every fraction from 0 to 1. Objects that have variants \
+are tagged by `type`; unknown fields and parameters are refused. Every error is a problem document (RFC 9457) whose \
+`type` this server explains.";
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(title = "Packstone", license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0")),
+    tags(
+        (name = "jobs", description = "Packings to compute"),
+        (name = "results", description = "What came out"),
+        (name = "service", description = "The service about itself"),
+    ),
+    components(schemas(ProblemDocument, JobRequest, ResultDocument))
+)]
+struct Base;
+
+/// The document without its routes.
+pub(super) fn base() -> OpenApi {
+    let mut document = Base::openapi();
+    document.info.description = Some(DESCRIPTION.into());
+    document
+}
+
+/// The answer of a submission that made no job: the one that there is, or a plan.
+#[derive(Serialize, ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, clippy::large_enum_variant)]
+pub(super) enum JobOrPlan {
+    /// The job that the same key brought before.
+    Job(Job),
+    /// With `dry_run=true`: what the job would amount to.
+    Plan(Plan),
+}
+
+/// A result in JSON.
+#[derive(Serialize, ToSchema)]
+#[schema(as = ResultDocument)]
+#[allow(dead_code)]
+pub(super) struct ResultDocument {
+    /// The job.
+    #[schema(format = "uuid")]
+    job_id: String,
+    /// The request as submitted, with its defaults filled in.
+    request: JobRequest,
+    /// What computed the result.
+    engine: EngineInfo,
+    /// The figures people ask for first.
+    summary: Summary,
+    /// Wall-clock time of each phase, in s.
+    timings_s: Timings,
+    /// What the algorithms counted.
+    statistics: Statistics,
+    /// What the independent check found.
+    verification: Verification,
+    /// Distance reached against simulated time; empty for methods that do not grow grains.
+    distance_curve: Vec<[f64; 2]>,
+    /// The grains.
+    spheres: SphereTable,
+}
+
+/// The grains of a result, largest first; the row number is the grain's id.
+#[derive(Serialize, ToSchema)]
+#[allow(dead_code)]
+pub(super) struct SphereTable {
+    /// Names of the columns.
+    #[schema(example = json!(["x_mm", "y_mm", "z_mm", "d_mm"]))]
+    columns: [String; 4],
+    /// One row a grain.
+    rows: Vec<[f64; 4]>,
+}
+
+/// Defines the set of problems that a route can give, by kind and status.
+macro_rules! problem_sets {
+    ($($(#[$doc:meta])* $name:ident: $($kind:ident $status:literal),*;)*) => {$(
+        $(#[$doc])*
+        pub(super) struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> BTreeMap<String, RefOr<Response>> {
+                problem_responses(&[$((Kind::$kind, $status)),*])
+            }
+        }
+    )*};
+}
+
+problem_sets! {
+    /// Of routes about one job.
+    JobProblems: ValidationError 400, NotFound 404;
+    /// Of submissions.
+    SubmitProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
+        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422,
+        IdempotencyKeyReused 422, QueueFull 429;
+    /// Of listings.
+    ListProblems: ValidationError 400;
+    /// Of actions that a job's state may forbid.
+    ActionProblems: ValidationError 400, NotFound 404, Conflict 409;
+    /// Of retries.
+    RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
+    /// Of results.
+    ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, NotAcceptable 406,
+        JobFailed 409, RangeNotSatisfiable 416, Busy 503;
+    /// Of results without spheres.
+    SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
+    /// Of routes that ask for nothing.
+    OpenProblems: ValidationError 400;
+    /// Of explanations.
+    PageProblems: ValidationError 400, NotFound 404;
+    /// Of the readiness probe.
+    ReadyProblems: NotReady 503;
+}
+
+fn problem_responses(kinds: &[(Kind, u16)]) -> BTreeMap<String, RefOr<Response>> {
+    let mut by_status: BTreeMap<u16, Vec<Kind>> = BTreeMap::new();
+    for (kind, status) in kinds {
+        by_status.entry(*status).or_default().push(*kind);
+    }
+    by_status
+        .into_iter()
+        .map(|(status, kinds)| {
+            let lines: Vec<String> = kinds.iter().map(|k| format!("`{}`: {}", k.slug(), k.title())).collect();
+            (status.to_string(), problem_response(&lines.join("; ")).into())
+        })
+        .collect()
+}
+
+fn problem_response(description: &str) -> Response {
+    let schema = Ref::from_schema_name("Problem");
+    ResponseBuilder::new()
+        .description(description)
+        .content(PROBLEM_JSON, ContentBuilder::new().schema(Some(schema)).build())
+        .build()
+}
+
+/// Adds what holds for every route, and what the derives cannot say.
+pub(super) fn finished(document: OpenApi) -> OpenApi {
+    let mut value = serde_json::to_value(&document).unwrap_or_default();
+    add_everywhere(&mut value);
+    polish_schemas(&mut value);
+    // What was an OpenAPI document still is one; a test reads it.
+    serde_json::from_value(value).unwrap_or(document)
+}
+
+/// The document as YAML.
+pub(crate) fn yaml() -> Result<String, String> {
+    router::document().to_yaml().map_err(|error| error.to_string())
+}
+
+fn add_everywhere(document: &mut Value) {
+    let problem = |kind: Kind| {
+        let description = format!("`{}`: {}", kind.slug(), kind.title());
+        serde_json::to_value(problem_response(&description)).unwrap_or_default()
+    };
+    let Some(paths) = document["paths"].as_object_mut() else { return };
+    for (path, item) in paths {
+        let Some(operations) = item.as_object_mut() else { continue };
+        for (method, operation) in operations {
+            if !["get", "post", "delete"].contains(&method.as_str()) {
+                continue;
+            }
+            let open = observe::OPEN_ROUTES.contains(&path.as_str());
+            if open {
+                operation["security"] = json!([]);
+            }
+            let Some(responses) = operation["responses"].as_object_mut() else { continue };
+            responses.insert("500".into(), problem(Kind::InternalError));
+            if !open {
+                responses.insert("401".into(), problem(Kind::Unauthorized));
+            }
+            responses.sort_keys();
+        }
+    }
+    document["components"]["securitySchemes"] = json!({
+        "api_key": {
+            "type": "http",
+            "scheme": "bearer",
+            "description": "An API key, where the server was given any; without them it listens to its own machine only."
+        }
+    });
+    document["security"] = json!([{}, {"api_key": []}]);
+}
+
+fn polish_schemas(document: &mut Value) {
+    let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
+    for name in ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method"] {
+        if let Some(schema) = schemas.get_mut(name) {
+            close_objects(schema);
+        }
+    }
+    if let Some(labels) = schemas.get_mut("JobRequest").and_then(|s| s.pointer_mut("/properties/labels")) {
+        labels["maxProperties"] = json!(crate::jobs::request::MAX_LABELS);
+        labels["propertyNames"] = json!({"pattern": "^[^:\\u0000-\\u001f\\u007f-\\u009f]{1,64}$"});
+        labels["additionalProperties"] =
+            json!({"type": "string", "pattern": "^[^\\u0000-\\u001f\\u007f-\\u009f]{0,256}$"});
+    }
+    schemas.sort_keys();
+}
+
+/// Says of every object in a request that it has no other fields.
+fn close_objects(schema: &mut Value) {
+    if let Some(variants) = schema.get_mut("oneOf").and_then(Value::as_array_mut) {
+        variants.iter_mut().for_each(close_objects);
+    } else if schema.get("properties").is_some() {
+        schema["additionalProperties"] = json!(false);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checked_in_document_is_this_one() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../openapi.yaml");
+        let checked_in = std::fs::read_to_string(file).unwrap_or_default();
+        assert!(
+            checked_in == yaml().unwrap(),
+            "openapi.yaml is not what the code says: run `cargo run -- openapi > openapi.yaml`"
+        );
+    }
+
+    #[test]
+    fn finishing_loses_nothing() {
+        let value = serde_json::to_value(router::document()).unwrap();
+        assert_eq!(value["components"]["schemas"]["JobRequest"]["additionalProperties"], false);
+        assert_eq!(value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
+            "#/components/schemas/Problem");
+        assert_eq!(value["components"]["securitySchemes"]["api_key"]["scheme"], "bearer");
+    }
+}

@@ -1,0 +1,114 @@
+//! Opening a stored result, and making sure that it is the one that was stored.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::os::unix::fs::FileExt as _;
+use std::sync::PoisonError;
+
+use packstone_engine::Unattended;
+use packstone_engine::format::{Column, Head, SphereSource, stored::Layout};
+use sha2::{Digest, Sha256};
+
+use super::{Artifacts, write};
+use crate::hex;
+use crate::jobs::ArtifactRecord;
+
+/// Digests checked since the start that are remembered; beyond, they are checked again.
+const VERIFIED_KEPT: usize = 100_000;
+const BLOCK_BYTES: usize = 1 << 16;
+
+/// An open result. It stays readable when the file is removed meanwhile.
+#[derive(Debug)]
+pub(crate) struct StoredResult {
+    layout: Layout,
+    file: File,
+}
+
+impl Artifacts {
+    /// Opens a result. Its digest is checked the first time since the start of the server: disks
+    /// and people do change files.
+    ///
+    /// # Errors
+    /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is not what was stored.
+    pub(crate) fn read(&self, record: &ArtifactRecord) -> io::Result<StoredResult> {
+        let file = File::open(self.locate(&record.path))?;
+        let found = file.metadata()?.len();
+        if found != record.bytes {
+            return Err(invalid(format!("{} has {found} bytes instead of {}", record.path, record.bytes)));
+        }
+        self.verify(&file, record)?;
+        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
+        if layout.file_length() != found {
+            return Err(invalid(format!("{} holds other columns than it says", record.path)));
+        }
+        Ok(StoredResult { layout, file })
+    }
+
+    fn verify(&self, file: &File, record: &ArtifactRecord) -> io::Result<()> {
+        let known = |set: &std::collections::HashSet<String>| set.contains(&record.path);
+        if known(&self.verified.lock().unwrap_or_else(PoisonError::into_inner)) {
+            return Ok(());
+        }
+        let mut digest = Sha256::new();
+        let mut block = vec![0; BLOCK_BYTES];
+        let mut offset = 0;
+        while offset < record.bytes {
+            let read = file.read_at(&mut block, offset)?;
+            if read == 0 {
+                return Err(io::ErrorKind::UnexpectedEof.into());
+            }
+            digest.update(&block[..read]);
+            offset += read as u64;
+        }
+        let found = hex::encode(&digest.finalize());
+        if found != record.sha256 {
+            return Err(invalid(format!("{} has the sha256 {found} instead of {}", record.path, record.sha256)));
+        }
+        let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
+        if verified.len() >= VERIFIED_KEPT {
+            verified.clear();
+        }
+        verified.insert(record.path.clone());
+        Ok(())
+    }
+}
+
+impl StoredResult {
+    /// All but the spheres.
+    pub(crate) fn head(&self) -> &Head {
+        &self.layout.head
+    }
+
+    /// Length in bytes of each format, by name.
+    pub(crate) fn count_lengths(&self) -> io::Result<BTreeMap<String, u64>> {
+        write::count_lengths(self.head(), self, &Unattended)
+    }
+}
+
+impl SphereSource for StoredResult {
+    fn len(&self) -> usize {
+        self.layout.rows as usize
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let mut offset = self.layout.offset(column, start as u64);
+        let mut bytes = [0; BLOCK_BYTES];
+        for part in block.chunks_mut(BLOCK_BYTES / 8) {
+            let bytes = &mut bytes[..8 * part.len()];
+            self.file.read_exact_at(bytes, offset)?;
+            for (value, eight) in part.iter_mut().zip(bytes.chunks_exact(8)) {
+                let mut le = [0; 8];
+                le.copy_from_slice(eight);
+                *value = f64::from_le_bytes(le);
+            }
+            offset += bytes.len() as u64;
+        }
+        Ok(())
+    }
+}
+
+fn invalid(what: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, what)
+}
+

@@ -1,0 +1,175 @@
+//! Converting a stored result into a format while it is sent.
+//!
+//! A blocking thread writes the format into a window (the byte range asked for), and the window
+//! hands blocks to the response through a short channel. A reader that is slow makes the thread
+//! wait; one that is gone, or that takes nothing for a minute, ends it. So a result of any length
+//! costs a few blocks of memory.
+
+use std::io::{self, Write};
+use std::ops::Range;
+use std::time::Duration;
+
+use bytes::{Bytes, BytesMut};
+use packstone_engine::format::{self, Format};
+use tokio::runtime::Handle;
+use tokio::sync::mpsc;
+use tokio::sync::OwnedSemaphorePermit;
+
+use super::read::StoredResult;
+
+const BLOCK_BYTES: usize = 1 << 17;
+const BLOCKS_WAITING: usize = 2;
+/// A reader that takes no block for so long is gone.
+const STALLED: Duration = Duration::from_secs(60);
+
+/// Starts to convert; the receiver yields the bytes of `range`. `permit` is held until the end.
+pub(crate) fn start(
+    result: StoredResult,
+    format: Format,
+    range: Range<u64>,
+    permit: OwnedSemaphorePermit,
+) -> mpsc::Receiver<io::Result<Bytes>> {
+    let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
+    tokio::task::spawn_blocking(move || {
+        let mut window = Window::new(range, Blocks { sender: sender.clone(), handle: Handle::current() });
+        let written = format::write(format, result.head(), &result, &mut window);
+        if let Err(error) = window.finish(written) {
+            tracing::warn!(%error, format = format.name(), "a result was not sent to its end");
+            let _ = sender.try_send(Err(error));
+        }
+        drop(permit);
+    });
+    receiver
+}
+
+/// Where blocks go.
+trait Sink {
+    fn send(&mut self, block: Bytes) -> io::Result<()>;
+}
+
+struct Blocks {
+    sender: mpsc::Sender<io::Result<Bytes>>,
+    handle: Handle,
+}
+
+impl Sink for Blocks {
+    fn send(&mut self, block: Bytes) -> io::Result<()> {
+        match self.sender.try_send(Ok(block)) {
+            Ok(()) => Ok(()),
+            Err(mpsc::error::TrySendError::Closed(_)) => Err(io::ErrorKind::BrokenPipe.into()),
+            Err(mpsc::error::TrySendError::Full(block)) => {
+                match self.handle.block_on(self.sender.send_timeout(block, STALLED)) {
+                    Ok(()) => Ok(()),
+                    Err(mpsc::error::SendTimeoutError::Timeout(_)) => Err(io::ErrorKind::TimedOut.into()),
+                    Err(mpsc::error::SendTimeoutError::Closed(_)) => Err(io::ErrorKind::BrokenPipe.into()),
+                }
+            }
+        }
+    }
+}
+
+/// A writer that passes on only the bytes of a range, in blocks.
+struct Window<S> {
+    skip: u64,
+    left: u64,
+    block: BytesMut,
+    sink: S,
+}
+
+impl<S: Sink> Window<S> {
+    fn new(range: Range<u64>, sink: S) -> Self {
+        Self {
+            skip: range.start,
+            left: range.end - range.start,
+            block: BytesMut::with_capacity(BLOCK_BYTES),
+            sink,
+        }
+    }
+
+    fn send_block(&mut self) -> io::Result<()> {
+        let block = std::mem::replace(&mut self.block, BytesMut::with_capacity(BLOCK_BYTES));
+        self.sink.send(block.freeze())
+    }
+
+    /// Sends what is left, and tells a writer that was stopped at the end of the range, or whose
+    /// reader left, from one that failed.
+    fn finish(mut self, written: io::Result<()>) -> io::Result<()> {
+        match written {
+            _ if self.left == 0 => self.send_block().or_else(reader_left),
+            Ok(()) => Err(io::Error::new(
+                io::ErrorKind::UnexpectedEof,
+                format!("the format ended {} bytes early", self.left),
+            )),
+            Err(error) => reader_left(error),
+        }
+    }
+}
+
+fn reader_left(error: io::Error) -> io::Result<()> {
+    if error.kind() == io::ErrorKind::BrokenPipe { Ok(()) } else { Err(error) }
+}
+
+impl<S: Sink> Write for Window<S> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.skip > 0 {
+            let skipped = self.skip.min(bytes.len() as u64);
+            self.skip -= skipped;
+            return Ok(skipped as usize);
+        }
+        if self.left == 0 {
+            // The rest is not wanted: this ends the conversion.
+            return if bytes.is_empty() { Ok(0) } else { Err(io::ErrorKind::WriteZero.into()) };
+        }
+        let room = (BLOCK_BYTES - self.block.len()) as u64;
+        let taken = room.min(self.left).min(bytes.len() as u64);
+        self.block.extend_from_slice(&bytes[..taken as usize]);
+        self.left -= taken;
+        if self.block.len() == BLOCK_BYTES {
+            self.send_block()?;
+        }
+        Ok(taken as usize)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    impl Sink for &mut Vec<u8> {
+        fn send(&mut self, block: Bytes) -> io::Result<()> {
+            self.extend_from_slice(&block);
+            Ok(())
+        }
+    }
+
+    fn through(range: Range<u64>, piece: usize) -> io::Result<Vec<u8>> {
+        let all: Vec<u8> = (0..3 * BLOCK_BYTES).map(|i| (i % 251) as u8).collect();
+        let mut out = Vec::new();
+        let mut window = Window::new(range, &mut out);
+        let written = all.chunks(piece).try_for_each(|part| window.write_all(part));
+        window.finish(written)?;
+        Ok(out)
+    }
+
+    #[test]
+    fn a_window_passes_exactly_its_range() {
+        let end = 3 * BLOCK_BYTES as u64;
+        for range in [0..end, 0..1, 0..0, 5..9, end - 1..end, 1..BLOCK_BYTES as u64 + 2] {
+            for piece in [7, BLOCK_BYTES + 3] {
+                let expected: Vec<u8> = range.clone().map(|i| (i % 251) as u8).collect();
+                assert!(through(range.clone(), piece).unwrap() == expected, "{range:?} by {piece}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_format_that_ends_early_is_an_error() {
+        let error = through(0..3 * BLOCK_BYTES as u64 + 1, 100).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::UnexpectedEof);
+    }
+}

@@ -1,0 +1,127 @@
+//! Writing a result so that it is whole or not there.
+//!
+//! Temporary name, digest while writing, fsync of the file, rename, fsync of the folders. Only then
+//! may the store refer to it.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+
+use packstone_engine::Control;
+use packstone_engine::format::{self, Format, Head, SphereSource, stored};
+use serde_json::Map;
+use sha2::{Digest, Sha256};
+
+use super::{Artifacts, InFlight, sync_dir};
+use crate::hex;
+use crate::jobs::ArtifactRecord;
+
+const BUFFER_BYTES: usize = 1 << 18;
+
+impl Artifacts {
+    /// Writes a result and counts the length of each of its formats.
+    ///
+    /// # Errors
+    /// Those of the disk; [`io::ErrorKind::Interrupted`] has no place here, so a stop by `control` is
+    /// [`io::ErrorKind::ConnectionAborted`]. Nothing is left behind.
+    pub(crate) fn write(
+        &self,
+        place: &InFlight,
+        head: &Head,
+        spheres: &dyn SphereSource,
+        control: &dyn Control,
+    ) -> io::Result<ArtifactRecord> {
+        let complete = self.locate(&place.path);
+        let partial = complete.with_extension("packstone.tmp");
+        let written = self.write_partial(&partial, head, spheres, control).and_then(|(bytes, sha256)| {
+            let format_lengths = count_lengths(head, spheres, control)?;
+            fs::rename(&partial, &complete)?;
+            if let Some(folder) = complete.parent() {
+                sync_dir(folder)?;
+            }
+            let report = match serde_json::to_value(&head.report)? {
+                serde_json::Value::Object(report) => report,
+                _ => Map::new(),
+            };
+            Ok(ArtifactRecord {
+                path: place.path.clone(),
+                bytes,
+                sha256,
+                report,
+                format_revision: format::REVISION,
+                format_lengths,
+            })
+        });
+        if written.is_err() {
+            // What cannot be removed now is the sweeper's.
+            let _ = fs::remove_file(&partial);
+        }
+        written
+    }
+
+    fn write_partial(
+        &self,
+        partial: &std::path::Path,
+        head: &Head,
+        spheres: &dyn SphereSource,
+        control: &dyn Control,
+    ) -> io::Result<(u64, String)> {
+        if let Some(folder) = partial.parent()
+            && !folder.is_dir()
+        {
+            fs::create_dir_all(folder)?;
+            sync_dir(&self.root)?;
+        }
+        let mut digested = Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, control };
+        let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
+        stored::write(head, spheres, &mut buffered)?;
+        buffered.flush()?;
+        drop(buffered);
+        digested.inner.sync_all()?;
+        Ok((digested.bytes, hex::encode(&digested.digest.finalize())))
+    }
+}
+
+/// Length in bytes of each format, by name.
+pub(super) fn count_lengths(
+    head: &Head,
+    spheres: &dyn SphereSource,
+    control: &dyn Control,
+) -> io::Result<BTreeMap<String, u64>> {
+    Format::ALL
+        .into_iter()
+        .map(|format| {
+            check(control)?;
+            Ok((format.name().to_owned(), format::length(format, head, spheres)?))
+        })
+        .collect()
+}
+
+fn check(control: &dyn Control) -> io::Result<()> {
+    if control.should_stop() {
+        return Err(io::Error::new(io::ErrorKind::ConnectionAborted, "the run was asked to stop"));
+    }
+    Ok(())
+}
+
+/// A file that digests what is written to it, and refuses once the run is to stop.
+struct Digested<'a> {
+    inner: File,
+    digest: Sha256,
+    bytes: u64,
+    control: &'a dyn Control,
+}
+
+impl Write for Digested<'_> {
+    fn write(&mut self, block: &[u8]) -> io::Result<usize> {
+        check(self.control)?;
+        let written = self.inner.write(block)?;
+        self.digest.update(&block[..written]);
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}

@@ -1,0 +1,71 @@
+//! The command line: one subcommand per file.
+
+mod demo;
+mod key;
+mod openapi;
+mod run;
+mod serve;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Turns a concrete mix design into a packing of spheres
+#[derive(Parser)]
+#[command(name = "packstone", version, about)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run the service
+    Serve(Box<crate::config::ServeOptions>),
+    /// Run the service, submit an example, and fetch its result
+    Demo(demo::Options),
+    /// Run one job without a service
+    Run(run::Options),
+    /// Print the interface as an OpenAPI document
+    Openapi,
+    /// Make an API key and its line for the file of keys
+    Key(key::Options),
+}
+
+/// What a command ends with when it fails: a line for the person at the terminal.
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    let ended = match Cli::parse().command {
+        Command::Serve(options) => serve::run(*options),
+        Command::Demo(options) => demo::run(options),
+        Command::Run(options) => run::run(&options),
+        Command::Openapi => openapi::run(),
+        Command::Key(options) => key::run(&options),
+    };
+    match ended {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("packstone: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs a future on a runtime of its own, and does not wait at the end for threads that block: a
+/// run that did not see the signal to stop must not keep the process alive.
+fn block_on<T>(future: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let ended = runtime.block_on(future);
+    runtime.shutdown_background();
+    ended
+}
+
+/// Prints to standard output; a reader that has left ends the command.
+fn print(text: &str) -> Result<(), Failure> {
+    use std::io::Write as _;
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    Ok(out.flush()?)
+}

@@ -1,0 +1,122 @@
+//! What the operator decides: the options of `packstone serve`, each also an environment variable.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use packstone_engine::Limits;
+
+use crate::telemetry::LogFormat;
+
+/// Share of the machine's memory that all packings together may take; the rest is for the store's
+/// cache, the results being sent, and the neighbours.
+const MEMORY_SHARE: f64 = 0.8;
+
+/// Options of `packstone serve`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ServeOptions {
+    /// Address and port to listen on; port 0 takes a free one
+    #[arg(long, env = "PACKSTONE_LISTEN", default_value = "127.0.0.1:8080")]
+    pub(crate) listen: SocketAddr,
+    /// Directory of the database and the results; made where it is missing
+    #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
+    pub(crate) data_dir: PathBuf,
+    /// Jobs that run at once [default: the number of cores]
+    #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
+    pub(crate) workers: Option<u16>,
+    /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
+    #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
+    pub(crate) api_keys_file: Option<PathBuf>,
+    /// Listen beyond this machine without API keys
+    #[arg(long, env = "PACKSTONE_INSECURE")]
+    pub(crate) insecure: bool,
+    /// Form of the log lines on standard error
+    #[arg(long, env = "PACKSTONE_LOG_FORMAT", value_enum, default_value_t)]
+    pub(crate) log_format: LogFormat,
+    /// Most grains of one packing
+    #[arg(long, env = "PACKSTONE_MAX_GRAINS", default_value_t = Limits::default().max_grains)]
+    pub(crate) max_grains: u64,
+    /// Most memory of one packing, in MiB [default: four fifths of the machine's, shared by the
+    /// workers, and at most 8 GB]
+    #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB")]
+    pub(crate) max_memory_mib: Option<u64>,
+    /// Most jobs that wait
+    #[arg(long, env = "PACKSTONE_MAX_QUEUED", default_value_t = 100_000)]
+    pub(crate) max_queued: u64,
+    /// Longest body of a request, in bytes
+    #[arg(long, env = "PACKSTONE_MAX_BODY_BYTES", default_value_t = 16 << 20)]
+    pub(crate) max_body_bytes: u64,
+    /// Most open connections
+    #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS", default_value_t = 1024)]
+    pub(crate) max_connections: usize,
+    /// Most results being sent at once
+    #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64)]
+    pub(crate) max_downloads: usize,
+    /// Seconds between two sweeps for expired jobs and files left over
+    #[arg(long, env = "PACKSTONE_SWEEP_INTERVAL_S", default_value_t = 300.0, value_parser = seconds)]
+    pub(crate) sweep_interval_s: f64,
+}
+
+impl ServeOptions {
+    /// Jobs that run at once.
+    pub(crate) fn workers(&self) -> usize {
+        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        self.workers.map_or_else(cores, usize::from)
+    }
+
+    /// What one packing may use.
+    pub(crate) fn limits(&self) -> Limits {
+        let max_memory_bytes = match self.max_memory_mib {
+            Some(mib) => mib.saturating_mul(1 << 20),
+            None => default_memory_bytes(self.workers()),
+        };
+        Limits { max_grains: self.max_grains, max_memory_bytes }
+    }
+
+    /// Time between two sweeps.
+    pub(crate) fn sweep_interval(&self) -> Duration {
+        Duration::from_secs_f64(self.sweep_interval_s)
+    }
+}
+
+/// What one packing may use by default, when `workers` of them may run at once.
+pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
+    let most = Limits::default().max_memory_bytes;
+    let total = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| total_memory_bytes(&text));
+    match total {
+        Some(total) => most.min((total as f64 * MEMORY_SHARE / workers.max(1) as f64) as u64),
+        None => most,
+    }
+}
+
+fn total_memory_bytes(meminfo: &str) -> Option<u64> {
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if (0.05..=86_400.0).contains(&s) => Ok(s),
+        _ => Err("must be a number of seconds from 0.05 to 86400".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_is_read_from_the_kernels_table() {
+        assert_eq!(total_memory_bytes("MemFree: 1 kB\nMemTotal:       2048 kB\n"), Some(2_097_152));
+        assert_eq!(total_memory_bytes("MemFree: 1 kB\n"), None);
+    }
+
+    #[test]
+    fn intervals_are_bounded() {
+        assert_eq!(seconds("0.5"), Ok(0.5));
+        for bad in ["0", "-1", "NaN", "inf", "soon", "100000"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+}

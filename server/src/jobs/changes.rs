@@ -1,0 +1,92 @@
+//! Who waits for which job to change.
+//!
+//! A change is announced after its commit, and only by its job's id: the store stays the one truth,
+//! and whoever wakes reads it there. So a waiter that subscribes before it reads misses nothing.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::watch;
+
+use super::JobId;
+
+type Waiters = Mutex<HashMap<JobId, watch::Sender<()>>>;
+
+/// The waiters of all jobs.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Changes {
+    waiters: Arc<Waiters>,
+}
+
+impl Changes {
+    /// Starts to listen for changes of a job.
+    pub(crate) fn subscribe(&self, id: JobId) -> Subscription {
+        let receiver = lock(&self.waiters).entry(id).or_insert_with(|| watch::Sender::new(())).subscribe();
+        Subscription { id, receiver: Some(receiver), waiters: Arc::clone(&self.waiters) }
+    }
+
+    /// Wakes all who wait for the job.
+    pub(crate) fn announce(&self, id: JobId) {
+        if let Some(sender) = lock(&self.waiters).get(&id) {
+            sender.send_replace(());
+        }
+    }
+}
+
+/// One waiter.
+#[derive(Debug)]
+pub(crate) struct Subscription {
+    id: JobId,
+    // Always there until the drop, which must count receivers without this one.
+    receiver: Option<watch::Receiver<()>>,
+    waiters: Arc<Waiters>,
+}
+
+impl Subscription {
+    /// Waits for a change since the last call, or since the subscription.
+    pub(crate) async fn changed(&mut self) {
+        if let Some(receiver) = &mut self.receiver
+            && receiver.changed().await.is_ok()
+        {
+            return;
+        }
+        // The sender lives as long as a receiver; without one nothing will ever change.
+        std::future::pending().await
+    }
+}
+
+impl Drop for Subscription {
+    fn drop(&mut self) {
+        let mut waiters = lock(&self.waiters);
+        self.receiver = None;
+        if waiters.get(&self.id).is_some_and(|sender| sender.receiver_count() == 0) {
+            waiters.remove(&self.id);
+        }
+    }
+}
+
+/// A waiter that panicked cannot have left the map half-changed.
+fn lock(waiters: &Waiters) -> MutexGuard<'_, HashMap<JobId, watch::Sender<()>>> {
+    waiters.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_change_before_the_wait_is_not_missed_and_nothing_is_kept() {
+        let changes = Changes::default();
+        let id = JobId::new();
+        let mut first = changes.subscribe(id);
+        let mut second = changes.subscribe(id);
+        changes.announce(id);
+        first.changed().await;
+        second.changed().await;
+        drop(first);
+        assert_eq!(lock(&changes.waiters).len(), 1);
+        drop(second);
+        assert_eq!(lock(&changes.waiters).len(), 0);
+        changes.announce(id);
+    }
+}

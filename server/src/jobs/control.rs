@@ -1,0 +1,78 @@
+//! The engine's view of the one who runs it: progress goes out, the wish to stop comes in.
+//!
+//! The packing thread calls this every few milliseconds, so it is a short lock and an atomic. What
+//! to do with either is decided by the runner, which also owns every clock.
+
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use packstone_engine::{Control, Progress};
+
+/// Why a run is to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stop {
+    /// A client cancelled the job.
+    Cancelled = 1,
+    /// The job ran longer than its `timeout_s`.
+    TimedOut = 2,
+    /// The server stops.
+    Shutdown = 3,
+    /// Another attempt took the job over.
+    LeaseLost = 4,
+}
+
+/// Control of one run.
+#[derive(Debug, Default)]
+pub(crate) struct RunControl {
+    stop: AtomicU8,
+    latest: Mutex<Option<Progress>>,
+}
+
+impl RunControl {
+    /// Asks the run to stop. The first reason stays.
+    pub(crate) fn stop(&self, reason: Stop) {
+        // An error means that there is a reason already.
+        let _ = self.stop.compare_exchange(0, reason as u8, Ordering::AcqRel, Ordering::Acquire);
+    }
+
+    /// Why the run is to stop, if it is.
+    pub(crate) fn stopped(&self) -> Option<Stop> {
+        match self.stop.load(Ordering::Acquire) {
+            0 => None,
+            1 => Some(Stop::Cancelled),
+            2 => Some(Stop::TimedOut),
+            3 => Some(Stop::Shutdown),
+            _ => Some(Stop::LeaseLost),
+        }
+    }
+
+    /// The latest progress, if there was any since the last call.
+    pub(crate) fn take_progress(&self) -> Option<Progress> {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+impl Control for RunControl {
+    fn report(&self, progress: &Progress) {
+        *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress.clone());
+    }
+
+    fn should_stop(&self) -> bool {
+        self.stop.load(Ordering::Acquire) != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_reason_to_stop_stays() {
+        let control = RunControl::default();
+        assert!(!control.should_stop());
+        control.stop(Stop::TimedOut);
+        control.stop(Stop::Cancelled);
+        assert!(control.should_stop());
+        assert_eq!(control.stopped(), Some(Stop::TimedOut));
+    }
+}

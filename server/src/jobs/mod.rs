@@ -1,0 +1,193 @@
+//! Jobs: what they are, the states they pass through, and who may move them.
+//!
+//! `queued -> running -> succeeded | failed | cancelled`. A running job is leased: only the holder of
+//! the current ([`JobId`], attempt) may write its progress or its end. A client may cancel, retry or
+//! delete; the [`store`] decides in one transaction whether the state allows it. [`runner`] leases
+//! jobs and runs them, [`sweeper`] clears up behind them. Nothing here knows HTTP.
+
+pub(crate) mod changes;
+pub(crate) mod control;
+pub(crate) mod request;
+pub(crate) mod runner;
+pub(crate) mod store;
+pub(crate) mod sweeper;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+pub(crate) use request::JobRequest;
+
+/// Name of a job; rises with time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct JobId(Uuid);
+
+impl JobId {
+    /// A fresh one.
+    pub(crate) fn new() -> Self {
+        Self(Uuid::now_v7())
+    }
+
+    /// Reads the hyphenated form, the only one that this service writes.
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        (text.len() == 36).then(|| Uuid::try_parse(text).ok()).flatten().map(Self)
+    }
+}
+
+impl std::fmt::Display for JobId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.as_hyphenated().fmt(f)
+    }
+}
+
+/// Where a job stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum State {
+    /// Waits for a worker.
+    Queued,
+    /// A worker holds its lease.
+    Running,
+    /// Its result is stored.
+    Succeeded,
+    /// It ended without a result; `error` says why.
+    Failed,
+    /// A client called it off.
+    Cancelled,
+}
+
+impl State {
+    /// All states.
+    pub(crate) const ALL: [Self; 5] =
+        [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled];
+
+    /// Name in the interface and in the store.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// The state of that name.
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|s| s.name() == name)
+    }
+
+    /// Whether nothing but a client will move the job on.
+    pub(crate) fn is_finished(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+
+    /// Whether a client may send the job back to the queue.
+    pub(crate) fn may_retry(self) -> bool {
+        matches!(self, Self::Failed | Self::Cancelled)
+    }
+}
+
+/// How far a running job is.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub(crate) struct JobProgress {
+    /// Share of the whole work done; never falls within an attempt.
+    #[schema(minimum = 0, maximum = 1)]
+    pub(crate) fraction: f64,
+    /// What the run is doing.
+    pub(crate) phase: packstone_engine::Phase,
+    /// Units done in this phase.
+    pub(crate) done: u64,
+    /// Units in this phase.
+    pub(crate) total: u64,
+    /// What `done` and `total` count.
+    pub(crate) unit: String,
+    /// One line for a person; may be empty.
+    pub(crate) message: String,
+    /// Seconds that the rest is likely to take, as of `updated_at`; `null` while nothing can be said.
+    #[schema(required)]
+    pub(crate) eta_s: Option<f64>,
+}
+
+/// A stored result.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ArtifactRecord {
+    /// Place below the artifacts' folder.
+    pub(crate) path: String,
+    /// Length of the stored file.
+    pub(crate) bytes: u64,
+    /// SHA-256 of the stored file, in hexadecimal.
+    pub(crate) sha256: String,
+    /// The engine's report, as JSON.
+    pub(crate) report: Map<String, Value>,
+    /// Revision of the formats that `format_lengths` counts.
+    pub(crate) format_revision: u32,
+    /// Length in bytes by name of the format.
+    pub(crate) format_lengths: BTreeMap<String, u64>,
+}
+
+/// A job as the store keeps it, but for its request. Times are microseconds since the Unix epoch.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct JobRecord {
+    pub(crate) seq: i64,
+    pub(crate) id: JobId,
+    pub(crate) state: State,
+    pub(crate) name: Option<String>,
+    pub(crate) labels: BTreeMap<String, String>,
+    pub(crate) priority: i64,
+    pub(crate) seed: i64,
+    pub(crate) timeout_s: Option<f64>,
+    pub(crate) attempt: i64,
+    pub(crate) max_attempts: i64,
+    pub(crate) cancel_requested: bool,
+    pub(crate) version: i64,
+    pub(crate) created_at: i64,
+    pub(crate) started_at: Option<i64>,
+    pub(crate) finished_at: Option<i64>,
+    pub(crate) updated_at: i64,
+    pub(crate) expires_at: Option<i64>,
+    pub(crate) engine: Value,
+    pub(crate) progress: Option<Value>,
+    pub(crate) error: Option<Value>,
+    pub(crate) artifact: Option<ArtifactRecord>,
+}
+
+/// The right to write about one attempt of one job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Lease {
+    pub(crate) seq: i64,
+    pub(crate) id: JobId,
+    pub(crate) attempt: i64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_states_read_back() {
+        for state in State::ALL {
+            assert_eq!(State::from_name(state.name()), Some(state));
+            assert_eq!(serde_json::json!(state), state.name());
+        }
+        assert_eq!(State::from_name("Queued"), None);
+    }
+
+    #[test]
+    fn only_hyphenated_ids_are_ids() {
+        let id = JobId::new();
+        assert_eq!(JobId::parse(&id.to_string()), Some(id));
+        assert_eq!(JobId::parse(&id.to_string().replace('-', "")), None);
+        assert_eq!(JobId::parse("urn:uuid:00000000-0000-0000-0000-000000000000"), None);
+        assert_eq!(JobId::parse(""), None);
+    }
+
+    #[test]
+    fn ids_rise() {
+        let ids: Vec<String> = (0..1000).map(|_| JobId::new().to_string()).collect();
+        assert!(ids.is_sorted());
+    }
+}

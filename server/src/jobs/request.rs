@@ -1,0 +1,314 @@
+//! What a client submits: a packing, and how the service should treat the job.
+//!
+//! The packing's own fields are the engine's to read; here are those of the job, with their bounds.
+//! One pass over the document reports the faults of both.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use packstone_engine::request::decode::{At, Bound, Faults, Object};
+use packstone_engine::request::{Distance, Method, Mix, Specimen};
+use packstone_engine::{FieldError, PackingRequest};
+use serde::Serialize;
+use serde_json::Value;
+use utoipa::ToSchema;
+
+/// Longest name of a job, in characters.
+pub(crate) const MAX_NAME_CHARS: usize = 200;
+/// Most labels of a job.
+pub(crate) const MAX_LABELS: usize = 32;
+/// Longest key of a label, in characters.
+pub(crate) const MAX_LABEL_KEY_CHARS: usize = 64;
+/// Longest value of a label, in characters.
+pub(crate) const MAX_LABEL_VALUE_CHARS: usize = 256;
+/// Priorities lie between this and its negative.
+pub(crate) const MAX_PRIORITY: i64 = 100;
+/// Longest time a job may be given, in s: a month.
+pub(crate) const MAX_TIMEOUT_S: f64 = 2_678_400.0;
+/// Most attempts a job may be given.
+pub(crate) const MAX_ATTEMPTS: i64 = 10;
+const DEFAULT_ATTEMPTS: i64 = 3;
+
+/// A job to run: what to pack, and how to treat it.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JobRequest {
+    /// A name for people.
+    #[schema(required = false, nullable, min_length = 1, max_length = 200)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) name: Option<String>,
+    /// Keys and values to find the job by: at most 32; a key has 1 to 64 characters and no colon, a
+    /// value at most 256.
+    #[schema(required = false, example = json!({"series": "TB-7"}))]
+    pub(crate) labels: BTreeMap<String, String>,
+    /// Seed of the random generator; drawn at submission and recorded when absent.
+    #[schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64)]
+    pub(crate) seed: u64,
+    /// Jobs of higher priority run first; among equals the oldest.
+    #[schema(required = false, default = 0, minimum = -100, maximum = 100)]
+    pub(crate) priority: i64,
+    /// Longest time that one attempt may run; past it the job fails with `timed-out`.
+    #[schema(required = false, nullable, exclusive_minimum = 0, maximum = 2_678_400)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) timeout_s: Option<f64>,
+    /// RFC 3339 time in the future past which the job and its result are removed, once it is finished.
+    #[schema(required = false, nullable, format = DateTime)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) expires_at: Option<String>,
+    /// How often the job may be started if the server stops while it runs.
+    #[schema(required = false, default = 3, minimum = 1, maximum = 10)]
+    pub(crate) max_attempts: i64,
+    /// What is filled.
+    pub(crate) specimen: Specimen,
+    /// What it is filled with.
+    pub(crate) mix: Mix,
+    /// The clear distance that grains keep from one another and from the walls; none when absent.
+    #[schema(required = false)]
+    pub(crate) distance: Distance,
+    /// How the packing is computed; `auto` when absent.
+    #[schema(required = false)]
+    pub(crate) method: Method,
+}
+
+impl JobRequest {
+    /// Reads a submission. `seed` is used where it names none; `now` is what `expires_at` must lie
+    /// after, and `None` for a request that was accepted before.
+    ///
+    /// # Errors
+    /// All faults of the document.
+    pub(crate) fn read(value: &Value, seed: u64, now: Option<Timestamp>) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        let request = At::root(value, &faults).object().and_then(|mut object| {
+            let request = read_fields(&mut object, &faults, seed, now);
+            object.finish();
+            request
+        });
+        match request {
+            Some(request) if faults.count() == 0 => Ok(request),
+            _ => Err(faults.into_vec()),
+        }
+    }
+
+    /// The engine's part.
+    pub(crate) fn packing(&self) -> PackingRequest {
+        PackingRequest {
+            seed: self.seed,
+            specimen: self.specimen,
+            mix: self.mix.clone(),
+            distance: self.distance,
+            method: self.method,
+        }
+    }
+
+    /// `expires_at` in microseconds since the Unix epoch.
+    pub(crate) fn expires_at_us(&self) -> Option<i64> {
+        self.expires_at.as_deref()?.parse::<Timestamp>().ok().map(Timestamp::as_microsecond)
+    }
+}
+
+/// A seed for a submission that names none.
+pub(crate) fn draw_seed() -> u64 {
+    rand::random_range(0..=packstone_engine::request::MAX_SEED)
+}
+
+fn read_fields(
+    object: &mut Object<'_>,
+    faults: &Faults,
+    seed: u64,
+    now: Option<Timestamp>,
+) -> Option<JobRequest> {
+    let name = object.optional("name").and_then(|at| read_name(&at));
+    let labels = object.optional("labels").and_then(|at| read_labels(&at, faults)).unwrap_or_default();
+    let priority = match object.optional("priority") {
+        Some(at) => at.integer(-MAX_PRIORITY, MAX_PRIORITY),
+        None => Some(0),
+    };
+    let timeout_s =
+        object.optional("timeout_s").and_then(|at| at.number(Bound::positive(MAX_TIMEOUT_S, "s")));
+    let expires_at = object.optional("expires_at").and_then(|at| read_expiry(&at, now));
+    let max_attempts = match object.optional("max_attempts") {
+        Some(at) => at.integer(1, MAX_ATTEMPTS),
+        None => Some(DEFAULT_ATTEMPTS),
+    };
+    let packing = PackingRequest::from_object(object, seed)?;
+    Some(JobRequest {
+        name,
+        labels,
+        seed: packing.seed,
+        priority: priority?,
+        timeout_s,
+        expires_at,
+        max_attempts: max_attempts?,
+        specimen: packing.specimen,
+        mix: packing.mix,
+        distance: packing.distance,
+        method: packing.method,
+    })
+}
+
+fn read_name(at: &At<'_>) -> Option<String> {
+    let name = at.string()?;
+    check_text(name, 1, MAX_NAME_CHARS, |fault| at.fault(fault)).then(|| name.to_owned())
+}
+
+/// Whether a text has the right length and no control characters, which would break the one line
+/// that logs and tables give it.
+fn check_text(text: &str, min: usize, max: usize, fault: impl FnOnce(String)) -> bool {
+    let chars = text.chars().count();
+    if chars < min || chars > max {
+        fault(format!("has {chars} characters: must have at least {min} and at most {max}"));
+        return false;
+    }
+    if let Some(c) = text.chars().find(|c| c.is_control()) {
+        fault(format!("has the control character U+{:04X}: must be one line of text", c as u32));
+        return false;
+    }
+    true
+}
+
+fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>> {
+    at.object()?;
+    let map = at.value().as_object()?;
+    if map.len() > MAX_LABELS {
+        at.fault(format!("has {} labels: must have at most {MAX_LABELS}", map.len()));
+        return None;
+    }
+    let mut labels = BTreeMap::new();
+    for (key, value) in map {
+        let pointer = format!("{}/{}", at.pointer(), key.replace('~', "~0").replace('/', "~1"));
+        let mut fault = |detail: String| faults.add(pointer.clone(), detail);
+        if !check_text(key, 1, MAX_LABEL_KEY_CHARS, |detail| fault(format!("the key {detail}"))) {
+            continue;
+        }
+        if key.contains(':') {
+            fault("the key contains a colon, which ends it in a filter: must have none".into());
+            continue;
+        }
+        match value {
+            Value::String(text) => {
+                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, &mut fault) {
+                    labels.insert(key.clone(), text.clone());
+                }
+            }
+            _ => fault(format!("{} is not a string", kind_of(value))),
+        }
+    }
+    Some(labels)
+}
+
+fn kind_of(value: &Value) -> String {
+    match value {
+        Value::Object(_) => "an object".into(),
+        Value::Array(_) => "an array".into(),
+        other => other.to_string(),
+    }
+}
+
+fn read_expiry(at: &At<'_>, now: Option<Timestamp>) -> Option<String> {
+    let text = at.string()?;
+    // Jiff reads a space for the T too; RFC 3339 as OpenAPI's date-time means it does not.
+    let time = text.parse::<Timestamp>().ok().filter(|_| text.as_bytes().get(10) == Some(&b'T'));
+    let Some(time) = time else {
+        at.fault(format!("{:?} is not an RFC 3339 time, as 2030-01-31T12:00:00Z", shortened(text)));
+        return None;
+    };
+    if let Some(now) = now.filter(|now| time <= *now) {
+        at.fault(format!("{time} is out of range: must be later than now, {now}"));
+        return None;
+    }
+    Some(time.to_string())
+}
+
+fn shortened(text: &str) -> String {
+    text.chars().take(40).collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn with(extra: &Value) -> Value {
+        let mut job = json!({
+            "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}
+        });
+        job.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+        job
+    }
+
+    fn now() -> Timestamp {
+        "2026-06-01T00:00:00Z".parse().unwrap()
+    }
+
+    fn faults_of(extra: &Value) -> Vec<String> {
+        JobRequest::read(&with(extra), 7, Some(now())).unwrap_err().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn defaults_are_filled_in_and_read_back() {
+        let request = JobRequest::read(&with(&json!({})), 7, Some(now())).unwrap();
+        assert_eq!((request.seed, request.priority, request.max_attempts), (7, 0, 3));
+        let stored = serde_json::to_value(&request).unwrap();
+        assert_eq!(stored["method"], json!({"type": "auto"}));
+        assert_eq!(JobRequest::read(&stored, 8, None).unwrap(), request);
+    }
+
+    #[test]
+    fn every_job_field_is_bounded() {
+        let cases = [
+            (json!({"name": ""}), "/name: has 0 characters: must have at least 1 and at most 200"),
+            (
+                json!({"name": "x".repeat(201)}),
+                "/name: has 201 characters: must have at least 1 and at most 200",
+            ),
+            (
+                json!({"name": "a\nb"}),
+                "/name: has the control character U+000A: must be one line of text",
+            ),
+            (
+                json!({"priority": 101}),
+                "/priority: 101 is out of range: must be a whole number from -100 to 100",
+            ),
+            (
+                json!({"timeout_s": 0}),
+                "/timeout_s: 0 is out of range: must be greater than 0 and at most 2678400 s",
+            ),
+            (
+                json!({"max_attempts": 11}),
+                "/max_attempts: 11 is out of range: must be a whole number from 1 to 10",
+            ),
+            (
+                json!({"expires_at": "tomorrow"}),
+                "/expires_at: \"tomorrow\" is not an RFC 3339 time, as 2030-01-31T12:00:00Z",
+            ),
+            (
+                json!({"expires_at": "2026-05-31T23:59:59Z"}),
+                "/expires_at: 2026-05-31T23:59:59Z is out of range: must be later than now, 2026-06-01T00:00:00Z",
+            ),
+            (json!({"labels": {"a": 1}}), "/labels/a: 1 is not a string"),
+            (
+                json!({"labels": {"a:b": "c"}}),
+                "/labels/a:b: the key contains a colon, which ends it in a filter: must have none",
+            ),
+            (
+                json!({"labels": {"": "c"}}),
+                "/labels/: the key has 0 characters: must have at least 1 and at most 64",
+            ),
+        ];
+        for (extra, message) in cases {
+            assert_eq!(faults_of(&extra), [message]);
+        }
+        let many: serde_json::Map<String, Value> = (0..33).map(|i| (i.to_string(), json!("x"))).collect();
+        assert_eq!(faults_of(&json!({"labels": many})), ["/labels: has 33 labels: must have at most 32"]);
+    }
+
+    #[test]
+    fn faults_of_job_and_packing_come_together() {
+        let job = json!({"priority": "high", "specimen": {"type": "box", "size_mm": [0, 1, 1]}, "colour": 1});
+        let faults = JobRequest::read(&job, 7, Some(now())).unwrap_err();
+        let pointers: Vec<&str> = faults.iter().map(|f| f.pointer.as_str()).collect();
+        assert_eq!(pointers, ["/priority", "/specimen/size_mm/0", "/mix", "/colour"]);
+    }
+}

@@ -1,0 +1,302 @@
+//! Workers: each leases a job, runs the engine on a thread of the blocking pool, and writes down
+//! how it ended.
+//!
+//! There are as many workers as jobs may run at once, so the pool is bounded by them. A worker
+//! watches its run from outside: it records progress at most twice a second, renews the lease, and
+//! passes on a client's wish to cancel, the job's time limit and the server's stop. It alone
+//! decides what the end of a run means; the engine only ends.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use packstone_engine::format::{EngineInfo, Head};
+use packstone_engine::{Control as _, Limits, PackError, Phase, Progress};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
+use tokio_util::sync::CancellationToken;
+use tracing::Instrument as _;
+
+use super::control::{RunControl, Stop};
+use super::store::{Claimed, Store, StoreError};
+use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
+use crate::artifacts::{Artifacts, InFlight};
+use crate::metrics::Metrics;
+use crate::problem::{Kind, Problem};
+
+/// Progress is recorded no more often than this.
+const PROGRESS_EVERY: Duration = Duration::from_millis(500);
+/// Leases last a multiple of this.
+const RENEW_EVERY: Duration = Duration::from_secs(15);
+/// A store that fails gets this much time before the next try.
+const STORE_PAUSE: Duration = Duration::from_secs(1);
+/// How often the end of a job is offered to a store that fails, before its lease may run out.
+const END_TRIES: u32 = 5;
+/// Before this share of the work, the time that is left is a guess not worth showing.
+const ETA_FROM_FRACTION: f64 = 0.02;
+
+/// What every worker needs.
+#[derive(Clone, Debug)]
+pub(crate) struct Runner {
+    pub(crate) store: Store,
+    pub(crate) artifacts: Artifacts,
+    pub(crate) limits: Limits,
+    pub(crate) metrics: Arc<Metrics>,
+    /// When cancelled, running jobs go back to the queue and workers end.
+    pub(crate) shutdown: CancellationToken,
+}
+
+/// How a run ended.
+enum End {
+    /// The result is on disk; its place stays claimed until the store refers to it.
+    Stored { artifact: ArtifactRecord, _place: InFlight },
+    Stopped(Stop),
+    Failed(Problem),
+}
+
+impl Runner {
+    /// Runs jobs until the server stops.
+    pub(crate) async fn work(self) {
+        while !self.shutdown.is_cancelled() {
+            match self.store.claim().await {
+                Ok(Some(claimed)) => {
+                    let span = tracing::info_span!("job", job_id = %claimed.lease.id, attempt = claimed.lease.attempt);
+                    self.run(claimed).instrument(span).await;
+                }
+                Ok(None) => {
+                    tokio::select! {
+                        () = self.store.queue_grew() => {}
+                        () = self.shutdown.cancelled() => {}
+                    }
+                }
+                Err(error) => {
+                    tracing::error!(%error, "no job could be leased");
+                    tokio::select! {
+                        () = sleep(STORE_PAUSE) => {}
+                        () = self.shutdown.cancelled() => {}
+                    }
+                }
+            }
+        }
+    }
+
+    async fn run(&self, claimed: Claimed) {
+        let started = Instant::now();
+        let lease = claimed.lease;
+        // Another worker may take the next job of a burst that woke only this one.
+        self.store.pass_on();
+        tracing::info!("started");
+        let control = Arc::new(RunControl::default());
+        let deadline = claimed.job.timeout_s.map(|s| started + Duration::from_secs_f64(s));
+        let mut packing = tokio::task::spawn_blocking({
+            let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
+            move || span.in_scope(|| runner.pack_and_write(&claimed, &control))
+        });
+        let end = tokio::select! {
+            end = &mut packing => end,
+            never = self.watch(lease, &control, started, deadline) => match never {},
+        };
+        let end = end.unwrap_or_else(|panic| {
+            tracing::error!(%panic, "the run panicked");
+            End::Failed(Problem::new(
+                Kind::InternalError,
+                "the run came upon a defect of this program; the log has it under the job's id",
+            ))
+        });
+        self.record_end(lease, end, started.elapsed()).await;
+    }
+
+    /// Watches a run for as long as it lasts.
+    async fn watch(
+        &self,
+        lease: Lease,
+        control: &RunControl,
+        started: Instant,
+        deadline: Option<Instant>,
+    ) -> std::convert::Infallible {
+        let mut changes = self.store.subscribe(lease.id);
+        let mut tick = interval(PROGRESS_EVERY);
+        tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut renewed = Instant::now();
+        let mut fraction = 0.0;
+        // A wish to cancel that came between the lease and the subscription is seen here.
+        let mut look = true;
+        loop {
+            if look {
+                match self.store.get(lease.id).await {
+                    Ok(Some(job)) if job.cancel_requested => control.stop(Stop::Cancelled),
+                    Ok(_) => {}
+                    Err(error) => tracing::warn!(%error, "a wish to cancel may have been missed"),
+                }
+            }
+            look = false;
+            tokio::select! {
+                () = changes.changed() => look = true,
+                () = at(deadline), if !control.should_stop() => control.stop(Stop::TimedOut),
+                () = self.shutdown.cancelled(), if !control.should_stop() => control.stop(Stop::Shutdown),
+                _ = tick.tick() => {
+                    let news = control.take_progress();
+                    if news.is_none() && renewed.elapsed() < RENEW_EVERY {
+                        continue;
+                    }
+                    renewed = Instant::now();
+                    let news = news.map(|p| as_recorded(&p, &mut fraction, started.elapsed()));
+                    match self.store.heartbeat(lease, news).await {
+                        Ok(beat) if beat.cancel_requested => control.stop(Stop::Cancelled),
+                        Ok(_) => {}
+                        Err(StoreError::LeaseLost) => control.stop(Stop::LeaseLost),
+                        Err(error) => tracing::warn!(%error, "progress was not recorded"),
+                    }
+                }
+            }
+        }
+    }
+
+    /// The run itself, on a thread that may block.
+    fn pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> End {
+        match self.try_pack_and_write(claimed, control) {
+            Ok((artifact, place)) => End::Stored { artifact, _place: place },
+            Err(problem) => control.stopped().map_or(End::Failed(problem), End::Stopped),
+        }
+    }
+
+    fn try_pack_and_write(
+        &self,
+        claimed: &Claimed,
+        control: &RunControl,
+    ) -> Result<(ArtifactRecord, InFlight), Problem> {
+        let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
+            tracing::error!(%error, "the stored request is unreadable");
+            Problem::new(Kind::InternalError, "the stored request is unreadable")
+        })?;
+        let request = JobRequest::read(&stored, 0, None)
+            .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
+        let packing = packstone_engine::pack(&request.packing(), &self.limits, control).map_err(|error| {
+            if let PackError::CheckFailed(what) = &error {
+                tracing::error!(%what, "a packing failed its check");
+            }
+            Problem::from(error)
+        })?;
+        let grains = packing.spheres.len() as u64;
+        control.report(&Progress {
+            phase: Phase::Write,
+            fraction: 1.0,
+            done: 0,
+            total: grains,
+            unit: "grains",
+            message: "writing the result".into(),
+        });
+        let head = Head {
+            job_id: Some(claimed.lease.id.to_string()),
+            request: stored,
+            engine: EngineInfo::current(),
+            report: packing.report,
+        };
+        let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
+        let record = self.artifacts.write(&place, &head, &packing.spheres, control).map_err(unwritten)?;
+        Ok((record, place))
+    }
+
+    /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
+    /// pity to lose it to a full disk that someone is about to clear.
+    async fn record_end(&self, lease: Lease, end: End, took: Duration) {
+        let mut tries = 1;
+        loop {
+            let (outcome, recorded) = match &end {
+                End::Stored { artifact, .. } => ("succeeded", self.store.succeed(lease, artifact.clone()).await),
+                End::Failed(problem) => ("failed", self.store.fail(lease, problem).await),
+                End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
+                End::Stopped(Stop::TimedOut) => {
+                    let problem = Problem::new(Kind::TimedOut, "the job ran longer than its timeout_s");
+                    ("failed", self.store.fail(lease, &problem).await)
+                }
+                End::Stopped(Stop::Shutdown) => ("given_back", self.store.give_back(lease).await),
+                End::Stopped(Stop::LeaseLost) => ("lease_lost", Err(StoreError::LeaseLost)),
+            };
+            match recorded {
+                Ok(()) => {
+                    tracing::info!(outcome, took_s = took.as_secs_f64(), "ended");
+                    self.metrics.job_ended(outcome, took);
+                    return;
+                }
+                Err(StoreError::LeaseLost) => {
+                    tracing::warn!("the lease was lost; this attempt leaves no trace");
+                    if let End::Stored { artifact, .. } = &end
+                        && let Err(error) = self.artifacts.remove(&artifact.path)
+                    {
+                        tracing::warn!(%error, "its result is left to the sweeper");
+                    }
+                    return;
+                }
+                Err(error) if tries < END_TRIES => {
+                    tracing::error!(%error, tries, "the end of the job was not recorded; trying again");
+                    tries += 1;
+                    sleep(STORE_PAUSE).await;
+                }
+                Err(error) => {
+                    tracing::error!(%error, "the end of the job was not recorded; its lease will run out");
+                    return;
+                }
+            }
+        }
+    }
+}
+
+/// Waits for a moment that may never come.
+async fn at(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => sleep_until(moment).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Progress as clients see it: never falling, and with the time that is left.
+fn as_recorded(progress: &Progress, fraction: &mut f64, elapsed: Duration) -> JobProgress {
+    if progress.fraction > *fraction {
+        *fraction = progress.fraction.min(1.0);
+    }
+    let eta_s = (*fraction >= ETA_FROM_FRACTION)
+        .then(|| elapsed.as_secs_f64() * (1.0 - *fraction) / *fraction)
+        .map(|s| (s * 10.0).round() / 10.0);
+    JobProgress {
+        fraction: *fraction,
+        phase: progress.phase,
+        done: progress.done,
+        total: progress.total,
+        unit: progress.unit.into(),
+        message: progress.message.clone(),
+        eta_s,
+    }
+}
+
+fn unwritten(error: io::Error) -> Problem {
+    if error.kind() != io::ErrorKind::ConnectionAborted {
+        tracing::error!(%error, "the result was not written");
+    }
+    Problem::new(Kind::InternalError, format!("the result could not be written: {}", error.kind()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_never_falls_and_the_eta_waits_for_a_basis() {
+        let report = |fraction| Progress {
+            phase: Phase::Rsa,
+            fraction,
+            done: 1,
+            total: 2,
+            unit: "grains",
+            message: String::new(),
+        };
+        let mut fraction = 0.0;
+        let elapsed = Duration::from_secs(10);
+        let first = as_recorded(&report(0.01), &mut fraction, elapsed);
+        assert_eq!((first.fraction, first.eta_s), (0.01, None));
+        let second = as_recorded(&report(0.5), &mut fraction, elapsed);
+        assert_eq!((second.fraction, second.eta_s), (0.5, Some(10.0)));
+        assert_eq!(as_recorded(&report(0.4), &mut fraction, elapsed).fraction.to_bits(), 0.5_f64.to_bits());
+        assert_eq!(as_recorded(&report(f64::NAN), &mut fraction, elapsed).fraction.to_bits(), 0.5_f64.to_bits());
+        assert_eq!(as_recorded(&report(7.0), &mut fraction, elapsed).eta_s, Some(0.0));
+    }
+}

@@ -1,0 +1,301 @@
+//! The moves of a job from state to state.
+//!
+//! Each is one transaction whose update names the state it leaves; those of a running job also name
+//! the attempt, so that a worker that lost its lease changes nothing.
+
+use sqlx::{Connection as _, Row as _};
+
+use super::submit::to_json;
+use super::{Store, StoreError, detached, micros, now_us, rows};
+use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
+use crate::problem::Problem;
+
+/// A job that was leased to the caller.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Claimed {
+    pub(crate) lease: Lease,
+    pub(crate) job: JobRecord,
+    /// The request as stored.
+    pub(crate) request: String,
+}
+
+/// What a worker learns when it reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Heartbeat {
+    /// A client wants the job to end.
+    pub(crate) cancel_requested: bool,
+}
+
+/// What became of a wish to cancel.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Cancelled {
+    /// The job was waiting and is cancelled now.
+    Now(JobRecord),
+    /// The job runs; its worker will see the wish.
+    Soon(JobRecord),
+}
+
+impl Store {
+    /// Leases the next job: the highest priority, then the oldest.
+    pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let now = now_us();
+            let row = sqlx::query(
+                "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                     lease_expires_at = ?2, progress = null, error = null, engine = ?3
+                 where seq = (select seq from jobs where state = 'queued' order by priority desc, seq limit 1)
+                 returning seq",
+            )
+            .bind(now)
+            .bind(now.saturating_add(micros(store.limits().lease)))
+            .bind(to_json(&packstone_engine::format::EngineInfo::current())?)
+            .fetch_optional(&mut *tx)
+            .await?;
+            let Some(row) = row else { return Ok(None) };
+            let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
+            let request = sqlx::query("select body from job_requests where job = ?")
+                .bind(job.seq)
+                .fetch_one(&mut *tx)
+                .await?
+                .try_get("body")?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce(job.id);
+            let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt };
+            Ok(Some(Claimed { lease, job, request }))
+        })
+        .await
+    }
+
+    /// Renews a lease, and records progress where there is any news.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(crate) async fn heartbeat(
+        &self,
+        lease: Lease,
+        progress: Option<JobProgress>,
+    ) -> Result<Heartbeat, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let news = progress.as_ref().map(to_json).transpose()?;
+            let mut writer = store.shared.writer.lock().await;
+            let now = now_us();
+            let row = sqlx::query(
+                "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
+                     version = version + (?2 is not null),
+                     updated_at = iif(?2 is null, updated_at, ?3)
+                 where seq = ?4 and attempt = ?5 and state = 'running' returning cancel_requested",
+            )
+            .bind(now.saturating_add(micros(store.limits().lease)))
+            .bind(&news)
+            .bind(now)
+            .bind(lease.seq)
+            .bind(lease.attempt)
+            .fetch_optional(&mut *writer)
+            .await?;
+            drop(writer);
+            let cancel_requested = row.ok_or(StoreError::LeaseLost)?.try_get("cancel_requested")?;
+            if news.is_some() {
+                store.announce(lease.id);
+            }
+            Ok(Heartbeat { cancel_requested })
+        })
+        .await
+    }
+
+    /// Ends a job with its result, which is on disk already.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(crate) async fn succeed(&self, lease: Lease, artifact: ArtifactRecord) -> Result<(), StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let now = now_us();
+            let moved = sqlx::query(
+                "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
+                     lease_expires_at = null, error = null
+                 where seq = ?2 and attempt = ?3 and state = 'running'",
+            )
+            .bind(now)
+            .bind(lease.seq)
+            .bind(lease.attempt)
+            .execute(&mut *tx)
+            .await?;
+            if moved.rows_affected() == 0 {
+                return Err(StoreError::LeaseLost);
+            }
+            sqlx::query(
+                "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
+                 values (?, ?, ?, ?, ?, ?, ?, ?)",
+            )
+            .bind(lease.seq)
+            .bind(lease.attempt)
+            .bind(&artifact.path)
+            .bind(artifact.bytes as i64)
+            .bind(&artifact.sha256)
+            .bind(to_json(&artifact.report)?)
+            .bind(artifact.format_revision)
+            .bind(to_json(&artifact.format_lengths)?)
+            .execute(&mut *tx)
+            .await?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce(lease.id);
+            Ok(())
+        })
+        .await
+    }
+
+    /// Ends a job without a result.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(crate) async fn fail(&self, lease: Lease, problem: &Problem) -> Result<(), StoreError> {
+        let document = to_json(&problem.document())?;
+        self.leave_running(lease, State::Failed, Some(document)).await
+    }
+
+    /// Ends a job as its client wished.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(crate) async fn finish_cancelled(&self, lease: Lease) -> Result<(), StoreError> {
+        self.leave_running(lease, State::Cancelled, None).await
+    }
+
+    /// Gives a job back whose run was broken off by no fault of its own; the attempt does not count.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(crate) async fn give_back(&self, lease: Lease) -> Result<(), StoreError> {
+        self.leave_running(lease, State::Queued, None).await
+    }
+
+    async fn leave_running(&self, lease: Lease, to: State, error: Option<String>) -> Result<(), StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let now = now_us();
+            let moved = sqlx::query(
+                "update jobs set state = ?1, version = version + 1, updated_at = ?2, lease_expires_at = null,
+                     error = ?3,
+                     finished_at = iif(?1 = 'queued', null, ?2),
+                     started_at = iif(?1 = 'queued', null, started_at),
+                     progress = iif(?1 = 'queued', null, progress)
+                 where seq = ?4 and attempt = ?5 and state = 'running'",
+            )
+            .bind(to.name())
+            .bind(now)
+            .bind(error)
+            .bind(lease.seq)
+            .bind(lease.attempt)
+            .execute(&mut *writer)
+            .await?;
+            drop(writer);
+            if moved.rows_affected() == 0 {
+                return Err(StoreError::LeaseLost);
+            }
+            store.announce(lease.id);
+            if to == State::Queued {
+                store.wake_worker();
+            }
+            Ok(())
+        })
+        .await
+    }
+
+    /// Cancels a waiting job, or asks the worker of a running one to stop.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is finished, or the database's.
+    pub(crate) async fn cancel(&self, id: JobId) -> Result<Cancelled, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let before = rows::by_id(&mut tx, id).await?;
+            if before.state.is_finished() {
+                return Err(StoreError::Forbidden(before.state));
+            }
+            sqlx::query(
+                "update jobs set cancel_requested = 1, version = version + (not cancel_requested),
+                     updated_at = iif(cancel_requested, updated_at, ?2),
+                     finished_at = iif(state = 'queued', ?2, finished_at),
+                     state = iif(state = 'queued', 'cancelled', state)
+                 where seq = ?1",
+            )
+            .bind(before.seq)
+            .bind(now_us())
+            .execute(&mut *tx)
+            .await?;
+            let job = rows::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce(id);
+            Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
+        })
+        .await
+    }
+
+    /// Sends a failed or cancelled job back to the queue, with its attempts renewed.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::Forbidden`], [`StoreError::QueueFull`], or the database's.
+    pub(crate) async fn retry(&self, id: JobId) -> Result<JobRecord, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let before = rows::by_id(&mut tx, id).await?;
+            if !before.state.may_retry() {
+                return Err(StoreError::Forbidden(before.state));
+            }
+            store.check_queue(&mut tx).await?;
+            sqlx::query(
+                "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
+                     max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
+                     started_at = null, finished_at = null, progress = null, error = null
+                 where seq = ?1",
+            )
+            .bind(before.seq)
+            .bind(now_us())
+            .execute(&mut *tx)
+            .await?;
+            let job = rows::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce(id);
+            store.wake_worker();
+            Ok(job)
+        })
+        .await
+    }
+
+    /// Removes a finished job and tells the path of its artifact, which nothing refers to any more.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is not finished, or the database's.
+    pub(crate) async fn delete(&self, id: JobId) -> Result<Option<String>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let job = rows::by_id(&mut tx, id).await?;
+            if !job.state.is_finished() {
+                return Err(StoreError::Forbidden(job.state));
+            }
+            sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce(id);
+            Ok(job.artifact.map(|artifact| artifact.path))
+        })
+        .await
+    }
+}

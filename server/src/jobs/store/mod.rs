@@ -1,0 +1,192 @@
+//! The store of jobs: one SQLite file.
+//!
+//! Who may write: one connection behind a lock, each write in its own `BEGIN IMMEDIATE`, so that no
+//! write ever meets another; readers are a separate read-only pool and never wait for it. Writes run
+//! in a task of their own: a client that hangs up halfway cannot leave a transaction open or a commit
+//! unannounced. The clock here decides about leases and expiry.
+//!
+//! Every change a client can see moves `version` on and is announced to [`Changes`] after its commit.
+//! It must never know HTTP, and it never opens an artifact.
+
+mod lifecycle;
+mod query;
+mod rows;
+mod submit;
+#[cfg(test)]
+mod tests;
+mod upkeep;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Connection as _, SqliteConnection, SqlitePool};
+use tokio::sync::{Mutex, Notify};
+
+use super::changes::{Changes, Subscription};
+use super::{JobId, State};
+
+pub(crate) use lifecycle::{Cancelled, Claimed};
+pub(crate) use query::Filter;
+pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
+
+/// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
+const READERS: u32 = 4;
+/// How long a reader waits for a connection, and a writer for a lock that another program holds on
+/// the file (a backup, `sqlite3` in a terminal).
+const WAIT: Duration = Duration::from_secs(10);
+
+/// Why the store did not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum StoreError {
+    /// SQLite refused.
+    #[error("the database failed: {0}")]
+    Database(#[from] sqlx::Error),
+    /// The tables could not be brought up to date.
+    #[error("the database could not be migrated: {0}")]
+    Migrate(#[from] sqlx::migrate::MigrateError),
+    /// A row holds what this version cannot read.
+    #[error("a row of the database is unreadable: {0}")]
+    Row(String),
+    /// The task that wrote ended early.
+    #[error("a write of the database was broken off: {0}")]
+    Broken(#[from] tokio::task::JoinError),
+    /// There is no such job.
+    #[error("there is no such job")]
+    NoJob,
+    /// The job's state forbids it.
+    #[error("the job is {}", .0.name())]
+    Forbidden(State),
+    /// Another attempt holds the job, or none does.
+    #[error("the lease of the job was lost")]
+    LeaseLost,
+    /// As many jobs wait as may.
+    #[error("the queue holds {0} jobs, as many as it may")]
+    QueueFull(u64),
+    /// The key came with another body before.
+    #[error("the idempotency key was used with another body")]
+    KeyReused,
+}
+
+/// What the store allows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StoreLimits {
+    /// Most jobs that wait.
+    pub(crate) max_queued: u64,
+    /// How long a lease lasts without being renewed.
+    pub(crate) lease: Duration,
+}
+
+/// The store; clones share it.
+#[derive(Clone, Debug)]
+pub(crate) struct Store {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    writer: Mutex<SqliteConnection>,
+    readers: SqlitePool,
+    changes: Changes,
+    queue: Notify,
+    limits: StoreLimits,
+}
+
+impl Store {
+    /// Opens the file, makes it where it is missing, and brings its tables up to date.
+    ///
+    /// # Errors
+    /// When the file cannot be opened or migrated, by an older version for example.
+    pub(crate) async fn open(file: &Path, limits: StoreLimits) -> Result<Self, StoreError> {
+        let options = SqliteConnectOptions::new()
+            .filename(file)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            // A 201 promises that the job survives a power cut.
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(WAIT);
+        let mut writer = SqliteConnection::connect_with(&options).await?;
+        sqlx::migrate!("../migrations").run(&mut writer).await?;
+        let readers = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .min_connections(1)
+            .acquire_timeout(WAIT)
+            // Readers only ever close with the process: no pings, no recycling.
+            .test_before_acquire(false)
+            .idle_timeout(None)
+            .max_lifetime(None)
+            .connect_with(options.create_if_missing(false).read_only(true))
+            .await?;
+        Ok(Self {
+            shared: Arc::new(Shared {
+                writer: Mutex::new(writer),
+                readers,
+                changes: Changes::default(),
+                queue: Notify::new(),
+                limits,
+            }),
+        })
+    }
+
+    /// Starts to listen for changes of a job. Subscribe first, then read.
+    pub(crate) fn subscribe(&self, id: JobId) -> Subscription {
+        self.shared.changes.subscribe(id)
+    }
+
+    /// Waits until a job may have come into the queue.
+    pub(crate) async fn queue_grew(&self) {
+        self.shared.queue.notified().await;
+    }
+
+    /// Wakes one more worker: of a burst of submissions, only the last may have left its mark.
+    pub(crate) fn pass_on(&self) {
+        self.wake_worker();
+    }
+
+    /// Closes the file, after which every call fails; folds the write-ahead log into it.
+    pub(crate) async fn close(&self) {
+        self.shared.readers.close().await;
+        let mut writer = self.shared.writer.lock().await;
+        // The connection itself closes with the last clone; what is not folded in is folded in later.
+        if let Err(error) = sqlx::query("pragma wal_checkpoint(truncate)").execute(&mut *writer).await {
+            tracing::warn!(%error, "the write-ahead log was not folded in");
+        }
+    }
+
+    fn readers(&self) -> &SqlitePool {
+        &self.shared.readers
+    }
+
+    fn limits(&self) -> StoreLimits {
+        self.shared.limits
+    }
+
+    /// After a commit that changed what clients see of the job.
+    fn announce(&self, id: JobId) {
+        self.shared.changes.announce(id);
+    }
+
+    /// After a commit that put a job into the queue.
+    fn wake_worker(&self) {
+        self.shared.queue.notify_one();
+    }
+}
+
+/// Runs a write to its end whatever becomes of the caller.
+async fn detached<T: Send + 'static>(
+    write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
+) -> Result<T, StoreError> {
+    tokio::spawn(write).await?
+}
+
+/// The store's clock, in microseconds since the Unix epoch.
+fn now_us() -> i64 {
+    Timestamp::now().as_microsecond()
+}
+
+fn micros(duration: Duration) -> i64 {
+    i64::try_from(duration.as_micros()).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,89 @@
+//! Rows of the database as jobs.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row as _, SqliteConnection};
+
+use super::StoreError;
+use crate::jobs::{ArtifactRecord, JobId, JobRecord, State};
+
+/// A query for jobs with their artifacts; `$tail` holds what follows the joins.
+macro_rules! select_jobs {
+    ($tail:literal) => {
+        concat!(
+            "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report, ",
+            "artifacts.format_revision, artifacts.format_lengths ",
+            "from jobs left join artifacts on artifacts.job = jobs.seq ",
+            $tail
+        )
+    };
+}
+pub(super) use select_jobs;
+
+/// Reads a row of [`select_jobs!`].
+pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
+    let artifact = match row.try_get::<Option<String>, _>("path")? {
+        None => None,
+        Some(path) => Some(ArtifactRecord {
+            path,
+            bytes: row.try_get::<i64, _>("bytes")? as u64,
+            sha256: row.try_get("sha256")?,
+            report: json(&row.try_get::<String, _>("report")?)?,
+            format_revision: row.try_get("format_revision")?,
+            format_lengths: json(&row.try_get::<String, _>("format_lengths")?)?,
+        }),
+    };
+    let optional_json = |column| -> Result<_, StoreError> {
+        row.try_get::<Option<String>, _>(column)?.as_deref().map(json).transpose()
+    };
+    Ok(JobRecord {
+        seq: row.try_get("seq")?,
+        id: job_id(&row.try_get::<String, _>("id")?)?,
+        state: state(&row.try_get::<String, _>("state")?)?,
+        name: row.try_get("name")?,
+        labels: json(&row.try_get::<String, _>("labels")?)?,
+        priority: row.try_get("priority")?,
+        seed: row.try_get("seed")?,
+        timeout_s: row.try_get("timeout_s")?,
+        attempt: row.try_get("attempt")?,
+        max_attempts: row.try_get("max_attempts")?,
+        cancel_requested: row.try_get("cancel_requested")?,
+        version: row.try_get("version")?,
+        created_at: row.try_get("created_at")?,
+        started_at: row.try_get("started_at")?,
+        finished_at: row.try_get("finished_at")?,
+        updated_at: row.try_get("updated_at")?,
+        expires_at: row.try_get("expires_at")?,
+        engine: json(&row.try_get::<String, _>("engine")?)?,
+        progress: optional_json("progress")?,
+        error: optional_json("error")?,
+        artifact,
+    })
+}
+
+/// The job of that number, which the caller knows to exist.
+pub(super) async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<JobRecord, StoreError> {
+    let row =
+        sqlx::query(select_jobs!("where jobs.seq = ?")).bind(seq).fetch_optional(&mut *connection).await?;
+    job(&row.ok_or(StoreError::NoJob)?)
+}
+
+/// The job of that id.
+pub(super) async fn by_id(connection: &mut SqliteConnection, id: JobId) -> Result<JobRecord, StoreError> {
+    let row = sqlx::query(select_jobs!("where jobs.id = ?"))
+        .bind(id.to_string())
+        .fetch_optional(&mut *connection)
+        .await?;
+    job(&row.ok_or(StoreError::NoJob)?)
+}
+
+pub(super) fn state(name: &str) -> Result<State, StoreError> {
+    State::from_name(name).ok_or_else(|| StoreError::Row(format!("unknown state {name:?}")))
+}
+
+pub(super) fn job_id(text: &str) -> Result<JobId, StoreError> {
+    JobId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no job id")))
+}
+
+fn json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|error| StoreError::Row(error.to_string()))
+}

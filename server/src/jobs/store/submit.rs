@@ -1,0 +1,146 @@
+//! Taking jobs in.
+//!
+//! The idempotency key, the bound of the queue and the insert share one transaction: of two
+//! submissions with one key that arrive together, one inserts and the other finds it.
+
+use packstone_engine::format::EngineInfo;
+use sqlx::{Connection as _, Row as _, SqliteConnection};
+
+use super::{Store, StoreError, detached, now_us, rows};
+use crate::jobs::{JobId, JobRecord, JobRequest};
+
+/// A key that makes a repeated submission harmless.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct IdempotencyKey {
+    /// Whose key it is; clients with different API keys do not meet.
+    pub(crate) scope: String,
+    /// The key as sent.
+    pub(crate) key: String,
+    /// SHA-256 of the body's content, in hexadecimal.
+    pub(crate) body_sha256: String,
+}
+
+/// A job to take in.
+#[derive(Clone, Debug)]
+pub(crate) struct NewJob {
+    pub(crate) request: JobRequest,
+    pub(crate) idempotency_key: Option<IdempotencyKey>,
+}
+
+/// What became of a submission.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Submitted {
+    /// The job was taken in.
+    Created(JobRecord),
+    /// The same key brought this job before.
+    Existing(JobRecord),
+}
+
+impl Store {
+    /// Takes a job in; it is safe on disk when this returns.
+    ///
+    /// # Errors
+    /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's.
+    pub(crate) async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let id = JobId::new();
+            let submitted = store.insert(id, &new).await?;
+            if let Submitted::Created(_) = submitted {
+                store.wake_worker();
+            }
+            Ok(submitted)
+        })
+        .await
+    }
+
+    async fn insert(&self, id: JobId, new: &NewJob) -> Result<Submitted, StoreError> {
+        let request = &new.request;
+        let body = to_json(request)?;
+        let labels = to_json(&request.labels)?;
+        let engine = to_json(&EngineInfo::current())?;
+        let mut writer = self.shared.writer.lock().await;
+        let mut tx = writer.begin_with("begin immediate").await?;
+        if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
+            return Ok(Submitted::Existing(existing));
+        }
+        self.check_queue(&mut tx).await?;
+        let now = now_us();
+        let seq: i64 = sqlx::query(
+            "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
+                 attempt_budget, created_at, updated_at, expires_at, engine)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+        )
+        .bind(id.to_string())
+        .bind(&request.name)
+        .bind(labels)
+        .bind(request.priority)
+        .bind(request.seed as i64)
+        .bind(request.timeout_s)
+        .bind(request.max_attempts)
+        .bind(request.max_attempts)
+        .bind(now)
+        .bind(now)
+        .bind(request.expires_at_us())
+        .bind(engine)
+        .fetch_one(&mut *tx)
+        .await?
+        .try_get("seq")?;
+        sqlx::query("insert into job_requests (job, body) values (?, ?)")
+            .bind(seq)
+            .bind(body)
+            .execute(&mut *tx)
+            .await?;
+        for (key, value) in &request.labels {
+            sqlx::query("insert into job_labels (key, value, job, state) values (?, ?, ?, 'queued')")
+                .bind(key)
+                .bind(value)
+                .bind(seq)
+                .execute(&mut *tx)
+                .await?;
+        }
+        if let Some(key) = &new.idempotency_key {
+            sqlx::query("insert into idempotency_keys (scope, key, body_sha256, job) values (?, ?, ?, ?)")
+                .bind(&key.scope)
+                .bind(&key.key)
+                .bind(&key.body_sha256)
+                .bind(seq)
+                .execute(&mut *tx)
+                .await?;
+        }
+        let record = rows::by_seq(&mut tx, seq).await?;
+        tx.commit().await?;
+        Ok(Submitted::Created(record))
+    }
+
+    /// Refuses where the queue holds as many jobs as it may.
+    pub(super) async fn check_queue(&self, connection: &mut SqliteConnection) -> Result<(), StoreError> {
+        let queued: i64 = sqlx::query("select jobs from job_counts where state = 'queued'")
+            .fetch_one(&mut *connection)
+            .await?
+            .try_get("jobs")?;
+        let most = self.limits().max_queued;
+        if queued as u64 >= most { Err(StoreError::QueueFull(most)) } else { Ok(()) }
+    }
+}
+
+async fn find_key(
+    connection: &mut SqliteConnection,
+    key: Option<&IdempotencyKey>,
+) -> Result<Option<JobRecord>, StoreError> {
+    let Some(key) = key else { return Ok(None) };
+    let row = sqlx::query("select body_sha256, job from idempotency_keys where scope = ? and key = ?")
+        .bind(&key.scope)
+        .bind(&key.key)
+        .fetch_optional(&mut *connection)
+        .await?;
+    let Some(row) = row else { return Ok(None) };
+    if row.try_get::<String, _>("body_sha256")? != key.body_sha256 {
+        return Err(StoreError::KeyReused);
+    }
+    rows::by_seq(connection, row.try_get("job")?).await.map(Some)
+}
+
+pub(super) fn to_json(value: &impl serde::Serialize) -> Result<String, StoreError> {
+    serde_json::to_string(value).map_err(|error| StoreError::Row(error.to_string()))
+}

@@ -1,0 +1,128 @@
+//! What the store does without being asked by a client: recovery after a crash, leases that ran out,
+//! jobs that expired.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Connection as _, Row as _};
+
+use super::submit::to_json;
+use super::{Store, StoreError, detached, now_us, rows};
+use crate::jobs::JobId;
+use crate::problem::{Kind, Problem};
+
+/// Expired jobs removed in one transaction; more would keep submissions waiting.
+const EXPIRED_AT_ONCE: i64 = 200;
+
+/// A job that was removed.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Removed {
+    pub(crate) id: JobId,
+    /// Its artifact, which nothing refers to any more.
+    pub(crate) artifact: Option<String>,
+}
+
+impl Store {
+    /// At start-up, when no worker can be alive: takes every running job back into the queue with
+    /// its next attempt, or ends it where it has none left. Returns how many were running.
+    pub(crate) async fn recover(&self) -> Result<usize, StoreError> {
+        self.reclaim(i64::MAX).await
+    }
+
+    /// Does the same for the jobs whose lease ran out, after a suspended machine for example.
+    pub(crate) async fn reclaim_expired_leases(&self) -> Result<usize, StoreError> {
+        self.reclaim(now_us()).await
+    }
+
+    async fn reclaim(&self, leases_until: i64) -> Result<usize, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let exhausted = Problem::new(
+                Kind::AttemptsExhausted,
+                "the server stopped during every attempt that max_attempts allows",
+            );
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let moved = sqlx::query(
+                "update jobs set
+                     state = case when cancel_requested then 'cancelled'
+                                  when attempt >= max_attempts then 'failed' else 'queued' end,
+                     error = iif(attempt >= max_attempts and not cancel_requested, ?3, null),
+                     finished_at = iif(attempt >= max_attempts or cancel_requested, ?1, null),
+                     started_at = iif(attempt >= max_attempts or cancel_requested, started_at, null),
+                     attempt = iif(attempt >= max_attempts or cancel_requested, attempt, attempt + 1),
+                     progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
+                 where state = 'running' and lease_expires_at <= ?2
+                 returning id",
+            )
+            .bind(now_us())
+            .bind(leases_until)
+            .bind(to_json(&exhausted.document())?)
+            .fetch_all(&mut *tx)
+            .await?;
+            tx.commit().await?;
+            drop(writer);
+            for row in &moved {
+                store.announce(rows::job_id(&row.try_get::<String, _>("id")?)?);
+                store.wake_worker();
+            }
+            Ok(moved.len())
+        })
+        .await
+    }
+
+    /// Removes finished jobs past their `expires_at`, a bounded number at a time; an empty answer
+    /// means that none is left.
+    pub(crate) async fn remove_expired(&self) -> Result<Vec<Removed>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let expired = sqlx::query(
+                "select jobs.seq, jobs.id, artifacts.path
+                 from jobs left join artifacts on artifacts.job = jobs.seq
+                 where jobs.expires_at <= ? and jobs.state in ('succeeded', 'failed', 'cancelled')
+                 order by jobs.expires_at limit ?",
+            )
+            .bind(now_us())
+            .bind(EXPIRED_AT_ONCE)
+            .fetch_all(&mut *tx)
+            .await?;
+            for row in &expired {
+                let seq: i64 = row.try_get("seq")?;
+                sqlx::query("delete from jobs where seq = ?").bind(seq).execute(&mut *tx).await?;
+            }
+            tx.commit().await?;
+            drop(writer);
+            let removed: Result<Vec<_>, StoreError> = expired.iter().map(removed).collect();
+            for job in removed.iter().flatten() {
+                store.announce(job.id);
+            }
+            removed
+        })
+        .await
+    }
+
+    /// Whether a job's result is at this path.
+    pub(crate) async fn refers_to(&self, path: &str) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from artifacts where path = ?")
+            .bind(path)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
+    /// Fails where the file cannot be written; changes nothing.
+    pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            sqlx::query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut *tx).await?;
+            Ok(tx.rollback().await?)
+        })
+        .await
+    }
+}
+
+fn removed(row: &SqliteRow) -> Result<Removed, StoreError> {
+    Ok(Removed { id: rows::job_id(&row.try_get::<String, _>("id")?)?, artifact: row.try_get("path")? })
+}

@@ -1,0 +1,172 @@
+//! What the service counts about itself, in the text form that Prometheus reads.
+//!
+//! Counters live here; what the store knows (jobs by state) is asked for at each scrape, so that it
+//! is right after a restart too.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use crate::jobs::State;
+
+/// Upper bounds of the classes of a request's time, in s.
+const REQUEST_BOUNDS_S: &[f64] = &[0.001, 0.005, 0.025, 0.1, 0.5, 2.5, 10.0, 60.0];
+/// Upper bounds of the classes of a job's time, in s.
+const JOB_BOUNDS_S: &[f64] = &[0.1, 0.5, 1.0, 5.0, 15.0, 60.0, 300.0, 1800.0, 7200.0, 43200.0];
+
+/// All counters.
+#[derive(Debug, Default)]
+pub(crate) struct Metrics {
+    submitted: AtomicU64,
+    ended: Mutex<BTreeMap<&'static str, Histogram>>,
+    requests: Mutex<BTreeMap<(String, String), Requests>>,
+}
+
+#[derive(Debug, Default)]
+struct Requests {
+    by_status: BTreeMap<u16, u64>,
+    times: Histogram,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Histogram {
+    counts: Vec<u64>,
+    count: u64,
+    sum_s: f64,
+}
+
+impl Histogram {
+    fn record(&mut self, bounds: &[f64], took: Duration) {
+        let s = took.as_secs_f64();
+        self.counts.resize(bounds.len(), 0);
+        for (count, bound) in self.counts.iter_mut().zip(bounds) {
+            *count += u64::from(s <= *bound);
+        }
+        self.count += 1;
+        self.sum_s += s;
+    }
+
+    fn render(&self, out: &mut Text, name: &str, labels: &str, bounds: &[f64]) {
+        for (bound, count) in bounds.iter().zip(&self.counts) {
+            out.line(&format!("{name}_bucket"), &format!("{labels},le=\"{bound}\""), count);
+        }
+        out.line(&format!("{name}_bucket"), &format!("{labels},le=\"+Inf\""), self.count);
+        out.line(&format!("{name}_sum"), labels, self.sum_s);
+        out.line(&format!("{name}_count"), labels, self.count);
+    }
+}
+
+/// What is known of the moment of a scrape.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Gauges {
+    pub(crate) jobs: BTreeMap<State, u64>,
+    pub(crate) workers: usize,
+    pub(crate) connections: usize,
+    pub(crate) results_being_sent: usize,
+}
+
+impl Metrics {
+    /// A job was taken in.
+    pub(crate) fn job_submitted(&self) {
+        self.submitted.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A run ended after some time.
+    pub(crate) fn job_ended(&self, outcome: &'static str, took: Duration) {
+        let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
+        ended.entry(outcome).or_default().record(JOB_BOUNDS_S, took);
+    }
+
+    /// A request was answered: its head was ready after some time. `route` is a pattern, never a
+    /// path, of which there is no end.
+    pub(crate) fn request_answered(&self, method: &str, route: &str, status: u16, took: Duration) {
+        let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_route = requests.entry((route.to_owned(), method.to_owned())).or_default();
+        *of_route.by_status.entry(status).or_default() += 1;
+        of_route.times.record(REQUEST_BOUNDS_S, took);
+    }
+
+    /// The text form.
+    pub(crate) fn render(&self, gauges: &Gauges) -> String {
+        let mut out = Text::default();
+        out.head("packstone_jobs", "gauge", "Jobs in the store by state.");
+        for (state, jobs) in &gauges.jobs {
+            out.line("packstone_jobs", &format!("state=\"{}\"", state.name()), jobs);
+        }
+        out.head("packstone_workers", "gauge", "Jobs that may run at once.");
+        out.line("packstone_workers", "", gauges.workers);
+        out.head("packstone_http_connections", "gauge", "Open connections.");
+        out.line("packstone_http_connections", "", gauges.connections);
+        out.head("packstone_results_being_sent", "gauge", "Results that are being converted and sent.");
+        out.line("packstone_results_being_sent", "", gauges.results_being_sent);
+        out.head("packstone_jobs_submitted_total", "counter", "Jobs taken in since the start.");
+        out.line("packstone_jobs_submitted_total", "", self.submitted.load(Ordering::Relaxed));
+        out.head("packstone_job_duration_seconds", "histogram", "Time of runs by outcome.");
+        for (outcome, times) in self.ended.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+            let labels = format!("outcome=\"{outcome}\"");
+            times.render(&mut out, "packstone_job_duration_seconds", &labels, JOB_BOUNDS_S);
+        }
+        let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        out.head("packstone_http_requests_total", "counter", "Requests answered.");
+        for ((route, method), of_route) in requests.iter() {
+            for (status, count) in &of_route.by_status {
+                let labels = format!("method=\"{method}\",route=\"{route}\",status=\"{status}\"");
+                out.line("packstone_http_requests_total", &labels, count);
+            }
+        }
+        let name = "packstone_http_request_duration_seconds";
+        out.head(name, "histogram", "Time until the head of the answer was ready.");
+        for ((route, method), of_route) in requests.iter() {
+            let labels = format!("method=\"{method}\",route=\"{route}\"");
+            of_route.times.render(&mut out, name, &labels, REQUEST_BOUNDS_S);
+        }
+        out.0
+    }
+}
+
+/// Writing to a string cannot fail, so results are dropped here.
+#[derive(Default)]
+struct Text(String);
+
+impl Text {
+    fn head(&mut self, name: &str, kind: &str, help: &str) {
+        let _ = write!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}\n");
+    }
+
+    fn line(&mut self, name: &str, labels: &str, value: impl std::fmt::Display) {
+        let _ = if labels.is_empty() {
+            writeln!(self.0, "{name} {value}")
+        } else {
+            writeln!(self.0, "{name}{{{labels}}} {value}")
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_rendered_cumulatively() {
+        let metrics = Metrics::default();
+        metrics.job_submitted();
+        metrics.job_ended("succeeded", Duration::from_millis(300));
+        metrics.job_ended("succeeded", Duration::from_secs(3));
+        metrics.request_answered("GET", "/v1/jobs/{id}", 200, Duration::from_millis(2));
+        let text = metrics.render(&Gauges { workers: 2, ..Gauges::default() });
+        for line in [
+            "packstone_workers 2",
+            "packstone_jobs_submitted_total 1",
+            "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"0.1\"} 0",
+            "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"0.5\"} 1",
+            "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"5\"} 2",
+            "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"+Inf\"} 2",
+            "packstone_job_duration_seconds_count{outcome=\"succeeded\"} 2",
+            "packstone_http_requests_total{method=\"GET\",route=\"/v1/jobs/{id}\",status=\"200\"} 1",
+        ] {
+            assert!(text.lines().any(|l| l == line), "{line} is missing in:\n{text}");
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! The one form of errors that leave this service: problem documents of RFC 9457.
+//!
+//! Every problem a client can meet has its line in [`Kind`]: what it is called, its status, what it
+//! means. Jobs keep the problem that ended them in the same form. How a problem becomes a response
+//! is [`crate::api`]'s business; nothing here knows HTTP beyond status codes.
+
+use packstone_engine::{FieldError, PackError, PlanError};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use utoipa::ToSchema;
+
+macro_rules! kinds {
+    ($($variant:ident $slug:literal $status:literal $title:literal $meaning:literal)*) => {
+        /// Every kind of problem.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub(crate) enum Kind { $(#[doc = $meaning] $variant,)* }
+
+        impl Kind {
+            /// All of them, in the order of the documentation.
+            pub(crate) const ALL: &[Self] = &[$(Self::$variant,)*];
+
+            /// Last segment of the `type`.
+            pub(crate) fn slug(self) -> &'static str {
+                match self { $(Self::$variant => $slug,)* }
+            }
+
+            /// HTTP status, unless the place of the fault says otherwise.
+            pub(crate) fn status(self) -> u16 {
+                match self { $(Self::$variant => $status,)* }
+            }
+
+            /// What it is called; the same for every occurrence.
+            pub(crate) fn title(self) -> &'static str {
+                match self { $(Self::$variant => $title,)* }
+            }
+
+            /// When it occurs and what to do about it.
+            pub(crate) fn meaning(self) -> &'static str {
+                match self { $(Self::$variant => $meaning,)* }
+            }
+        }
+    };
+}
+
+kinds! {
+    MalformedJson "malformed-json" 400 "Malformed JSON"
+        "The body is not JSON. `errors` points to the place where reading stopped."
+    ValidationError "validation-error" 422 "Invalid field"
+        "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of its bounds. `errors` lists every such fault with its place, the value found and the bound."
+    InfeasibleMix "infeasible-mix" 422 "The mix cannot fit"
+        "No arrangement of spheres reaches the volume fraction asked for. Lower it, shorten the distance, or raise the cut-off."
+    TooLarge "too-large" 422 "The packing is too large"
+        "More grains, or more memory, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off or take a smaller specimen."
+    Unauthorized "unauthorized" 401 "Unauthorized"
+        "The request carries no known API key. Send `Authorization: Bearer KEY`."
+    NotFound "not-found" 404 "Not found"
+        "There is no such route or no such job; an expired job is gone too."
+    ResultNotReady "result-not-ready" 404 "No result yet"
+        "The job has not finished. Wait for its end with `Prefer: wait=N` or its events."
+    MethodNotAllowed "method-not-allowed" 405 "Method not allowed"
+        "The route does not know this method; `Allow` names those it does."
+    NotAcceptable "not-acceptable" 406 "Not acceptable"
+        "A result has no format that `Accept` or `?format=` asks for."
+    RequestTimeout "request-timeout" 408 "The request took too long"
+        "The body stopped arriving. Send it again without pauses."
+    Conflict "conflict" 409 "The state of the job forbids it"
+        "The job is in a state in which this cannot be done: a finished job cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled one can be retried."
+    JobFailed "job-failed" 409 "The job has no result"
+        "The job failed or was cancelled, so that there never will be a result; `job_error` says why. Retry it, or submit another."
+    PayloadTooLarge "payload-too-large" 413 "The body is too large"
+        "The body is longer than this server reads; `/v1/capabilities` tells the limit."
+    UnsupportedMediaType "unsupported-media-type" 415 "Unsupported media type"
+        "Bodies are JSON (`Content-Type: application/json`) without content encoding."
+    RangeNotSatisfiable "range-not-satisfiable" 416 "The range lies beyond the end"
+        "The first byte asked for does not exist; `Content-Range` tells the length."
+    IdempotencyKeyReused "idempotency-key-reused" 422 "Idempotency key reused"
+        "The key was used before with another body. Take a new key for a new job."
+    QueueFull "queue-full" 429 "The queue is full"
+        "As many jobs wait as this server keeps. Try again after `Retry-After`."
+    Busy "busy" 503 "Busy"
+        "As many results are being sent as this server can. Try again after `Retry-After`."
+    NotReady "not-ready" 503 "Not ready"
+        "The server is starting or stopping, or cannot write to its data directory."
+    InternalError "internal-error" 500 "Internal error"
+        "A fault of this server, recorded in its log under the request's or the job's id."
+    PackingNotReached "packing-not-reached" 422 "The packing was not reached"
+        "The end of a job: the method came to its end before all grains were placed. The document tells how far it came. Another seed, a lower volume fraction or another method may succeed."
+    TimedOut "timed-out" 422 "The job timed out"
+        "The end of a job: it ran longer than its `timeout_s`."
+    AttemptsExhausted "attempts-exhausted" 500 "Too many attempts"
+        "The end of a job: the server stopped while it ran as often as its `max_attempts` allows. It may be what makes the server stop, by its memory for example."
+    CheckFailed "check-failed" 500 "The packing failed its check"
+        "The end of a job: the independent check refused the packing. A defect of this program; please report it with the request."
+}
+
+impl Kind {
+    /// The `type` of the document: a reference that this server answers.
+    pub(crate) fn type_uri(self) -> String {
+        format!("/problems/{}", self.slug())
+    }
+
+    /// The kind of that slug.
+    pub(crate) fn from_slug(slug: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|k| k.slug() == slug)
+    }
+}
+
+/// One fault: in the body (`pointer`), the query (`parameter`) or the header section (`header`).
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub(crate) struct Fault {
+    /// RFC 6901 pointer into the body; empty for the body itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, nullable = false)]
+    pub(crate) pointer: Option<String>,
+    /// Name of the query parameter.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, nullable = false)]
+    pub(crate) parameter: Option<String>,
+    /// Name of the header field.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, nullable = false)]
+    pub(crate) header: Option<String>,
+    /// What is wrong: the value found and the bound it breaks.
+    pub(crate) detail: String,
+}
+
+impl Fault {
+    /// A fault in a query parameter.
+    pub(crate) fn parameter(name: &str, detail: impl Into<String>) -> Self {
+        Self { parameter: Some(name.into()), detail: detail.into(), ..Self::default() }
+    }
+
+    /// A fault in a header field.
+    pub(crate) fn header(name: &str, detail: impl Into<String>) -> Self {
+        Self { header: Some(name.into()), detail: detail.into(), ..Self::default() }
+    }
+
+    fn place(&self) -> &str {
+        match (&self.pointer, &self.parameter, &self.header) {
+            (Some(p), _, _) if p.is_empty() => "document",
+            (Some(place), _, _) | (_, Some(place), _) | (_, _, Some(place)) => place,
+            _ => "request",
+        }
+    }
+}
+
+impl From<FieldError> for Fault {
+    fn from(error: FieldError) -> Self {
+        Self { pointer: Some(error.pointer), detail: error.detail, ..Self::default() }
+    }
+}
+
+/// A problem that occurred.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Problem {
+    pub(crate) kind: Kind,
+    pub(crate) status: u16,
+    pub(crate) detail: String,
+    pub(crate) errors: Vec<Fault>,
+    /// Members of this kind only, as `job_error`.
+    pub(crate) members: Map<String, Value>,
+    /// Header fields that the response needs, as `Allow`.
+    pub(crate) headers: Vec<(&'static str, String)>,
+}
+
+impl Problem {
+    /// A problem of a kind, with one sentence on this occurrence.
+    pub(crate) fn new(kind: Kind, detail: impl Into<String>) -> Self {
+        Self {
+            kind,
+            status: kind.status(),
+            detail: detail.into(),
+            errors: Vec::new(),
+            members: Map::new(),
+            headers: Vec::new(),
+        }
+    }
+
+    /// A fault of this server. What exactly is for the log, not for the client.
+    pub(crate) fn internal() -> Self {
+        Self::new(Kind::InternalError, "the server could not complete the request; its log says why")
+    }
+
+    /// There is no such job.
+    pub(crate) fn no_job(id: &str) -> Self {
+        let shown: String = id.chars().take(64).collect();
+        Self::new(Kind::NotFound, format!("there is no job {shown:?}"))
+    }
+
+    /// Faulty fields of the body.
+    pub(crate) fn fields(kind: Kind, faults: Vec<FieldError>) -> Self {
+        Self::new(kind, "").with_errors(faults.into_iter().map(Fault::from).collect())
+    }
+
+    /// Faulty parameters or header fields.
+    pub(crate) fn parameters(faults: Vec<Fault>) -> Self {
+        let mut problem = Self::new(Kind::ValidationError, "").with_errors(faults);
+        problem.status = 400;
+        problem
+    }
+
+    /// Takes the faults, and their first one as the detail.
+    fn with_errors(mut self, faults: Vec<Fault>) -> Self {
+        if let Some(first) = faults.first() {
+            self.detail = format!("{}: {}", first.place(), first.detail);
+            if faults.len() > 1 {
+                self.detail = format!("{} (and {} more)", self.detail, faults.len() - 1);
+            }
+        }
+        self.errors = faults;
+        self
+    }
+
+    /// Adds a member.
+    pub(crate) fn with(mut self, name: &str, value: Value) -> Self {
+        self.members.insert(name.into(), value);
+        self
+    }
+
+    /// Adds a header field to the response.
+    pub(crate) fn with_header(mut self, name: &'static str, value: impl Into<String>) -> Self {
+        self.headers.push((name, value.into()));
+        self
+    }
+
+    /// The document.
+    pub(crate) fn document(&self) -> Map<String, Value> {
+        let mut document = Map::new();
+        document.insert("type".into(), self.kind.type_uri().into());
+        document.insert("title".into(), self.kind.title().into());
+        document.insert("status".into(), self.status.into());
+        document.insert("detail".into(), self.detail.clone().into());
+        if !self.errors.is_empty() {
+            document.insert("errors".into(), json!(self.errors));
+        }
+        document.extend(self.members.clone());
+        document
+    }
+}
+
+impl From<PlanError> for Problem {
+    fn from(error: PlanError) -> Self {
+        match error {
+            PlanError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
+            PlanError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
+            PlanError::Infeasible(fault) => Self::fields(Kind::InfeasibleMix, vec![fault]),
+        }
+    }
+}
+
+/// A run that ended without a packing, as the job keeps it. [`PackError::Stopped`] is not an end
+/// of its own: who stopped the run knows why.
+impl From<PackError> for Problem {
+    fn from(error: PackError) -> Self {
+        let detail = error.to_string();
+        match error {
+            PackError::Plan(plan) => plan.into(),
+            PackError::NotReached(reached) => Self::new(Kind::PackingNotReached, detail)
+                .with("placed", reached.placed.into())
+                .with("grains", reached.grains.into())
+                .with("diameter_mm", reached.diameter_mm.into())
+                .with("volume_fraction_reached", reached.volume_fraction_reached.into())
+                .with("volume_fraction_asked", reached.volume_fraction_asked.into())
+                .with("proven", reached.proven.into())
+                .with("attempts", reached.attempts.into()),
+            PackError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
+            PackError::Stopped { .. } => Self::new(Kind::InternalError, detail),
+        }
+    }
+}
+
+/// The problem document as clients see it (RFC 9457).
+#[derive(Serialize, ToSchema)]
+#[schema(as = Problem)]
+#[allow(dead_code)]
+pub(crate) struct ProblemDocument {
+    /// Which kind of problem; a reference that this server answers with an explanation.
+    #[schema(format = "uri-reference", example = "/problems/validation-error")]
+    r#type: String,
+    /// What the kind is called.
+    title: String,
+    /// HTTP status.
+    #[schema(minimum = 400, maximum = 599)]
+    status: u16,
+    /// This occurrence, in one sentence.
+    detail: String,
+    /// The request in which it occurred; the server's log knows it by this id.
+    #[schema(format = "uri-reference", required = false)]
+    instance: String,
+    /// Every fault, each at its place.
+    #[schema(required = false)]
+    errors: Vec<Fault>,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slugs_are_unique_and_statuses_are_errors() {
+        let slugs: std::collections::HashSet<_> = Kind::ALL.iter().map(|k| k.slug()).collect();
+        assert_eq!(slugs.len(), Kind::ALL.len());
+        for &kind in Kind::ALL {
+            assert_eq!(Kind::from_slug(kind.slug()), Some(kind));
+            assert!((400..600).contains(&kind.status()), "{}", kind.slug());
+            assert!(kind.meaning().ends_with('.') && !kind.title().is_empty(), "{}", kind.slug());
+        }
+    }
+
+    #[test]
+    fn a_document_names_every_fault_and_details_the_first() {
+        let faults = vec![
+            FieldError { pointer: "/mix/d_min_mm".into(), detail: "-1 is out of range".into() },
+            FieldError { pointer: String::new(), detail: "no".into() },
+        ];
+        let document = Problem::fields(Kind::ValidationError, faults).document();
+        assert_eq!(document["type"], "/problems/validation-error");
+        assert_eq!(document["status"], 422);
+        assert_eq!(document["detail"], "/mix/d_min_mm: -1 is out of range (and 1 more)");
+        assert_eq!(document["errors"][1], json!({"pointer": "", "detail": "no"}));
+    }
+
+    #[test]
+    fn faulty_parameters_are_bad_requests() {
+        let document = Problem::parameters(vec![Fault::parameter("limit", "0 is out of range")]).document();
+        assert_eq!(document["status"], 400);
+        assert_eq!(document["errors"], json!([{"parameter": "limit", "detail": "0 is out of range"}]));
+    }
+}

@@ -1,0 +1,178 @@
+//! The service as a whole: opened over a data directory, served on a listener, closed in order.
+//!
+//! `packstone serve` and `packstone demo` both start it here. The data directory belongs to one
+//! service at a time, by a lock that the system drops with the process, however it ends.
+
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
+use tokio::task::JoinSet;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+use crate::api::{self, App};
+use crate::api::auth::{ApiKeys, KeysError};
+use crate::artifacts::Artifacts;
+use crate::config::ServeOptions;
+use crate::http_server;
+use crate::jobs::runner::Runner;
+use crate::jobs::store::{Store, StoreError, StoreLimits};
+use crate::jobs::sweeper::{self, SweepError};
+use crate::metrics::Metrics;
+
+/// A lease outlives a few missed renewals, and a short suspension of the machine.
+const LEASE: Duration = Duration::from_secs(60);
+/// Time that running jobs may take to go back to the queue, beyond that of the last requests: with
+/// those it stays below the ten seconds that init systems and container engines grant.
+const STOP_RUNS: Duration = Duration::from_secs(3);
+
+/// Why the service does not start.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum StartError {
+    /// The data directory cannot be used.
+    #[error("the data directory {0} cannot be used: {1}")]
+    DataDir(PathBuf, std::io::Error),
+    /// It is another service's.
+    #[error("the data directory {0} is in use by another packstone")]
+    Locked(PathBuf),
+    /// The address cannot be listened on.
+    #[error("cannot listen on {0}: {1}")]
+    Listen(std::net::SocketAddr, std::io::Error),
+    /// It would be open to everyone.
+    #[error(
+        "{0} is reachable from other machines: name API keys (--api-keys-file), or say --insecure to let everyone in"
+    )]
+    Open(std::net::SocketAddr),
+    /// The API keys cannot be read.
+    #[error(transparent)]
+    Keys(#[from] KeysError),
+    /// The store cannot be opened.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The first sweep failed.
+    #[error(transparent)]
+    Sweep(#[from] SweepError),
+}
+
+/// An opened service, not yet serving.
+pub(crate) struct Service {
+    app: App,
+    runner: Runner,
+    listener: TcpListener,
+    connections: Arc<Semaphore>,
+    options: ServeOptions,
+    // Held, never read: the lock ends with it.
+    _lock: File,
+}
+
+impl Service {
+    /// Opens the data directory and the socket, and takes jobs of a crash back into the queue.
+    ///
+    /// # Errors
+    /// See [`StartError`]: each is something the operator can change.
+    pub(crate) async fn open(options: ServeOptions) -> Result<Self, StartError> {
+        let keys = options.api_keys_file.as_deref().map(ApiKeys::read).transpose()?;
+        if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
+            return Err(StartError::Open(options.listen));
+        }
+        let data_dir = |error| StartError::DataDir(options.data_dir.clone(), error);
+        std::fs::create_dir_all(&options.data_dir).map_err(data_dir)?;
+        let lock = lock(&options.data_dir)?;
+        let artifacts = Artifacts::open(options.data_dir.join("artifacts")).map_err(data_dir)?;
+        let listener = TcpListener::bind(options.listen)
+            .await
+            .map_err(|error| StartError::Listen(options.listen, error))?;
+        let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
+        let store = Store::open(&options.data_dir.join("packstone.sqlite"), limits).await?;
+        let recovered = store.recover().await?;
+        if recovered > 0 {
+            tracing::info!(recovered, "jobs found running were taken back");
+        }
+        let metrics = Arc::new(Metrics::default());
+        let shutdown = CancellationToken::new();
+        let connections = Arc::new(Semaphore::new(options.max_connections));
+        let app = App::new(
+            &options,
+            store.clone(),
+            artifacts.clone(),
+            Arc::clone(&metrics),
+            keys,
+            Arc::clone(&connections),
+            shutdown.clone(),
+        );
+        let runner = Runner { store, artifacts, limits: options.limits(), metrics, shutdown };
+        Ok(Self { app, runner, listener, connections, options, _lock: lock })
+    }
+
+    /// Where it listens.
+    pub(crate) fn address(&self) -> std::io::Result<std::net::SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// Cancel it to stop the service.
+    pub(crate) fn shutdown(&self) -> CancellationToken {
+        self.runner.shutdown.clone()
+    }
+
+    /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
+    /// streams end, running jobs go back to the queue, the store closes.
+    pub(crate) async fn serve(self) {
+        let Self { app, runner, listener, connections, options, _lock } = self;
+        let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
+        let router = api::router(app.clone());
+        let workers = tokio::spawn(work(runner, options.clone()));
+        app.set_ready(true);
+        http_server::serve(listener, router, connections, shutdown.clone()).await;
+        // The listener may end on its own only by a bug; the workers must not outlive it.
+        shutdown.cancel();
+        if timeout(STOP_RUNS, workers).await.is_err() {
+            tracing::error!("a run did not stop in time; its job is taken back at the next start");
+        }
+        if timeout(Duration::from_secs(1), store.close()).await.is_err() {
+            tracing::warn!("the store did not close in time; nothing is lost by it");
+        }
+        tracing::info!("stopped");
+    }
+}
+
+/// Runs the workers and the sweeper to their end. The first sweep comes before the first job: what
+/// it finds is from an earlier life, and no attempt of this one has the same name yet.
+async fn work(runner: Runner, options: ServeOptions) {
+    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts).await {
+        tracing::error!(%error, "the first sweep failed");
+    }
+    let mut tasks = JoinSet::new();
+    tasks.spawn(sweeper::run(
+        runner.store.clone(),
+        runner.artifacts.clone(),
+        options.sweep_interval(),
+        runner.shutdown.clone(),
+    ));
+    for _ in 0..options.workers() {
+        tasks.spawn(runner.clone().work());
+    }
+    while let Some(ended) = tasks.join_next().await {
+        if let Err(error) = ended {
+            tracing::error!(%error, "a worker ended by a defect of this program");
+        }
+    }
+}
+
+fn lock(data_dir: &Path) -> Result<File, StartError> {
+    let failed = |error| StartError::DataDir(data_dir.to_owned(), error);
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(data_dir.join("lock"))
+        .map_err(failed)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StartError::Locked(data_dir.to_owned())),
+        Err(TryLockError::Error(error)) => Err(failed(error)),
+    }
+}
