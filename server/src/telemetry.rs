@@ -2,6 +2,8 @@
 //!
 //! Standard output is for what a command was asked for.
 
+use std::io::IsTerminal as _;
+
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
@@ -24,7 +26,10 @@ pub(crate) fn start(format: LogFormat, default_filter: &str) {
     let filter = EnvFilter::builder()
         .with_default_directive(tracing::Level::WARN.into())
         .parse_lossy(std::env::var(FILTER_VARIABLE).unwrap_or_else(|_| default_filter.into()));
-    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let lines = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr);
     // A second start, in tests, keeps the first.
     let _ = match format {
         LogFormat::Text => lines.finish().try_init(),

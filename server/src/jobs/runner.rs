@@ -48,7 +48,7 @@ pub(crate) struct Runner {
 /// How a run ended.
 enum End {
     /// The result is on disk; its place stays claimed until the store refers to it.
-    Stored { artifact: ArtifactRecord, _place: InFlight },
+    Stored { artifact: ArtifactRecord, grains: u64, _place: InFlight },
     Stopped(Stop),
     Failed(Problem),
 }
@@ -154,7 +154,7 @@ impl Runner {
     /// The run itself, on a thread that may block.
     fn pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> End {
         match self.try_pack_and_write(claimed, control) {
-            Ok((artifact, place)) => End::Stored { artifact, _place: place },
+            Ok(end) => end,
             Err(problem) => control.stopped().map_or(End::Failed(problem), End::Stopped),
         }
     }
@@ -163,7 +163,7 @@ impl Runner {
         &self,
         claimed: &Claimed,
         control: &RunControl,
-    ) -> Result<(ArtifactRecord, InFlight), Problem> {
+    ) -> Result<End, Problem> {
         let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
             Problem::new(Kind::InternalError, "the stored request is unreadable")
@@ -192,8 +192,8 @@ impl Runner {
             report: packing.report,
         };
         let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
-        let record = self.artifacts.write(&place, &head, &packing.spheres, control).map_err(unwritten)?;
-        Ok((record, place))
+        let artifact = self.artifacts.write(&place, &head, &packing.spheres, control).map_err(unwritten)?;
+        Ok(End::Stored { artifact, grains, _place: place })
     }
 
     /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
@@ -202,7 +202,9 @@ impl Runner {
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
-                End::Stored { artifact, .. } => ("succeeded", self.store.succeed(lease, artifact.clone()).await),
+                End::Stored { artifact, grains, .. } => {
+                    ("succeeded", self.store.succeed(lease, artifact.clone(), complete(*grains)).await)
+                }
                 End::Failed(problem) => ("failed", self.store.fail(lease, problem).await),
                 End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
                 End::Stopped(Stop::TimedOut) => {
@@ -238,6 +240,19 @@ impl Runner {
                 }
             }
         }
+    }
+}
+
+/// Progress of a job that succeeded: a run can end between two reports.
+fn complete(grains: u64) -> JobProgress {
+    JobProgress {
+        fraction: 1.0,
+        phase: Phase::Write,
+        done: grains,
+        total: grains,
+        unit: "grains".into(),
+        message: String::new(),
+        eta_s: Some(0.0),
     }
 }
 

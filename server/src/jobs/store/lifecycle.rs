@@ -111,7 +111,12 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
-    pub(crate) async fn succeed(&self, lease: Lease, artifact: ArtifactRecord) -> Result<(), StoreError> {
+    pub(crate) async fn succeed(
+        &self,
+        lease: Lease,
+        artifact: ArtifactRecord,
+        progress: JobProgress,
+    ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.shared.writer.lock().await;
@@ -119,12 +124,13 @@ impl Store {
             let now = now_us();
             let moved = sqlx::query(
                 "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
-                     lease_expires_at = null, error = null
+                     lease_expires_at = null, error = null, progress = ?4
                  where seq = ?2 and attempt = ?3 and state = 'running'",
             )
             .bind(now)
             .bind(lease.seq)
             .bind(lease.attempt)
+            .bind(to_json(&progress)?)
             .execute(&mut *tx)
             .await?;
             if moved.rows_affected() == 0 {
