@@ -178,10 +178,7 @@ fn what_cannot_be_packed() -> Vec<Case> {
             "infeasible-mix",
             at("/distance", json!({"type": "constant", "mm": 5}), "/mix/volume_fraction", &["distance"]),
         ),
-        of_kind(
-            "too-large",
-            at("/specimen/size_mm", json!([9e5, 9e5, 9e5]), "/specimen/size_mm", &["20000000"]),
-        ),
+        of_kind("too-large", at("/specimen/size_mm", json!([9e5, 9e5, 9e5]), "/mix/d_min_mm", &["20000000"])),
     ]
 }
 
@@ -279,7 +276,7 @@ async fn limits_of_grains_and_memory_are_the_operator_s() {
     let refused = client.post("/v1/jobs").json(&jobs::equal_spheres(1200, 1)).send().await;
     let problem = refused.expect_problem(422, "too-large");
     let detail = problem["errors"][0]["detail"].as_str().unwrap();
-    assert!(detail.contains("1200") && detail.contains("1000"), "{detail}");
+    assert!(detail.contains("about 1200 grains") && detail.contains("1000"), "{detail}");
     client.succeed(&jobs::equal_spheres(900, 1)).await;
     server.stop().await;
 

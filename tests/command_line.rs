@@ -71,7 +71,7 @@ async fn run_says_what_is_wrong_and_writes_nothing() {
     let directory = tempfile::tempdir().unwrap();
     for (job, says) in [
         (jobs::with(jobs::quick(1), "/mix/volume_fraction", json!(2)), "/mix/volume_fraction"),
-        (jobs::with(jobs::quick(1), "/mix/volume_fraction", json!(0.99)), "/mix/volume_fraction"),
+        (jobs::with(jobs::quick(1), "/distance/mm", json!(5)), "/mix/volume_fraction"),
         (jobs::unreachable(), "placed "),
         (json!([]), "an array"),
     ] {

@@ -29,6 +29,7 @@ async fn two_servers_never_share_one() {
 async fn what_is_no_directory_is_refused_in_words() {
     let data_dir = DataDir::new();
     let file = data_dir.path().join("file");
+    fs::create_dir_all(data_dir.path()).unwrap();
     fs::write(&file, "not a directory").unwrap();
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_packstone"));
     command.args(["serve", "--listen", "127.0.0.1:0", "--data-dir"]).arg(&file);

@@ -205,13 +205,20 @@ fn check_volumes(name: &str, result: &Value, rows: &results::Rows) {
     let classes = summary["classes"].as_array().unwrap();
     let counted: u64 = classes.iter().map(|class| class["grains"].as_u64().unwrap()).sum();
     assert_eq!(counted, rows.len() as u64, "{name}: the classes do not hold every grain");
-    for class in classes {
+    // From the largest down, what is drawn so far misses by less than one of the largest grains of its class; a class
+    // that begins inside one of the narrow classes of the drawing, by a part of that one too.
+    let mut excess_mm3 = 0.0;
+    for class in classes.iter().rev().filter(|class| class["grains"] != 0) {
         let (low, high) = (class["d_min_mm"].as_f64().unwrap(), class["d_max_mm"].as_f64().unwrap());
         let target = class["target_volume_mm3"].as_f64().unwrap();
-        let missed = (class["volume_mm3"].as_f64().unwrap() - target).abs();
+        let inside = |d: &f64| (low..high).contains(d) || *d == largest && largest == high;
+        let held: f64 = rows.iter().map(|row| row[3]).filter(inside).map(volume).sum();
+        close(name, "volume_mm3", &class["volume_mm3"], held);
+        excess_mm3 += held - target;
+        let allowed = volume(high) + target / 6.0;
         assert!(
-            missed <= 2.0 * volume(high),
-            "{name}: the class {low}..{high} mm misses its volume by {missed} mm3"
+            excess_mm3.abs() <= allowed,
+            "{name}: above {low} mm the volume is missed by {excess_mm3} mm3"
         );
     }
 }
