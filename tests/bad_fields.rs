@@ -172,7 +172,16 @@ fn what_cannot_be_packed() -> Vec<Case> {
             "/specimen",
             &["15", "16"],
         ),
-        of_kind("infeasible-mix", case("/mix/volume_fraction", json!(0.99), &["0.7"])),
+        // Equal spheres fill 0.7405 at most (Kepler's conjecture, proven).
+        of_kind(
+            "infeasible-mix",
+            at(
+                "/mix",
+                json!({"grading": {"type": "monodisperse", "diameter_mm": 2}, "volume_fraction": 0.75}),
+                "/mix/volume_fraction",
+                &["0.75", "0.7405"],
+            ),
+        ),
         // The grains themselves would fit; the shells of half the distance around them do not.
         of_kind(
             "infeasible-mix",
@@ -187,7 +196,7 @@ fn job_fields() -> Vec<Case> {
         case("/name", json!("n".repeat(201)), &["201", "200"]),
         case("/name", json!(7), &["7", "string"]),
         case("/labels", json!(["a"]), &["an array", "object"]),
-        case("/labels/series", json!(7), &["7", "string"]),
+        at("/labels", json!({"series": 7}), "/labels/series", &["7", "string"]),
         case("/priority", json!(101), &["101", "from -100 to 100"]),
         case("/priority", json!(0.5), &["0.5", "whole number"]),
         case("/timeout_s", json!(0), &["0"]),
@@ -284,6 +293,6 @@ async fn limits_of_grains_and_memory_are_the_operator_s() {
     let refused = server.client().post("/v1/jobs").json(&jobs::equal_spheres(5_000_000, 1)).send().await;
     let problem = refused.expect_problem(422, "too-large");
     let detail = problem["errors"][0]["detail"].as_str().unwrap();
-    assert!(detail.contains("memory") && detail.contains("100"), "{detail}");
+    assert!(detail.contains("memory") && detail.contains("104857600"), "{detail}");
     server.stop().await;
 }
