@@ -158,7 +158,7 @@ pub(crate) struct Problem {
     pub(crate) detail: String,
     pub(crate) errors: Vec<Fault>,
     /// Members of this kind only, as `job_error`.
-    pub(crate) members: Map<String, Value>,
+    pub(crate) members: Vec<(&'static str, Value)>,
     /// Header fields that the response needs, as `Allow`.
     pub(crate) headers: Vec<(&'static str, String)>,
 }
@@ -171,7 +171,7 @@ impl Problem {
             status: kind.status(),
             detail: detail.into(),
             errors: Vec::new(),
-            members: Map::new(),
+            members: Vec::new(),
             headers: Vec::new(),
         }
     }
@@ -212,8 +212,8 @@ impl Problem {
     }
 
     /// Adds a member.
-    pub(crate) fn with(mut self, name: &str, value: Value) -> Self {
-        self.members.insert(name.into(), value);
+    pub(crate) fn with(mut self, name: &'static str, value: Value) -> Self {
+        self.members.push((name, value));
         self
     }
 
@@ -233,7 +233,7 @@ impl Problem {
         if !self.errors.is_empty() {
             document.insert("errors".into(), json!(self.errors));
         }
-        document.extend(self.members.clone());
+        document.extend(self.members.iter().map(|(name, value)| ((*name).to_owned(), value.clone())));
         document
     }
 }

@@ -14,8 +14,8 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use crate::api::{self, App};
 use crate::api::auth::{ApiKeys, KeysError};
+use crate::api::{self, App};
 use crate::artifacts::Artifacts;
 use crate::config::ServeOptions;
 use crate::http_server;
@@ -25,7 +25,7 @@ use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
-const LEASE: Duration = Duration::from_secs(60);
+const LEASE: Duration = Duration::from_mins(1);
 /// Time that running jobs may take to go back to the queue, beyond that of the last requests: with
 /// those it stays below the ten seconds that init systems and container engines grant.
 const STOP_RUNS: Duration = Duration::from_secs(3);

@@ -1,1 +1,144 @@
+#![allow(clippy::unwrap_used)]
 
+use serde_json::json;
+
+use super::stored::Layout;
+use super::*;
+use crate::{Limits, PackingRequest, Unattended, pack};
+
+fn result() -> (Head, Spheres) {
+    let request = json!({
+        "specimen": {"type": "box", "size_mm": [60, 60, 60]},
+        "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
+    });
+    let packing =
+        pack(&PackingRequest::from_json(&request, 1).unwrap(), &Limits::default(), &Unattended).unwrap();
+    assert!(packing.spheres.len() > BLOCK_ROWS, "the blocks must be crossed");
+    let head =
+        Head { job_id: Some("j".into()), request, engine: EngineInfo::current(), report: packing.report };
+    (head, packing.spheres)
+}
+
+fn bytes_of(format: Format, head: &Head, spheres: &Spheres) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write(format, head, spheres, &mut bytes).unwrap();
+    assert_eq!(length(format, head, spheres).unwrap(), bytes.len() as u64, "{format:?}");
+    bytes
+}
+
+#[test]
+fn json_holds_the_report_and_reads_back_exactly() {
+    let (head, spheres) = result();
+    let value: serde_json::Value = serde_json::from_slice(&bytes_of(Format::Json, &head, &spheres)).unwrap();
+    assert_eq!(value["summary"]["grains"], spheres.len());
+    assert_eq!(value["job_id"], "j");
+    assert_eq!(value["spheres"]["columns"], json!(["x_mm", "y_mm", "z_mm", "d_mm"]));
+    let rows = value["spheres"]["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), spheres.len());
+    for (i, row) in rows.iter().enumerate() {
+        let numbers: Vec<f64> = row.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+        assert_eq!(numbers, [spheres.x_mm[i], spheres.y_mm[i], spheres.z_mm[i], spheres.d_mm[i]]);
+    }
+}
+
+#[test]
+fn csv_reads_back_exactly() {
+    let (head, spheres) = result();
+    let text = String::from_utf8(bytes_of(Format::Csv, &head, &spheres)).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("x_mm,y_mm,z_mm,d_mm"));
+    for i in 0..spheres.len() {
+        let numbers: Vec<f64> = lines.next().unwrap().split(',').map(|x| x.parse().unwrap()).collect();
+        assert_eq!(numbers, [spheres.x_mm[i], spheres.y_mm[i], spheres.z_mm[i], spheres.d_mm[i]]);
+    }
+    assert_eq!(lines.next(), None);
+}
+
+#[test]
+fn npy_is_a_header_of_64_bytes_multiples_and_the_columns() {
+    let (head, spheres) = result();
+    let bytes = bytes_of(Format::Npy, &head, &spheres);
+    assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
+    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    assert_eq!(start % 64, 0);
+    let header = std::str::from_utf8(&bytes[10..start]).unwrap();
+    assert!(header.starts_with(&format!(
+        "{{'descr': '<f8', 'fortran_order': True, 'shape': ({}, 4), }}",
+        spheres.len()
+    )));
+    assert!(header.ends_with('\n'));
+    let numbers: Vec<f64> =
+        bytes[start..].chunks(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
+    assert_eq!(numbers, [&spheres.x_mm[..], &spheres.y_mm, &spheres.z_mm, &spheres.d_mm].concat());
+}
+
+/// The appended block at an offset, as the XML form lays it out.
+fn appended<'a>(bytes: &'a [u8], data: usize, name: &str) -> &'a [u8] {
+    let text = String::from_utf8_lossy(&bytes[..data]);
+    let tag = text.split("<DataArray").find(|tag| tag.contains(&format!("Name=\"{name}\""))).unwrap();
+    let offset = tag.split("offset=\"").nth(1).unwrap().split('"').next().unwrap().parse::<usize>().unwrap();
+    let at = data + offset;
+    let size = u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    &bytes[at + 8..at + 8 + size]
+}
+
+#[test]
+fn vtp_blocks_lie_at_their_offsets() {
+    let (head, spheres) = result();
+    let bytes = bytes_of(Format::Vtp, &head, &spheres);
+    let data = bytes.windows(2).position(|pair| pair == b" _").unwrap() + 2;
+    let points = appended(&bytes, data, "Points");
+    assert_eq!(points.len(), 24 * spheres.len());
+    let last = spheres.len() - 1;
+    let y = f64::from_le_bytes(points[24 * last + 8..24 * last + 16].try_into().unwrap());
+    assert_eq!(y, spheres.y_mm[last]);
+    let radius = appended(&bytes, data, "radius");
+    assert_eq!(f64::from_le_bytes(radius[..8].try_into().unwrap()), spheres.d_mm[0] / 2.0);
+    let class = appended(&bytes, data, "sieve_class");
+    assert_eq!(
+        i32::from_le_bytes(class[..4].try_into().unwrap()),
+        head.report.summary.classes.len() as i32 - 1
+    );
+    assert_eq!(i32::from_le_bytes(class[4 * last..].try_into().unwrap()), 0);
+    assert_eq!(appended(&bytes, data, "offsets").len(), 8 * spheres.len());
+    assert!(bytes.ends_with(b"\n  </AppendedData>\n</VTKFile>\n"));
+}
+
+#[test]
+fn the_title_of_the_legacy_form_is_one_clean_line() {
+    let (mut head, spheres) = result();
+    head.request["name"] = json!("line\nbreak é ".repeat(40));
+    let bytes = bytes_of(Format::Vtk, &head, &spheres);
+    let text = String::from_utf8_lossy(&bytes[..400]);
+    let title = text.lines().nth(1).unwrap();
+    assert!(title.is_ascii() && title.len() < 256);
+    assert_eq!(text.lines().nth(2), Some("BINARY"));
+}
+
+#[test]
+fn the_stored_form_reads_back() {
+    let (head, spheres) = result();
+    let mut bytes = Vec::new();
+    stored::write(&head, &spheres, &mut bytes).unwrap();
+    let layout = Layout::read(&mut bytes.as_slice()).unwrap();
+    assert_eq!(layout.head, head);
+    assert_eq!(layout.file_length(), bytes.len() as u64);
+    assert_eq!(layout.columns_offset % 64, 0);
+    let at = layout.offset(Column::Z, 17) as usize;
+    assert_eq!(f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()), spheres.z_mm[17]);
+    assert!(Layout::read(&mut &bytes[..100]).is_err());
+    bytes[0] = b'X';
+    assert_eq!(Layout::read(&mut bytes.as_slice()).unwrap_err().kind(), io::ErrorKind::InvalidData);
+}
+
+#[test]
+fn an_empty_result_is_well_formed_in_every_format() {
+    let (head, _) = result();
+    let empty = Spheres::default();
+    for format in Format::ALL {
+        assert!(!bytes_of(format, &head, &empty).is_empty());
+        assert_eq!(Format::from_name(format.name()), Some(format));
+    }
+    let value: serde_json::Value = serde_json::from_slice(&bytes_of(Format::Json, &head, &empty)).unwrap();
+    assert_eq!(value["spheres"]["rows"], json!([]));
+}

@@ -126,7 +126,9 @@ fn write_diameters(
 ) -> io::Result<()> {
     for_each_block(spheres, [Column::Diameter], |[d]| {
         bytes.clear();
-        d.iter().for_each(|&d| push(d, bytes));
+        for &d in d {
+            push(d, bytes);
+        }
         out.write_all(bytes)
     })
 }

@@ -91,7 +91,7 @@ impl GradedMix {
 
     /// Expected number of grains, in closed form; of an explicit list, its length.
     pub fn expected_grains(&self) -> f64 {
-        self.expected_sum(|c| c.grains_per_volume(), |_| 1.0)
+        self.expected_sum(Class::grains_per_volume, |_| 1.0)
     }
 
     /// Expected sum over all grains of the volume of a sphere of diameter `factor d + offset`.
@@ -144,21 +144,24 @@ fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
         .collect()
 }
 
+/// Fuller's curve in narrow classes that end at the sieves, where the grading is checked.
 fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
-    let octaves = (d_max / d_min).log2();
-    let n = (octaves * CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
-    let edge = |i: usize| match i {
-        0 => d_min,
-        i if i == n => d_max,
-        i => d_min * (octaves * i as f64 / n as f64).exp2(),
-    };
     let passing = |d: f64| (d / d_max).powf(exponent);
-    (0..n)
-        .map(|i| Class {
+    sieve::edges(d_min, d_max)
+        .windows(2)
+        .flat_map(|pair| {
+            let (low, high) = (pair[0], pair[1]);
+            let octaves = (high / low).log2();
+            let n = (octaves * CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
+            let edge =
+                move |i: usize| if i == n { high } else { low * (octaves * i as f64 / n as f64).exp2() };
+            (0..n).map(move |i| (edge(i), edge(i + 1)))
+        })
+        .map(|(low_mm, high_mm)| Class {
             law: Law::Fuller { exponent },
-            low_mm: edge(i),
-            high_mm: edge(i + 1),
-            mass_fraction: passing(edge(i + 1)) - passing(edge(i)),
+            low_mm,
+            high_mm,
+            mass_fraction: passing(high_mm) - passing(low_mm),
         })
         .collect()
 }

@@ -71,11 +71,16 @@ pub fn class_of(d: f64, upper_mm: impl Iterator<Item = f64>) -> usize {
     last
 }
 
-fn between_sieves(low: f64, high: f64) -> Vec<SieveClass> {
+/// The bounds and the standard sieves between them.
+pub(super) fn edges(low: f64, high: f64) -> Vec<f64> {
     let mut edges = vec![low];
     edges.extend(STANDARD_SIEVES_MM.iter().copied().filter(|&s| s > low && s < high));
     edges.push(high);
     edges
+}
+
+fn between_sieves(low: f64, high: f64) -> Vec<SieveClass> {
+    edges(low, high)
         .windows(2)
         .map(|e| SieveClass { low_mm: e[0], high_mm: e[1], volume_mm3: 0.0, grains: 0.0 })
         .collect()

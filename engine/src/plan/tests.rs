@@ -1,1 +1,104 @@
+#![allow(clippy::unwrap_used)]
 
+use serde_json::{Value, json};
+
+use super::*;
+
+fn plan(value: &Value) -> Result<Plan, PlanError> {
+    Plan::new(&PackingRequest::from_json(value, 1).unwrap(), &Limits::default())
+}
+
+fn box_of(size: f64, mix: &Value, distance: &Value) -> Value {
+    json!({"specimen": {"type": "box", "size_mm": [size, size, size]}, "mix": mix, "distance": distance})
+}
+
+fn standard(name: &str, d_min: f64, fraction: f64) -> Value {
+    json!({"grading": {"type": "standard", "name": name}, "d_min_mm": d_min, "volume_fraction": fraction})
+}
+
+#[test]
+fn a_plan_states_the_known_figures() {
+    let plan = plan(&box_of(150.0, &standard("A16", 2.0, 0.70), &json!({"type": "none"}))).unwrap();
+    assert!((plan.grains - 44_202.0).abs() < 0.5);
+    assert!((plan.volume_fraction_effective - 0.553).abs() < 1e-9);
+    assert!((plan.classes.iter().map(|c| c.grains).sum::<f64>() - plan.grains).abs() < 1e-6);
+    assert!(plan.warnings.is_empty(), "{:?}", plan.warnings);
+}
+
+#[test]
+fn coating_counts_the_distance() {
+    // The paper's 6.3: phi_M 0.535 with 1 mm is 0.693 with the coating.
+    let plan =
+        plan(&box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "mm": 1.0}))).unwrap();
+    assert!(
+        (plan.volume_fraction_with_coating - 0.693).abs() < 0.001,
+        "{}",
+        plan.volume_fraction_with_coating
+    );
+    assert!(plan.warnings.iter().any(|w| w.contains("random sequential addition")), "{:?}", plan.warnings);
+}
+
+#[test]
+fn a_grain_larger_than_the_specimen_is_refused_with_its_field() {
+    let refused = |value: &Value| match plan(value) {
+        Err(PlanError::Invalid(faults)) => faults[0].clone(),
+        other => panic!("{other:?}"),
+    };
+    let fault = refused(&box_of(15.0, &standard("A16", 2.0, 0.3), &json!({"type": "none"})));
+    assert_eq!(fault.pointer, "/specimen/size_mm/0");
+    assert!(fault.detail.contains("15 mm") && fault.detail.contains("16 mm"), "{}", fault.detail);
+    let coated = box_of(16.5, &standard("A16", 2.0, 0.3), &json!({"type": "constant", "mm": 1.0}));
+    assert!(refused(&coated).detail.contains("17 mm with its distance"));
+    let cylinder = json!({"specimen": {"type": "cylinder", "diameter_mm": 100, "height_mm": 10}, "mix": standard("A16", 2.0, 0.3)});
+    assert_eq!(refused(&cylinder).pointer, "/specimen/height_mm");
+}
+
+#[test]
+fn more_grains_or_memory_than_allowed_are_refused_with_the_number() {
+    let many = box_of(150.0, &standard("B16", 0.25, 0.9), &json!({"type": "none"}));
+    let Err(PlanError::TooLarge(fault)) = plan(&many) else { panic!() };
+    assert_eq!(fault.pointer, "/mix/d_min_mm");
+    assert!(fault.detail.contains("must be at most 20000000"), "{}", fault.detail);
+    let limits = Limits { max_memory_bytes: 100_000_000, ..Limits::default() };
+    let request =
+        PackingRequest::from_json(&box_of(150.0, &standard("B16", 0.5, 0.7), &json!({"type": "none"})), 1)
+            .unwrap();
+    let Err(PlanError::TooLarge(fault)) = Plan::new(&request, &limits) else { panic!() };
+    assert!(fault.detail.contains("memory: must be at most 100000000"), "{}", fault.detail);
+}
+
+#[test]
+fn what_no_packing_reaches_is_infeasible_and_says_why() {
+    let infeasible = |value: &Value| match plan(value) {
+        Err(PlanError::Infeasible(fault)) => fault,
+        other => panic!("{other:?}"),
+    };
+    let equal = |fraction: f64| {
+        box_of(
+            80.0,
+            &json!({"grading": {"type": "monodisperse", "diameter_mm": 5}, "volume_fraction": fraction}),
+            &json!({"type": "none"}),
+        )
+    };
+    assert!(plan(&equal(0.74)).is_ok());
+    let fault = infeasible(&equal(0.75));
+    assert_eq!(fault.pointer, "/mix/volume_fraction");
+    assert!(fault.detail.contains("0.7500") && fault.detail.contains("0.7405"), "{}", fault.detail);
+    let coated =
+        infeasible(&box_of(80.0, &standard("A16", 2.0, 0.7), &json!({"type": "constant", "mm": 4.0})));
+    assert!(coated.detail.contains("with the distance as a coating"), "{}", coated.detail);
+    let list = box_of(
+        20.0,
+        &json!({"grading": {"type": "diameters", "mm": vec![10.0; 20]}}),
+        &json!({"type": "none"}),
+    );
+    assert_eq!(infeasible(&list).pointer, "/mix/grading/mm");
+}
+
+#[test]
+fn walls_that_ask_for_less_than_half_the_distance_leave_more_room() {
+    let mix = json!({"grading": {"type": "diameters", "mm": vec![4.0; 8]}});
+    // Eight grains of 4 mm, 2 mm apart, fill a cube of 10 mm to the walls: (4 + 2 + 4)^3.
+    let request = box_of(10.0, &mix, &json!({"type": "constant", "mm": 2.0, "wall_mm": 0.0}));
+    assert!(plan(&request).is_ok(), "{:?}", plan(&request));
+}

@@ -1,1 +1,200 @@
+#![allow(clippy::unwrap_used, clippy::too_many_lines, clippy::semicolon_if_nothing_returned)]
 
+use serde_json::{Value, json};
+
+use super::*;
+
+fn valid() -> Value {
+    json!({
+        "seed": 7,
+        "specimen": {"type": "box", "size_mm": [80, 80, 80], "boundary": "walls"},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": 0.535, "basis": "mixture"},
+        "distance": {"type": "constant", "mm": 1.0},
+        "method": {"type": "rsa", "attempts_per_grain": 100_000},
+    })
+}
+
+fn faults(change: impl FnOnce(&mut Value)) -> Vec<String> {
+    let mut value = valid();
+    change(&mut value);
+    match PackingRequest::from_json(&value, 1) {
+        Ok(request) => panic!("accepted: {request:?}"),
+        Err(faults) => faults.iter().map(ToString::to_string).collect(),
+    }
+}
+
+#[test]
+fn a_request_is_written_as_it_is_read() {
+    let request = PackingRequest::from_json(&valid(), 1).unwrap();
+    let written = serde_json::to_value(&request).unwrap();
+    assert_eq!(PackingRequest::from_json(&written, 2).unwrap(), request);
+    assert_eq!(
+        written["specimen"],
+        json!({"type": "box", "size_mm": [80.0, 80.0, 80.0], "boundary": "walls"})
+    );
+    assert_eq!(written["seed"], 7);
+}
+
+#[test]
+fn only_specimen_and_mix_are_required() {
+    let value = json!({
+        "specimen": {"type": "cylinder", "diameter_mm": 100, "height_mm": 200},
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": 0.4},
+    });
+    let request = PackingRequest::from_json(&value, 42).unwrap();
+    assert_eq!(request.seed, 42);
+    assert_eq!(request.mix.d_min_mm, Some(DEFAULT_D_MIN_MM));
+    assert_eq!(request.distance, Distance::None { wall_mm: None });
+    assert_eq!(request.method, Method::Auto {});
+    let missing = PackingRequest::from_json(&json!({}), 1).unwrap_err();
+    assert_eq!(missing.iter().map(|f| f.pointer.as_str()).collect::<Vec<_>>(), ["/specimen", "/mix"]);
+}
+
+#[test]
+fn all_faults_of_a_document_are_reported_at_once() {
+    let found = faults(|v| {
+        v["seed"] = json!(-1);
+        v["specimen"]["size_mm"] = json!([80, 0, -5]);
+        v["mix"]["volume_fraction"] = json!(1.5);
+        v["distance"]["type"] = json!("constnat");
+        v["colour"] = json!("red");
+    });
+    let pointers: Vec<&str> = found.iter().map(|f| f.split(':').next().unwrap()).collect();
+    assert_eq!(
+        pointers,
+        [
+            "/seed",
+            "/specimen/size_mm/1",
+            "/specimen/size_mm/2",
+            "/mix/volume_fraction",
+            "/distance/type",
+            "/colour"
+        ]
+    );
+}
+
+#[test]
+fn every_fault_names_field_value_and_bound() {
+    type Change = fn(&mut Value);
+    let cases: Vec<(Change, &str)> = vec![
+        (
+            |v| v["seed"] = json!(1.0e16),
+            "/seed: 1e+16 is out of range: must be a whole number from 0 to 9007199254740991",
+        ),
+        (
+            |v| v["specimen"] = json!({"type": "sphere"}),
+            "/specimen/type: \"sphere\" is unknown: must be one of \"box\", \"cylinder\"",
+        ),
+        (|v| v["specimen"] = json!([1, 2]), "/specimen: an array is not an object"),
+        (
+            |v| v["specimen"]["size_mm"] = json!([80, 80]),
+            "/specimen/size_mm: has 2 items: must have exactly 3",
+        ),
+        (
+            |v| v["specimen"]["size_mm"][0] = json!(2e6),
+            "/specimen/size_mm/0: 2000000 is out of range: must be greater than 0 and at most 1000000 mm",
+        ),
+        (|v| v["specimen"]["size_mm"][0] = json!("80"), "/specimen/size_mm/0: \"80\" is not a number"),
+        (
+            |v| v["mix"]["volume_fraction"] = json!(0),
+            "/mix/volume_fraction: 0 is out of range: must be greater than 0 and at most 1",
+        ),
+        (
+            |v| v["mix"]["volume_fraction"] = Value::Null,
+            "/mix/volume_fraction: is null: the field is required",
+        ),
+        (
+            |v| v["mix"]["basis"] = json!("eff"),
+            "/mix/basis: \"eff\" is unknown: must be one of \"mixture\", \"effective\"",
+        ),
+        (
+            |v| v["mix"]["d_min_mm"] = json!(16),
+            "/mix/d_min_mm: 16 is out of range: must be less than the largest diameter 16 mm",
+        ),
+        (
+            |v| v["mix"]["d_min_mm"] = json!(0.1),
+            "/mix/d_min_mm: 0.1 is out of range: must be at least 0.25 mm, below which the grading says nothing",
+        ),
+        (
+            |v| v["mix"]["grading"]["name"] = json!("A17"),
+            "/mix/grading/name: \"A17\" is unknown: must be one of \"A8\", \"B8\", \"C8\", \"A16\", \"B16\", \"C16\", \"A32\", \"B32\", \"C32\"",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "fuller", "d_max_mm": 16, "exponent": 1.5}),
+            "/mix/grading/exponent: 1.5 is out of range: must be greater than 0 and at most 1",
+        ),
+        (
+            |v| v["mix"] = json!({"grading": {"type": "fuller", "d_max_mm": 1.5, "exponent": 0.5}, "volume_fraction": 0.4}),
+            "/mix/grading: the default d_min_mm 2 is not below the largest diameter 1.5 mm: name a d_min_mm",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0]]}),
+            "/mix/grading/points: has 1 points: must have at least 2",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [2, 1]]}),
+            "/mix/grading/points/1: sieves must rise: 2 mm follows 2 mm",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0.5], [4, 0.4], [8, 1]]}),
+            "/mix/grading/points/1: passing must not fall: 0.4 follows 0.5",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [4, 1.2]]}),
+            "/mix/grading/points/1/1: 1.2 is out of range: must be at least 0 and at most 1",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [4, 0.9]]}),
+            "/mix/grading/points/1: passing 0.9 is out of range: all mass must pass the last sieve, so its passing must be 1",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "classes", "classes": []}),
+            "/mix/grading/classes: has 0 classes: must have at least 1",
+        ),
+        (
+            |v| {
+                v["mix"]["grading"] = json!({"type": "classes", "classes": [{"d_min_mm": 8, "d_max_mm": 4, "mass_fraction": 1}]})
+            },
+            "/mix/grading/classes/0: d_min_mm 8 must be less than d_max_mm 4",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "classes", "classes": [{"d_min_mm": 4, "d_max_mm": 8, "mass_fraction": 0.7}, {"d_min_mm": 2, "d_max_mm": 4, "mass_fraction": 0.7}]}),
+            "/mix/grading/classes: the mass fractions sum to 1.4: must be at most 1",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "classes", "classes": [{"d_min_mm": 4, "d_max_mm": 8, "mass_fraction": 0.5}, {"d_min_mm": 2, "d_max_mm": 5, "mass_fraction": 0.5}]}),
+            "/mix/grading/classes/0: d_min_mm 4 lies inside the class 2..5 mm: classes must not overlap",
+        ),
+        (
+            |v| v["mix"]["grading"] = json!({"type": "diameters", "mm": [5, -5]}),
+            "/mix/grading/mm/1: -5 is out of range: must be greater than 0 and at most 1000000 mm",
+        ),
+        (
+            |v| v["mix"] = json!({"grading": {"type": "diameters", "mm": [5]}, "volume_fraction": 0.5}),
+            "/mix/volume_fraction: an explicit list of diameters prescribes the volume: leave this field out",
+        ),
+        (
+            |v| v["distance"]["mm"] = json!(-1),
+            "/distance/mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
+        ),
+        (
+            |v| v["distance"]["wall_mm"] = json!(-1),
+            "/distance/wall_mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
+        ),
+        (
+            |v| v["distance"] = json!({"type": "none", "mm": 1}),
+            "/distance/mm: unknown field: this object has type, wall_mm",
+        ),
+        (
+            |v| v["method"]["attempts_per_grain"] = json!(0),
+            "/method/attempts_per_grain: 0 is out of range: must be a whole number from 1 to 1000000000000",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd"}),
+            "/method/type: \"edmd\" is unknown: must be one of \"auto\", \"rsa\"",
+        ),
+    ];
+    for (change, message) in cases {
+        assert_eq!(faults(change), [message]);
+    }
+}

@@ -221,7 +221,7 @@ impl Run<'_> {
                 Found::Nothing { proven } => return End::NoPlace { proven, attempts: search.attempts },
                 Found::NotYet => unreachable!("the search to the end always decides"),
             }
-            if grain % 1024 == 0 {
+            if grain.is_multiple_of(1024) {
                 self.report();
             }
         }
@@ -279,7 +279,7 @@ impl Run<'_> {
         rng: &mut Xoshiro256PlusPlus,
     ) -> Found {
         self.looks += 1;
-        if self.looks % DRAWS_PER_LOOK == 0 && self.control.should_stop() {
+        if self.looks.is_multiple_of(DRAWS_PER_LOOK) && self.control.should_stop() {
             return Found::Stopped;
         }
         let Some(draw) = free.draw(cells, rng) else {

@@ -20,6 +20,7 @@ struct Octave {
     top: f64,
     counts: [usize; 3],
     per_mm: [f64; 3],
+    width: [f64; 3],
     /// Grains of cell `i` are `starts[i]..starts[i + 1]`.
     starts: Vec<u32>,
     grains: Vec<Grain>,
@@ -94,8 +95,9 @@ impl Octave {
         let width = (top + reach_beyond(top, top)).max((volume / (2.0 * rows.len() as f64)).cbrt());
         let counts = bounds.map(|length| ((length / width) as usize).max(1));
         let per_mm = std::array::from_fn(|a| counts[a] as f64 / bounds[a]);
+        let width = std::array::from_fn(|a| bounds[a] / counts[a] as f64);
         let mut octave =
-            Self { top, counts, per_mm, starts: Vec::new(), grains: Vec::new(), rows: Vec::new() };
+            Self { top, counts, per_mm, width, starts: Vec::new(), grains: Vec::new(), rows: Vec::new() };
         let cells: Vec<u32> = rows
             .iter()
             .map(|&row| {
@@ -166,9 +168,14 @@ impl Octave {
                 }
                 let row = self.cell(0, wrapped(y_index, 1), wrapped(z_index, 2));
                 let mut run = |from: usize, to: usize| {
-                    visit(self.starts[row + from] as usize, self.starts[row + to + 1] as usize);
+                    let (from, to) = (self.starts[row + from] as usize, self.starts[row + to + 1] as usize);
+                    if from < to {
+                        visit(from, to);
+                    }
                 };
-                let x = if x.full { x } else { self.span(0, center[0], left.sqrt(), periodic) };
+                // A short row costs less than the root that would shorten it.
+                let short = x.full || x.high - x.low < 5;
+                let x = if short { x } else { self.span(0, center[0], left.sqrt(), periodic) };
                 let (from, to) = (wrapped(x.low, 0), wrapped(x.high, 0));
                 if from <= to {
                     run(from, to);
@@ -184,7 +191,7 @@ impl Octave {
     #[inline]
     fn span(&self, axis: usize, center: f64, reach: f64, periodic: bool) -> Span {
         // Widened far above rounding: a row's reach is a root of a difference.
-        let reach = reach + 1.0e-9 / self.per_mm[axis];
+        let reach = reach + 1.0e-9 * self.width[axis];
         if !periodic {
             let index = |x: f64| self.index(axis, x) as i64;
             return Span { low: index(center - reach), high: index(center + reach), full: false };
@@ -204,7 +211,7 @@ impl Octave {
     fn gap2(&self, axis: usize, index: i64, center: f64, span: &Span) -> f64 {
         let at = center * self.per_mm[axis];
         let gap = (index as f64 - at).max(at - index as f64 - 1.0) - 1.0e-9;
-        if span.full || gap <= 0.0 { 0.0 } else { (gap / self.per_mm[axis]).powi(2) }
+        if span.full || gap <= 0.0 { 0.0 } else { (gap * self.width[axis]).powi(2) }
     }
 }
 

@@ -52,8 +52,8 @@ impl ApiKeys {
     /// # Errors
     /// When the file cannot be read, has a faulty line, or no key at all.
     pub(crate) fn read(file: &Path) -> Result<Self, KeysError> {
-        let text = std::fs::read_to_string(file)
-            .map_err(|error| KeysError::Unreadable(file.to_owned(), error))?;
+        let text =
+            std::fs::read_to_string(file).map_err(|error| KeysError::Unreadable(file.to_owned(), error))?;
         let mut keys: Vec<ApiKey> = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.trim();

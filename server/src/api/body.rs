@@ -69,7 +69,9 @@ fn is_json(content_type: &str) -> bool {
     let mut parts = content_type.split(';').map(str::trim);
     let media_type = parts.next().unwrap_or_default().to_ascii_lowercase();
     let json = media_type == "application/json"
-        || media_type.split_once('/').is_some_and(|(top, sub)| top == "application" && sub.ends_with("+json"));
+        || media_type
+            .split_once('/')
+            .is_some_and(|(top, sub)| top == "application" && sub.ends_with("+json"));
     json && parts.filter_map(|p| p.split_once('=')).all(|(name, value)| {
         !name.trim().eq_ignore_ascii_case("charset")
             || value.trim().trim_matches('"').eq_ignore_ascii_case("utf-8")

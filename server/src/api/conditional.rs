@@ -90,9 +90,14 @@ mod tests {
 
     #[test]
     fn tags_are_compared_weakly_and_in_lists() {
-        for (value, matches) in
-            [("\"a\"", true), ("W/\"a\"", true), ("\"b\", \"a\"", true), ("*", true), ("\"b\"", false), ("a", false)]
-        {
+        for (value, matches) in [
+            ("\"a\"", true),
+            ("W/\"a\"", true),
+            ("\"b\", \"a\"", true),
+            ("*", true),
+            ("\"b\"", false),
+            ("a", false),
+        ] {
             assert_eq!(none_match_fails(&headers("if-none-match", value), "\"a\""), matches, "{value}");
         }
         assert!(!none_match_fails(&HeaderMap::new(), "\"a\""));

@@ -59,7 +59,14 @@ pub(super) async fn events(
         .and_then(|value| value.to_str().ok())
         .and_then(|value| value.trim().parse().ok())
         .unwrap_or(0);
-    let following = Following { app, id, changes, told: Told { version: last_seen, ..Told::default() }, queue: Vec::new(), ended: false };
+    let following = Following {
+        app,
+        id,
+        changes,
+        told: Told { version: last_seen, ..Told::default() },
+        queue: Vec::new(),
+        ended: false,
+    };
     Ok(Sse::new(follow(following)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 

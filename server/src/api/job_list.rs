@@ -41,7 +41,7 @@ pub(super) struct JobPage {
     get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
     params(
         ("state" = Option<jobs::State>, Query, description = "Only jobs in this state"),
-        ("label" = Option<Vec<String>>, Query, explode, description = "`key:value`; only jobs with this label; may be repeated, and then all must fit", example = json!([])),
+        ("label" = Option<Vec<String>>, Query, explode, description = "`key:value`; only jobs with this label; may be repeated, and then all must fit", example = json!(["series:TB-7"])),
         ("limit" = Option<i64>, Query, minimum = 1, maximum = 500, description = "Jobs on a page; 50 when absent"),
         ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before, with the same filters"),
     ),
@@ -63,7 +63,7 @@ pub(super) async fn list(State(app): State<App>, mut query: Query) -> Result<Res
         before
     });
     query.finish()?;
-    let page = app.shared.store.list(&filter, before, limit as usize).await?;
+    let page = app.shared.store.list(&filter, before, limit as u32).await?;
     let next_cursor = page.next_before.map(|seq| cursor(seq, &filter));
     let link = next_cursor.as_ref().map(|cursor| next_link(&filter, limit, cursor));
     let items = page.jobs.iter().map(JobSummary::of).collect();

@@ -34,7 +34,7 @@ const MAX_KEY_CHARS: usize = 255;
     post, path = "/v1/jobs", tag = "jobs", operation_id = "submit_job",
     params(
         ("dry_run" = Option<bool>, Query, description = "Only plan: store and run nothing"),
-        ("Idempotency-Key" = Option<String>, Header, description = "1 to 255 visible ASCII characters. The same key and body give the same job, however often they are sent; the key lives as long as its job"),
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[!-~]{1,255}$", description = "1 to 255 visible ASCII characters. The same key and body give the same job, however often they are sent; the key lives as long as its job"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job is finished, or after N s (at most 60)"),
     ),
     request_body(content = JobRequest, content_type = "application/json"),
@@ -201,8 +201,10 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let bytes = value.as_bytes();
     let visible = bytes.iter().all(u8::is_ascii_graphic);
     if !(1..=MAX_KEY_CHARS).contains(&bytes.len()) || !visible {
-        let what = if visible { format!("has {} characters", bytes.len()) } else { "has other characters".into() };
-        let bound = format!("{what}: must have at least 1 and at most {MAX_KEY_CHARS} visible ASCII characters");
+        let what =
+            if visible { format!("has {} characters", bytes.len()) } else { "has other characters".into() };
+        let bound =
+            format!("{what}: must have at least 1 and at most {MAX_KEY_CHARS} visible ASCII characters");
         return Err(Problem::parameters(vec![Fault::header("Idempotency-Key", bound)]));
     }
     Ok(value.to_str().ok().map(str::to_owned))
@@ -217,7 +219,10 @@ mod tests {
     #[test]
     fn the_content_of_a_body_does_not_depend_on_its_form() {
         let digest = |value| content_sha256(value);
-        assert_eq!(digest(json!({"a": {"b": 1, "c": 2}, "d": 3})), digest(json!({"d": 3, "a": {"c": 2, "b": 1}})));
+        assert_eq!(
+            digest(json!({"a": {"b": 1, "c": 2}, "d": 3})),
+            digest(json!({"d": 3, "a": {"c": 2, "b": 1}}))
+        );
         assert_ne!(digest(json!({"a": 1})), digest(json!({"a": 2})));
     }
 

@@ -20,6 +20,7 @@ mod params;
 mod problem;
 mod problem_pages;
 mod ranges;
+mod request_schemas;
 mod results;
 mod router;
 mod strict_json;

@@ -10,7 +10,7 @@ use crate::problem::{Kind, Problem};
 pub(super) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format, Problem> {
     if let Some(name) = query {
         return Format::from_name(name)
-            .ok_or_else(|| not_acceptable(format!("the format {} is unknown", shown(name))));
+            .ok_or_else(|| not_acceptable(&format!("the format {} is unknown", shown(name))));
     }
     let accept: Vec<&str> =
         headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
@@ -18,10 +18,10 @@ pub(super) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format,
         return Ok(Format::Json);
     }
     let accept = accept.join(",");
-    best(&accept).ok_or_else(|| not_acceptable(format!("Accept asks for {}", shown(&accept))))
+    best(&accept).ok_or_else(|| not_acceptable(&format!("Accept asks for {}", shown(&accept))))
 }
 
-fn not_acceptable(what: String) -> Problem {
+fn not_acceptable(what: &str) -> Problem {
     let formats: Vec<_> = Format::ALL
         .into_iter()
         .map(|f| serde_json::json!({"format": f.name(), "media_type": f.media_type()}))
@@ -110,6 +110,6 @@ mod tests {
         let problem = format(Some("xlsx"), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
         assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
-        assert_eq!(problem.members["formats"][1]["media_type"], "text/csv");
+        assert_eq!(problem.document()["formats"][1]["media_type"], "text/csv");
     }
 }

@@ -13,7 +13,7 @@ use utoipa::{IntoResponses, OpenApi as _, ToSchema};
 
 use super::job_view::Job;
 use super::problem::PROBLEM_JSON;
-use super::{observe, router};
+use super::{observe, request_schemas, router};
 use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
 use packstone_engine::format::EngineInfo;
@@ -157,17 +157,16 @@ fn problem_response(description: &str) -> Response {
 }
 
 /// Adds what holds for every route, and what the derives cannot say.
-pub(super) fn finished(document: OpenApi) -> OpenApi {
-    let mut value = serde_json::to_value(&document).unwrap_or_default();
+pub(super) fn finished(document: &OpenApi) -> Value {
+    let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
-    polish_schemas(&mut value);
-    // What was an OpenAPI document still is one; a test reads it.
-    serde_json::from_value(value).unwrap_or(document)
+    request_schemas::polish(&mut value);
+    value
 }
 
 /// The document as YAML.
-pub(crate) fn yaml() -> Result<String, String> {
-    router::document().to_yaml().map_err(|error| error.to_string())
+pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
+    yaml_serde::to_string(&router::document())
 }
 
 fn add_everywhere(document: &mut Value) {
@@ -204,31 +203,6 @@ fn add_everywhere(document: &mut Value) {
     document["security"] = json!([{}, {"api_key": []}]);
 }
 
-fn polish_schemas(document: &mut Value) {
-    let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
-    for name in ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method"] {
-        if let Some(schema) = schemas.get_mut(name) {
-            close_objects(schema);
-        }
-    }
-    if let Some(labels) = schemas.get_mut("JobRequest").and_then(|s| s.pointer_mut("/properties/labels")) {
-        labels["maxProperties"] = json!(crate::jobs::request::MAX_LABELS);
-        labels["propertyNames"] = json!({"pattern": "^[^:\\u0000-\\u001f\\u007f-\\u009f]{1,64}$"});
-        labels["additionalProperties"] =
-            json!({"type": "string", "pattern": "^[^\\u0000-\\u001f\\u007f-\\u009f]{0,256}$"});
-    }
-    schemas.sort_keys();
-}
-
-/// Says of every object in a request that it has no other fields.
-fn close_objects(schema: &mut Value) {
-    if let Some(variants) = schema.get_mut("oneOf").and_then(Value::as_array_mut) {
-        variants.iter_mut().for_each(close_objects);
-    } else if schema.get("properties").is_some() {
-        schema["additionalProperties"] = json!(false);
-    }
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -246,10 +220,12 @@ mod tests {
 
     #[test]
     fn finishing_loses_nothing() {
-        let value = serde_json::to_value(router::document()).unwrap();
+        let value = router::document();
         assert_eq!(value["components"]["schemas"]["JobRequest"]["additionalProperties"], false);
-        assert_eq!(value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
-            "#/components/schemas/Problem");
+        assert_eq!(
+            value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
+            "#/components/schemas/Problem"
+        );
         assert_eq!(value["components"]["securitySchemes"]["api_key"]["scheme"], "bearer");
     }
 }

@@ -34,10 +34,11 @@ impl IntoResponse for Problem {
 pub(super) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem {
     match error {
         StoreError::NoJob => Problem::no_job(&id.to_string()),
-        StoreError::Forbidden(state) => {
-            Problem::new(Kind::Conflict, format!("job {id} is {}", state.name()))
-                .with("state", state.name().into())
-        }
+        StoreError::Forbidden(state) => Problem::new(
+            Kind::Conflict,
+            format!("the state of job {id} is {}, which forbids this", state.name()),
+        )
+        .with("state", state.name().into()),
         other => other.into(),
     }
 }

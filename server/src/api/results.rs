@@ -121,7 +121,12 @@ pub(super) async fn get(
     query.finish()?;
     let (job, mut artifact) = finished(&app, id).await?;
     let format = negotiation::format(asked_format.as_deref(), &headers)?;
-    let etag = format!("\"{}-{}-{}\"", &artifact.sha256[..32.min(artifact.sha256.len())], format.name(), format::REVISION);
+    let etag = format!(
+        "\"{}-{}-{}\"",
+        &artifact.sha256[..32.min(artifact.sha256.len())],
+        format.name(),
+        format::REVISION
+    );
     if conditional::none_match_fails(&headers, &etag) {
         let mut response = StatusCode::NOT_MODIFIED.into_response();
         describe(&mut response, &etag);
@@ -148,7 +153,8 @@ pub(super) async fn get(
         }
     };
     let (first, bytes) = (part.start, part.end - part.start);
-    let body = if method == Method::HEAD { Body::empty() } else { send(&app, artifact, format, part).await? };
+    let body =
+        if method == Method::HEAD { Body::empty() } else { send(&app, artifact, format, part).await? };
     let mut response = (status, body).into_response();
     describe(&mut response, &etag);
     let fields = response.headers_mut();
@@ -256,7 +262,10 @@ async fn blocking<T: Send + 'static>(
 ) -> Result<T, Problem> {
     let failed = |error: &dyn std::fmt::Display| {
         tracing::error!(%error, %what, "a stored result is unreadable");
-        Problem::new(Kind::InternalError, "the stored result is missing or damaged; the server's log says how")
+        Problem::new(
+            Kind::InternalError,
+            "the stored result is missing or damaged; the server's log says how",
+        )
     };
     match tokio::task::spawn_blocking(read).await {
         Ok(Ok(value)) => Ok(value),

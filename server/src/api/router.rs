@@ -5,7 +5,7 @@ use axum::http::{HeaderValue, header};
 use axum::middleware;
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
-use utoipa::openapi::OpenApi;
+use serde_json::Value;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -16,7 +16,7 @@ use crate::problem::{Kind, Problem};
 pub(crate) fn router(app: App) -> Router {
     let (router, document) = documented().split_for_parts();
     // Rendered once: it does not change while the process lives.
-    let document = serde_json::to_string_pretty(&openapi::finished(document)).unwrap_or_default();
+    let document = serde_json::to_string_pretty(&openapi::finished(&document)).unwrap_or_default();
     router
         .route("/openapi.json", get(move || async move { openapi_json(document) }))
         .fallback(|| async { Problem::new(Kind::NotFound, "there is no such route") })
@@ -25,8 +25,8 @@ pub(crate) fn router(app: App) -> Router {
 }
 
 /// The document of the interface, as it is checked in.
-pub(super) fn document() -> OpenApi {
-    openapi::finished(documented().into_openapi())
+pub(super) fn document() -> Value {
+    openapi::finished(&documented().into_openapi())
 }
 
 fn documented() -> OpenApiRouter<App> {

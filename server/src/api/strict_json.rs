@@ -38,7 +38,9 @@ fn refusal(text: &[u8], pointer: &str, error: &serde_json::Error) -> Problem {
     };
     if message.starts_with("number out of range") {
         let number = token_at(text, error.line(), error.column());
-        return semantic(format!("{number} is out of range: a number must be at most 1.7976931348623157e308"));
+        return semantic(format!(
+            "{number} is out of range: a number must be at most 1.7976931348623157e308"
+        ));
     }
     if message.starts_with("recursion limit exceeded") {
         return semantic(format!("{place}: the document is nested too deep: at most 127 levels are read"));
@@ -67,9 +69,12 @@ fn token_at(text: &[u8], line: usize, column: usize) -> String {
 
 fn pointer(path: &Path) -> String {
     let mut pointer = String::new();
-    for segment in path.iter() {
+    for segment in path {
         match segment {
-            Segment::Seq { index } => pointer.push_str(&format!("/{index}")),
+            Segment::Seq { index } => {
+                pointer.push('/');
+                pointer.push_str(&index.to_string());
+            }
             Segment::Map { key } => {
                 pointer.push('/');
                 pointer.push_str(&key.replace('~', "~0").replace('/', "~1"));

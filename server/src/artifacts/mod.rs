@@ -79,7 +79,8 @@ impl Artifacts {
             }
             for file in fs::read_dir(folder.path())? {
                 let file = file?;
-                let (Ok(folder), Ok(name)) = (folder.file_name().into_string(), file.file_name().into_string())
+                let (Ok(folder), Ok(name)) =
+                    (folder.file_name().into_string(), file.file_name().into_string())
                 else {
                     continue;
                 };
@@ -124,7 +125,8 @@ mod tests {
         let settled = artifacts.settled().unwrap();
         assert_eq!(settled, [("ab/xab.1.packstone".to_owned(), "ab/xab.1.packstone".to_owned())]);
         drop(writing);
-        let mut settled: Vec<String> = artifacts.settled().unwrap().into_iter().map(|(path, _)| path).collect();
+        let mut settled: Vec<String> =
+            artifacts.settled().unwrap().into_iter().map(|(path, _)| path).collect();
         settled.sort();
         assert_eq!(settled, ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp"]);
         artifacts.remove("ab/xab.1.packstone").unwrap();

@@ -17,6 +17,8 @@ use crate::jobs::ArtifactRecord;
 /// Digests checked since the start that are remembered; beyond, they are checked again.
 const VERIFIED_KEPT: usize = 100_000;
 const BLOCK_BYTES: usize = 1 << 16;
+/// On the stack of the thread that converts.
+const COLUMN_BLOCK_BYTES: usize = 1 << 13;
 
 /// An open result. It stays readable when the file is removed meanwhile.
 #[derive(Debug)]
@@ -63,7 +65,10 @@ impl Artifacts {
         }
         let found = hex::encode(&digest.finalize());
         if found != record.sha256 {
-            return Err(invalid(format!("{} has the sha256 {found} instead of {}", record.path, record.sha256)));
+            return Err(invalid(format!(
+                "{} has the sha256 {found} instead of {}",
+                record.path, record.sha256
+            )));
         }
         let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
         if verified.len() >= VERIFIED_KEPT {
@@ -93,8 +98,8 @@ impl SphereSource for StoredResult {
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
         let mut offset = self.layout.offset(column, start as u64);
-        let mut bytes = [0; BLOCK_BYTES];
-        for part in block.chunks_mut(BLOCK_BYTES / 8) {
+        let mut bytes = [0; COLUMN_BLOCK_BYTES];
+        for part in block.chunks_mut(COLUMN_BLOCK_BYTES / 8) {
             let bytes = &mut bytes[..8 * part.len()];
             self.file.read_exact_at(bytes, offset)?;
             for (value, eight) in part.iter_mut().zip(bytes.chunks_exact(8)) {
@@ -111,4 +116,3 @@ impl SphereSource for StoredResult {
 fn invalid(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, what)
 }
-

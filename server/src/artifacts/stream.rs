@@ -12,15 +12,15 @@ use std::time::Duration;
 use bytes::{Bytes, BytesMut};
 use packstone_engine::format::{self, Format};
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
 use tokio::sync::OwnedSemaphorePermit;
+use tokio::sync::mpsc;
 
 use super::read::StoredResult;
 
 const BLOCK_BYTES: usize = 1 << 17;
 const BLOCKS_WAITING: usize = 2;
 /// A reader that takes no block for so long is gone.
-const STALLED: Duration = Duration::from_secs(60);
+const STALLED: Duration = Duration::from_mins(1);
 
 /// Starts to convert; the receiver yields the bytes of `range`. `permit` is held until the end.
 pub(crate) fn start(

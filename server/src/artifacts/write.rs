@@ -72,7 +72,8 @@ impl Artifacts {
             fs::create_dir_all(folder)?;
             sync_dir(&self.root)?;
         }
-        let mut digested = Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, control };
+        let mut digested =
+            Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, control };
         let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
         stored::write(head, spheres, &mut buffered)?;
         buffered.flush()?;

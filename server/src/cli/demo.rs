@@ -62,15 +62,23 @@ async fn demonstrate(out: PathBuf) -> Result<(), Failure> {
     shutdown.cancel();
     serving.await?;
     let (files, summary) = shown?;
-    eprintln!("Placed {} grains, volume fraction {:.4}.", summary["grains"], summary["volume_fraction_effective"].as_f64().unwrap_or(0.0));
+    eprintln!(
+        "Placed {} grains, volume fraction {:.4}.",
+        summary["grains"],
+        summary["volume_fraction_effective"].as_f64().unwrap_or(0.0)
+    );
     for file in &files {
         print(&format!("{}\n", file.display()))?;
     }
-    eprintln!("\nNext: open the .vtp file in ParaView and add a Glyph filter (Sphere, scale by `diameter`, scale factor 1),");
+    eprintln!(
+        "\nNext: open the .vtp file in ParaView and add a Glyph filter (Sphere, scale by `diameter`, scale factor 1),"
+    );
     eprintln!("or start the service yourself, with this job still in it:");
     eprintln!("  packstone serve --data-dir {}", data_dir.display());
     eprintln!("  curl http://127.0.0.1:8080/v1/jobs");
-    eprintln!("  curl -H 'content-type: application/json' -d @examples/a16.json http://127.0.0.1:8080/v1/jobs");
+    eprintln!(
+        "  curl -H 'content-type: application/json' -d @examples/a16.json http://127.0.0.1:8080/v1/jobs"
+    );
     Ok(())
 }
 
@@ -115,7 +123,9 @@ async fn follow(client: &Client, events: &str) -> Result<Value, Failure> {
             match field("event:") {
                 Some("progress") => {
                     bar.set_position((data["fraction"].as_f64().unwrap_or(0.0) * STEPS) as u64);
-                    bar.set_message(format!("{}: {} {}", data["phase"], data["done"], data["unit"]).replace('"', ""));
+                    bar.set_message(
+                        format!("{}: {} {}", data["phase"], data["done"], data["unit"]).replace('"', ""),
+                    );
                 }
                 Some("end") => {
                     bar.finish_and_clear();

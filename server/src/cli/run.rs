@@ -92,8 +92,8 @@ fn read(job: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 fn listed(job: &Path, faults: &[FieldError]) -> String {
-    let lines: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
-    format!("{} is refused:{lines}", job.display())
+    let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+    format!("{} is refused:\n  {}", job.display(), lines.join("\n  "))
 }
 
 fn write(

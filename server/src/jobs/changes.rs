@@ -51,7 +51,7 @@ impl Subscription {
             return;
         }
         // The sender lives as long as a receiver; without one nothing will ever change.
-        std::future::pending().await
+        std::future::pending::<()>().await;
     }
 }
 

@@ -176,7 +176,7 @@ fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>>
     let mut labels = BTreeMap::new();
     for (key, value) in map {
         let pointer = format!("{}/{}", at.pointer(), key.replace('~', "~0").replace('/', "~1"));
-        let mut fault = |detail: String| faults.add(pointer.clone(), detail);
+        let fault = |detail: String| faults.add(pointer.clone(), detail);
         if !check_text(key, 1, MAX_LABEL_KEY_CHARS, |detail| fault(format!("the key {detail}"))) {
             continue;
         }
@@ -186,7 +186,7 @@ fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>>
         }
         match value {
             Value::String(text) => {
-                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, &mut fault) {
+                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, fault) {
                     labels.insert(key.clone(), text.clone());
                 }
             }
@@ -263,10 +263,7 @@ mod tests {
                 json!({"name": "x".repeat(201)}),
                 "/name: has 201 characters: must have at least 1 and at most 200",
             ),
-            (
-                json!({"name": "a\nb"}),
-                "/name: has the control character U+000A: must be one line of text",
-            ),
+            (json!({"name": "a\nb"}), "/name: has the control character U+000A: must be one line of text"),
             (
                 json!({"priority": 101}),
                 "/priority: 101 is out of range: must be a whole number from -100 to 100",

@@ -48,7 +48,11 @@ pub(crate) struct Runner {
 /// How a run ended.
 enum End {
     /// The result is on disk; its place stays claimed until the store refers to it.
-    Stored { artifact: ArtifactRecord, grains: u64, _place: InFlight },
+    Stored {
+        artifact: ArtifactRecord,
+        grains: u64,
+        _place: InFlight,
+    },
     Stopped(Stop),
     Failed(Problem),
 }
@@ -159,11 +163,7 @@ impl Runner {
         }
     }
 
-    fn try_pack_and_write(
-        &self,
-        claimed: &Claimed,
-        control: &RunControl,
-    ) -> Result<End, Problem> {
+    fn try_pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> Result<End, Problem> {
         let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
             Problem::new(Kind::InternalError, "the stored request is unreadable")
@@ -192,7 +192,10 @@ impl Runner {
             report: packing.report,
         };
         let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
-        let artifact = self.artifacts.write(&place, &head, &packing.spheres, control).map_err(unwritten)?;
+        let artifact = self
+            .artifacts
+            .write(&place, &head, &packing.spheres, control)
+            .map_err(|error| unwritten(&error))?;
         Ok(End::Stored { artifact, grains, _place: place })
     }
 
@@ -283,7 +286,7 @@ fn as_recorded(progress: &Progress, fraction: &mut f64, elapsed: Duration) -> Jo
     }
 }
 
-fn unwritten(error: io::Error) -> Problem {
+fn unwritten(error: &io::Error) -> Problem {
     if error.kind() != io::ErrorKind::ConnectionAborted {
         tracing::error!(%error, "the result was not written");
     }
@@ -311,7 +314,10 @@ mod tests {
         let second = as_recorded(&report(0.5), &mut fraction, elapsed);
         assert_eq!((second.fraction, second.eta_s), (0.5, Some(10.0)));
         assert_eq!(as_recorded(&report(0.4), &mut fraction, elapsed).fraction.to_bits(), 0.5_f64.to_bits());
-        assert_eq!(as_recorded(&report(f64::NAN), &mut fraction, elapsed).fraction.to_bits(), 0.5_f64.to_bits());
+        assert_eq!(
+            as_recorded(&report(f64::NAN), &mut fraction, elapsed).fraction.to_bits(),
+            0.5_f64.to_bits()
+        );
         assert_eq!(as_recorded(&report(7.0), &mut fraction, elapsed).eta_s, Some(0.0));
     }
 }

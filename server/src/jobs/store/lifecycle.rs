@@ -10,6 +10,16 @@ use super::{Store, StoreError, detached, micros, now_us, rows};
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;
 
+/// The number of the job to run next. Left alone, the planner takes the index of all states and
+/// sorts the queue at every claim.
+macro_rules! next_in_queue {
+    () => {
+        "select seq from jobs indexed by jobs_queue where state = 'queued' order by priority desc, seq limit 1"
+    };
+}
+#[cfg(test)]
+pub(super) use next_in_queue;
+
 /// A job that was leased to the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Claimed {
@@ -43,12 +53,13 @@ impl Store {
             let mut writer = store.shared.writer.lock().await;
             let mut tx = writer.begin_with("begin immediate").await?;
             let now = now_us();
-            let row = sqlx::query(
+            let row = sqlx::query(concat!(
                 "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
                      lease_expires_at = ?2, progress = null, error = null, engine = ?3
-                 where seq = (select seq from jobs where state = 'queued' order by priority desc, seq limit 1)
-                 returning seq",
-            )
+                 where seq = (",
+                next_in_queue!(),
+                ") returning seq",
+            ))
             .bind(now)
             .bind(now.saturating_add(micros(store.limits().lease)))
             .bind(to_json(&packstone_engine::format::EngineInfo::current())?)
@@ -143,7 +154,7 @@ impl Store {
             .bind(lease.seq)
             .bind(lease.attempt)
             .bind(&artifact.path)
-            .bind(artifact.bytes as i64)
+            .bind(artifact.bytes.cast_signed())
             .bind(&artifact.sha256)
             .bind(to_json(&artifact.report)?)
             .bind(artifact.format_revision)

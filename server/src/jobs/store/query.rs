@@ -57,13 +57,13 @@ impl Store {
         &self,
         filter: &Filter,
         before: Option<i64>,
-        limit: usize,
+        limit: u32,
     ) -> Result<Page, StoreError> {
-        let mut query = list_query(filter, before.unwrap_or(i64::MAX), limit + 1);
+        let mut query = list_query(filter, before.unwrap_or(i64::MAX), i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
         let mut jobs = rows.iter().map(rows::job).collect::<Result<Vec<_>, _>>()?;
-        let more = jobs.len() > limit;
-        jobs.truncate(limit);
+        let more = jobs.len() > limit as usize;
+        jobs.truncate(limit as usize);
         let next_before = jobs.last().filter(|_| more).map(|job| job.seq);
         Ok(Page { jobs, next_before })
     }
@@ -101,14 +101,14 @@ impl Store {
     }
 }
 
-fn list_query(filter: &Filter, before: i64, limit: usize) -> QueryBuilder<Sqlite> {
+fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
     let Some(((key, value), others)) = filter.labels.split_first() else {
         let mut query = QueryBuilder::new(select_jobs!("where jobs.seq < "));
         query.push_bind(before);
         if let Some(state) = filter.state {
             query.push(" and jobs.state = ").push_bind(state.name());
         }
-        query.push(" order by jobs.seq desc limit ").push_bind(limit as i64);
+        query.push(" order by jobs.seq desc limit ").push_bind(limit);
         return query;
     };
     // `cross join` keeps the planner from leaving the labels' index, which the order relies on.
@@ -129,6 +129,13 @@ fn list_query(filter: &Filter, before: i64, limit: usize) -> QueryBuilder<Sqlite
         query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
         query.push(" and other.job = job_labels.job)");
     }
-    query.push(" order by job_labels.job desc limit ").push_bind(limit as i64);
+    query.push(" order by job_labels.job desc limit ").push_bind(limit);
     query
+}
+
+/// The statement behind a listing, for a look at its plan.
+#[cfg(test)]
+pub(super) fn list_sql(filter: &Filter) -> String {
+    use sqlx::Execute as _;
+    list_query(filter, i64::MAX, 1).build().sql().as_str().to_owned()
 }

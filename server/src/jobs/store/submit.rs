@@ -75,7 +75,7 @@ impl Store {
         .bind(&request.name)
         .bind(labels)
         .bind(request.priority)
-        .bind(request.seed as i64)
+        .bind(request.seed.cast_signed())
         .bind(request.timeout_s)
         .bind(request.max_attempts)
         .bind(request.max_attempts)

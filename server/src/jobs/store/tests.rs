@@ -1,0 +1,365 @@
+//! The store on real files: the moves of a job, who may make them, and what survives.
+
+#![allow(clippy::unwrap_used)]
+
+use serde_json::json;
+use tempfile::TempDir;
+
+use super::*;
+use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
+use crate::problem::{Kind, Problem};
+
+const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
+
+async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
+    Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap()
+}
+
+async fn fresh() -> (TempDir, Store) {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(&folder, LIMITS).await;
+    (folder, store)
+}
+
+fn request(extra: &serde_json::Value) -> JobRequest {
+    let mut job = json!({
+        "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+        "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}
+    });
+    job.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+    JobRequest::read(&job, 7, None).unwrap()
+}
+
+async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobRecord {
+    let new = NewJob { request: request(&extra), idempotency_key: None };
+    match store.submit(new).await.unwrap() {
+        Submitted::Created(job) => job,
+        Submitted::Existing(_) => panic!("a job without a key exists already"),
+    }
+}
+
+fn progress(fraction: f64) -> JobProgress {
+    JobProgress {
+        fraction,
+        phase: packstone_engine::Phase::Rsa,
+        done: 1,
+        total: 2,
+        unit: "grains".into(),
+        message: String::new(),
+        eta_s: None,
+    }
+}
+
+fn artifact(path: &str) -> ArtifactRecord {
+    ArtifactRecord {
+        path: path.into(),
+        bytes: 10,
+        sha256: "ab".repeat(32),
+        report: json!({"summary": {"grains": 3}}).as_object().unwrap().clone(),
+        format_revision: 1,
+        format_lengths: [("json".to_owned(), 99)].into(),
+    }
+}
+
+async fn succeed(store: &Store, lease: Lease) {
+    let path = format!("{}.{}", lease.id, lease.attempt);
+    store.succeed(lease, artifact(&path), progress(1.0)).await.unwrap();
+}
+
+#[tokio::test]
+async fn the_library_has_no_known_corruption_bugs() {
+    let (_folder, store) = fresh().await;
+    let version: String =
+        sqlx::query_scalar("select sqlite_version()").fetch_one(store.readers()).await.unwrap();
+    let parts: Vec<u32> = version.split('.').map(|part| part.parse().unwrap()).collect();
+    assert!(parts >= vec![3, 51, 3], "SQLite {version}");
+}
+
+#[tokio::test]
+async fn a_job_runs_through_its_states() {
+    let (_folder, store) = fresh().await;
+    let job = submit(&store, json!({"name": "n", "labels": {"a": "b"}, "timeout_s": 5})).await;
+    assert_eq!((job.state, job.attempt, job.version), (State::Queued, 1, 1));
+    let claimed = store.claim().await.unwrap().unwrap();
+    assert_eq!((claimed.lease.id, claimed.job.state), (job.id, State::Running));
+    assert_eq!(claimed.job.timeout_s, Some(5.0));
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&claimed.request).unwrap()["name"], "n");
+    assert_eq!(store.claim().await.unwrap(), None);
+    store.heartbeat(claimed.lease, Some(progress(0.5))).await.unwrap();
+    let running = store.get(job.id).await.unwrap().unwrap();
+    assert_eq!(running.progress.unwrap()["fraction"], 0.5);
+    assert_eq!(running.version, 3);
+    store.heartbeat(claimed.lease, None).await.unwrap();
+    assert_eq!(store.get(job.id).await.unwrap().unwrap().version, 3, "a renewal is no news");
+    succeed(&store, claimed.lease).await;
+    let done = store.get(job.id).await.unwrap().unwrap();
+    assert_eq!(done.state, State::Succeeded);
+    assert_eq!(done.artifact.unwrap().format_lengths["json"], 99);
+    assert!(done.finished_at >= done.started_at);
+    assert_eq!(store.request(job.seq).await.unwrap()["labels"], json!({"a": "b"}));
+}
+
+#[tokio::test]
+async fn the_next_job_is_the_oldest_of_the_highest_priority() {
+    let (_folder, store) = fresh().await;
+    let mut ids = Vec::new();
+    for priority in [0, 5, -5, 5] {
+        ids.push(submit(&store, json!({"priority": priority})).await.id);
+    }
+    for expected in [ids[1], ids[3], ids[0], ids[2]] {
+        assert_eq!(store.claim().await.unwrap().unwrap().lease.id, expected);
+    }
+}
+
+#[tokio::test]
+async fn only_the_holder_of_the_lease_may_write() {
+    let (_folder, store) = fresh().await;
+    submit(&store, json!({})).await;
+    let old = store.claim().await.unwrap().unwrap().lease;
+    assert_eq!(store.recover().await.unwrap(), 1);
+    let new = store.claim().await.unwrap().unwrap().lease;
+    assert_eq!((new.id, new.attempt), (old.id, old.attempt + 1));
+    let problem = Problem::internal();
+    assert!(matches!(store.heartbeat(old, Some(progress(0.1))).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.succeed(old, artifact("x"), progress(1.0)).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.fail(old, &problem).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.finish_cancelled(old).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.give_back(old).await, Err(StoreError::LeaseLost)));
+    assert!(!store.refers_to("x").await.unwrap());
+    succeed(&store, new).await;
+    assert!(matches!(store.fail(new, &problem).await, Err(StoreError::LeaseLost)), "it ended already");
+}
+
+#[tokio::test]
+async fn recovery_counts_attempts_and_a_shutdown_does_not() {
+    let (folder, store) = fresh().await;
+    let job = submit(&store, json!({"max_attempts": 2})).await;
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    store.give_back(lease).await.unwrap();
+    let given_back = store.get(job.id).await.unwrap().unwrap();
+    assert_eq!((given_back.state, given_back.attempt), (State::Queued, 1));
+    store.claim().await.unwrap().unwrap();
+    // The process ends without a word, and another opens the file.
+    drop(store);
+    let store = open(&folder, LIMITS).await;
+    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.claim().await.unwrap().unwrap().lease.attempt, 2);
+    assert_eq!(store.recover().await.unwrap(), 1);
+    let ended = store.get(job.id).await.unwrap().unwrap();
+    assert_eq!(ended.state, State::Failed);
+    assert_eq!(ended.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
+    assert_eq!(store.recover().await.unwrap(), 0);
+    let retried = store.retry(job.id).await.unwrap();
+    assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
+    assert_eq!((retried.error, retried.finished_at), (None, None));
+}
+
+#[tokio::test]
+async fn a_job_whose_cancellation_was_asked_for_is_not_recovered() {
+    let (_folder, store) = fresh().await;
+    let job = submit(&store, json!({})).await;
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    let Cancelled::Soon(asked) = store.cancel(job.id).await.unwrap() else { panic!("it was running") };
+    assert!(asked.cancel_requested);
+    let Cancelled::Soon(again) = store.cancel(job.id).await.unwrap() else { panic!("it was running") };
+    assert_eq!(again.version, asked.version, "asking twice is no news");
+    assert!(store.heartbeat(lease, None).await.unwrap().cancel_requested);
+    store.recover().await.unwrap();
+    assert_eq!(store.get(job.id).await.unwrap().unwrap().state, State::Cancelled);
+}
+
+#[tokio::test]
+async fn leases_run_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(&folder, StoreLimits { lease: Duration::ZERO, ..LIMITS }).await;
+    let job = submit(&store, json!({})).await;
+    store.claim().await.unwrap().unwrap();
+    assert_eq!(store.reclaim_expired_leases().await.unwrap(), 1);
+    assert_eq!(store.get(job.id).await.unwrap().unwrap().attempt, 2);
+    drop(store);
+    let store = open(&folder, LIMITS).await;
+    store.claim().await.unwrap().unwrap();
+    assert_eq!(store.reclaim_expired_leases().await.unwrap(), 0, "this one lasts a minute");
+}
+
+#[tokio::test]
+async fn states_forbid_what_makes_no_sense() {
+    let (_folder, store) = fresh().await;
+    let queued = submit(&store, json!({})).await.id;
+    assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Queued))));
+    assert!(matches!(store.delete(queued).await, Err(StoreError::Forbidden(State::Queued))));
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    assert!(matches!(store.delete(queued).await, Err(StoreError::Forbidden(State::Running))));
+    succeed(&store, lease).await;
+    assert!(matches!(store.cancel(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
+    assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
+    assert_eq!(store.delete(queued).await.unwrap(), Some(format!("{queued}.1")));
+    assert_eq!(store.get(queued).await.unwrap(), None);
+    assert!(matches!(store.cancel(queued).await, Err(StoreError::NoJob)));
+    let waiting = submit(&store, json!({})).await.id;
+    assert!(
+        matches!(store.cancel(waiting).await.unwrap(), Cancelled::Now(job) if job.state == State::Cancelled)
+    );
+    assert_eq!(store.claim().await.unwrap(), None, "a cancelled job is not run");
+}
+
+#[tokio::test]
+async fn a_key_brings_the_same_job_even_after_a_restart() {
+    let (folder, store) = fresh().await;
+    let keyed = |scope: &str, body: &str| NewJob {
+        request: request(&json!({})),
+        idempotency_key: Some(IdempotencyKey {
+            scope: scope.into(),
+            key: "k".into(),
+            body_sha256: body.into(),
+        }),
+    };
+    let mut together = Vec::new();
+    for _ in 0..16 {
+        together.push(tokio::spawn({
+            let (store, new) = (store.clone(), keyed("lab", "1"));
+            async move { store.submit(new).await.unwrap() }
+        }));
+    }
+    let (mut created, mut existing) = (Vec::new(), Vec::new());
+    for submitted in together {
+        match submitted.await.unwrap() {
+            Submitted::Created(job) => created.push(job.id),
+            Submitted::Existing(job) => existing.push(job.id),
+        }
+    }
+    assert_eq!((created.len(), existing.len()), (1, 15));
+    assert!(existing.iter().all(|id| *id == created[0]));
+    drop(store);
+    let store = open(&folder, LIMITS).await;
+    assert!(
+        matches!(store.submit(keyed("lab", "1")).await.unwrap(), Submitted::Existing(job) if job.id == created[0])
+    );
+    assert!(matches!(store.submit(keyed("lab", "2")).await, Err(StoreError::KeyReused)));
+    assert!(matches!(store.submit(keyed("field", "2")).await.unwrap(), Submitted::Created(_)));
+    store.cancel(created[0]).await.unwrap();
+    store.delete(created[0]).await.unwrap();
+    assert!(
+        matches!(store.submit(keyed("lab", "2")).await.unwrap(), Submitted::Created(_)),
+        "its job is gone"
+    );
+}
+
+#[tokio::test]
+async fn the_queue_is_bounded() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(&folder, StoreLimits { max_queued: 2, ..LIMITS }).await;
+    let first = submit(&store, json!({})).await.id;
+    submit(&store, json!({})).await;
+    let third = NewJob { request: request(&json!({})), idempotency_key: None };
+    assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull(2))));
+    store.cancel(first).await.unwrap();
+    assert!(matches!(store.submit(third).await.unwrap(), Submitted::Created(_)));
+    assert!(matches!(store.retry(first).await, Err(StoreError::QueueFull(2))));
+    let counts = store.counts().await.unwrap();
+    assert_eq!((counts[&State::Queued], counts[&State::Cancelled]), (2, 1));
+}
+
+#[tokio::test]
+async fn pages_neither_repeat_nor_skip_while_jobs_come_in() {
+    let (_folder, store) = fresh().await;
+    let mut expected = Vec::new();
+    for i in 0..25 {
+        let job = submit(&store, json!({"labels": {"parity": (i % 2).to_string(), "all": "x"}})).await;
+        if i % 2 == 1 {
+            expected.insert(0, job.id);
+        }
+        if i % 4 == 3 {
+            store.cancel(job.id).await.unwrap();
+        }
+    }
+    let label = |key: &str, value: &str| (key.to_owned(), value.to_owned());
+    let odd = Filter { state: None, labels: vec![label("all", "x"), label("parity", "1")] };
+    let (mut seen, mut before) = (Vec::new(), None);
+    loop {
+        let page = store.list(&odd, before, 5).await.unwrap();
+        assert!(page.jobs.len() <= 5);
+        seen.extend(page.jobs.iter().map(|job| job.id));
+        submit(&store, json!({"labels": {"parity": "1", "all": "x"}})).await;
+        match page.next_before {
+            Some(next) => before = Some(next),
+            None => break,
+        }
+    }
+    assert_eq!(seen, expected);
+    let cancelled = Filter { state: Some(State::Cancelled), ..odd.clone() };
+    assert_eq!(store.list(&cancelled, None, 500).await.unwrap().jobs.len(), 6);
+    let cancelled = Filter { state: Some(State::Cancelled), labels: Vec::new() };
+    assert_eq!(store.list(&cancelled, None, 500).await.unwrap().jobs.len(), 6);
+    let none = Filter { state: None, labels: vec![label("parity", "2")] };
+    assert_eq!(store.list(&none, None, 500).await.unwrap().jobs, []);
+    assert_eq!(store.list(&Filter::default(), None, 500).await.unwrap().jobs.len(), 28);
+}
+
+#[tokio::test]
+async fn only_finished_jobs_expire() {
+    let (_folder, store) = fresh().await;
+    let past = json!({"expires_at": "2020-01-01T00:00:00Z"});
+    let done = submit(&store, past.clone()).await.id;
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    succeed(&store, lease).await;
+    let waiting = submit(&store, past).await.id;
+    let lasting = submit(&store, json!({"expires_at": "2999-01-01T00:00:00Z"})).await.id;
+    store.cancel(lasting).await.unwrap();
+    let removed = store.remove_expired().await.unwrap();
+    assert_eq!(removed.len(), 1);
+    assert_eq!((removed[0].id, removed[0].artifact.clone()), (done, Some(format!("{done}.1"))));
+    assert_eq!(store.remove_expired().await.unwrap(), []);
+    assert!(store.get(waiting).await.unwrap().is_some() && store.get(lasting).await.unwrap().is_some());
+}
+
+#[tokio::test]
+async fn changes_wake_whoever_waits_for_the_job() {
+    let (_folder, store) = fresh().await;
+    let job = submit(&store, json!({})).await.id;
+    let mut changes = store.subscribe(job);
+    store.claim().await.unwrap().unwrap();
+    changes.changed().await;
+    store.cancel(job).await.unwrap();
+    changes.changed().await;
+    // The mark of a submission stays until a worker looks.
+    store.queue_grew().await;
+}
+
+#[tokio::test]
+async fn every_listing_and_claim_uses_an_index() {
+    let (_folder, store) = fresh().await;
+    let label = |key: &str| (key.to_owned(), "v".to_owned());
+    for (state, labels) in [
+        (None, vec![]),
+        (Some(State::Queued), vec![]),
+        (None, vec![label("a")]),
+        (Some(State::Queued), vec![label("a"), label("b")]),
+    ] {
+        let plan = plan_of(&store, &query::list_sql(&Filter { state, labels })).await;
+        assert!(
+            plan.iter().all(|step| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE")),
+            "{plan:?}"
+        );
+    }
+    let plan = plan_of(&store, lifecycle::next_in_queue!()).await;
+    assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");
+}
+
+async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
+    let rows = sqlx::query(sqlx::AssertSqlSafe(format!("explain query plan {sql}")))
+        .fetch_all(store.readers())
+        .await
+        .unwrap();
+    rows.iter().map(|row| sqlx::Row::get(row, "detail")).collect()
+}
+
+#[tokio::test]
+async fn a_store_that_can_be_written_says_so_and_stays_as_it_is() {
+    let (_folder, store) = fresh().await;
+    submit(&store, json!({})).await;
+    store.check_writable().await.unwrap();
+    assert_eq!(store.counts().await.unwrap()[&State::Queued], 1);
+    store.close().await;
+    assert!(store.get(JobId::new()).await.is_err());
+}

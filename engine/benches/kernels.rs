@@ -1,0 +1,94 @@
+//! The engine's kernels, one group each: `cargo bench -p packstone-engine`. Whole problems with
+//! their targets are the business of `packstone bench`.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+use std::hint::black_box;
+use std::io::Write;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use packstone_engine::format::{self, EngineInfo, Format, Head};
+use packstone_engine::{Limits, Packing, PackingRequest, Plan, Unattended, pack, verify};
+use serde_json::{Value, json};
+
+fn fuller(phi: f64) -> Value {
+    json!({
+        "specimen": {"type": "box", "size_mm": [80, 80, 80]},
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": phi, "basis": "effective"},
+    })
+}
+
+fn b16(size: f64) -> Value {
+    json!({
+        "specimen": {"type": "box", "size_mm": [size, size, size]},
+        "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 0.5, "volume_fraction": 0.7},
+    })
+}
+
+fn packed(value: &Value) -> (PackingRequest, Packing) {
+    let request = PackingRequest::from_json(value, 1).unwrap();
+    let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
+    (request, packing)
+}
+
+/// Placing, per grain: loose, crowded, at the limit, and many small grains.
+fn rsa(c: &mut Criterion) {
+    let mut group = c.benchmark_group("rsa");
+    group.sample_size(10);
+    for (name, value) in [
+        ("fuller 0.50", fuller(0.50)),
+        ("fuller 0.60", fuller(0.60)),
+        ("fuller 0.665", fuller(0.665)),
+        ("b16 1e4 grains", b16(25.5)),
+        ("b16 1e5 grains", b16(54.9)),
+    ] {
+        let (request, packing) = packed(&value);
+        group.throughput(Throughput::Elements(packing.spheres.len() as u64));
+        group.bench_function(name, |b| b.iter(|| pack(black_box(&request), &Limits::default(), &Unattended)));
+    }
+}
+
+fn check(c: &mut Criterion) {
+    let mut group = c.benchmark_group("verify");
+    group.sample_size(20);
+    for (name, value) in [("fuller 0.60", fuller(0.60)), ("b16 1e5 grains", b16(54.9))] {
+        let (request, packing) = packed(&value);
+        group.throughput(Throughput::Elements(packing.spheres.len() as u64));
+        group.bench_function(name, |b| b.iter(|| verify::verify(black_box(&packing.spheres), &request)));
+    }
+}
+
+/// Swallows what is written, as fast as memory can be read.
+struct Sink(u64);
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0 += black_box(bytes).len() as u64;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+fn formats(c: &mut Criterion) {
+    let mut group = c.benchmark_group("format");
+    group.sample_size(20);
+    let value = b16(54.9);
+    let (_, packing) = packed(&value);
+    let head = Head { job_id: None, request: value, engine: EngineInfo::current(), report: packing.report };
+    for format in Format::ALL {
+        group.throughput(Throughput::Bytes(format::length(format, &head, &packing.spheres).unwrap()));
+        group.bench_function(format.name(), |b| {
+            b.iter(|| format::write(format, &head, &packing.spheres, &mut Sink(0)));
+        });
+    }
+}
+
+fn plan(c: &mut Criterion) {
+    let request = PackingRequest::from_json(&fuller(0.6), 1).unwrap();
+    c.bench_function("plan", |b| b.iter(|| Plan::new(black_box(&request), &Limits::default())));
+}
+
+criterion_group!(kernels, rsa, check, formats, plan);
+criterion_main!(kernels);

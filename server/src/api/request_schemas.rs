@@ -1,0 +1,141 @@
+//! The schemas of requests, made as strict in the document as the service is.
+//!
+//! What reads requests refuses unknown fields, takes `null` for absent, and bounds the items of
+//! arrays; the derives can say none of it.
+
+use packstone_engine::request::MAX_LENGTH_MM;
+use serde_json::{Map, Value, json};
+
+use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS};
+
+/// Schemas of which requests are made.
+const REQUEST_SCHEMAS: [&str; 7] =
+    ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method"];
+/// Characters that may not be in names and labels, as part of a class of a pattern.
+const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
+
+/// Makes the schemas of requests as strict as the service.
+pub(super) fn polish(document: &mut Value) {
+    let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
+    for name in REQUEST_SCHEMAS {
+        if let Some(schema) = schemas.get_mut(name) {
+            objects_of(schema).into_iter().for_each(close);
+        }
+    }
+    bound_items(schemas);
+    schemas.sort_keys();
+}
+
+/// The object that a schema describes, or those of its variants.
+fn objects_of(schema: &mut Value) -> Vec<&mut Map<String, Value>> {
+    if schema.get("oneOf").is_some() {
+        schema["oneOf"].as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut).collect()
+    } else {
+        schema.as_object_mut().into_iter().collect()
+    }
+}
+
+/// Says of an object that it has no other fields, and that optional ones may be `null`.
+fn close(object: &mut Map<String, Value>) {
+    let required: Vec<String> = object
+        .get("required")
+        .and_then(Value::as_array)
+        .map(|names| names.iter().filter_map(Value::as_str).map(str::to_owned).collect())
+        .unwrap_or_default();
+    let properties = object.get_mut("properties").and_then(Value::as_object_mut);
+    for (name, property) in properties.into_iter().flatten() {
+        if !required.contains(name) {
+            allow_null(property);
+        }
+    }
+    object.insert("additionalProperties".into(), false.into());
+}
+
+fn allow_null(property: &mut Value) {
+    let Some(object) = property.as_object_mut() else { return };
+    if let Some(reference) = object.shift_remove("$ref") {
+        object.shift_insert(0, "anyOf".into(), json!([{"$ref": reference}, {"type": "null"}]));
+    } else if let Some(Value::String(of)) = object.get("type").cloned() {
+        object.insert("type".into(), json!([of, "null"]));
+    }
+}
+
+fn bound_items(schemas: &mut Map<String, Value>) {
+    let length = json!({"type": "number", "exclusiveMinimum": 0, "maximum": MAX_LENGTH_MM});
+    let passing = json!({"type": "number", "minimum": 0, "maximum": 1});
+    if let Some(labels) = at(schemas, "JobRequest", "labels") {
+        labels["maxProperties"] = json!(MAX_LABELS);
+        let key = format!("^[^:{CONTROL}]{{1,{MAX_LABEL_KEY_CHARS}}}$");
+        labels["propertyNames"] = json!({ "pattern": key });
+        let value = format!("^[^{CONTROL}]{{0,{MAX_LABEL_VALUE_CHARS}}}$");
+        labels["additionalProperties"] = json!({"type": "string", "pattern": value});
+    }
+    if let Some(name) = at(schemas, "JobRequest", "name") {
+        name["pattern"] = json!(format!("^[^{CONTROL}]*$"));
+    }
+    if let Some(size) = at(schemas, "Specimen", "size_mm") {
+        size["items"] = length.clone();
+        size["minItems"] = json!(3);
+        size["maxItems"] = json!(3);
+    }
+    if let Some(points) = at(schemas, "Grading", "points") {
+        points["items"] =
+            json!({"type": "array", "prefixItems": [length, passing], "minItems": 2, "maxItems": 2});
+    }
+    if let Some(diameters) = at(schemas, "Grading", "mm") {
+        diameters["items"] = length;
+    }
+}
+
+/// A property of a schema, or of the variant that has it.
+fn at<'a>(schemas: &'a mut Map<String, Value>, schema: &str, property: &str) -> Option<&'a mut Value> {
+    objects_of(schemas.get_mut(schema)?)
+        .into_iter()
+        .find_map(|object| object.get_mut("properties")?.get_mut(property))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn optional_fields_may_be_null_and_others_may_not_be_there() {
+        let mut document = json!({"components": {"schemas": {"Mix": {
+            "type": "object", "required": ["grading"],
+            "properties": {"grading": {"$ref": "#/g"}, "basis": {"$ref": "#/b", "default": "mixture"}, "n": {"type": "number"}}
+        }}}});
+        polish(&mut document);
+        assert_eq!(
+            document["components"]["schemas"]["Mix"],
+            json!({
+                "type": "object", "required": ["grading"],
+                "properties": {
+                    "grading": {"$ref": "#/g"},
+                    "basis": {"anyOf": [{"$ref": "#/b"}, {"type": "null"}], "default": "mixture"},
+                    "n": {"type": ["number", "null"]}
+                },
+                "additionalProperties": false
+            })
+        );
+    }
+
+    #[test]
+    fn every_place_that_is_bounded_is_there() {
+        let document = super::super::router::document();
+        let schemas = &document["components"]["schemas"];
+        assert_eq!(schemas["JobRequest"]["properties"]["labels"]["maxProperties"], 32);
+        assert_eq!(schemas["JobRequest"]["properties"]["name"]["type"], json!(["string", "null"]));
+        assert_eq!(schemas["Specimen"]["oneOf"][0]["properties"]["size_mm"]["maxItems"], 3);
+        let gradings = schemas["Grading"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        for bounded in ["points", "mm"] {
+            let found = gradings.iter().find_map(|g| g["properties"].get(bounded));
+            assert!(found.is_some_and(|p| p["items"] != Value::Null), "{bounded}");
+        }
+        for name in REQUEST_SCHEMAS {
+            let mut schema = schemas[name].clone();
+            for object in objects_of(&mut schema) {
+                assert_eq!(object["additionalProperties"], false, "{name}");
+            }
+        }
+    }
+}
