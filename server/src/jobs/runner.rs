@@ -90,7 +90,8 @@ impl Runner {
         self.store.pass_on();
         tracing::info!("started");
         let control = Arc::new(RunControl::default());
-        let deadline = claimed.job.timeout_s.map(|s| started + Duration::from_secs_f64(s));
+        let timeout_s = claimed.job.timeout_s;
+        let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
         let mut packing = tokio::task::spawn_blocking({
             let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
             move || span.in_scope(|| runner.pack_and_write(&claimed, &control))
@@ -106,7 +107,7 @@ impl Runner {
                 "the run came upon a defect of this program; the log has it under the job's id",
             ))
         });
-        self.record_end(lease, end, started.elapsed()).await;
+        self.record_end(lease, end, started.elapsed(), timeout_s).await;
     }
 
     /// Watches a run for as long as it lasts.
@@ -201,7 +202,7 @@ impl Runner {
 
     /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
     /// pity to lose it to a full disk that someone is about to clear.
-    async fn record_end(&self, lease: Lease, end: End, took: Duration) {
+    async fn record_end(&self, lease: Lease, end: End, took: Duration, timeout_s: Option<f64>) {
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
@@ -211,7 +212,9 @@ impl Runner {
                 End::Failed(problem) => ("failed", self.store.fail(lease, problem).await),
                 End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
                 End::Stopped(Stop::TimedOut) => {
-                    let problem = Problem::new(Kind::TimedOut, "the job ran longer than its timeout_s");
+                    let bound = timeout_s.unwrap_or_default();
+                    let detail = format!("the job ran longer than its timeout_s of {bound} s");
+                    let problem = Problem::new(Kind::TimedOut, detail);
                     ("failed", self.store.fail(lease, &problem).await)
                 }
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.give_back(lease).await),
