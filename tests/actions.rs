@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use crate::harness::deadline::eventually;
 use crate::harness::{Client, DataDir, Launch, Reply, Server, id_of, jobs};
 
 async fn act(client: &Client, id: &str, action: &str) -> Reply {
@@ -136,6 +137,38 @@ async fn a_deleted_job_is_gone_with_its_files() {
     let listed = client.get("/v1/jobs").send().await.json();
     assert_eq!(listed["items"].as_array().unwrap().len(), 1);
     client.result(id_of(&kept)).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_cancel_that_meets_the_end_leaves_one_end() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(2).start().await;
+    let client = server.client();
+    let mut ends = Vec::new();
+    for seed in 0..60 {
+        let job = client.submit(&jobs::quick(seed)).await;
+        let id = id_of(&job).to_owned();
+        // Sooner or later in the run, by as many round trips.
+        for _ in 0..seed % 6 {
+            client.job(&id).await;
+        }
+        let status = act(&client, &id, "cancel").await.status.as_u16();
+        let ended = client.finished(&id).await;
+        let state = ended["state"].as_str().unwrap().to_owned();
+        match status {
+            200 => assert_eq!(state, "cancelled"),
+            202 => assert!(state == "cancelled" || state == "succeeded", "{state}"),
+            409 => assert_eq!(state, "succeeded"),
+            other => panic!("{other}"),
+        }
+        assert_eq!(ended["result"].is_null(), state == "cancelled", "{ended:#}");
+        let result = client.get(&format!("/v1/jobs/{id}/result")).send().await;
+        result.expect(if state == "cancelled" { 409 } else { 200 });
+        ends.push(state);
+    }
+    let succeeded = ends.iter().filter(|state| *state == "succeeded").count();
+    eventually("files of cancelled jobs to go", || data_dir.artifacts().len() == succeeded).await;
     server.stop().await;
 }
 

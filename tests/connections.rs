@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use futures_util::future::join_all;
 
 use crate::harness::deadline::within;
-use crate::harness::{DataDir, RawConnection, Server, id_of, jobs};
+use crate::harness::{DataDir, Launch, RawConnection, Server, id_of, jobs};
 
 #[tokio::test]
 async fn half_open_connections_are_closed_and_others_served_meanwhile() {
@@ -121,4 +121,29 @@ async fn a_reader_that_stops_reading_holds_up_nobody() {
     // They hold a stream each; ended, they must not keep the server from ending.
     server.stop().await;
     drop(stopped);
+}
+
+#[tokio::test]
+async fn more_downloads_than_allowed_are_put_off() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--max-downloads", "2"]).start().await;
+    let client = server.client();
+    let job = client.succeed(&jobs::equal_spheres(200_000, 1)).await;
+    let path = format!("/v1/jobs/{}/result?format=json", id_of(&job));
+    let mut stopped = Vec::new();
+    for _ in 0..2 {
+        let mut connection = RawConnection::open(server.address()).await;
+        connection.send(format!("GET {path} HTTP/1.1\r\nHost: x\r\n\r\n")).await;
+        assert!(connection.head().await.starts_with("HTTP/1.1 200 "));
+        stopped.push(connection);
+    }
+    let put_off = client.get(&path).send().await;
+    put_off.expect_problem(503, "busy");
+    assert!(put_off.header("retry-after").parse::<u32>().unwrap() >= 1);
+    client.head(&path).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{}/result/summary", id_of(&job))).send().await.expect(200);
+    // Whoever hangs up gives the place back.
+    drop(stopped);
+    client.get(&path).send().await.expect(200);
+    server.stop().await;
 }

@@ -90,3 +90,36 @@ async fn a_job_is_tried_again_after_a_crash_but_not_for_ever() {
     assert_eq!(server.client().running(&id).await["attempt"], 4);
     server.stop().await;
 }
+
+#[tokio::test]
+async fn a_full_queue_is_said_and_refuses_nothing_else() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(0).args(&["--max-queued", "2"]).start().await;
+    let client = server.client();
+    let first = client.submit(&jobs::quick(1)).await;
+    client
+        .post("/v1/jobs")
+        .header("idempotency-key", "second")
+        .json(&jobs::quick(2))
+        .send()
+        .await
+        .expect(201);
+    let refused =
+        client.post("/v1/jobs").header("idempotency-key", "third").json(&jobs::quick(3)).send().await;
+    let problem = refused.expect_problem(429, "queue-full");
+    assert!(problem["detail"].as_str().unwrap().contains('2'), "{problem:#}");
+    assert!(refused.header("retry-after").parse::<u32>().unwrap() >= 1);
+    // What is known already is answered, what is asked without storing too, and a place that is given up is free.
+    client
+        .post("/v1/jobs")
+        .header("idempotency-key", "second")
+        .json(&jobs::quick(2))
+        .send()
+        .await
+        .expect(200);
+    client.post("/v1/jobs?dry_run=true").json(&jobs::quick(3)).send().await.expect(200);
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&first))).send().await.expect(200);
+    client.post("/v1/jobs").header("idempotency-key", "third").json(&jobs::quick(3)).send().await.expect(201);
+    client.post(&format!("/v1/jobs/{}/retry", id_of(&first))).send().await.expect_problem(429, "queue-full");
+    server.stop().await;
+}
