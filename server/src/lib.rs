@@ -1,7 +1,7 @@
 //! Packstone's service: jobs, their store, their runner, their results, and the HTTP around them.
 //!
-//! Data passes one way: [`api`] takes a request in, [`jobs`] keeps it and runs it through the
-//! engine, [`artifacts`] keeps what came out, [`api`] streams it. How a packing is computed is the
+//! Data passes one way: `api` takes a request in, `jobs` keeps it and runs it through the
+//! engine, `artifacts` keeps what came out, `api` streams it. How a packing is computed is the
 //! engine's secret; nothing here looks into one.
 #![forbid(unsafe_code)]
 
@@ -15,6 +15,7 @@ mod jobs;
 mod metrics;
 mod problem;
 mod service;
+mod strict_json;
 mod telemetry;
 
 pub use cli::main;

@@ -43,7 +43,7 @@ pub(super) struct JobPage {
         ("state" = Option<jobs::State>, Query, description = "Only jobs in this state"),
         ("label" = Option<Vec<String>>, Query, explode, description = "`key:value`; only jobs with this label; may be repeated, and then all must fit", example = json!(["series:TB-7"])),
         ("limit" = Option<i64>, Query, minimum = 1, maximum = 500, description = "Jobs on a page; 50 when absent"),
-        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before, with the same filters"),
+        ("cursor" = Option<String>, Query, pattern = "^[0-9a-f]{32}$", description = "`next_cursor` of the page before, with the same filters"),
     ),
     responses(
         (status = 200, description = "A page", body = JobPage,

@@ -17,11 +17,12 @@ use super::observe::Caller;
 use super::openapi::{self, JobProblems, SubmitProblems};
 use super::params::{JobPath, Query};
 use super::problem::refused;
-use super::{App, LARGE_BODY_BYTES, body, strict_json};
+use super::{App, LARGE_BODY_BYTES, body};
 use crate::hex;
 use crate::jobs::store::{IdempotencyKey, NewJob, StoreError, Submitted};
 use crate::jobs::{JobId, JobRecord, JobRequest, request};
 use crate::problem::{Fault, Kind, Problem};
+use crate::strict_json;
 
 const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
 const MAX_KEY_CHARS: usize = 255;

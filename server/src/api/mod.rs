@@ -23,7 +23,6 @@ mod ranges;
 mod request_schemas;
 mod results;
 mod router;
-mod strict_json;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

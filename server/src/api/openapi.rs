@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr};
 use utoipa::{IntoResponses, OpenApi as _, ToSchema};
@@ -160,6 +160,7 @@ fn problem_response(description: &str) -> Response {
 pub(super) fn finished(document: &OpenApi) -> Value {
     let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
+    add_links(&mut value);
     request_schemas::polish(&mut value);
     value
 }
@@ -167,6 +168,24 @@ pub(super) fn finished(document: &OpenApi) -> Value {
 /// The document as YAML.
 pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
     yaml_serde::to_string(&router::document())
+}
+
+/// Says which routes take the id of a job that was submitted.
+fn add_links(document: &mut Value) {
+    let mut links = Map::new();
+    for (path, item) in document["paths"].as_object().into_iter().flatten() {
+        for operation in item.as_object().into_iter().flatten().map(|(_, operation)| operation) {
+            if let Some(id) = operation["operationId"].as_str()
+                && path.contains("{id}")
+            {
+                let link = json!({"operationId": id, "parameters": {"id": "$response.body#/id"}});
+                links.insert(id.to_owned(), link);
+            }
+        }
+    }
+    for status in ["200", "201"] {
+        document["paths"]["/v1/jobs"]["post"]["responses"][status]["links"] = links.clone().into();
+    }
 }
 
 fn add_everywhere(document: &mut Value) {

@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 
 use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS};
 
+const EXAMPLE: &str = include_str!("../../../examples/a16.json");
 /// Schemas of which requests are made.
 const REQUEST_SCHEMAS: [&str; 7] =
     ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method"];
@@ -23,6 +24,11 @@ pub(super) fn polish(document: &mut Value) {
         }
     }
     bound_items(schemas);
+    if let (Some(schema), Ok(example)) =
+        (schemas.get_mut("JobRequest"), serde_json::from_str::<Value>(EXAMPLE))
+    {
+        schema["examples"] = json!([example]);
+    }
     schemas.sort_keys();
 }
 

@@ -12,6 +12,7 @@ use packstone_engine::{Control, FieldError, Limits, PackError, Plan, PlanError, 
 use super::{Failure, print};
 use crate::config::default_memory_bytes;
 use crate::jobs::{JobRequest, request};
+use crate::strict_json;
 
 const STEPS: u64 = 1000;
 
@@ -37,8 +38,8 @@ fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let value = serde_json::from_slice(&read(&options.job)?)
-        .map_err(|error| format!("{} is not JSON: {error}", options.job.display()))?;
+    let value = strict_json::parse(&read(&options.job)?)
+        .map_err(|problem| format!("{} is refused: {}", options.job.display(), problem.detail))?;
     let request = JobRequest::read(&value, request::draw_seed(), None)
         .map_err(|faults| listed(&options.job, &faults))?;
     let packing_request = request.packing();

@@ -20,7 +20,7 @@ const MAX_POINTER_CHARS: usize = 256;
 /// # Errors
 /// `malformed-json` (400) where it is no JSON; `validation-error` (422) where it is, but a number
 /// is too large for any number, a key comes twice, or it is nested too deep.
-pub(super) fn parse(text: &[u8]) -> Result<Value, Problem> {
+pub(crate) fn parse(text: &[u8]) -> Result<Value, Problem> {
     let mut json = serde_json::Deserializer::from_slice(text);
     let mut track = serde_path_to_error::Track::new();
     let value = Strict
