@@ -62,7 +62,7 @@ kinds! {
     NotAcceptable "not-acceptable" 406 "Not acceptable"
         "A result has no format that `Accept` or `?format=` asks for."
     RequestTimeout "request-timeout" 408 "The request took too long"
-        "The body stopped arriving. Send it again without pauses."
+        "The body arrived with too long a pause, or too slowly. Send it again without pauses."
     Conflict "conflict" 409 "The state of the job forbids it"
         "The job is in a state in which this cannot be done: a finished job cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled one can be retried."
     JobFailed "job-failed" 409 "The job has no result"

@@ -3,6 +3,7 @@
 //! Stricter than [`serde_json::Value`]: a key that comes twice is refused, because one of the two
 //! would be dropped in silence. Every fault has the RFC 6901 pointer of the place it was met at.
 
+use std::cell::Cell;
 use std::fmt;
 
 use packstone_engine::FieldError;
@@ -14,6 +15,8 @@ use crate::problem::{Fault, Kind, Problem};
 
 /// Pointers into documents nested on purpose are cut off here.
 const MAX_POINTER_CHARS: usize = 256;
+/// Most values of a document. A value takes 72 bytes of memory and as little as two of text.
+const MAX_VALUES: u32 = 4_000_000;
 
 /// Parses one JSON document.
 ///
@@ -23,7 +26,8 @@ const MAX_POINTER_CHARS: usize = 256;
 pub(crate) fn parse(text: &[u8]) -> Result<Value, Problem> {
     let mut json = serde_json::Deserializer::from_slice(text);
     let mut track = serde_path_to_error::Track::new();
-    let value = Strict
+    let left = Cell::new(MAX_VALUES);
+    let value = Strict { left: &left }
         .deserialize(serde_path_to_error::Deserializer::new(&mut json, &mut track))
         .map_err(|error| refusal(text, &pointer(&track.path()), &error))?;
     json.end().map_err(|error| refusal(text, "", &error))?;
@@ -88,18 +92,27 @@ fn pointer(path: &Path) -> String {
     pointer
 }
 
-/// Builds a [`Value`] and refuses keys that come twice.
-struct Strict;
+/// Builds a [`Value`], refuses keys that come twice, and counts values.
+#[derive(Clone, Copy)]
+struct Strict<'a> {
+    left: &'a Cell<u32>,
+}
 
-impl<'de> DeserializeSeed<'de> for Strict {
+impl<'de> DeserializeSeed<'de> for Strict<'_> {
     type Value = Value;
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
+        let left = self.left.get().checked_sub(1);
+        self.left.set(left.ok_or_else(|| {
+            D::Error::custom(format!(
+                "the document has more than {MAX_VALUES} values: must have at most as many"
+            ))
+        })?);
         deserializer.deserialize_any(self)
     }
 }
 
-impl<'de> Visitor<'de> for Strict {
+impl<'de> Visitor<'de> for Strict<'_> {
     type Value = Value;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -136,7 +149,7 @@ impl<'de> Visitor<'de> for Strict {
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Value, A::Error> {
         let mut array = Vec::new();
-        while let Some(item) = items.next_element_seed(Self)? {
+        while let Some(item) = items.next_element_seed(self)? {
             array.push(item);
         }
         Ok(Value::Array(array))
@@ -149,7 +162,7 @@ impl<'de> Visitor<'de> for Strict {
                 let key: String = key.chars().take(40).collect();
                 return Err(A::Error::custom(format!("the key {key:?} comes twice")));
             }
-            let value = entries.next_value_seed(Self)?;
+            let value = entries.next_value_seed(self)?;
             object.insert(key, value);
         }
         Ok(Value::Object(object))
@@ -191,6 +204,15 @@ mod tests {
             assert_eq!(refused(text).0, 400, "{text}");
         }
         assert_eq!(parse(&[b'"', 0xff, b'"']).unwrap_err().status, 400);
+    }
+
+    #[test]
+    fn the_number_of_values_is_bounded() {
+        let list = |n: u32| format!("[{}0]", "0,".repeat(n as usize - 1));
+        assert!(parse(list(MAX_VALUES - 1).as_bytes()).is_ok());
+        let (status, _, detail) = refused(&list(MAX_VALUES));
+        assert_eq!(status, 422);
+        assert!(detail.starts_with("the document has more than 4000000 values"), "{detail}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout, timeout_at};
 
 use super::App;
 use super::params::shown;
@@ -14,6 +14,8 @@ use crate::problem::{Kind, Problem};
 
 /// Longest pause between two pieces of a body.
 const IDLE: Duration = Duration::from_secs(30);
+/// Longest time that a whole body may take.
+const WHOLE: Duration = Duration::from_mins(5);
 /// Bytes and time spent on the rest of a body that was refused: a client that still writes would
 /// lose the answer to a connection reset.
 const LINGER_BYTES: usize = 64 << 20;
@@ -80,13 +82,13 @@ fn is_json(content_type: &str) -> bool {
 
 async fn collect(mut body: Body, max_bytes: u64) -> Result<Bytes, Problem> {
     let mut collected = BytesMut::new();
+    let end = Instant::now() + WHOLE;
     loop {
-        let Ok(frame) = timeout(IDLE, body.frame()).await else {
-            return Err(Problem::new(
-                Kind::RequestTimeout,
-                format!("no byte of the body came for {} s", IDLE.as_secs()),
-            )
-            .with_header("connection", "close"));
+        let next = end.min(Instant::now() + IDLE);
+        let Ok(frame) = timeout_at(next, body.frame()).await else {
+            let (idle, whole) = (IDLE.as_secs(), WHOLE.as_secs());
+            let detail = format!("the body paused for more than {idle} s or took more than {whole} s");
+            return Err(Problem::new(Kind::RequestTimeout, detail).with_header("connection", "close"));
         };
         match frame {
             None => return Ok(collected.freeze()),

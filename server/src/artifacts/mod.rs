@@ -4,6 +4,9 @@
 //! once the store refers to it; whatever else lies in the folder is left over from a crash and is
 //! swept. The form inside the file is the engine's; nothing here knows jobs' states or HTTP.
 
+#[cfg(test)]
+#[path = "tests.rs"]
+mod on_disk;
 pub(crate) mod read;
 pub(crate) mod stream;
 pub(crate) mod write;

@@ -81,3 +81,73 @@ pub(crate) async fn sweep(store: &Store, artifacts: &Artifacts) -> Result<Swept,
     }
     Ok(swept)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::jobs::store::{NewJob, StoreLimits};
+    use crate::jobs::{ArtifactRecord, JobProgress, JobRequest};
+
+    #[tokio::test]
+    async fn only_what_nothing_refers_to_is_swept() {
+        let folder = tempfile::tempdir().unwrap();
+        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
+        let store = Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap();
+        let file = |name: &str| folder.path().join("artifacts/ab").join(name);
+        std::fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
+        for name in
+            ["kept.1.packstone", "orphan.1.packstone", "partial.1.packstone.tmp", "expired.1.packstone"]
+        {
+            std::fs::write(file(name), "x").unwrap();
+        }
+        finish(&store, "ab/kept.1.packstone", "2999-01-01T00:00:00Z").await;
+        finish(&store, "ab/expired.1.packstone", "2020-01-01T00:00:00Z").await;
+        // A result that was renamed and waits for its commit.
+        let place = artifacts.begin("live-ab", 1);
+        std::fs::write(file("live-ab.1.packstone"), "x").unwrap();
+
+        let swept = sweep(&store, &artifacts).await.unwrap();
+        assert_eq!(swept, Swept { reclaimed: 0, expired: 1, files: 2 });
+        let mut left: Vec<String> = std::fs::read_dir(folder.path().join("artifacts/ab"))
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        left.sort();
+        assert_eq!(left, ["kept.1.packstone", "live-ab.1.packstone"]);
+        drop(place);
+        assert_eq!(sweep(&store, &artifacts).await.unwrap().files, 1, "its attempt ended without a commit");
+    }
+
+    async fn finish(store: &Store, path: &str, expires_at: &str) {
+        let request = json!({
+            "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2},
+            "expires_at": expires_at
+        });
+        let request = JobRequest::read(&request, 1, None).unwrap();
+        store.submit(NewJob { request, idempotency_key: None }).await.unwrap();
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        let artifact = ArtifactRecord {
+            path: path.into(),
+            bytes: 1,
+            sha256: "00".repeat(32),
+            report: serde_json::Map::new(),
+            format_revision: 1,
+            format_lengths: std::collections::BTreeMap::new(),
+        };
+        let progress = JobProgress {
+            fraction: 1.0,
+            phase: packstone_engine::Phase::Write,
+            done: 1,
+            total: 1,
+            unit: "grains".into(),
+            message: String::new(),
+            eta_s: None,
+        };
+        store.succeed(lease, artifact, progress).await.unwrap();
+    }
+}
