@@ -33,7 +33,10 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
         message: "drawing diameters".into(),
     });
     let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-    let diameters = take(&mix, &mut stream(request.seed, Stream::Take));
+    let mut take_rng = stream(request.seed, Stream::Take);
+    let Some(diameters) = take(&mix, &mut take_rng, &|| control.should_stop()) else {
+        return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
+    };
     timings.take = start.elapsed().as_secs_f64();
 
     let rule = DistanceRule::new(&request.distance, &request.specimen);
@@ -73,16 +76,11 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
     let spheres = columns(&outcome.centers_mm, diameters);
 
     let checking = Instant::now();
-    control.report(&Progress {
-        phase: Phase::Verify,
-        fraction: PLACING_SHARE,
-        done: 0,
-        total: grains,
-        unit: "grains",
-        message: "checking every pair, the walls and the grading".into(),
-    });
-    let check =
-        verify::verify(&spheres, request).map_err(|fault| PackError::CheckFailed(fault.to_string()))?;
+    let share = Share { of: control, from: PLACING_SHARE, to: 1.0 };
+    let check = verify::verify_controlled(&spheres, request, &share).map_err(|fault| match fault {
+        verify::Fault::Stopped => PackError::Stopped { placed: grains, grains },
+        fault => PackError::CheckFailed(fault.to_string()),
+    })?;
     timings.verify = checking.elapsed().as_secs_f64();
     timings.total = start.elapsed().as_secs_f64();
     control.report(&Progress {

@@ -2,7 +2,9 @@
 //! seed gives the same packing.
 #![allow(clippy::unwrap_used)]
 
-use packstone_engine::{Limits, PackError, PackingRequest, Unattended, pack, verify};
+use packstone_engine::{
+    Control, Limits, PackError, PackingRequest, Phase, Progress, Unattended, pack, verify,
+};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -96,4 +98,61 @@ fn the_stream_behind_a_seed_is_pinned() {
         packing.spheres.center(0),
         [38.845_606_968_303_49, 28.755_387_879_297_437, 43.537_922_403_762_5]
     );
+}
+
+/// Stops at a phase: every loop of the engine must listen.
+struct StopIn(Phase, std::cell::Cell<bool>);
+
+impl Control for StopIn {
+    fn report(&self, progress: &Progress) {
+        if progress.phase == self.0 {
+            self.1.set(true);
+        }
+    }
+    fn should_stop(&self) -> bool {
+        self.1.get()
+    }
+}
+
+#[test]
+fn a_run_can_be_stopped_in_every_phase() {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [100, 100, 100]},
+        "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
+    });
+    for phase in [Phase::Take, Phase::Rsa, Phase::Verify] {
+        let control = StopIn(phase, std::cell::Cell::new(false));
+        let ended =
+            pack(&request(&value, 1), &Limits::default(), &control).map(|packing| packing.spheres.len());
+        assert!(matches!(ended, Err(PackError::Stopped { .. })), "{phase:?}: {ended:?}");
+    }
+}
+
+/// Progress never falls within a run and ends at 1.
+struct Rising(std::cell::Cell<f64>);
+
+impl Control for Rising {
+    fn report(&self, progress: &Progress) {
+        assert!(
+            progress.fraction >= self.0.get() && progress.fraction <= 1.0,
+            "{progress:?} after {}",
+            self.0.get()
+        );
+        assert!(progress.done <= progress.total, "{progress:?}");
+        self.0.set(progress.fraction);
+    }
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+#[test]
+fn progress_rises_to_one() {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [70, 70, 70]},
+        "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
+    });
+    let control = Rising(std::cell::Cell::new(0.0));
+    pack(&request(&value, 1), &Limits::default(), &control).unwrap();
+    assert_eq!(control.0.get(), 1.0);
 }

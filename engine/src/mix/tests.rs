@@ -97,7 +97,8 @@ fn drawn_numbers_scatter_around_the_expected_ones() {
     let graded =
         GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), 2.0, 0.7, "mixture"), CUBE_150);
     let seeds = 8;
-    let drawn: usize = (0..seeds).map(|seed| take(&graded, &mut stream(seed, Stream::Take)).len()).sum();
+    let drawn: usize =
+        (0..seeds).map(|seed| take(&graded, &mut stream(seed, Stream::Take), &|| false).unwrap().len()).sum();
     // Given its volume, the count of a class scatters less than a Poisson number.
     let expected = graded.expected_grains() * seeds as f64;
     assert!((drawn as f64 - expected).abs() < 4.0 * expected.sqrt(), "{drawn} of {expected}");
@@ -149,7 +150,7 @@ proptest! {
         let grading = json!({"type": "fuller", "d_max_mm": d_max, "exponent": exponent});
         let volume = 60.0 * 60.0 * 60.0;
         let graded = GradedMix::new(&mix(grading, d_max / ratio, fraction, "effective"), volume);
-        let drawn = take(&graded, &mut stream(seed, Stream::Take));
+        let drawn = take(&graded, &mut stream(seed, Stream::Take), &|| false).unwrap();
         prop_assert!(drawn.windows(2).all(|pair| pair[0] >= pair[1]));
         prop_assert!(drawn.iter().all(|&d| d >= graded.d_min_mm && d <= d_max));
         let miss = drawn.iter().map(|&d| sphere_volume(d)).sum::<f64>() - fraction * volume;

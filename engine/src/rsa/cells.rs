@@ -14,6 +14,8 @@ pub(super) type Placed = [f64; 4];
 /// Grains are named by 27 bits; the upper 5 bits of an entry name the periodic image.
 const IMAGE_SHIFT: u32 = 27;
 const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
+/// Grains between two looks at whether to stop: about a millisecond.
+const GRAINS_PER_LOOK: usize = 1 << 12;
 /// End of a chain of entries.
 const NONE: u32 = u32::MAX;
 /// Largest number of grains that entries can name.
@@ -53,14 +55,15 @@ pub(super) struct Cells {
 
 impl Cells {
     /// Builds the grid over `region` with cells of about `edge_mm`, for new grains whose part of
-    /// the exclusion radius is at most `part_mm`.
+    /// the exclusion radius is at most `part_mm`. `None` when `should_stop` said so.
     pub(super) fn build(
         region: Region,
         periodic: bool,
         edge_mm: f64,
         placed: &[Placed],
         part_mm: f64,
-    ) -> Self {
+        should_stop: &dyn Fn() -> bool,
+    ) -> Option<Self> {
         let size: [f64; 3] = std::array::from_fn(|a| region.high[a] - region.low[a]);
         let counts = size.map(|length| (length / edge_mm).round().max(1.0) as usize);
         let edge: [f64; 3] = std::array::from_fn(|a| size[a] / counts[a] as f64);
@@ -82,7 +85,10 @@ impl Cells {
         };
         cells.spheres = cells.ordered(placed);
         let mut starts = vec![0; number + 1];
-        for grain in &cells.spheres {
+        for (id, grain) in cells.spheres.iter().enumerate() {
+            if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
+                return None;
+            }
             cells.for_each_touched(0, grain, part_mm, |cell, _| starts[cell + 1] += 1);
         }
         for i in 0..number {
@@ -91,6 +97,9 @@ impl Cells {
         let mut entries = vec![0; starts[number] as usize];
         // Filling moves every start to the end of its cell, which is the start of the next.
         for (id, grain) in cells.spheres.iter().enumerate() {
+            if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
+                return None;
+            }
             cells.for_each_touched(id as u32, grain, part_mm, |cell, entry| {
                 entries[starts[cell] as usize] = entry;
                 starts[cell] += 1;
@@ -100,7 +109,7 @@ impl Cells {
         starts[0] = 0;
         cells.starts = starts;
         cells.entries = entries;
-        cells
+        Some(cells)
     }
 
     /// The grains in a few groups from large to small, each in the order of cells: neighbours are

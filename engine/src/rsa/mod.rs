@@ -35,7 +35,7 @@ const DECIDE_AFTER: u64 = 20_000;
 /// violation in the last digit.
 const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
 /// Draws between two looks at the control.
-const DRAWS_PER_LOOK: u64 = 4096;
+const DRAWS_PER_LOOK: u64 = 8192;
 
 /// What random sequential addition is asked for.
 #[derive(Clone, Copy, Debug)]
@@ -186,7 +186,10 @@ impl Run<'_> {
         // Few grains in much space need no fine grid.
         let spacing = (region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0)).cbrt();
         let edge = (CELL_EDGE * reach).max(spacing);
-        let mut cells = Cells::build(region, rsa.specimen.is_periodic(), edge, &self.placed, rsa.part(first));
+        let should_stop = || self.control.should_stop();
+        let periodic = rsa.specimen.is_periodic();
+        let built = Cells::build(region, periodic, edge, &self.placed, rsa.part(first), &should_stop);
+        let Some(mut cells) = built else { return End::Stopped };
         let mut free = FreeSpace::whole(&cells, rsa.part(first), part_least);
         for grain in first..end {
             let Some(region) = rsa.region(grain) else { return no_place };
@@ -220,9 +223,6 @@ impl Run<'_> {
                 Found::Stopped => return End::Stopped,
                 Found::Nothing { proven } => return End::NoPlace { proven, attempts: search.attempts },
                 Found::NotYet => unreachable!("the search to the end always decides"),
-            }
-            if grain.is_multiple_of(1024) {
-                self.report();
             }
         }
         self.statistics.voxels_tested += free.tested;
@@ -279,8 +279,11 @@ impl Run<'_> {
         rng: &mut Xoshiro256PlusPlus,
     ) -> Found {
         self.looks += 1;
-        if self.looks.is_multiple_of(DRAWS_PER_LOOK) && self.control.should_stop() {
-            return Found::Stopped;
+        if self.looks.is_multiple_of(DRAWS_PER_LOOK) {
+            self.report();
+            if self.control.should_stop() {
+                return Found::Stopped;
+            }
         }
         let Some(draw) = free.draw(cells, rng) else {
             return Found::Nothing { proven: true };
@@ -311,7 +314,10 @@ impl Run<'_> {
             done,
             total,
             unit: "grains",
-            message: format!("placing grains of {:.3} mm", self.rsa.diameters_mm[self.placed.len() - 1]),
+            message: format!(
+                "placing grains of {:.3} mm",
+                self.rsa.diameters_mm[self.placed.len().min(self.rsa.diameters_mm.len() - 1)]
+            ),
         });
     }
 }

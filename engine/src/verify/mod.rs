@@ -9,10 +9,11 @@ mod table;
 
 use nalgebra::Vector3;
 
+use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
 use crate::packing::{ClassReport, Spheres, Verification};
 use crate::request::{PackingRequest, Specimen};
-use table::Table;
+use table::{Grain, Table};
 
 /// What a check found in a valid packing.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +60,9 @@ pub enum Fault {
         /// Clear distance that the rule demands.
         required_mm: f64,
     },
+    /// The control asked to stop; nothing is said of the packing.
+    #[error("the check was stopped on request")]
+    Stopped,
     /// The grains are not those of the mix.
     #[error("the grains are not those of the mix: {0}")]
     Grading(String),
@@ -69,6 +73,18 @@ pub enum Fault {
 /// # Errors
 /// The first fault found.
 pub fn verify(spheres: &Spheres, request: &PackingRequest) -> Result<Check, Fault> {
+    verify_controlled(spheres, request, &Unattended)
+}
+
+/// [`verify`] with progress, and with a way to stop it.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn verify_controlled(
+    spheres: &Spheres,
+    request: &PackingRequest,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
     let n = spheres.len();
     if [&spheres.x_mm, &spheres.y_mm, &spheres.z_mm].iter().any(|column| column.len() != n) {
         return Err(Fault::Columns);
@@ -82,7 +98,7 @@ pub fn verify(spheres: &Spheres, request: &PackingRequest) -> Result<Check, Faul
     }
     let rule = DistanceRule::new(&request.distance, &request.specimen);
     let min_wall_clearance_mm = check_walls(spheres, &request.specimen, &rule)?;
-    let pairs = check_pairs(spheres, &request.specimen, &rule)?;
+    let pairs = check_pairs(spheres, &request.specimen, &rule, control)?;
     let (classes, max_class_mass_error) = grading::check(spheres, request).map_err(Fault::Grading)?;
     Ok(Check {
         found: Verification {
@@ -148,7 +164,12 @@ struct Pairs {
 
 /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it
 /// takes to know the smallest clear distance.
-fn check_pairs(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> Result<Pairs, Fault> {
+fn check_pairs(
+    spheres: &Spheres,
+    specimen: &Specimen,
+    rule: &DistanceRule,
+    control: &dyn Control,
+) -> Result<Pairs, Fault> {
     let period = specimen.is_periodic().then(|| specimen.bounds_mm());
     let mut pairs = own_images(spheres, period, rule)?;
     let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
@@ -161,7 +182,11 @@ fn check_pairs(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> R
         let table = Table::build(spheres, bounds, period.is_some(), |d_i, d_j| rule.gap_mm(d_i, d_j) + look);
         let mut nearest = (f64::INFINITY, f64::INFINITY);
         let mut fault = None;
-        pairs.checked += table.for_each_pair(|i, j, a, b| {
+        let go_on = |done: usize| {
+            report(control, done, spheres.len());
+            !control.should_stop()
+        };
+        let visit = |i: usize, j: usize, a: &Grain, b: &Grain| {
             let mut way = Vector3::from(a.center) - Vector3::from(b.center);
             if let Some(period) = period {
                 for axis in 0..3 {
@@ -180,7 +205,8 @@ fn check_pairs(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> R
             if clearance_mm < required_mm && fault.is_none() {
                 fault = Some(Fault::Pair { first: i.min(j), second: i.max(j), clearance_mm, required_mm });
             }
-        });
+        };
+        pairs.checked += table.for_each_pair(visit, go_on).ok_or(Fault::Stopped)?;
         if let Some(fault) = fault {
             return Err(fault);
         }
@@ -199,6 +225,17 @@ fn check_pairs(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> R
         }
         look *= 4.0;
     }
+}
+
+fn report(control: &dyn Control, done: usize, total: usize) {
+    control.report(&Progress {
+        phase: Phase::Verify,
+        fraction: done as f64 / total.max(1) as f64,
+        done: done as u64,
+        total: total as u64,
+        unit: "grains",
+        message: "checking every pair, the walls and the grading".into(),
+    });
 }
 
 /// In a periodic box a grain must also keep its distance from its own images.

@@ -6,6 +6,9 @@
 
 use crate::packing::Spheres;
 
+/// Grains between two looks at whether to go on: about a millisecond.
+const GRAINS_PER_LOOK: usize = 4096;
+
 /// A grain as the table holds it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grain {
@@ -58,13 +61,26 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
     }
 
     /// Calls `visit(row_i, row_j, grain_i, grain_j)` once for every pair in reach, and for some
-    /// beyond; returns how many.
-    pub(super) fn for_each_pair(&self, mut visit: impl FnMut(usize, usize, &Grain, &Grain)) -> u64 {
+    /// beyond; returns how many. `go_on` is told now and then how many grains are done, and ends the
+    /// walk with `None` when it says no.
+    pub(super) fn for_each_pair(
+        &self,
+        mut visit: impl FnMut(usize, usize, &Grain, &Grain),
+        go_on: impl Fn(usize) -> bool,
+    ) -> Option<u64> {
         let mut pairs = 0;
+        let mut walked = 0_usize;
+        let walks: usize =
+            self.octaves.iter().enumerate().map(|(i, o)| o.grains.len() * (self.octaves.len() - i)).sum();
+        let grains: usize = self.octaves.iter().map(|o| o.grains.len()).sum();
         for (index, coarse) in self.octaves.iter().enumerate() {
             for (steps, fine) in self.octaves[index..].iter().enumerate() {
                 let same = steps == 0;
                 for (i, grain) in coarse.grains.iter().enumerate() {
+                    walked += 1;
+                    if walked.is_multiple_of(GRAINS_PER_LOOK) && !go_on(walked * grains / walks) {
+                        return None;
+                    }
                     let beyond = (self.reach_beyond)(grain.diameter, fine.top);
                     let reach = (grain.diameter + fine.top) / 2.0 + beyond;
                     fine.for_each_run(grain.center, reach, self.periodic, same, |from, to| {
@@ -78,7 +94,7 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
                 }
             }
         }
-        pairs
+        Some(pairs)
     }
 }
 

@@ -14,6 +14,7 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
 use futures_util::stream::{self, Stream};
 use serde_json::Value;
+use utoipa::ToSchema;
 
 use super::App;
 use super::job_view::JobSummary;
@@ -28,6 +29,33 @@ use crate::problem::Problem;
 /// Proxies close what is silent for longer.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
+/// One event of the stream.
+#[derive(ToSchema)]
+#[allow(dead_code)]
+pub(super) struct JobEvent {
+    /// What the event tells.
+    event: EventName,
+    /// Version of the job, for `Last-Event-ID`.
+    #[schema(pattern = "^[0-9]+$")]
+    id: String,
+    /// The job without its request, or its progress; JSON.
+    #[schema(content_media_type = "application/json")]
+    data: String,
+}
+
+/// What an event tells.
+#[derive(serde::Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code)]
+pub(super) enum EventName {
+    /// The job moved.
+    State,
+    /// A running job came on.
+    Progress,
+    /// The job ended; the stream closes.
+    End,
+}
+
 /// Follow a job
 ///
 /// Events `state` and `end` carry the job without its request, `progress` its progress. The stream
@@ -39,7 +67,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
         ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event seen"),
     ),
     responses(
-        (status = 200, description = "Events until the job ends", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "Events until the job ends", body = JobEvent, content_type = "text/event-stream"),
         JobProblems
     )
 )]

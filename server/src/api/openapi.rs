@@ -183,9 +183,7 @@ fn add_links(document: &mut Value) {
             }
         }
     }
-    for status in ["200", "201"] {
-        document["paths"]["/v1/jobs"]["post"]["responses"][status]["links"] = links.clone().into();
-    }
+    document["paths"]["/v1/jobs"]["post"]["responses"]["201"]["links"] = links.into();
 }
 
 fn add_everywhere(document: &mut Value) {

@@ -1,5 +1,6 @@
 //! The command line: one subcommand per file.
 
+mod bench;
 mod demo;
 mod key;
 mod openapi;
@@ -28,6 +29,8 @@ enum Command {
     Run(run::Options),
     /// Print the interface as an OpenAPI document
     Openapi,
+    /// Measure the engine on this machine
+    Bench(bench::Options),
     /// Make an API key and its line for the file of keys
     Key(key::Options),
 }
@@ -42,6 +45,7 @@ pub fn main() -> ExitCode {
         Command::Demo(options) => demo::run(options),
         Command::Run(options) => run::run(&options),
         Command::Openapi => openapi::run(),
+        Command::Bench(options) => bench::run(&options),
         Command::Key(options) => key::run(&options),
     };
     match ended {
