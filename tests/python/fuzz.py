@@ -1,6 +1,6 @@
 """Sends generated requests to the real server and holds every answer against its own OpenAPI document.
 
-    python fuzz.py --binary target/release/packstone [--examples 250] [--least-cases 5000] [--seed 1]
+    python fuzz.py --binary target/release/packstone [--examples 500] [--least-cases 5000] [--seed 1]
 
 Starts the server on a free port with a fresh data directory, gives it a few jobs so that a part of the requests meets real
 ones, runs schemathesis, ends the server, and fails when a check failed, fewer cases than asked for were generated, the
@@ -107,7 +107,7 @@ def faults_in(log):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", required=True)
-    parser.add_argument("--examples", type=int, default=250, help="cases per operation and phase, at most")
+    parser.add_argument("--examples", type=int, default=500, help="cases per operation and phase, at most")
     parser.add_argument("--least-cases", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--phases", default="examples,coverage,fuzzing,stateful")
