@@ -205,7 +205,7 @@ fn job_fields() -> Vec<Case> {
         case("/max_attempts", json!(0), &["0", "from 1 to 10"]),
         case("/max_attempts", json!(11), &["11", "from 1 to 10"]),
         case("/expires_at", json!("tomorrow"), &["\"tomorrow\"", "RFC 3339"]),
-        case("/expires_at", json!("2001-01-01T00:00:00Z"), &["2001-01-01", "future"]),
+        case("/expires_at", json!("2001-01-01T00:00:00Z"), &["2001-01-01", "later than now"]),
     ]
 }
 
