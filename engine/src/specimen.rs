@@ -32,6 +32,34 @@ impl Specimen {
         matches!(self, Self::Box { boundary: Boundary::Periodic, .. })
     }
 
+    /// Largest clearance to the walls that some point of a cuboid has; infinite without walls.
+    pub fn clearance_reaching_some(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
+        let between = |a: usize, length: f64| (center[a] + half[a]).min(length - center[a] + half[a]);
+        match *self {
+            Self::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
+            Self::Box { size_mm: [x, y, z], .. } => between(0, x).min(between(1, y)).min(between(2, z)),
+            Self::Cylinder { diameter_mm, height_mm } => {
+                let radius = diameter_mm / 2.0;
+                let nearest = |a: usize| ((center[a] - radius).abs() - half[a]).max(0.0);
+                (radius - nearest(0).hypot(nearest(1))).min(between(2, height_mm))
+            }
+        }
+    }
+
+    /// Smallest clearance to the walls of all points of a cuboid; infinite without walls.
+    pub fn clearance_reaching_all(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
+        let between = |a: usize, length: f64| (center[a] - half[a]).min(length - center[a] - half[a]);
+        match *self {
+            Self::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
+            Self::Box { size_mm: [x, y, z], .. } => between(0, x).min(between(1, y)).min(between(2, z)),
+            Self::Cylinder { diameter_mm, height_mm } => {
+                let radius = diameter_mm / 2.0;
+                let farthest = |a: usize| (center[a] - radius).abs() + half[a];
+                (radius - farthest(0).hypot(farthest(1))).min(between(2, height_mm))
+            }
+        }
+    }
+
     /// Where a centre may lie that keeps `clearance_mm` (radius and wall distance) from the walls;
     /// `None` where that leaves nothing.
     pub fn center_region(&self, clearance_mm: f64) -> Option<Region> {
@@ -109,13 +137,6 @@ impl Region {
                 let gap = |a: usize| ((center[a] - disc.center[a]).abs() - half[a]).max(0.0);
                 gap(0).hypot(gap(1)) > disc.radius
             })
-    }
-
-    /// Whether a cuboid lies wholly inside; `false` where that is not known at once.
-    #[inline]
-    pub fn surely_holds_cuboid(&self, center: [f64; 3], half: [f64; 3]) -> bool {
-        let inside = |a: usize| center[a] - half[a] >= self.low[a] && center[a] + half[a] <= self.high[a];
-        self.disc.is_none() && inside(0) && inside(1) && inside(2)
     }
 
     /// Volume in mm³; 0 where only a point, a line or a plane is left.

@@ -74,13 +74,37 @@ const EQUAL_SPHERES: f64 = 0.740_480_489_693_061;
 const VOIDS_EXPONENT: f64 = -0.4;
 /// Saturation of random sequential addition of equal spheres (Torquato et al. 2006).
 const RSA_EQUAL_SPHERES: f64 = 0.384;
-/// Fitted to what half of the runs of Fuller's curve, 2..16 mm in 80 mm, reach.
-const RSA_VOIDS_EXPONENT: f64 = -0.29;
-/// Bytes that placing and checking hold per grain at their peak, and for the program as such.
-const BYTES_PER_GRAIN: f64 = 260.0;
-const BYTES_AT_LEAST: f64 = 2.0e6;
-/// Placing one grain in an empty specimen, in s, on a core of about 2 GHz.
-const SECONDS_PER_GRAIN: f64 = 2.5e-6;
+/// Share of the voids that stays for random sequential addition when the ratio of diameters grows:
+/// such that Fuller's curve, 2..16 mm, ends at 0.697 as it does in 80 mm.
+const RSA_VOIDS_EXPONENT: f64 = -0.341;
+
+/// What a run costs, fitted to measured ones (`docs/performance.md`): Fuller's curve 2..16 mm from
+/// 0.5 to 0.695, B16 above 0.5 mm with 1e4 to 2e6 grains, and equal spheres near saturation.
+mod cost {
+    /// Bytes of the program as such.
+    pub(super) const BYTES: f64 = 8.0e6;
+    /// Bytes per grain in a loose specimen.
+    pub(super) const BYTES_PER_GRAIN: f64 = 220.0;
+    /// Bytes per grain for the voxels of a crowded one.
+    pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 4500.0;
+    /// Seconds per grain in a loose specimen, on a core of about 2 GHz.
+    pub(super) const SECONDS_PER_GRAIN: f64 = 3.0e-6;
+    /// Seconds per grain at the limit, for a range of diameters of three octaves.
+    pub(super) const SECONDS_PER_CROWDED_GRAIN: f64 = 1.8e-4;
+}
+
+/// Memory of a run in bytes. `crowding` is what is asked for as a share of what the method reaches.
+fn memory_bytes(grains: f64, crowding: f64) -> u64 {
+    let crowded = ((crowding.min(1.0) - 0.75) / 0.25).max(0.0).powi(2);
+    (cost::BYTES + grains * (cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * crowded)) as u64
+}
+
+/// Time of a run. `ratio` is that of the largest diameter to the smallest.
+fn time_s(grains: f64, crowding: f64, ratio: f64) -> f64 {
+    let octaves = (ratio.log2() / 3.0).max(0.1);
+    let crowded = crowding.min(1.0).powi(12);
+    grains * (cost::SECONDS_PER_GRAIN + cost::SECONDS_PER_CROWDED_GRAIN * octaves * crowded)
+}
 
 impl Plan {
     /// Plans a request.
@@ -95,9 +119,6 @@ impl Plan {
         check_list(&mix)?;
         check_largest(request, &mix, &rule)?;
         let grains = mix.expected_grains();
-        let memory_bytes = (BYTES_AT_LEAST + BYTES_PER_GRAIN * grains) as u64;
-        check_limits(&mix, grains, memory_bytes, limits)?;
-
         // Enlarged grains fill a region enlarged by what the walls leave of half the distance.
         let (factor, offset) = rule.enlargement(mix.d_min_mm);
         let enlarged = mix.expected_enlarged_volume_mm3(factor, offset);
@@ -106,7 +127,9 @@ impl Plan {
         check_feasible(request, enlarged / room, ratio, mix.volume_fraction_effective)?;
 
         let rsa_limit = 1.0 - (1.0 - RSA_EQUAL_SPHERES) * ratio.powf(RSA_VOIDS_EXPONENT);
-        let crowding = (enlarged / room / rsa_limit).min(1.0);
+        let crowding = enlarged / room / rsa_limit;
+        let memory_bytes = memory_bytes(grains, crowding);
+        check_limits(&mix, grains, memory_bytes, limits)?;
         let classes = sieve_classes(&mix)
             .iter()
             .map(|c| ClassPlan {
@@ -123,8 +146,7 @@ impl Plan {
             volume_fraction_effective: mix.volume_fraction_effective,
             volume_fraction_with_coating: enlarged / specimen_volume_mm3,
             memory_bytes,
-            // Attempts per grain grow with the inverse of the free space that is left.
-            estimated_time_s: grains * SECONDS_PER_GRAIN / (1.0 - 0.95 * crowding),
+            estimated_time_s: time_s(grains, crowding, ratio),
             classes,
             warnings: warnings(request, &mix, grains, enlarged / room, rsa_limit),
         })

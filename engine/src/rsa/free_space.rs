@@ -6,16 +6,19 @@
 //! out. When none is left, it is proven that there is no place. Which voxels were dropped or split
 //! depends on failed draws alone, so the law of the accepted point stays uniform.
 //!
-//! A voxel inside a sphere is so only for grains above some size. Since grains come from the
-//! largest down, such a voxel sleeps until a grain is small enough, and is forgotten if none will
-//! be before the voxels are made anew.
+//! A voxel inside a sphere, or too close to a wall, is so only for grains above some size. Since
+//! grains come from the largest down, such a voxel sleeps until a grain is small enough, and is
+//! forgotten if none will be before the voxels are made anew.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
 
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::cells::{Cells, Placed};
+use crate::request::Specimen;
 use crate::rng::uniform;
-use crate::specimen::Region;
 
 /// Deepest level of subdivision: a cell's edge over 2^30. What is left there has less volume than
 /// the rounding of a coordinate and counts as nothing.
@@ -28,7 +31,7 @@ const BEDS: usize = 128;
 const HELD_MARGIN: f64 = 1.0 + 1.0e-12;
 
 /// A voxel of some level: its cell, and its place in the cell in units of its own edge.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Voxel {
     cell: u32,
     at: [u32; 3],
@@ -67,33 +70,69 @@ impl Batch {
     }
 }
 
-/// The range of the new grains' parts of the exclusion radius that voxels serve, from the largest
-/// to the least, in equal steps.
+/// A voxel that some sphere or wall holds for all grains whose part is above `held_above`.
 #[derive(Clone, Copy, Debug)]
-struct Parts {
-    largest: f64,
-    least: f64,
+struct Sleeper {
+    held_above: f64,
+    level: u8,
+    voxel: Voxel,
+}
+
+impl PartialEq for Sleeper {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Sleeper {}
+
+impl PartialOrd for Sleeper {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Sleeper {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let key = |s: &Self| (s.level, s.voxel.cell, s.voxel.at);
+        self.held_above.total_cmp(&other.held_above).then_with(|| key(self).cmp(&key(other)))
+    }
+}
+
+/// The grains that a set of voxels serves, by the two lengths that fall from grain to grain: the
+/// part of the exclusion radius, and the clearance to walls, which is linear in the part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Served<'a> {
+    pub(super) specimen: &'a Specimen,
+    pub(super) largest_part: f64,
+    pub(super) least_part: f64,
+    pub(super) largest_clearance: f64,
+    pub(super) least_clearance: f64,
 }
 
 /// The voxels.
 #[derive(Debug)]
-pub(super) struct FreeSpace {
+pub(super) struct FreeSpace<'a> {
     /// Voxels that may hold a place for the present grain, by level.
     awake: Vec<Vec<Voxel>>,
-    /// Voxels, with their level, that some sphere holds until grains are smaller.
-    asleep: Vec<Vec<(u8, Voxel)>>,
-    parts: Parts,
-    /// Beds before this one are empty, their voxels awake.
+    /// Sleepers by the step of part in which they wake.
+    beds: Vec<Vec<Sleeper>>,
+    /// Beds before this one are empty: their sleepers are awake or about to wake.
     bed: usize,
+    /// Sleepers of the beds already emptied.
+    light: BinaryHeap<Sleeper>,
+    /// Voxels held for parts of at least this are not awake.
+    now_mm: f64,
+    served: Served<'a>,
     batch: Batch,
     /// Voxels tested against exclusion spheres.
     pub(super) tested: u64,
     spheres: Vec<Placed>,
 }
 
-impl FreeSpace {
-    /// All of the region, in cells, for grains whose part falls from `largest` to `least`.
-    pub(super) fn whole(cells: &Cells, largest: f64, least: f64) -> Self {
+impl<'a> FreeSpace<'a> {
+    /// All of the region, in cells.
+    pub(super) fn whole(cells: &Cells, served: Served<'a>) -> Self {
         let half = cells.edge.map(|e| e / 2.0);
         let voxels = (0..cells.len())
             .filter(|&cell| {
@@ -103,39 +142,35 @@ impl FreeSpace {
             })
             .map(|cell| Voxel { cell: cell as u32, at: [0; 3] })
             .collect();
-        let asleep = vec![Vec::new(); BEDS];
-        let parts = Parts { largest, least };
         Self {
             awake: vec![voxels],
-            asleep,
-            parts,
+            beds: vec![Vec::new(); BEDS],
             bed: 0,
+            light: BinaryHeap::new(),
+            now_mm: served.largest_part,
+            served,
             batch: Batch::empty(),
             tested: 0,
             spheres: Vec::new(),
         }
     }
 
-    /// Number of voxels awake.
-    pub(super) fn len(&self) -> usize {
-        self.awake.iter().map(Vec::len).sum()
-    }
-
-    /// Whether nothing is left for the present grain.
-    pub(super) fn is_empty(&self) -> bool {
-        self.awake.iter().all(Vec::is_empty)
-    }
-
-    /// Wakes the voxels that may hold a place for a grain of `part_mm`. Parts must not rise from
-    /// call to call.
-    pub(super) fn wake(&mut self, part_mm: f64) {
-        let bed = self.parts.bed_of(part_mm);
+    /// Wakes the voxels that may hold a place for a grain of `part_mm`; parts must not rise from
+    /// call to call. Unless `exactly`, the others of its bed wake with them, which spares most grains
+    /// the loss of the points drawn ahead.
+    pub(super) fn wake(&mut self, part_mm: f64, exactly: bool) {
+        let bed = self.served.bed_of(part_mm);
         while self.bed <= bed {
-            for (level, voxel) in std::mem::take(&mut self.asleep[self.bed]) {
-                self.batch.next = BATCH;
+            self.light.extend(std::mem::take(&mut self.beds[self.bed]));
+            self.bed += 1;
+        }
+        self.now_mm = if exactly { part_mm } else { self.served.least_of(bed) };
+        while self.light.peek().is_some_and(|sleeper| sleeper.held_above >= self.now_mm) {
+            // The points drawn ahead do not know this voxel.
+            self.batch.next = BATCH;
+            if let Some(Sleeper { level, voxel, .. }) = self.light.pop() {
                 self.awake[usize::from(level)].push(voxel);
             }
-            self.bed += 1;
         }
     }
 
@@ -216,7 +251,7 @@ impl FreeSpace {
         let (center, half) = geometry(cells, draw.voxel, draw.level);
         self.tested += 1;
         let held_above = held_above(blocking, center, half);
-        let held = self.parts.bed_of(held_above) >= self.bed;
+        let held = held_above < self.now_mm;
         if held && self.remove(draw) {
             self.keep(draw.voxel, draw.level, held_above);
         }
@@ -225,8 +260,10 @@ impl FreeSpace {
 
     /// Splits the voxel of a failed draw.
     pub(super) fn split(&mut self, draw: &Draw, cells: &Cells) {
-        if self.remove(draw) {
-            self.split_voxel(draw.voxel, draw.level, cells, &cells.region);
+        if draw.level < MAX_LEVEL && self.remove(draw) {
+            self.split_voxel(draw.voxel, draw.level, cells);
+        } else {
+            self.remove(draw);
         }
     }
 
@@ -241,108 +278,78 @@ impl FreeSpace {
         there
     }
 
-    /// What of this is left for the one grain of `part_mm` whose centre lies in `region`.
-    pub(super) fn for_one(&self, part_mm: f64, region: &Region, cells: &Cells) -> Self {
-        let parts = Parts { largest: part_mm, least: part_mm };
-        let asleep = vec![Vec::new(); BEDS];
-        let mut one = Self {
-            awake: Vec::new(),
-            asleep,
-            parts,
-            bed: 1,
-            batch: Batch::empty(),
-            tested: 0,
-            spheres: Vec::new(),
-        };
-        for (level, voxels) in self.awake.iter().enumerate() {
-            one.awake.push(Vec::new());
-            for &voxel in voxels {
-                let (center, _) = geometry(cells, voxel, level);
-                cells.gather_around(voxel.cell as usize, center, part_mm, &mut one.spheres);
-                one.add(voxel, level, cells, region);
-            }
-        }
-        one
-    }
-
-    /// Splits every voxel once.
-    pub(super) fn split_all(&mut self, region: &Region, cells: &Cells) {
-        for (level, voxels) in std::mem::take(&mut self.awake).into_iter().enumerate() {
-            for voxel in voxels {
-                self.split_voxel(voxel, level, cells, region);
-            }
-        }
-    }
-
-    fn split_voxel(&mut self, voxel: Voxel, level: usize, cells: &Cells, region: &Region) {
-        if level == MAX_LEVEL {
-            return;
-        }
+    fn split_voxel(&mut self, voxel: Voxel, level: usize, cells: &Cells) {
         while self.awake.len() <= level + 1 {
             self.awake.push(Vec::new());
         }
         // All eight parts meet in the centre, so a sphere that holds one of them holds the centre.
-        let (center, _) = geometry(cells, voxel, level);
-        let part_mm = self.parts.at(self.bed);
-        cells.gather_around(voxel.cell as usize, center, part_mm, &mut self.spheres);
-        let half = cells.edge.map(|e| e * scale_of(level + 1) / 2.0);
+        let (center, whole) = geometry(cells, voxel, level);
+        let half = whole.map(|h| h / 2.0);
+        cells.gather_around(voxel.cell as usize, center, self.now_mm, &mut self.spheres);
         let held_above = parts_held_above(&self.spheres, center, half);
         self.tested += 8;
-        let whole_inside = region.surely_holds_cuboid(center, half.map(|h| 2.0 * h));
-        for (part, &held_above) in held_above.iter().enumerate() {
+        let by_walls = !self.served.far_from_walls(center, whole);
+        for (part, &held_by_spheres) in held_above.iter().enumerate() {
             let bit = [part & 1, part >> 1 & 1, part >> 2];
             // Along an axis without extent both halves are the same place.
             if (0..3).any(|a| bit[a] == 1 && half[a] == 0.0) {
                 continue;
             }
-            let part_center = std::array::from_fn(|a| center[a] + (2.0 * bit[a] as f64 - 1.0) * half[a]);
-            if whole_inside || !region.misses_cuboid(part_center, half) {
-                let at = std::array::from_fn(|a| 2 * voxel.at[a] + bit[a] as u32);
-                self.keep(Voxel { cell: voxel.cell, at }, level + 1, held_above);
+            let mut held_above = held_by_spheres;
+            if by_walls {
+                let part_center = std::array::from_fn(|a| center[a] + (2.0 * bit[a] as f64 - 1.0) * half[a]);
+                held_above = held_above.min(self.served.outside_above(part_center, half));
             }
+            let at = std::array::from_fn(|a| 2 * voxel.at[a] + bit[a] as u32);
+            self.keep(Voxel { cell: voxel.cell, at }, level + 1, held_above);
         }
     }
 
-    /// Keeps a voxel, awake or asleep, unless it is outside or held for all grains to come.
-    /// `self.spheres` must have every sphere that may hold it for the present grain.
-    fn add(&mut self, voxel: Voxel, level: usize, cells: &Cells, region: &Region) {
-        let (center, half) = geometry(cells, voxel, level);
-        self.tested += 1;
-        if !region.misses_cuboid(center, half) {
-            let least = |least: f64, sphere: &Placed| least.min(held_above(sphere, center, half));
-            let held_above = self.spheres.iter().fold(f64::INFINITY, least);
-            self.keep(voxel, level, held_above);
-        }
-    }
-
+    /// Keeps a voxel, awake or asleep, unless it is held for all grains to come.
     fn keep(&mut self, voxel: Voxel, level: usize, held_above: f64) {
-        let bed = self.parts.bed_of(held_above);
-        if bed < self.bed {
+        if held_above >= self.now_mm {
             self.awake[level].push(voxel);
-        } else if let Some(bed) = self.asleep.get_mut(bed) {
-            bed.push((level as u8, voxel));
+        } else if held_above >= self.served.least_part {
+            let sleeper = Sleeper { held_above, level: level as u8, voxel };
+            let bed = self.served.bed_of(held_above);
+            if bed < self.bed { self.light.push(sleeper) } else { self.beds[bed].push(sleeper) }
         }
     }
 }
 
-impl Parts {
-    /// A part no smaller than those of the grains for which the beds before `bed` are awake.
-    #[inline]
-    fn at(&self, bed: usize) -> f64 {
-        let from = bed.saturating_sub(1) as f64 / BEDS as f64;
-        (self.largest - from * (self.largest - self.least)) * HELD_MARGIN
-    }
-
-    /// The step in which a part lies: 0 for the largest, `BEDS` for those below the least. Parts
-    /// above the largest count as the largest.
+impl Served<'_> {
+    /// The step in which a part lies: 0 for the largest. Parts outside the range count as its ends.
     #[inline]
     fn bed_of(&self, part_mm: f64) -> usize {
-        if part_mm < self.least {
-            return BEDS;
-        }
-        let share = (self.largest - part_mm) / (self.largest - self.least);
+        let share = (self.largest_part - part_mm) / (self.largest_part - self.least_part);
         // A range of one part only has a share that is no number, which becomes 0.
         ((share * BEDS as f64) as usize).min(BEDS - 1)
+    }
+
+    /// A part no larger than any in the bed.
+    fn least_of(&self, bed: usize) -> f64 {
+        let share = (bed + 1) as f64 / BEDS as f64;
+        (self.largest_part - share * (self.largest_part - self.least_part)) / HELD_MARGIN
+    }
+
+    /// Whether no grain served is kept out of a cuboid by walls.
+    #[inline]
+    fn far_from_walls(&self, center: [f64; 3], half: [f64; 3]) -> bool {
+        self.specimen.clearance_reaching_all(center, half) > self.largest_clearance
+    }
+
+    /// The part above which walls keep grains out of a whole cuboid.
+    fn outside_above(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
+        let clearance = self.specimen.clearance_reaching_some(center, half) * HELD_MARGIN;
+        if clearance >= self.largest_clearance {
+            return f64::INFINITY;
+        }
+        let range = self.largest_clearance - self.least_clearance;
+        if clearance < self.least_clearance || range <= 0.0 {
+            return f64::NEG_INFINITY;
+        }
+        let share = (clearance - self.least_clearance) / range;
+        (self.least_part + share * (self.largest_part - self.least_part)) * HELD_MARGIN
     }
 }
 

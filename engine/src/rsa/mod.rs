@@ -18,7 +18,7 @@ use crate::rng::uniform;
 use crate::specimen::Region;
 pub(crate) use cells::MAX_PLACED;
 use cells::{Cells, Placed};
-use free_space::{Draw, FreeSpace};
+use free_space::{Draw, FreeSpace, Served};
 
 /// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
 const SEGMENT_RATIO: f64 = 0.75;
@@ -29,8 +29,9 @@ const SEGMENT_GROWTH: f64 = 2.0;
 const CELL_EDGE: f64 = 1.5;
 /// Failed draws for one grain before voxels are split.
 const SPLIT_AFTER: u64 = 100;
-/// Failed draws for one grain before its free space is subdivided to the end.
-const DECIDE_AFTER: u64 = 20_000;
+/// Failed draws for one grain after which voxels wake for each grain exactly, to the end of the
+/// segment.
+const EXACT_AFTER: u64 = 1000;
 /// Relative margin on exclusion radii, so that the check, which rounds differently, never sees a
 /// violation in the last digit.
 const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
@@ -107,8 +108,13 @@ impl Rsa<'_> {
 
     /// Where the centre of a grain may lie.
     fn region(&self, grain: usize) -> Option<Region> {
+        self.specimen.center_region(self.clearance(grain))
+    }
+
+    /// What the centre of a grain keeps from the walls.
+    fn clearance(&self, grain: usize) -> f64 {
         let d = self.diameters_mm[grain];
-        self.specimen.center_region(d / 2.0 + self.rule.wall_gap_mm(d))
+        d / 2.0 + self.rule.wall_gap_mm(d)
     }
 }
 
@@ -190,7 +196,15 @@ impl Run<'_> {
         let periodic = rsa.specimen.is_periodic();
         let built = Cells::build(region, periodic, edge, &self.placed, rsa.part(first), &should_stop);
         let Some(mut cells) = built else { return End::Stopped };
-        let mut free = FreeSpace::whole(&cells, rsa.part(first), part_least);
+        let served = Served {
+            specimen: rsa.specimen,
+            largest_part: rsa.part(first),
+            least_part: part_least,
+            largest_clearance: rsa.clearance(first),
+            least_clearance: rsa.clearance(end - 1),
+        };
+        let mut free = FreeSpace::whole(&cells, served);
+        let mut exactly = false;
         for grain in first..end {
             let Some(region) = rsa.region(grain) else { return no_place };
             let mut search = Search {
@@ -201,14 +215,9 @@ impl Run<'_> {
                 limit: rsa.attempts_per_grain,
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
             };
-            free.wake(search.part);
-            let found = match self.search(&mut search, &mut free, &cells, rng) {
-                Found::NotYet => {
-                    let own = free.for_one(search.part, &search.region, &cells);
-                    self.search_to_the_end(&mut search, own, &cells, rng)
-                }
-                found => found,
-            };
+            free.wake(search.part, exactly);
+            let found = self.search(&mut search, &mut free, &cells, rng);
+            exactly |= search.failed > EXACT_AFTER;
             self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
             self.statistics.attempts += search.attempts;
             match found {
@@ -222,49 +231,28 @@ impl Run<'_> {
                 }
                 Found::Stopped => return End::Stopped,
                 Found::Nothing { proven } => return End::NoPlace { proven, attempts: search.attempts },
-                Found::NotYet => unreachable!("the search to the end always decides"),
+                Found::NotYet => unreachable!("a search goes on until it is decided"),
             }
         }
         self.statistics.voxels_tested += free.tested;
         End::Complete
     }
 
-    /// Draws from `free` until a place is found or it gets too rare for drawing.
+    /// Draws from `free` until a place is found or nothing is left.
     fn search(
         &mut self,
         search: &mut Search,
-        free: &mut FreeSpace,
-        cells: &Cells,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> Found {
-        while search.failed < DECIDE_AFTER {
-            match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
-                Found::NotYet => {}
-                found => return found,
-            }
-        }
-        Found::NotYet
-    }
-
-    /// Draws from `free` and halves its voxels, in turn, until a place is found or nothing is left.
-    fn search_to_the_end(
-        &mut self,
-        search: &mut Search,
-        mut free: FreeSpace,
+        free: &mut FreeSpace<'_>,
         cells: &Cells,
         rng: &mut Xoshiro256PlusPlus,
     ) -> Found {
         loop {
-            for _ in 0..free.len() {
-                match self.try_once(search, &mut free, cells, true, rng) {
-                    Found::NotYet => {}
-                    found => return found,
-                }
+            if search.failed == EXACT_AFTER {
+                free.wake(search.part, true);
             }
-            free.split_all(&search.region, cells);
-            if free.is_empty() {
-                self.statistics.voxels_tested += free.tested;
-                return Found::Nothing { proven: true };
+            match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
+                Found::NotYet => {}
+                found => return found,
             }
         }
     }
@@ -273,7 +261,7 @@ impl Run<'_> {
     fn try_once(
         &mut self,
         search: &mut Search,
-        free: &mut FreeSpace,
+        free: &mut FreeSpace<'_>,
         cells: &Cells,
         split: bool,
         rng: &mut Xoshiro256PlusPlus,
@@ -328,7 +316,7 @@ impl Search {
     /// A textbook attempt falls into the voxels with probability `p`, their share of the region;
     /// those before it that missed them have failed unseen.
     #[inline]
-    fn count(&mut self, inside: bool, free: &FreeSpace, rng: &mut Xoshiro256PlusPlus) -> bool {
+    fn count(&mut self, inside: bool, free: &FreeSpace<'_>, rng: &mut Xoshiro256PlusPlus) -> bool {
         let Some(limit) = self.limit else {
             self.attempts += 1;
             return false;

@@ -207,3 +207,49 @@ fn a_run_stops_when_told() {
     assert_eq!(outcome.end, End::Stopped);
     assert!(outcome.centers_mm.len() < 5000);
 }
+
+/// Radius of the largest sphere around `p` that touches nothing; the specimen is a box with walls.
+fn clearance(p: [f64; 3], size: f64, centers: &[[f64; 3]], diameters: &[f64]) -> f64 {
+    let walls = p.iter().map(|&x| x.min(size - x)).fold(f64::INFINITY, f64::min);
+    let grains = centers.iter().zip(diameters).map(|(q, d)| {
+        let d2: f64 = (0..3).map(|a| (p[a] - q[a]).powi(2)).sum();
+        d2.sqrt() - d / 2.0
+    });
+    grains.fold(walls, f64::min)
+}
+
+#[test]
+fn where_it_is_proven_that_no_place_is_left_none_can_be_climbed_to() {
+    const SIZE: f64 = 32.0;
+    let fuller = |u: f64| (16.0_f64.powf(-2.5) + u * (2.0_f64.powf(-2.5) - 16.0_f64.powf(-2.5))).powf(-0.4);
+    for seed in 0..4 {
+        let mut rng = stream(seed, Stream::Take);
+        let mut diameters: Vec<f64> = (0..900).map(|_| fuller(uniform(&mut rng))).collect();
+        diameters.sort_by(|a, b| b.total_cmp(a));
+        let specimen = cube(SIZE, Boundary::Walls);
+        let outcome = place(&diameters, &specimen, None, seed);
+        assert!(matches!(outcome.end, End::NoPlace { proven: true, .. }), "{:?}", outcome.end);
+        let missing = diameters[outcome.centers_mm.len()] / 2.0;
+        let of = |p| clearance(p, SIZE, &outcome.centers_mm, &diameters);
+        let mut best = 0.0_f64;
+        for _ in 0..2000 {
+            // From a random point uphill in clearance, by random steps that get shorter.
+            let mut p: [f64; 3] = std::array::from_fn(|_| uniform(&mut rng) * SIZE);
+            let mut here = of(p);
+            let mut step = 1.0;
+            while step > 1e-3 {
+                let next = p.map(|x| x + step * (2.0 * uniform(&mut rng) - 1.0));
+                let there = of(next);
+                if there > here {
+                    (p, here) = (next, there);
+                } else {
+                    step *= 0.93;
+                }
+            }
+            best = best.max(here);
+        }
+        assert!(best < missing, "seed {seed}: a place of radius {best} for {missing}");
+        // The climb is good enough to have seen it.
+        assert!(best > 0.93 * missing, "seed {seed}: {best} of {missing}");
+    }
+}
