@@ -1,0 +1,267 @@
+//! A client that holds every answer against the contract before a test sees it.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use bytes::Bytes;
+use reqwest::header::{HeaderMap, HeaderValue};
+use reqwest::{Method, StatusCode};
+use serde_json::Value;
+
+use super::contract::{Answer, Contract, essence};
+use super::deadline::{PATIENCE, patiently};
+use super::sse::EventStream;
+
+/// Talks to one server.
+#[derive(Clone)]
+pub(crate) struct Client {
+    http: reqwest::Client,
+    base: String,
+    key: Option<String>,
+}
+
+/// A request under construction.
+pub(crate) struct Request {
+    method: Method,
+    path: String,
+    inner: reqwest::RequestBuilder,
+}
+
+/// An answer that the contract has.
+#[derive(Debug)]
+pub(crate) struct Reply {
+    pub(crate) status: StatusCode,
+    pub(crate) headers: HeaderMap,
+    pub(crate) body: Bytes,
+}
+
+impl Client {
+    /// A client of the server at `address`.
+    pub(crate) fn new(address: SocketAddr) -> Self {
+        let http = reqwest::Client::builder()
+            // A proxy of the machine must not come between.
+            .no_proxy()
+            .timeout(PATIENCE)
+            .build()
+            .expect("a client");
+        Self { http, base: format!("http://{address}"), key: None }
+    }
+
+    /// The same client, showing this key.
+    pub(crate) fn with_key(&self, key: &str) -> Self {
+        Self { key: Some(key.to_owned()), ..self.clone() }
+    }
+
+    /// A request by any method; `target` is a path with or without a query.
+    pub(crate) fn request(&self, method: Method, target: &str) -> Request {
+        let mut inner = self.http.request(method.clone(), format!("{}{target}", self.base));
+        if let Some(key) = &self.key {
+            inner = inner.bearer_auth(key);
+        }
+        let path = target.split('?').next().unwrap_or_default().to_owned();
+        Request { method, path, inner }
+    }
+
+    pub(crate) fn get(&self, target: &str) -> Request {
+        self.request(Method::GET, target)
+    }
+
+    pub(crate) fn head(&self, target: &str) -> Request {
+        self.request(Method::HEAD, target)
+    }
+
+    pub(crate) fn post(&self, target: &str) -> Request {
+        self.request(Method::POST, target)
+    }
+
+    pub(crate) fn delete(&self, target: &str) -> Request {
+        self.request(Method::DELETE, target)
+    }
+
+    /// Submits a job and returns it.
+    pub(crate) async fn submit(&self, job: &Value) -> Value {
+        self.post("/v1/jobs").json(job).send().await.expect(201).json()
+    }
+
+    /// Submits a job and waits until it has succeeded.
+    pub(crate) async fn succeed(&self, job: &Value) -> Value {
+        let submitted = self.submit(job).await;
+        let finished = self.finished(id_of(&submitted)).await;
+        assert_eq!(finished["state"], "succeeded", "{finished:#}");
+        finished
+    }
+
+    /// The job.
+    pub(crate) async fn job(&self, id: &str) -> Value {
+        self.get(&format!("/v1/jobs/{id}")).send().await.expect(200).json()
+    }
+
+    /// Long-polls until the job is in a final state.
+    pub(crate) async fn finished(&self, id: &str) -> Value {
+        self.job_when(id, "finished", |job| {
+            ["succeeded", "failed", "cancelled"].contains(&job["state"].as_str().unwrap_or_default())
+        })
+        .await
+    }
+
+    /// Long-polls until the job is running.
+    pub(crate) async fn running(&self, id: &str) -> Value {
+        self.job_when(id, "running", |job| job["state"] == "running").await
+    }
+
+    /// Long-polls until `reached` holds for the job.
+    pub(crate) async fn job_when(&self, id: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
+        let path = format!("/v1/jobs/{id}");
+        let poll = async {
+            let mut etag: Option<HeaderValue> = None;
+            loop {
+                let mut request = self.get(&path);
+                if let Some(etag) = &etag {
+                    request =
+                        request.header("if-none-match", etag.to_str().unwrap()).header("prefer", "wait=20");
+                }
+                let reply = request.send().await;
+                if reply.status == StatusCode::NOT_MODIFIED {
+                    continue;
+                }
+                let job = reply.expect(200).json();
+                if reached(&job) {
+                    return job;
+                }
+                etag = reply.headers.get("etag").cloned();
+                assert!(etag.is_some(), "a job without an ETag");
+            }
+        };
+        patiently(&format!("job {id} to be {what}"), poll).await
+    }
+
+    /// The result as JSON.
+    pub(crate) async fn result(&self, id: &str) -> Value {
+        self.get(&format!("/v1/jobs/{id}/result?format=json")).send().await.expect(200).json()
+    }
+
+    /// The result's bytes in a format.
+    pub(crate) async fn result_in(&self, id: &str, format: &str) -> Bytes {
+        self.get(&format!("/v1/jobs/{id}/result?format={format}")).send().await.expect(200).body.clone()
+    }
+
+    /// The events of a job.
+    pub(crate) async fn events(&self, id: &str, last_event_id: Option<&str>) -> EventStream {
+        let mut request = self.get(&format!("/v1/jobs/{id}/events"));
+        if let Some(last) = last_event_id {
+            request = request.header("last-event-id", last);
+        }
+        EventStream::new(request.stream().await)
+    }
+}
+
+impl Request {
+    pub(crate) fn header(mut self, name: &str, value: &str) -> Self {
+        self.inner = self.inner.header(name, value);
+        self
+    }
+
+    pub(crate) fn json(mut self, body: &Value) -> Self {
+        self.inner = self.inner.json(body);
+        self
+    }
+
+    /// A body as it is, declared as JSON.
+    pub(crate) fn text(mut self, body: impl Into<String>) -> Self {
+        self.inner = self.inner.header("content-type", "application/json").body(body.into());
+        self
+    }
+
+    pub(crate) fn body(mut self, body: impl Into<reqwest::Body>) -> Self {
+        self.inner = self.inner.body(body);
+        self
+    }
+
+    pub(crate) fn timeout(mut self, limit: Duration) -> Self {
+        self.inner = self.inner.timeout(limit);
+        self
+    }
+
+    /// Sends it; an answer that the contract does not have, or none, is a panic.
+    pub(crate) async fn send(self) -> Reply {
+        let what = format!("{} {}", self.method, self.path);
+        match self.try_send().await {
+            Ok(reply) => reply,
+            Err(error) => panic!("{what} was not answered: {error:?}"),
+        }
+    }
+
+    /// Sends it to a server that may die meanwhile; what it does answer is held against the contract.
+    pub(crate) async fn try_send(self) -> reqwest::Result<Reply> {
+        let (method, path) = (self.method, self.path);
+        let response = self.inner.send().await?;
+        let (status, headers) = (response.status(), response.headers().clone());
+        let body = response.bytes().await?;
+        let reply = Reply { status, headers, body };
+        let read = (method != Method::HEAD).then_some(&reply.body[..]);
+        check(&method, &path, status, &reply.headers, read);
+        Ok(reply)
+    }
+
+    /// Sends it and leaves the body to the caller.
+    pub(crate) async fn stream(self) -> reqwest::Response {
+        let (method, path) = (self.method, self.path);
+        // The limit for a whole answer is no limit for a stream.
+        let response = self.inner.timeout(Duration::from_mins(10)).send().await.expect("an answer");
+        check(&method, &path, response.status(), response.headers(), None);
+        assert!(response.status().is_success(), "{method} {path}: {}", response.status());
+        response
+    }
+}
+
+fn check(method: &Method, path: &str, status: StatusCode, headers: &HeaderMap, body: Option<&[u8]>) {
+    let content_type =
+        headers.get("content-type").map(|value| value.to_str().expect("an ASCII content type"));
+    Contract::get().check(&Answer {
+        method: method.as_str(),
+        path,
+        status: status.as_u16(),
+        content_type,
+        body,
+    });
+}
+
+impl Reply {
+    /// Panics unless it has this status.
+    #[track_caller]
+    pub(crate) fn expect(&self, status: u16) -> &Self {
+        assert_eq!(self.status.as_u16(), status, "{}", String::from_utf8_lossy(&self.body));
+        self
+    }
+
+    /// Panics unless it is this problem with this status; returns the problem document.
+    #[track_caller]
+    pub(crate) fn expect_problem(&self, status: u16, slug: &str) -> Value {
+        self.expect(status);
+        assert_eq!(essence(self.header("content-type")), "application/problem+json");
+        let problem = self.json();
+        assert_eq!(problem["status"], status, "{problem:#}");
+        let kind = problem["type"].as_str().expect("a problem has a type");
+        assert_eq!(kind.rsplit('/').next(), Some(slug), "{problem:#}");
+        problem
+    }
+
+    /// The body as JSON.
+    #[track_caller]
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).expect("a JSON body")
+    }
+
+    /// A header that must be there.
+    #[track_caller]
+    pub(crate) fn header(&self, name: &str) -> &str {
+        let value = self.headers.get(name).unwrap_or_else(|| panic!("no {name} in {:?}", self.headers));
+        value.to_str().expect("an ASCII header")
+    }
+}
+
+/// The id of a job.
+#[track_caller]
+pub(crate) fn id_of(job: &Value) -> &str {
+    job["id"].as_str().expect("a job has an id")
+}

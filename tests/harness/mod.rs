@@ -1,0 +1,20 @@
+//! What every test needs: a running service, a client that knows the contract, and jobs to send.
+//!
+//! Nothing in here asserts about packings or jobs; that is the tests' own matter.
+
+mod client;
+mod contract;
+pub(crate) mod deadline;
+pub(crate) mod jobs;
+mod process;
+mod raw;
+pub(crate) mod results;
+mod server;
+mod sse;
+
+pub(crate) use client::{Client, Reply, id_of};
+pub(crate) use contract::{Contract, text as contract_text};
+pub(crate) use process::{packstone, run};
+pub(crate) use raw::RawConnection;
+pub(crate) use server::{DataDir, Launch, Server};
+pub(crate) use sse::Event;

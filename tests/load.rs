@@ -1,0 +1,252 @@
+//! Figures for `docs/performance.md`: printed, not asserted, for they are the machine's as much as the program's.
+//!
+//! ```sh
+//! cargo test --release -p packstone-server --test e2e load:: -- --ignored --nocapture --test-threads 1
+//! ```
+
+use std::time::{Duration, Instant};
+
+use futures_util::future::join_all;
+use serde_json::{Value, json};
+
+use crate::harness::{Client, DataDir, Launch, RawConnection, Server, id_of, jobs};
+
+/// Times of one kind of request.
+struct Times(Vec<Duration>);
+
+impl Times {
+    fn new(mut times: Vec<Duration>) -> Self {
+        times.sort_unstable();
+        Self(times)
+    }
+
+    fn at(&self, share: f64) -> f64 {
+        let last = self.0.len() - 1;
+        self.0[(share * last as f64).ceil() as usize].as_secs_f64() * 1e3
+    }
+
+    fn print(&self, what: &str) {
+        println!(
+            "| {what} | {} | p50 {:.2} ms | p99 {:.2} ms | max {:.2} ms |",
+            self.0.len(),
+            self.at(0.50),
+            self.at(0.99),
+            self.at(1.0)
+        );
+    }
+}
+
+/// A job of one grain: what is measured is the service.
+fn least_job() -> Value {
+    json!({
+        "seed": 1,
+        "labels": {"series": "load"},
+        "specimen": {"type": "box", "size_mm": [10, 10, 10]},
+        "mix": {"grading": {"type": "diameters", "mm": [2]}}
+    })
+}
+
+async fn submit_times(client: &Client, n: usize) -> Times {
+    let job = jobs::with(jobs::quick(1), "/priority", json!(-100));
+    let mut times = Vec::new();
+    for _ in 0..n {
+        let start = Instant::now();
+        client.post("/v1/jobs").json(&job).send().await.expect(201);
+        times.push(start.elapsed());
+    }
+    Times::new(times)
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn submissions() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    submit_times(&server.client(), 2000).await.print("submit, nothing running");
+    server.stop().await;
+
+    let cores = std::thread::available_parallelism().unwrap().get();
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(cores).start().await;
+    let client = server.client();
+    for _ in 0..cores {
+        let job = client.submit(&jobs::endless()).await;
+        client.running(id_of(&job)).await;
+    }
+    submit_times(&client, 2000).await.print("submit, all cores packing");
+    server.stop().await;
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn a_table_of_a_hundred_thousand_jobs() {
+    const JOBS: usize = 100_000;
+    const WRITERS: usize = 16;
+    let data_dir = DataDir::new();
+    let filling = ["--max-queued", "200000"];
+    let server = Launch::new(&data_dir).workers(0).args(&filling).start().await;
+    let client = server.client();
+    let start = Instant::now();
+    join_all((0..WRITERS).map(|_| async {
+        for _ in 0..JOBS / WRITERS {
+            client.post("/v1/jobs").json(&least_job()).send().await.expect(201);
+        }
+    }))
+    .await;
+    let elapsed = start.elapsed();
+    println!(
+        "| fill the table, {WRITERS} clients | {JOBS} | {:.0} jobs/s |",
+        JOBS as f64 / elapsed.as_secs_f64()
+    );
+    listing(&client, "").await;
+    server.stop().await;
+
+    // The first thousand jobs are run one after another. What passes from the end of one to the start of the next is
+    // the commit of the one and the claim of the other.
+    let server = Launch::new(&data_dir).workers(1).args(&filling).start().await;
+    let client = server.client();
+    let mut waits = Vec::new();
+    let mut cursor = String::new();
+    let finished = loop {
+        let page = client.get("/v1/jobs?state=succeeded&limit=1").send().await.expect(200).json();
+        let count = client.get("/metrics").send().await;
+        let text = String::from_utf8(count.body.to_vec()).unwrap();
+        let series =
+            text.lines().find(|line| line.starts_with("packstone_jobs{") && line.contains("succeeded"));
+        let count: f64 = series.and_then(|line| line.rsplit(' ').next()?.parse().ok()).unwrap_or(0.0);
+        if count >= 1000.0 && !page["items"].as_array().unwrap().is_empty() {
+            break count;
+        }
+    };
+    listing(&client, " while jobs run").await;
+    server.stop().await;
+    let server = Launch::new(&data_dir).workers(0).args(&filling).start().await;
+    let client = server.client();
+    let mut runs: Vec<(jiff::Timestamp, jiff::Timestamp)> = Vec::new();
+    while runs.len() < 1000 {
+        let target = format!("/v1/jobs?state=succeeded&limit=100{cursor}");
+        let page = client.get(&target).send().await.expect(200).json();
+        let moment = |job: &Value, field: &str| job[field].as_str().unwrap().parse().unwrap();
+        runs.extend(
+            page["items"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|j| (moment(j, "started_at"), moment(j, "finished_at"))),
+        );
+        match page["next_cursor"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
+    }
+    runs.sort_unstable();
+    for pair in runs.windows(2) {
+        waits.push(Duration::try_from(pair[1].0.duration_since(pair[0].1)).unwrap_or_default());
+    }
+    assert!(finished >= 1000.0);
+    Times::new(waits).print("from the end of a job to the start of the next, 100 000 queued");
+    server.stop().await;
+}
+
+async fn listing(client: &Client, when: &str) {
+    for (what, filter) in [
+        ("all", ""),
+        ("by state", "&state=queued"),
+        ("by label", "&label=series:load"),
+        ("by state and label", "&state=queued&label=series:load"),
+        ("by a label of no job", "&label=series:none"),
+    ] {
+        let (mut times, mut cursor) = (Vec::new(), String::new());
+        for _ in 0..200 {
+            let start = Instant::now();
+            let target = format!("/v1/jobs?limit=50{filter}{cursor}");
+            let page = client.get(&target).send().await.expect(200).json();
+            times.push(start.elapsed());
+            cursor = page["next_cursor"].as_str().map(|next| format!("&cursor={next}")).unwrap_or_default();
+        }
+        Times::new(times).print(&format!("list 50 of 100 000, {what}{when}"));
+    }
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn cancels() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(1).start().await;
+    let client = server.client();
+    for (what, job, runs) in [
+        ("cancel of a job that searches for places", jobs::endless(), 20),
+        ("cancel of a packing of 2 million grains", jobs::equal_spheres(2_000_000, 1), 10),
+    ] {
+        let mut times = Vec::new();
+        for run in 0..runs {
+            let job = client.submit(&job).await;
+            let id = id_of(&job);
+            // Each time a little later in the run.
+            let share = f64::from(run) / f64::from(runs);
+            client
+                .job_when(id, "under way", |job| {
+                    job["state"] == "running"
+                        && job["progress"]["fraction"].as_f64().unwrap_or(0.0) >= share * 0.5
+                })
+                .await;
+            let start = Instant::now();
+            client.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect(202);
+            assert_eq!(client.finished(id).await["state"], "cancelled");
+            times.push(start.elapsed());
+        }
+        Times::new(times).print(what);
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn half_open_connections() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let start = Instant::now();
+    let mut half_open = Vec::new();
+    for _ in 0..500 {
+        let mut connection = RawConnection::open(server.address()).await;
+        connection.send("GET /v1/jobs HTTP/1.1\r\nHost:").await;
+        half_open.push(connection);
+    }
+    let closing = tokio::spawn(join_all(half_open.into_iter().map(RawConnection::until_closed)));
+    let mut others = Vec::new();
+    while !closing.is_finished() {
+        let asked = Instant::now();
+        server.client().get("/v1/jobs").send().await.expect(200);
+        others.push(asked.elapsed());
+    }
+    println!("| 500 half-open connections | all closed after {:.1} s |", start.elapsed().as_secs_f64());
+    Times::new(others).print("others meanwhile, a connection each");
+    server.stop().await;
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn termination() {
+    let cores = std::thread::available_parallelism().unwrap().get();
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(cores).start().await;
+    let client = server.client();
+    let mut streams = Vec::new();
+    for _ in 0..cores {
+        let job = client.submit(&jobs::endless()).await;
+        client.running(id_of(&job)).await;
+        for _ in 0..50 / cores {
+            let mut stream = client.events(id_of(&job), None).await;
+            stream.next().await.expect("a first event");
+            streams.push(tokio::spawn(stream.drained()));
+        }
+    }
+    let open = streams.len();
+    let start = Instant::now();
+    server.terminate();
+    assert!(server.ends_within(Duration::from_secs(30)).await.success());
+    println!(
+        "| SIGTERM with {open} open streams, {cores} running jobs | ended after {:.2} s |",
+        start.elapsed().as_secs_f64()
+    );
+}

@@ -1,0 +1,40 @@
+//! The end-to-end suite: the real binary, over HTTP, as a client sees it.
+//!
+//! One test binary for all topics, because each further one would link the same crates once more
+//! and wait for the one before it, while the tests of one binary share the cores. The suite may
+//! know the published interface (`openapi.yaml`, the command line, the signals) and nothing else:
+//! it must never import the server or the engine, or look into the store.
+//!
+//! Every answer that passes through [`harness::Client`] is held against `openapi.yaml`. Waiting is
+//! done on signals (a long-poll, an event, the end of a process), each with a deadline that only a
+//! fault can reach.
+// An unwrap here is an assertion about the program under test, and its panic is the report.
+#![allow(clippy::unwrap_used)]
+
+mod harness;
+
+mod actions;
+mod auth;
+mod bad_fields;
+mod bad_requests;
+mod command_line;
+mod connections;
+mod crash;
+mod data_dir;
+mod determinism;
+mod events;
+mod formats;
+mod idempotency;
+mod listing;
+mod load;
+mod operations;
+mod packings;
+mod planning;
+mod published_contract;
+mod python_readers;
+mod ranges;
+mod scheduling;
+mod shutdown;
+mod streaming;
+mod submission;
+mod waiting;

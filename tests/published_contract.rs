@@ -1,0 +1,94 @@
+//! The document that clients are generated from: current, whole, and about what there is.
+
+use serde_json::{Map, Value};
+
+use crate::harness::{Contract, DataDir, Server, contract_text, packstone};
+
+#[tokio::test]
+async fn openapi_yaml_is_what_the_binary_prints_and_serves() {
+    let directory = tempfile::tempdir().unwrap();
+    let printed = packstone(directory.path(), &["openapi"]).await;
+    assert_eq!(printed.code, Some(0), "{printed:?}");
+    assert!(printed.stdout == contract_text(), "openapi.yaml is stale: cargo run -- openapi > openapi.yaml");
+
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let served = server.client().get("/openapi.json").send().await.expect(200).json();
+    assert!(served == *Contract::get().document(), "/openapi.json is another document");
+    server.stop().await;
+}
+
+fn operations() -> Vec<(String, &'static Map<String, Value>)> {
+    let methods = ["get", "head", "post", "put", "patch", "delete"];
+    let paths = Contract::get().document()["paths"].as_object().unwrap();
+    let mut found = Vec::new();
+    for (path, item) in paths {
+        for (method, operation) in item.as_object().unwrap() {
+            if methods.contains(&method.as_str()) {
+                found.push((format!("{method} {path}"), operation.as_object().unwrap()));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn every_route_of_this_version_is_in_it_and_no_later_one() {
+    let known: Vec<String> = operations().into_iter().map(|(name, _)| name).collect();
+    for operation in [
+        "post /v1/jobs",
+        "get /v1/jobs",
+        "get /v1/jobs/{id}",
+        "delete /v1/jobs/{id}",
+        "post /v1/jobs/{id}/cancel",
+        "post /v1/jobs/{id}/retry",
+        "get /v1/jobs/{id}/events",
+        "get /v1/jobs/{id}/result",
+        "get /v1/jobs/{id}/result/summary",
+        "get /v1/capabilities",
+        "get /healthz",
+        "get /readyz",
+        "get /metrics",
+    ] {
+        assert!(known.iter().any(|name| name == operation), "{operation} is not among {known:#?}");
+    }
+    let text = contract_text().to_lowercase();
+    for later in ["edmd", "maximize", "/v1/studies"] {
+        assert!(!text.contains(later), "{later} is not offered yet");
+    }
+}
+
+#[test]
+fn every_operation_says_what_it_is_and_how_it_fails() {
+    let mut ids = Vec::new();
+    for (name, operation) in operations() {
+        for field in ["operationId", "summary"] {
+            let said = operation.get(field).and_then(Value::as_str).unwrap_or_default();
+            assert!(!said.is_empty(), "{name} has no {field}");
+        }
+        ids.push(operation["operationId"].as_str().unwrap());
+        let responses = operation["responses"].as_object().unwrap();
+        for (status, response) in responses {
+            let described = response.get("description").and_then(Value::as_str).unwrap_or_default();
+            assert!(
+                !described.is_empty() || response.get("$ref").is_some(),
+                "{name} {status} is not described"
+            );
+            let is_error = status.starts_with(['4', '5']);
+            let Some(content) = response.get("content").and_then(Value::as_object) else { continue };
+            if is_error {
+                assert!(
+                    content.contains_key("application/problem+json"),
+                    "{name} {status} is no problem document"
+                );
+            }
+        }
+        if name.starts_with("post /v1") || name.contains("{id}") {
+            assert!(responses.keys().any(|status| status.starts_with('4')), "{name} never fails?");
+        }
+    }
+    let count = ids.len();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), count, "operation ids repeat");
+}
