@@ -1,6 +1,6 @@
 //! Random sequential addition, largest grain first (`engine.md` section 4).
 //!
-//! Two modules do the work: [`cells`] answers whether a point is free, [`free_space`] knows where
+//! Two modules do the work: `cells` answers whether a point is free, `free_space` knows where
 //! free points can still be. This one drives them: it cuts the grains into segments of similar
 //! size, each with a grid of its own, and finds a place for one grain after the other. It knows
 //! diameters, a specimen and a distance rule; it must never know where they come from.

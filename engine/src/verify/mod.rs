@@ -1,6 +1,6 @@
 //! The independent check of a finished packing: all pairs, all walls, the grading.
 //!
-//! Shares no code with the search that made the packing: its own neighbour table ([`table`]), its
+//! Shares no code with the search that made the packing: its own neighbour table (`table`), its
 //! own formulas for walls, its own count of the classes. A packing that fails here is never
 //! reported as successful. Costs O(N).
 
