@@ -70,7 +70,6 @@ def main(directory):
 
     legacy = vtkPolyDataReader()
     # As ParaView and PyVista do: by default this reader takes the first of several scalar arrays only.
-    legacy.ReadAllScalarsOn()
     for reader, name in [(vtkXMLPolyDataReader(), "result.vtp"), (legacy, "result.vtk")]:
         seen, arrays, vertices = read_vtk(reader, directory / name)
         if seen.dtype != np.float64:

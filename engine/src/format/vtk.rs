@@ -24,12 +24,13 @@ pub(super) fn write_legacy(head: &Head, spheres: &dyn SphereSource, out: &mut dy
     writeln!(out, "\nPOINT_DATA {n}")?;
     writeln!(out, "SCALARS diameter double 1\nLOOKUP_TABLE default")?;
     write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend(d.to_be_bytes()))?;
-    writeln!(out, "\nSCALARS radius double 1\nLOOKUP_TABLE default")?;
+    // Readers keep one array of scalars only, but all of a field.
+    write!(out, "\nFIELD arrays 3\nradius 1 {n} double\n")?;
     write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend((d / 2.0).to_be_bytes()))?;
-    writeln!(out, "\nSCALARS sieve_class int 1\nLOOKUP_TABLE default")?;
+    write!(out, "\nsieve_class 1 {n} int\n")?;
     let class = classifier(head);
     write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend(class(d).to_be_bytes()))?;
-    writeln!(out, "\nSCALARS id int 1\nLOOKUP_TABLE default")?;
+    write!(out, "\nid 1 {n} int\n")?;
     write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i32).to_be_bytes()))?;
     writeln!(out)
 }

@@ -45,6 +45,24 @@ impl Class {
         })
     }
 
+    /// The class in parts of at most a twelfth of an octave, with the same law.
+    pub fn narrow(&self) -> Vec<Self> {
+        let octaves = (self.high_mm / self.low_mm).log2();
+        let n = (octaves * super::CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
+        let edge = |i: usize| match i {
+            0 => self.low_mm,
+            i if i == n => self.high_mm,
+            i => self.low_mm * (octaves * i as f64 / n as f64).exp2(),
+        };
+        (0..n)
+            .map(|i| {
+                let (low_mm, high_mm) = (edge(i), edge(i + 1));
+                let mass_fraction = self.mass_fraction * self.mass_share(low_mm, high_mm);
+                Self { law: self.law, low_mm, high_mm, mass_fraction }
+            })
+            .collect()
+    }
+
     /// Share of the class's mass between two diameters inside it.
     pub fn mass_share(&self, from: f64, to: f64) -> f64 {
         let (a, b) = (self.low_mm, self.high_mm);

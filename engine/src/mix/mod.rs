@@ -12,14 +12,16 @@ pub mod take;
 use crate::request::{Basis, Grading, Mix};
 use class::{Class, Law};
 
-/// Narrow classes per octave of diameter into which Fuller's continuous curve is split, so that
-/// the few largest grains follow the curve too.
+/// Narrow classes per octave of diameter into which every curve is split, so that the few largest
+/// grains follow it too and the total misses by less than one of the smallest.
 const CLASSES_PER_OCTAVE: f64 = 12.0;
 
 /// A mix resolved against a specimen's volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GradedMix {
-    /// Classes above the cut-off, from fine to coarse; empty for an explicit list.
+    /// Sieve classes above the cut-off, from fine to coarse: the bins of reports and of the check.
+    pub sieve_classes: Vec<Class>,
+    /// The same, split into narrow classes as they are drawn; empty for an explicit list.
     pub classes: Vec<Class>,
     /// The explicit list of diameters, in mm, where the grading is one, cut off and sorted from
     /// the coarsest down.
@@ -48,7 +50,8 @@ impl GradedMix {
             return Self::from_list(mm, mix.d_min_mm, specimen_volume_mm3);
         }
         let d_min = mix.d_min_mm.unwrap_or(0.0);
-        let classes = classes_above(&mix.grading, d_min);
+        let sieve_classes = classes_above(&mix.grading, d_min);
+        let classes: Vec<Class> = sieve_classes.iter().flat_map(Class::narrow).collect();
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
         let asked = mix.volume_fraction.unwrap_or(0.0);
         let (mixture, effective) = match mix.basis {
@@ -58,6 +61,7 @@ impl GradedMix {
         let d_min_mm = classes.first().map_or(0.0, |c| c.low_mm);
         let d_max_mm = classes.last().map_or(0.0, |c| c.high_mm);
         Self {
+            sieve_classes,
             classes,
             list: None,
             volume_fraction_mixture: mixture,
@@ -73,12 +77,15 @@ impl GradedMix {
         let mut list: Vec<f64> = mm.iter().copied().filter(|&d| d_min.is_none_or(|m| d >= m)).collect();
         list.sort_unstable_by(|a, b| b.total_cmp(a));
         let kept: f64 = list.iter().map(|&d| sphere_volume(d)).sum();
+        let d_min_mm = list.last().copied().unwrap_or(0.0);
+        let d_max_mm = list.first().copied().unwrap_or(0.0);
         Self {
+            sieve_classes: sieve::between(d_min_mm, d_max_mm, Law::Single),
             classes: Vec::new(),
             volume_fraction_mixture: all / specimen_volume_mm3,
             volume_fraction_effective: kept / specimen_volume_mm3,
-            d_min_mm: list.last().copied().unwrap_or(0.0),
-            d_max_mm: list.first().copied().unwrap_or(0.0),
+            d_min_mm,
+            d_max_mm,
             list: Some(list),
             specimen_volume_mm3,
         }
@@ -144,26 +151,14 @@ fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
         .collect()
 }
 
-/// Fuller's curve in narrow classes that end at the sieves, where the grading is checked.
+/// Fuller's curve between the standard sieves.
 fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
     let passing = |d: f64| (d / d_max).powf(exponent);
-    sieve::edges(d_min, d_max)
-        .windows(2)
-        .flat_map(|pair| {
-            let (low, high) = (pair[0], pair[1]);
-            let octaves = (high / low).log2();
-            let n = (octaves * CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
-            let edge =
-                move |i: usize| if i == n { high } else { low * (octaves * i as f64 / n as f64).exp2() };
-            (0..n).map(move |i| (edge(i), edge(i + 1)))
-        })
-        .map(|(low_mm, high_mm)| Class {
-            law: Law::Fuller { exponent },
-            low_mm,
-            high_mm,
-            mass_fraction: passing(high_mm) - passing(low_mm),
-        })
-        .collect()
+    let mut classes = sieve::between(d_min, d_max, Law::Fuller { exponent });
+    for class in &mut classes {
+        class.mass_fraction = passing(class.high_mm) - passing(class.low_mm);
+    }
+    classes
 }
 
 #[cfg(test)]

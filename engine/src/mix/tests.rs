@@ -70,7 +70,8 @@ fn a_basis_is_the_other_through_the_cut_off() {
 #[test]
 fn a_cut_off_inside_a_class_splits_it() {
     let classes = |d_min| {
-        GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), d_min, 0.7, "mixture"), 1.0).classes
+        GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), d_min, 0.7, "mixture"), 1.0)
+            .sieve_classes
     };
     let (whole, cut) = (classes(2.0), classes(2.0_f64.sqrt() * 2.0));
     assert_eq!(whole.len(), cut.len());
@@ -102,6 +103,21 @@ fn drawn_numbers_scatter_around_the_expected_ones() {
     // Given its volume, the count of a class scatters less than a Poisson number.
     let expected = graded.expected_grains() * seeds as f64;
     assert!((drawn as f64 - expected).abs() < 4.0 * expected.sqrt(), "{drawn} of {expected}");
+}
+
+#[test]
+fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
+    for name in ["A16", "B16", "C32"] {
+        let volume = 100.0_f64.powi(3);
+        let graded =
+            GradedMix::new(&mix(json!({"type": "standard", "name": name}), 2.0, 0.6, "mixture"), volume);
+        for seed in 0..20 {
+            let drawn = take(&graded, &mut stream(seed, Stream::Take), &|| false).unwrap();
+            let asked = graded.volume_fraction_effective * volume;
+            let miss = drawn.iter().map(|&d| sphere_volume(d)).sum::<f64>() - asked;
+            assert!(miss > -1e-6 && miss < sphere_volume(2.0 * 2.0_f64.powf(1.0 / 12.0)), "{name}: {miss}");
+        }
+    }
 }
 
 #[test]

@@ -98,7 +98,8 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
     let grading = grading_at.as_ref().and_then(read_grading);
     let d_min_at = object.optional("d_min_mm");
     let d_min = d_min_at.as_ref().and_then(|at| at.number(LENGTH));
-    let is_list = matches!(grading, Some(Grading::Diameters { .. }));
+    // By its name, for a list with a fault in it is a list too.
+    let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
     let fraction = if is_list {
         if let Some(at) = object.optional("volume_fraction") {
             at.fault("an explicit list of diameters prescribes the volume: leave this field out");

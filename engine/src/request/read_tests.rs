@@ -166,7 +166,7 @@ fn every_fault_names_field_value_and_bound() {
             "/mix/grading/classes/0: d_min_mm 4 lies inside the class 2..5 mm: classes must not overlap",
         ),
         (
-            |v| v["mix"]["grading"] = json!({"type": "diameters", "mm": [5, -5]}),
+            |v| v["mix"] = json!({"grading": {"type": "diameters", "mm": [5, -5]}}),
             "/mix/grading/mm/1: -5 is out of range: must be greater than 0 and at most 1000000 mm",
         ),
         (

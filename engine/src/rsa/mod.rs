@@ -325,11 +325,13 @@ impl Search {
         if p < 1.0 {
             let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
             // Saturates where nearly nothing is left.
-            self.attempts = self.attempts.saturating_add(unseen as u64).saturating_add(1);
-        } else if inside {
-            self.attempts += 1;
+            self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
+        } else if !inside {
+            return false;
         }
-        self.attempts > limit
+        let spent = self.attempts == limit;
+        self.attempts += u64::from(!spent);
+        spent
     }
 }
 

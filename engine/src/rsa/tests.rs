@@ -149,6 +149,19 @@ fn a_limit_of_attempts_has_the_law_of_the_textbook() {
 }
 
 #[test]
+fn a_run_that_spends_its_attempts_has_spent_exactly_those() {
+    let (specimen, diameters) = crowded_cases().swap_remove(0);
+    let ends: Vec<End> = (0..50).map(|seed| place(&diameters, &specimen, Some(300), seed).end).collect();
+    let unproven: Vec<&End> =
+        ends.iter().filter(|end| matches!(end, End::NoPlace { proven: false, .. })).collect();
+    assert!(!unproven.is_empty());
+    assert!(
+        unproven.iter().all(|end| **end == End::NoPlace { proven: false, attempts: 300 }),
+        "{unproven:?}"
+    );
+}
+
+#[test]
 fn a_grain_that_fits_exactly_has_its_one_place() {
     let specimen = cube(10.0, Boundary::Walls);
     let outcome = place(&[10.0], &specimen, None, 1);
