@@ -144,7 +144,7 @@ fn gradings() -> Vec<Case> {
         Case {
             job: json!({
                 "specimen": {"type": "box", "size_mm": [40, 40, 40]},
-                "mix": {"grading": {"type": "diameters", "mm": [4, 0, 4]}, "volume_fraction": 0.3}
+                "mix": {"grading": {"type": "diameters", "mm": [4, 0, 4]}}
             }),
             kind: "validation-error",
             pointer: "/mix/grading/mm/1",
