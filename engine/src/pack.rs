@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::error::{NotReached, PackError};
+use crate::error::{NotReached, PackError, PlanError};
 use crate::mix::{GradedMix, sphere_volume, take::take};
 use crate::packing::{Packing, Report, Spheres, Statistics, Summary, Timings};
 use crate::plan::{Limits, Plan};
-use crate::request::{Method, PackingRequest};
+use crate::request::{Distance, FieldError, Method, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::rsa::{End, Rsa};
 use crate::verify;
@@ -22,6 +22,7 @@ const PLACING_SHARE: f64 = 0.95;
 /// See [`PackError`]; a packing that fails its own check is never returned.
 pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) -> Result<Packing, PackError> {
     Plan::new(request, limits)?;
+    let attempts_per_grain = attempts_per_grain(request)?;
     let start = Instant::now();
     let mut timings = Timings::default();
     control.report(&Progress {
@@ -41,15 +42,7 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
 
     let rule = DistanceRule::new(&request.distance, &request.specimen);
     let placing = Instant::now();
-    let rsa = Rsa {
-        diameters_mm: &diameters,
-        specimen: &request.specimen,
-        rule,
-        attempts_per_grain: match request.method {
-            Method::Auto {} => None,
-            Method::Rsa { attempts_per_grain } => attempts_per_grain,
-        },
-    };
+    let rsa = Rsa { diameters_mm: &diameters, specimen: &request.specimen, rule, attempts_per_grain };
     let outcome =
         rsa.run(&mut stream(request.seed, Stream::Rsa), &Share { of: control, from: 0.0, to: PLACING_SHARE });
     timings.rsa = placing.elapsed().as_secs_f64();
@@ -103,6 +96,22 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
             distance_curve: Vec::new(),
         },
     })
+}
+
+/// Attempts of random sequential addition, which is all there is to run so far.
+fn attempts_per_grain(request: &PackingRequest) -> Result<Option<u64>, PlanError> {
+    let not_yet = |pointer: &str, what: &str| {
+        let detail = format!("{what} is not available yet");
+        Err(PlanError::Invalid(vec![FieldError { pointer: pointer.into(), detail }]))
+    };
+    if let Distance::Maximize { .. } = request.distance {
+        return not_yet("/distance/type", "\"maximize\"");
+    }
+    match request.method {
+        Method::Auto {} => Ok(None),
+        Method::Rsa { attempts_per_grain } => Ok(attempts_per_grain),
+        Method::Edmd { .. } => not_yet("/method/type", "\"edmd\""),
+    }
 }
 
 fn columns(centers: &[[f64; 3]], d_mm: Vec<f64>) -> Spheres {

@@ -184,6 +184,14 @@ impl<'a> At<'a> {
         }
     }
 
+    /// `true` or `false`.
+    pub fn boolean(&self) -> Option<bool> {
+        match self.value {
+            Value::Bool(b) => Some(*b),
+            _ => self.expected("true or false"),
+        }
+    }
+
     /// One of the named choices.
     pub fn choice<T: Copy>(&self, choices: &[(&str, T)]) -> Option<T> {
         let name = self.string()?;

@@ -6,11 +6,13 @@
 //! computed.
 
 pub mod decode;
+pub mod edmd;
 mod read;
 
 use serde::Serialize;
 
 pub use decode::FieldError;
+pub use edmd::{EdmdOptions, EdmdStop};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
 /// up to 2^53 - 1.
@@ -235,10 +237,17 @@ pub enum Distance {
         #[serde(skip_serializing_if = "Option::is_none")]
         wall_mm: Option<f64>,
     },
+    /// The largest distance, the same for every pair, that can be reached with these grains.
+    Maximize {
+        /// Distance to the walls; half of the distance reached when absent.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        wall_mm: Option<f64>,
+    },
 }
 
 /// How the packing is computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Method {
@@ -254,5 +263,11 @@ pub enum Method {
         )]
         #[serde(skip_serializing_if = "Option::is_none")]
         attempts_per_grain: Option<u64>,
+    },
+    /// Event-driven molecular dynamics: grains move and grow until they have their size and distance.
+    Edmd {
+        /// Its parameters.
+        #[serde(flatten)]
+        options: EdmdOptions,
     },
 }

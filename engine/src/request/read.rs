@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use super::decode::{At, Bound, Faults, Object};
+use super::edmd;
 use super::{
     Basis, Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED, Method, Mix,
     PackingRequest, SizeClass, Specimen, StandardCurve,
@@ -47,14 +48,24 @@ impl PackingRequest {
         };
         let specimen = object.required("specimen").and_then(|at| read_specimen(&at));
         let mix = object.required("mix").and_then(|at| read_mix(&at));
-        let distance = match object.optional("distance") {
-            Some(at) => read_distance(&at),
+        let distance_at = object.optional("distance");
+        let distance = match &distance_at {
+            Some(at) => read_distance(at),
             None => Some(Distance::None { wall_mm: None }),
         };
         let method = match object.optional("method") {
             Some(at) => read_method(&at),
             None => Some(Method::Auto {}),
         };
+        if let (Some(at), Some(Distance::Maximize { .. }), Some(Method::Rsa { .. })) =
+            (&distance_at, &distance, &method)
+        {
+            // Where the fault is: no other field of the distance would be right with this method.
+            at.object()?.required("type")?.fault(
+                "\"maximize\" needs grains that grow: the method must be \"edmd\" or \"auto\", not \"rsa\"",
+            );
+            return None;
+        }
         Some(Self { seed: seed?, specimen: specimen?, mix: mix?, distance: distance?, method: method? })
     }
 }
@@ -322,6 +333,7 @@ fn read_distance(at: &At<'_>) -> Option<Distance> {
         Constant,
         Proportional,
         SmallerDiameter,
+        Maximize,
     }
     let mut object = at.object()?;
     let kind = object.variant(&[
@@ -329,9 +341,10 @@ fn read_distance(at: &At<'_>) -> Option<Distance> {
         ("constant", Kind::Constant),
         ("proportional", Kind::Proportional),
         ("smaller_diameter", Kind::SmallerDiameter),
+        ("maximize", Kind::Maximize),
     ])?;
     let size = match kind {
-        Kind::None => Some(0.0),
+        Kind::None | Kind::Maximize => Some(0.0),
         Kind::Constant => object.required("mm").and_then(|at| at.number(GAP)),
         Kind::Proportional | Kind::SmallerDiameter => {
             object.required("factor").and_then(|at| at.number(FACTOR))
@@ -349,6 +362,7 @@ fn read_distance(at: &At<'_>) -> Option<Distance> {
         Kind::Constant => Distance::Constant { mm: size, wall_mm },
         Kind::Proportional => Distance::Proportional { factor: size, wall_mm },
         Kind::SmallerDiameter => Distance::SmallerDiameter { factor: size, wall_mm },
+        Kind::Maximize => Distance::Maximize { wall_mm },
     })
 }
 
@@ -357,9 +371,10 @@ fn read_method(at: &At<'_>) -> Option<Method> {
     enum Kind {
         Auto,
         Rsa,
+        Edmd,
     }
     let mut object = at.object()?;
-    let kind = object.variant(&[("auto", Kind::Auto), ("rsa", Kind::Rsa)])?;
+    let kind = object.variant(&[("auto", Kind::Auto), ("rsa", Kind::Rsa), ("edmd", Kind::Edmd)])?;
     let method = match kind {
         Kind::Auto => Some(Method::Auto {}),
         Kind::Rsa => match object.optional("attempts_per_grain") {
@@ -368,6 +383,7 @@ fn read_method(at: &At<'_>) -> Option<Method> {
             }
             None => Some(Method::Rsa { attempts_per_grain: None }),
         },
+        Kind::Edmd => edmd::read_options(&mut object).map(|options| Method::Edmd { options }),
     };
     object.finish();
     method

@@ -1,7 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::too_many_lines, clippy::semicolon_if_nothing_returned)]
 
+use proptest::prelude::*;
 use serde_json::{Value, json};
 
+use super::super::{EdmdOptions, EdmdStop};
 use super::*;
 
 fn valid() -> Value {
@@ -190,11 +192,138 @@ fn every_fault_names_field_value_and_bound() {
             "/method/attempts_per_grain: 0 is out of range: must be a whole number from 1 to 1000000000000",
         ),
         (
-            |v| v["method"] = json!({"type": "edmd"}),
-            "/method/type: \"edmd\" is unknown: must be one of \"auto\", \"rsa\"",
+            |v| v["method"] = json!({"type": "lubachevsky"}),
+            "/method/type: \"lubachevsky\" is unknown: must be one of \"auto\", \"rsa\", \"edmd\"",
+        ),
+        (
+            |v| v["distance"] = json!({"type": "minimize"}),
+            "/distance/type: \"minimize\" is unknown: must be one of \"none\", \"constant\", \"proportional\", \"smaller_diameter\", \"maximize\"",
+        ),
+        (
+            |v| v["distance"] = json!({"type": "maximize"}),
+            "/distance/type: \"maximize\" needs grains that grow: the method must be \"edmd\" or \"auto\", not \"rsa\"",
+        ),
+        (
+            |v| {
+                v["method"] = json!({"type": "auto"});
+                v["distance"] = json!({"type": "maximize", "mm": 1});
+            },
+            "/distance/mm: unknown field: this object has type, wall_mm",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "attempts_per_grain": 5}),
+            "/method/attempts_per_grain: unknown field: this object has type, initial_scale, growth_rate, initial_velocity, equal_mass, swap, stop",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "initial_scale": 0.4}),
+            "/method/initial_scale: 0.4 is out of range: must be at least 0.5 and at most 1",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "growth_rate": 0}),
+            "/method/growth_rate: 0 is out of range: must be greater than 0 and at most 1000 per s",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "initial_velocity": 2e6}),
+            "/method/initial_velocity: 2000000 is out of range: must be greater than 0 and at most 1000000 mm/s",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "equal_mass": 1}),
+            "/method/equal_mass: 1 is not true or false",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "swap": "yes"}),
+            "/method/swap: \"yes\" is not true or false",
+        ),
+        (|v| v["method"] = json!({"type": "edmd", "stop": 60}), "/method/stop: 60 is not an object"),
+        (
+            |v| v["method"] = json!({"type": "edmd", "stop": {"time": 60}}),
+            "/method/stop/time: unknown field: this object has time_s, events, stall_dt_s",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "stop": {"time_s": 0}}),
+            "/method/stop/time_s: 0 is out of range: must be greater than 0 and at most 2678400 s",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "stop": {"events": 1.5}}),
+            "/method/stop/events: 1.5 is out of range: must be a whole number from 1 to 1000000000000000",
+        ),
+        (
+            |v| v["method"] = json!({"type": "edmd", "stop": {"stall_dt_s": 2}}),
+            "/method/stop/stall_dt_s: 2 is out of range: must be greater than 0 and at most 1 s",
         ),
     ];
     for (change, message) in cases {
         assert_eq!(faults(change), [message]);
+    }
+}
+
+#[test]
+fn parameters_that_are_absent_stay_absent() {
+    let mut value = valid();
+    value["method"] = json!({"type": "edmd", "swap": null, "stop": {}});
+    value["distance"] = json!({"type": "maximize"});
+    let request = PackingRequest::from_json(&value, 1).unwrap();
+    assert_eq!(request.method, Method::Edmd { options: EdmdOptions::default() });
+    assert_eq!(request.distance, Distance::Maximize { wall_mm: None });
+    let written = serde_json::to_value(&request).unwrap();
+    assert_eq!(written["method"], json!({"type": "edmd"}));
+    assert_eq!(written["distance"], json!({"type": "maximize"}));
+    value["method"] = json!({"type": "auto"});
+    assert!(PackingRequest::from_json(&value, 1).is_ok(), "auto may choose a method that maximizes");
+}
+
+#[test]
+fn all_faults_of_a_method_are_reported_at_once() {
+    let found = faults(|v| {
+        v["method"] = json!({"type": "edmd", "initial_scale": 2, "swap": 0, "stop": {"events": 0, "time_s": -1}, "dt": 1});
+    });
+    let pointers: Vec<&str> = found.iter().map(|f| f.split(':').next().unwrap()).collect();
+    assert_eq!(
+        pointers,
+        ["/method/initial_scale", "/method/swap", "/method/stop/time_s", "/method/stop/events", "/method/dt"]
+    );
+}
+
+fn some<T: std::fmt::Debug + Clone>(
+    of: impl Strategy<Value = T> + 'static,
+) -> impl Strategy<Value = Option<T>> {
+    prop::option::of(of)
+}
+
+fn edmd_options() -> impl Strategy<Value = EdmdOptions> {
+    let stop = (
+        some(1.0e-3..=edmd::MAX_STOP_TIME_S),
+        some(1..=edmd::MAX_EVENTS as u64),
+        some(f64::MIN_POSITIVE..=1.0),
+    )
+        .prop_map(|(time_s, events, stall_dt_s)| EdmdStop { time_s, events, stall_dt_s });
+    (
+        some(edmd::MIN_INITIAL_SCALE..=1.0),
+        some(1.0e-9..=edmd::MAX_GROWTH_RATE),
+        some(1.0e-9..=edmd::MAX_INITIAL_VELOCITY_MM_PER_S),
+        some(any::<bool>()),
+        some(any::<bool>()),
+        stop,
+    )
+        .prop_map(|(initial_scale, growth_rate, initial_velocity, equal_mass, swap, stop)| EdmdOptions {
+            initial_scale,
+            growth_rate,
+            initial_velocity,
+            equal_mass,
+            swap,
+            stop,
+        })
+}
+
+proptest! {
+    #[test]
+    fn every_growth_is_written_as_it_is_read(options in edmd_options(), wall_mm in some(0.0..=10.0)) {
+        let mut request = PackingRequest::from_json(&valid(), 1).unwrap();
+        request.method = Method::Edmd { options };
+        request.distance = Distance::Maximize { wall_mm };
+        let text = serde_json::to_string(&request).unwrap();
+        let read = PackingRequest::from_json(&serde_json::from_str(&text).unwrap(), 2).unwrap();
+        prop_assert_eq!(&read, &request);
+        prop_assert_eq!(serde_json::to_string(&read).unwrap(), text);
     }
 }

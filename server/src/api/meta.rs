@@ -108,8 +108,8 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             .iter()
             .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
             .collect(),
-        distances: vec!["none", "constant", "proportional", "smaller_diameter"],
-        methods: vec!["auto", "rsa"],
+        distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
+        methods: vec!["auto", "rsa", "edmd"],
         formats: Format::ALL
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })
