@@ -10,14 +10,15 @@ use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABEL
 
 const EXAMPLE: &str = include_str!("../../../examples/a16.json");
 /// Schemas of which requests are made.
-const REQUEST_SCHEMAS: [&str; 7] =
-    ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method"];
+const REQUEST_SCHEMAS: [&str; 8] =
+    ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method", "EdmdStop"];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
 
 /// Makes the schemas of requests as strict as the service.
 pub(super) fn polish(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
+    join_edmd(schemas);
     for name in REQUEST_SCHEMAS {
         if let Some(schema) = schemas.get_mut(name) {
             objects_of(schema).into_iter().for_each(close);
@@ -30,6 +31,24 @@ pub(super) fn polish(document: &mut Value) {
         schema["examples"] = json!([example]);
     }
     schemas.sort_keys();
+}
+
+/// Puts the parameters of `edmd` beside its `type`: the derive makes an `allOf` of the two, of which
+/// neither part could refuse unknown fields without refusing the other's.
+fn join_edmd(schemas: &mut Map<String, Value>) {
+    let Some(mut options) = schemas.shift_remove("EdmdOptions") else { return };
+    let variants = schemas.get_mut("Method").and_then(|method| method["oneOf"].as_array_mut());
+    let Some(variant) = variants.into_iter().flatten().find(|variant| variant.get("allOf").is_some()) else {
+        return;
+    };
+    let mut joined = variant["allOf"][1].take();
+    if let (Some(fields), Some(tag)) =
+        (options["properties"].as_object_mut(), joined["properties"].as_object_mut())
+    {
+        fields.append(tag);
+        tag.append(fields);
+    }
+    *variant = joined;
 }
 
 /// The object that a schema describes, or those of its variants.
@@ -132,6 +151,10 @@ mod tests {
         assert_eq!(schemas["JobRequest"]["properties"]["labels"]["maxProperties"], 32);
         assert_eq!(schemas["JobRequest"]["properties"]["name"]["type"], json!(["string", "null"]));
         assert_eq!(schemas["Specimen"]["oneOf"][0]["properties"]["size_mm"]["maxItems"], 3);
+        let methods = schemas["Method"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        assert!(methods.iter().any(|m| m["properties"]["type"]["enum"] == json!(["edmd"])
+            && m["properties"]["initial_scale"]["minimum"] == 0.5));
+        assert_eq!(schemas.get("EdmdOptions"), None, "its fields are those of the method");
         let gradings = schemas["Grading"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
         for bounded in ["points", "mm"] {
             let found = gradings.iter().find_map(|g| g["properties"].get(bounded));
