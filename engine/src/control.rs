@@ -5,6 +5,8 @@
 
 use serde::Serialize;
 
+use crate::checkpoint::Checkpoint;
+
 /// What a run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -14,6 +16,8 @@ pub enum Phase {
     Take,
     /// Placing grains by random sequential addition.
     Rsa,
+    /// Growing grains by event-driven molecular dynamics.
+    Edmd,
     /// The independent check.
     Verify,
     /// Writing the result. The engine never reports it; whoever stores the result does.
@@ -35,15 +39,44 @@ pub struct Progress {
     pub unit: &'static str,
     /// One line for a person; may be empty.
     pub message: String,
+    /// How far the grains have grown, while they do.
+    pub growth: Option<Growth>,
+}
+
+/// How far the grains have grown.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Growth {
+    /// Volume of the grains at their present size over that of the specimen.
+    pub volume_fraction: f64,
+    /// Constant distance that all grains keep at present, where one is asked for.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub distance_mm: Option<f64>,
+    /// Events so far.
+    pub events: u64,
+    /// Events per second of wall-clock time, lately.
+    pub events_per_s: f64,
+    /// Pressure over that of an ideal gas of the same density and energy; `null` while nothing can be
+    /// said. It grows without bound where the grains jam.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub reduced_pressure: Option<f64>,
 }
 
 /// Receives progress and answers whether to go on. Called every few milliseconds from the thread
-/// that packs, so both must be cheap.
+/// that packs, so all but [`Control::keep_checkpoint`] must be cheap.
 pub trait Control {
     /// Takes notice of the progress.
     fn report(&self, progress: &Progress);
     /// Whether the run should stop; it then ends with [`crate::PackError::Stopped`].
     fn should_stop(&self) -> bool;
+    /// Whether a checkpoint is due. Asked between epochs; what is answered changes nothing about the
+    /// packing.
+    fn wants_checkpoint(&self) -> bool {
+        false
+    }
+    /// Keeps a checkpoint that was wanted. One that cannot be kept is the receiver's loss: the run
+    /// goes on.
+    fn keep_checkpoint(&self, _checkpoint: &Checkpoint<'_>) {}
 }
 
 /// Control of a run that nobody watches and nothing stops.

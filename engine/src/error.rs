@@ -1,5 +1,6 @@
 //! What can go wrong between a request and a packing.
 
+use crate::packing::EdmdEnd;
 use crate::request::FieldError;
 
 /// Why a plan cannot be made: always something the user can change.
@@ -39,8 +40,19 @@ pub enum PackError {
 }
 
 /// How far a method came that did not reach its target.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NotReached {
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NotReached {
+    /// Random sequential addition found no place for a grain.
+    #[error(transparent)]
+    NoPlace(NoPlace),
+    /// The grains did not grow to their size and distance.
+    #[error(transparent)]
+    NotGrown(NotGrown),
+}
+
+/// How far random sequential addition came.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub struct NoPlace {
     /// Grains placed.
     pub placed: u64,
     /// Grains of the mix.
@@ -57,7 +69,7 @@ pub struct NotReached {
     pub attempts: u64,
 }
 
-impl std::fmt::Display for NotReached {
+impl std::fmt::Display for NoPlace {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
@@ -73,5 +85,91 @@ impl std::fmt::Display for NotReached {
                 self.diameter_mm, self.attempts
             )
         }
+    }
+}
+
+/// How far growth came.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub struct NotGrown {
+    /// Grains of the mix.
+    pub grains: u64,
+    /// Volume fraction of the grains at the size they reached (`phi_eff`).
+    pub volume_fraction_reached: f64,
+    /// Volume fraction asked for (`phi_eff`).
+    pub volume_fraction_asked: f64,
+    /// Constant distance reached, where one was asked for.
+    pub distance_mm_reached: Option<f64>,
+    /// Constant distance asked for.
+    pub distance_mm_asked: Option<f64>,
+    /// Size reached over size asked for, the distance included.
+    pub scale_reached: f64,
+    /// Events of the run.
+    pub events: u64,
+    /// Simulated time of the run.
+    pub simulated_time_s: f64,
+    /// What ended the run.
+    pub end: EdmdEnd,
+}
+
+impl std::fmt::Display for NotGrown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "growth stopped at {:.4} of the final diameters (volume fraction {:.4} of {:.4}",
+            self.scale_reached, self.volume_fraction_reached, self.volume_fraction_asked
+        )?;
+        if let (Some(reached), Some(asked)) = (self.distance_mm_reached, self.distance_mm_asked) {
+            write!(f, ", distance {reached:.4} of {asked:.4} mm")?;
+        }
+        write!(f, ") after {} events and {:.3} s of simulated time: ", self.events, self.simulated_time_s)?;
+        let less = if self.distance_mm_asked.is_some() {
+            "lower the volume fraction or the distance"
+        } else {
+            "lower the volume fraction"
+        };
+        match self.end {
+            EdmdEnd::Stalled => write!(
+                f,
+                "it stalled, for the grains jam before their target; {less}, or try another seed or a lower growth_rate"
+            ),
+            EdmdEnd::TimeLimit => write!(f, "the time limit was reached; raise stop.time_s, or {less}"),
+            EdmdEnd::EventLimit => write!(f, "the event limit was reached; raise stop.events, or {less}"),
+            EdmdEnd::Target => write!(f, "it ended short of its target; {less}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn growth_that_ended_early_says_how_far_it_came_and_what_to_change() {
+        let not_grown = NotGrown {
+            grains: 9307,
+            volume_fraction_reached: 0.6981,
+            volume_fraction_asked: 0.7,
+            distance_mm_reached: None,
+            distance_mm_asked: None,
+            scale_reached: 0.99909,
+            events: 12_000_000,
+            simulated_time_s: 2.5,
+            end: EdmdEnd::Stalled,
+        };
+        assert_eq!(
+            NotReached::NotGrown(not_grown.clone()).to_string(),
+            "growth stopped at 0.9991 of the final diameters (volume fraction 0.6981 of 0.7000) after 12000000 events \
+             and 2.500 s of simulated time: it stalled, for the grains jam before their target; lower the volume \
+             fraction, or try another seed or a lower growth_rate"
+        );
+        let limited = NotGrown {
+            distance_mm_reached: Some(0.92),
+            distance_mm_asked: Some(1.0),
+            end: EdmdEnd::TimeLimit,
+            ..not_grown
+        };
+        let said = limited.to_string();
+        assert!(said.contains("distance 0.9200 of 1.0000 mm"), "{said}");
+        assert!(said.ends_with("raise stop.time_s, or lower the volume fraction or the distance"), "{said}");
     }
 }

@@ -6,6 +6,7 @@
 //! handed. It knows no files, no network, no other clock than to state how long a phase took.
 #![forbid(unsafe_code)]
 
+pub mod checkpoint;
 pub mod control;
 pub mod distance;
 pub mod error;
@@ -20,9 +21,10 @@ pub mod rsa;
 pub mod specimen;
 pub mod verify;
 
-pub use control::{Control, Phase, Progress, Unattended};
-pub use error::{NotReached, PackError, PlanError};
-pub use pack::pack;
+pub use checkpoint::{Checkpoint, CheckpointError, Resume};
+pub use control::{Control, Growth, Phase, Progress, Unattended};
+pub use error::{NoPlace, NotGrown, NotReached, PackError, PlanError};
+pub use pack::{pack, pack_or_resume};
 pub use packing::{Packing, Report, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};

@@ -2,9 +2,10 @@
 
 use std::time::Instant;
 
+use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::error::{NotReached, PackError, PlanError};
+use crate::error::{NoPlace, NotReached, PackError, PlanError};
 use crate::mix::{GradedMix, sphere_volume, take::take};
 use crate::packing::{Packing, Report, Spheres, Statistics, Summary, Timings};
 use crate::plan::{Limits, Plan};
@@ -21,6 +22,23 @@ const PLACING_SHARE: f64 = 0.95;
 /// # Errors
 /// See [`PackError`]; a packing that fails its own check is never returned.
 pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) -> Result<Packing, PackError> {
+    pack_or_resume(request, limits, None, control)
+}
+
+/// Computes a packing, from a checkpoint of an earlier run of the same request where there is one.
+///
+/// The packing is that of a run which was never interrupted, to the last bit.
+///
+/// # Errors
+/// As [`pack`].
+pub fn pack_or_resume(
+    request: &PackingRequest,
+    limits: &Limits,
+    resume: Option<Resume>,
+    control: &dyn Control,
+) -> Result<Packing, PackError> {
+    // Placing at random keeps no checkpoints, so there is nothing to go on from.
+    drop(resume);
     Plan::new(request, limits)?;
     let attempts_per_grain = attempts_per_grain(request)?;
     let start = Instant::now();
@@ -32,6 +50,7 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
         total: 0,
         unit: "grains",
         message: "drawing diameters".into(),
+        growth: None,
     });
     let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
     let mut take_rng = stream(request.seed, Stream::Take);
@@ -55,7 +74,7 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
         End::NoPlace { proven, attempts } => {
             let volume =
                 |d: &[f64]| d.iter().map(|&d| sphere_volume(d)).sum::<f64>() / mix.specimen_volume_mm3;
-            return Err(PackError::NotReached(NotReached {
+            return Err(PackError::NotReached(NotReached::NoPlace(NoPlace {
                 placed: placed as u64,
                 grains,
                 diameter_mm: diameters[placed],
@@ -63,7 +82,7 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
                 volume_fraction_asked: volume(&diameters),
                 proven,
                 attempts,
-            }));
+            })));
         }
     }
     let spheres = columns(&outcome.centers_mm, diameters);
@@ -83,6 +102,7 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
         total: grains,
         unit: "grains",
         message: "checked".into(),
+        growth: None,
     });
 
     let summary = summary(&spheres, &mix, &rule, check.classes);
@@ -91,7 +111,7 @@ pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) ->
         report: Report {
             summary,
             timings_s: timings,
-            statistics: Statistics { rsa: outcome.statistics },
+            statistics: Statistics { rsa: outcome.statistics, edmd: None },
             verification: check.found,
             distance_curve: Vec::new(),
         },
@@ -156,5 +176,13 @@ impl Control for Share<'_> {
 
     fn should_stop(&self) -> bool {
         self.of.should_stop()
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.of.wants_checkpoint()
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        self.of.keep_checkpoint(checkpoint);
     }
 }

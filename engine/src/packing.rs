@@ -126,6 +126,9 @@ pub struct Timings {
     pub take: f64,
     /// Random sequential addition.
     pub rsa: f64,
+    /// Event-driven molecular dynamics; 0 where nothing was grown.
+    #[serde(default)]
+    pub edmd: f64,
     /// The independent check.
     pub verify: f64,
     /// All of it.
@@ -133,11 +136,14 @@ pub struct Timings {
 }
 
 /// What the algorithms counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Statistics {
     /// Random sequential addition.
     pub rsa: RsaStatistics,
+    /// Event-driven molecular dynamics, where grains were grown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub edmd: Option<EdmdStatistics>,
 }
 
 /// What random sequential addition counted.
@@ -150,6 +156,68 @@ pub struct RsaStatistics {
     pub grains_by_subdivision: u64,
     /// Voxels tested against the exclusion spheres.
     pub voxels_tested: u64,
+}
+
+/// What ended the growth of grains.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum EdmdEnd {
+    /// The size and distance asked for.
+    #[default]
+    Target,
+    /// Simulated time hardly went on: the grains are jammed.
+    Stalled,
+    /// The time that packing may take.
+    TimeLimit,
+    /// The number of events that there may be.
+    EventLimit,
+}
+
+/// What event-driven molecular dynamics counted, over all parts of a run that was interrupted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct EdmdStatistics {
+    /// Events that were carried out.
+    pub events: u64,
+    /// Collisions of two grains.
+    pub grain_collisions: u64,
+    /// Collisions with a wall.
+    pub wall_collisions: u64,
+    /// Always 0: there are no cells to cross, and list renewals take their part.
+    pub cell_crossings: u64,
+    /// Lists of near neighbours made anew.
+    pub list_renewals: u64,
+    /// Pairs of grains whose next collision was computed.
+    pub predictions: u64,
+    /// Events dropped because a partner had changed its course.
+    pub stale_events: u64,
+    /// Exchanges of two grains tried.
+    pub swaps_tried: u64,
+    /// Exchanges of two grains made.
+    pub swaps_accepted: u64,
+    /// Times that all velocities were scaled back.
+    pub velocity_rescalings: u64,
+    /// Epochs: the moments at which the run may be interrupted.
+    pub epochs: u64,
+    /// Grains that kept colliding on the spot and were moved.
+    pub stuck_grains: u64,
+    /// Times that the run went on from a checkpoint.
+    pub resumes: u64,
+    /// Predictions over events.
+    pub predictions_per_event: f64,
+    /// Events per second of wall-clock time.
+    pub events_per_s: f64,
+    /// Simulated time.
+    pub simulated_time_s: f64,
+    /// Size reached over size asked for.
+    pub growth_scale: f64,
+    /// Kinetic energy per grain at the end over that at the start.
+    pub energy: f64,
+    /// Pressure at the end over that of an ideal gas of the same density and energy.
+    pub reduced_pressure: f64,
+    /// What ended the growth.
+    pub stop: EdmdEnd,
 }
 
 /// What the independent check found. A packing that fails is never returned.

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use packstone_engine::{
-    Control, Limits, PackError, PackingRequest, Phase, Progress, Unattended, pack, verify,
+    Control, Limits, NotReached, PackError, PackingRequest, Phase, Progress, Unattended, pack, verify,
 };
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -61,7 +61,7 @@ proptest! {
                 prop_assert!(packing.report.verification.min_slack_mm.is_none_or(|slack| slack >= 0.0));
                 prop_assert!(verify::verify(&packing.spheres, &request).is_ok());
             }
-            Err(PackError::NotReached(short)) => {
+            Err(PackError::NotReached(NotReached::NoPlace(short))) => {
                 prop_assert!(short.placed < short.grains);
                 prop_assert!(short.proven || (limited && short.attempts == 3000), "{:?}", short);
                 prop_assert!(!limited || short.attempts <= 3000, "{:?}", short);

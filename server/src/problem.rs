@@ -4,7 +4,7 @@
 //! means. Jobs keep the problem that ended them in the same form. How a problem becomes a response
 //! is [`crate::api`]'s business; nothing here knows HTTP beyond status codes.
 
-use packstone_engine::{FieldError, PackError, PlanError};
+use packstone_engine::{FieldError, NotReached, PackError, PlanError};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
@@ -84,7 +84,7 @@ kinds! {
     InternalError "internal-error" 500 "Internal error"
         "A fault of this server, recorded in its log under the request's or the job's id."
     PackingNotReached "packing-not-reached" 422 "The packing was not reached"
-        "The end of a job: the method came to its end before all grains were placed. The document tells how far it came. Another seed, a lower volume fraction or another method may succeed."
+        "The end of a job: the method came to its end before all grains were placed, or had grown to their size and distance. The document tells how far it came. Another seed, a lower volume fraction or another method may succeed."
     TimedOut "timed-out" 422 "The job timed out"
         "The end of a job: it ran longer than its `timeout_s`."
     AttemptsExhausted "attempts-exhausted" 500 "Too many attempts"
@@ -255,7 +255,19 @@ impl From<PackError> for Problem {
         let detail = error.to_string();
         match error {
             PackError::Plan(plan) => plan.into(),
-            PackError::NotReached(reached) => Self::new(Kind::PackingNotReached, detail)
+            PackError::NotReached(NotReached::NotGrown(reached)) => {
+                Self::new(Kind::PackingNotReached, detail)
+                    .with("grains", reached.grains.into())
+                    .with("volume_fraction_reached", reached.volume_fraction_reached.into())
+                    .with("volume_fraction_asked", reached.volume_fraction_asked.into())
+                    .with("distance_mm_reached", reached.distance_mm_reached.into())
+                    .with("distance_mm_asked", reached.distance_mm_asked.into())
+                    .with("scale_reached", reached.scale_reached.into())
+                    .with("events", reached.events.into())
+                    .with("simulated_time_s", reached.simulated_time_s.into())
+                    .with("end", json!(reached.end))
+            }
+            PackError::NotReached(NotReached::NoPlace(reached)) => Self::new(Kind::PackingNotReached, detail)
                 .with("placed", reached.placed.into())
                 .with("grains", reached.grains.into())
                 .with("diameter_mm", reached.diameter_mm.into())

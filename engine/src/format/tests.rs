@@ -4,6 +4,7 @@ use serde_json::json;
 
 use super::stored::Layout;
 use super::*;
+use crate::packing::{EdmdEnd, EdmdStatistics};
 use crate::{Limits, PackingRequest, Unattended, pack};
 
 fn result() -> (Head, Spheres) {
@@ -129,6 +130,33 @@ fn the_stored_form_reads_back() {
     assert!(Layout::read(&mut &bytes[..100]).is_err());
     bytes[0] = b'X';
     assert_eq!(Layout::read(&mut bytes.as_slice()).unwrap_err().kind(), io::ErrorKind::InvalidData);
+}
+
+#[test]
+fn results_stored_before_there_was_growth_read_back() {
+    let (head, spheres) = result();
+    assert_eq!(head.report.statistics.edmd, None);
+    let mut bytes = Vec::new();
+    stored::write(&head, &spheres, &mut bytes).unwrap();
+    let end = 24 + u64::from_le_bytes(bytes[8..16].try_into().unwrap()) as usize;
+    let text = String::from_utf8(bytes[24..end].to_vec()).unwrap();
+    let older = text.replacen(r#""edmd":0.0,"#, "", 1);
+    assert!(older.len() < text.len() && !older.contains("edmd"), "the only field that came with growth");
+    bytes.splice(24..end, older.into_bytes().into_iter().chain(std::iter::repeat_n(b' ', 11)));
+    assert_eq!(Layout::read(&mut bytes.as_slice()).unwrap().head, head);
+}
+
+#[test]
+fn what_growth_counted_is_stored_too() {
+    let (mut head, spheres) = result();
+    let edmd =
+        EdmdStatistics { events: 3, stop: EdmdEnd::TimeLimit, energy: 1.5, ..EdmdStatistics::default() };
+    head.report.statistics.edmd = Some(edmd);
+    let mut bytes = Vec::new();
+    stored::write(&head, &spheres, &mut bytes).unwrap();
+    assert_eq!(Layout::read(&mut bytes.as_slice()).unwrap().head, head);
+    let value: serde_json::Value = serde_json::from_slice(&bytes_of(Format::Json, &head, &spheres)).unwrap();
+    assert_eq!(value["statistics"]["edmd"]["stop"], "time_limit");
 }
 
 #[test]

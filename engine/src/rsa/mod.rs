@@ -306,6 +306,7 @@ impl Run<'_> {
                 "placing grains of {:.3} mm",
                 self.rsa.diameters_mm[self.placed.len().min(self.rsa.diameters_mm.len() - 1)]
             ),
+            growth: None,
         });
     }
 }

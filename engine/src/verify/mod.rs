@@ -235,6 +235,7 @@ fn report(control: &dyn Control, done: usize, total: usize) {
         total: total as u64,
         unit: "grains",
         message: "checking every pair, the walls and the grading".into(),
+        growth: None,
     });
 }
 

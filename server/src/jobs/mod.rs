@@ -110,6 +110,10 @@ pub(crate) struct JobProgress {
     /// Seconds that the rest is likely to take, as of `updated_at`; `null` while nothing can be said.
     #[schema(required)]
     pub(crate) eta_s: Option<f64>,
+    /// How far the grains have grown; absent in other phases than `edmd`.
+    #[schema(required = false)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) growth: Option<packstone_engine::Growth>,
 }
 
 /// A stored result.

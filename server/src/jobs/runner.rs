@@ -185,6 +185,7 @@ impl Runner {
             total: grains,
             unit: "grains",
             message: "writing the result".into(),
+            growth: None,
         });
         let head = Head {
             job_id: Some(claimed.lease.id.to_string()),
@@ -259,6 +260,7 @@ fn complete(grains: u64) -> JobProgress {
         unit: "grains".into(),
         message: String::new(),
         eta_s: Some(0.0),
+        growth: None,
     }
 }
 
@@ -286,6 +288,7 @@ fn as_recorded(progress: &Progress, fraction: &mut f64, elapsed: Duration) -> Jo
         unit: progress.unit.into(),
         message: progress.message.clone(),
         eta_s,
+        growth: progress.growth,
     }
 }
 
@@ -309,6 +312,7 @@ mod tests {
             total: 2,
             unit: "grains",
             message: String::new(),
+            growth: None,
         };
         let mut fraction = 0.0;
         let elapsed = Duration::from_secs(10);

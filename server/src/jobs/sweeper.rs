@@ -147,6 +147,7 @@ mod tests {
             unit: "grains".into(),
             message: String::new(),
             eta_s: None,
+            growth: None,
         };
         store.succeed(lease, artifact, progress).await.unwrap();
     }

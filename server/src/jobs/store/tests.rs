@@ -47,6 +47,7 @@ fn progress(fraction: f64) -> JobProgress {
         unit: "grains".into(),
         message: String::new(),
         eta_s: None,
+        growth: None,
     }
 }
 
