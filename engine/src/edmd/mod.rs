@@ -37,7 +37,7 @@ use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::rsa::{self, Rsa};
 use law::Law;
-use run::{Ended, Frame, Run, Stage};
+use run::{BEYOND_TARGET, Ended, Frame, Run, Stage};
 pub(crate) use system::MAX_GRAINS;
 
 /// Components of the initial velocities are uniform in plus minus this, where the request names
@@ -109,7 +109,7 @@ impl Edmd<'_> {
         if run.stage == Stage::Scale {
             ended = run.grow(&frame, &laws[0]);
             if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
-                run.lengthen(&laws[1]);
+                run.lengthen(&frame, &laws[1]);
             }
         }
         if run.stage == Stage::Length {
@@ -146,7 +146,7 @@ impl Edmd<'_> {
         let mut scale = match self.options.initial_scale {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
-            None if maximize && fraction <= quickly => 1.0,
+            None if maximize && fraction <= quickly => BEYOND_TARGET,
             None => (quickly / fraction).cbrt().min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
@@ -163,7 +163,7 @@ impl Edmd<'_> {
             statistics.voxels_tested += outcome.statistics.voxels_tested;
             match outcome.end {
                 rsa::End::Complete => {
-                    let run = if maximize && scale >= 1.0 {
+                    let run = if maximize && scale >= BEYOND_TARGET {
                         Run::new(frame, &laws[1], Stage::Length, 0.0, &outcome.centers_mm)
                     } else {
                         Run::new(frame, law, Stage::Scale, scale, &outcome.centers_mm)
