@@ -7,6 +7,7 @@
 
 mod api;
 mod artifacts;
+mod checkpoints;
 mod cli;
 mod config;
 mod hex;

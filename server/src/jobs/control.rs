@@ -6,7 +6,9 @@
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use packstone_engine::{Control, Progress};
+use packstone_engine::{Checkpoint, Control, Progress};
+
+use crate::checkpoints::Keeper;
 
 /// Why a run is to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,9 +28,15 @@ pub(crate) enum Stop {
 pub(crate) struct RunControl {
     stop: AtomicU8,
     latest: Mutex<Option<Progress>>,
+    keeper: Option<Keeper>,
 }
 
 impl RunControl {
+    /// Control of a run whose checkpoints are kept.
+    pub(crate) fn keeping(keeper: Keeper) -> Self {
+        Self { keeper: Some(keeper), ..Self::default() }
+    }
+
     /// Asks the run to stop. The first reason stays.
     pub(crate) fn stop(&self, reason: Stop) {
         // An error means that there is a reason already.
@@ -59,6 +67,16 @@ impl Control for RunControl {
 
     fn should_stop(&self) -> bool {
         self.stop.load(Ordering::Acquire) != 0
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.keeper.as_ref().is_some_and(Keeper::is_due)
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        if let Some(keeper) = &self.keeper {
+            keeper.keep(checkpoint);
+        }
     }
 }
 

@@ -20,6 +20,7 @@ use super::control::{RunControl, Stop};
 use super::store::{Claimed, Store, StoreError};
 use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::artifacts::{Artifacts, InFlight};
+use crate::checkpoints::Checkpoints;
 use crate::metrics::Metrics;
 use crate::problem::{Kind, Problem};
 
@@ -39,6 +40,7 @@ const ETA_FROM_FRACTION: f64 = 0.02;
 pub(crate) struct Runner {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
+    pub(crate) checkpoints: Checkpoints,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
     /// When cancelled, running jobs go back to the queue and workers end.
@@ -89,7 +91,8 @@ impl Runner {
         // Another worker may take the next job of a burst that woke only this one.
         self.store.pass_on();
         tracing::info!("started");
-        let control = Arc::new(RunControl::default());
+        let keeper = self.checkpoints.keeper(&lease.id.to_string(), lease.attempt);
+        let control = Arc::new(RunControl::keeping(keeper));
         let timeout_s = claimed.job.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
         let mut packing = tokio::task::spawn_blocking({
@@ -171,12 +174,15 @@ impl Runner {
         })?;
         let request = JobRequest::read(&stored, 0, None)
             .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
-        let packing = packstone_engine::pack(&request.packing(), &self.limits, control).map_err(|error| {
-            if let PackError::CheckFailed(what) = &error {
-                tracing::error!(%what, "a packing failed its check");
-            }
-            Problem::from(error)
-        })?;
+        let request = request.packing();
+        let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
+        let packing =
+            packstone_engine::pack_or_resume(&request, &self.limits, resume, control).map_err(|error| {
+                if let PackError::CheckFailed(what) = &error {
+                    tracing::error!(%what, "a packing failed its check");
+                }
+                Problem::from(error)
+            })?;
         let grains = packing.spheres.len() as u64;
         control.report(&Progress {
             phase: Phase::Write,
@@ -225,6 +231,9 @@ impl Runner {
                 Ok(()) => {
                     tracing::info!(outcome, took_s = took.as_secs_f64(), "ended");
                     self.metrics.job_ended(outcome, took);
+                    if !matches!(end, End::Stopped(Stop::Shutdown)) {
+                        self.remove_checkpoints(lease).await;
+                    }
                     return;
                 }
                 Err(StoreError::LeaseLost) => {
@@ -246,6 +255,17 @@ impl Runner {
                     return;
                 }
             }
+        }
+    }
+
+    /// Removes what an ended job has no more use for. Not before its end is recorded: until then the end
+    /// may be lost, and the checkpoint is what is left of the work.
+    async fn remove_checkpoints(&self, lease: Lease) {
+        let checkpoints = self.checkpoints.clone();
+        let removed =
+            tokio::task::spawn_blocking(move || checkpoints.remove(&lease.id.to_string(), lease.attempt));
+        if let Err(error) = removed.await {
+            tracing::warn!(%error, "checkpoints are left to the sweeper");
         }
     }
 }
