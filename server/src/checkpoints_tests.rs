@@ -120,7 +120,7 @@ fn names_read_back() {
 fn checkpoints_are_due_between_any_two_epochs_or_after_a_while() {
     let always = Schedule::new(Duration::ZERO);
     assert!(always.is_due());
-    always.tried(Duration::from_secs(60));
+    always.tried(Duration::from_mins(1));
     assert!(always.is_due());
     let hourly = Schedule::new(Duration::from_hours(1));
     assert!(!hourly.is_due());

@@ -14,6 +14,7 @@ mod hex;
 mod http_server;
 mod jobs;
 mod metrics;
+mod pace;
 mod problem;
 mod service;
 mod strict_json;

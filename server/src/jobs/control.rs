@@ -3,7 +3,7 @@
 //! The packing thread calls this every few milliseconds, so it is a short lock and an atomic. What
 //! to do with either is decided by the runner, which also owns every clock.
 
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use packstone_engine::{Checkpoint, Control, Progress};
@@ -29,6 +29,7 @@ pub(crate) struct RunControl {
     stop: AtomicU8,
     latest: Mutex<Option<Progress>>,
     keeper: Option<Keeper>,
+    resumed: AtomicBool,
 }
 
 impl RunControl {
@@ -52,6 +53,16 @@ impl RunControl {
             3 => Some(Stop::Shutdown),
             _ => Some(Stop::LeaseLost),
         }
+    }
+
+    /// Says that the run goes on from a checkpoint.
+    pub(crate) fn resumed(&self) {
+        self.resumed.store(true, Ordering::Release);
+    }
+
+    /// Whether that was said since the last call.
+    pub(crate) fn take_resumed(&self) -> bool {
+        self.resumed.swap(false, Ordering::AcqRel)
     }
 
     /// The latest progress, if there was any since the last call.

@@ -22,6 +22,7 @@ use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
 use crate::metrics::Metrics;
+use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
 
 /// Progress is recorded no more often than this.
@@ -32,8 +33,6 @@ const RENEW_EVERY: Duration = Duration::from_secs(15);
 const STORE_PAUSE: Duration = Duration::from_secs(1);
 /// How often the end of a job is offered to a store that fails, before its lease may run out.
 const END_TRIES: u32 = 5;
-/// Before this share of the work, the time that is left is a guess not worth showing.
-const ETA_FROM_FRACTION: f64 = 0.02;
 
 /// What every worker needs.
 #[derive(Clone, Debug)]
@@ -125,7 +124,7 @@ impl Runner {
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut renewed = Instant::now();
-        let mut fraction = 0.0;
+        let mut pace = Pace::default();
         // A wish to cancel that came between the lease and the subscription is seen here.
         let mut look = true;
         loop {
@@ -147,7 +146,10 @@ impl Runner {
                         continue;
                     }
                     renewed = Instant::now();
-                    let news = news.map(|p| as_recorded(&p, &mut fraction, started.elapsed()));
+                    if control.take_resumed() {
+                        pace.resumed();
+                    }
+                    let news = news.map(|p| as_recorded(&p, &mut pace, started.elapsed()));
                     match self.store.heartbeat(lease, news).await {
                         Ok(beat) if beat.cancel_requested => control.stop(Stop::Cancelled),
                         Ok(_) => {}
@@ -176,6 +178,9 @@ impl Runner {
             .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
         let request = request.packing();
         let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
+        if resume.is_some() {
+            control.resumed();
+        }
         let packing =
             packstone_engine::pack_or_resume(&request, &self.limits, resume, control).map_err(|error| {
                 if let PackError::CheckFailed(what) = &error {
@@ -293,21 +298,16 @@ async fn at(moment: Option<Instant>) {
 }
 
 /// Progress as clients see it: never falling, and with the time that is left.
-fn as_recorded(progress: &Progress, fraction: &mut f64, elapsed: Duration) -> JobProgress {
-    if progress.fraction > *fraction {
-        *fraction = progress.fraction.min(1.0);
-    }
-    let eta_s = (*fraction >= ETA_FROM_FRACTION)
-        .then(|| elapsed.as_secs_f64() * (1.0 - *fraction) / *fraction)
-        .map(|s| (s * 10.0).round() / 10.0);
+fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duration) -> JobProgress {
+    pace.follow(progress);
     JobProgress {
-        fraction: *fraction,
+        fraction: pace.fraction(),
         phase: progress.phase,
         done: progress.done,
         total: progress.total,
         unit: progress.unit.into(),
         message: progress.message.clone(),
-        eta_s,
+        eta_s: pace.eta_s(elapsed),
         growth: progress.growth,
     }
 }
@@ -317,34 +317,4 @@ fn unwritten(error: &io::Error) -> Problem {
         tracing::error!(%error, "the result was not written");
     }
     Problem::new(Kind::InternalError, format!("the result could not be written: {}", error.kind()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn progress_never_falls_and_the_eta_waits_for_a_basis() {
-        let report = |fraction| Progress {
-            phase: Phase::Rsa,
-            fraction,
-            done: 1,
-            total: 2,
-            unit: "grains",
-            message: String::new(),
-            growth: None,
-        };
-        let mut fraction = 0.0;
-        let elapsed = Duration::from_secs(10);
-        let first = as_recorded(&report(0.01), &mut fraction, elapsed);
-        assert_eq!((first.fraction, first.eta_s), (0.01, None));
-        let second = as_recorded(&report(0.5), &mut fraction, elapsed);
-        assert_eq!((second.fraction, second.eta_s), (0.5, Some(10.0)));
-        assert_eq!(as_recorded(&report(0.4), &mut fraction, elapsed).fraction.to_bits(), 0.5_f64.to_bits());
-        assert_eq!(
-            as_recorded(&report(f64::NAN), &mut fraction, elapsed).fraction.to_bits(),
-            0.5_f64.to_bits()
-        );
-        assert_eq!(as_recorded(&report(7.0), &mut fraction, elapsed).eta_s, Some(0.0));
-    }
 }
