@@ -27,7 +27,34 @@ pub struct Exclusion {
     pub part_mm: f64,
 }
 
+/// A rule as contact distances: two grains touch at the sum of their contact radii
+/// `factor r + offset_mm` and, where the rule is not additive, `smaller_share` times the smaller one;
+/// a wall is touched at `wall_factor` times the contact radius plus `wall_offset_mm`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ContactParts {
+    pub(crate) factor: f64,
+    pub(crate) offset_mm: f64,
+    pub(crate) smaller_share: f64,
+    pub(crate) wall_factor: f64,
+    pub(crate) wall_offset_mm: f64,
+}
+
 impl DistanceRule {
+    /// The rule as contact distances.
+    pub(crate) fn contact(&self) -> ContactParts {
+        let (factor, offset_mm, smaller_share) = match self.kind {
+            Kind::Constant(mm) => (1.0, mm / 2.0, 0.0),
+            Kind::Proportional(factor) => (1.0 + factor, 0.0, 0.0),
+            Kind::SmallerDiameter(factor) => (1.0, 0.0, 2.0 * factor),
+        };
+        let (wall_factor, wall_offset_mm) = match self.wall_mm {
+            // From the contact radius back to the true one, and on by the wall's own distance.
+            Some(wall_mm) => (1.0 / factor, wall_mm - offset_mm),
+            None => (1.0 + smaller_share / 2.0, 0.0),
+        };
+        ContactParts { factor, offset_mm, smaller_share, wall_factor, wall_offset_mm }
+    }
+
     /// The rule of a request.
     pub fn new(distance: &Distance, specimen: &Specimen) -> Self {
         let (kind, wall_mm) = match *distance {
@@ -39,6 +66,15 @@ impl DistanceRule {
         };
         let walls = !matches!(specimen, Specimen::Box { boundary: Boundary::Periodic, .. });
         Self { kind, wall_mm, walls }
+    }
+
+    /// The rule with all lengths scaled, as diameters are while they grow by a scale.
+    pub(crate) fn scaled(&self, scale: f64) -> Self {
+        let kind = match self.kind {
+            Kind::Constant(mm) => Kind::Constant(scale * mm),
+            other => other,
+        };
+        Self { kind, wall_mm: self.wall_mm.map(|mm| scale * mm), walls: self.walls }
     }
 
     /// Clear distance that grains of two diameters keep.

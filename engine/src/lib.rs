@@ -1,7 +1,7 @@
 //! Packstone's engine: from a concrete mix design to a dense, checked packing of spheres.
 //!
 //! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`specimen`] -> [`plan`]
-//! (what to expect, and whether it can fit) -> [`rsa`] -> [`verify`] -> [`packing`] -> [`mod@format`].
+//! (what to expect, and whether it can fit) -> [`rsa`], [`edmd`] -> [`verify`] -> [`packing`] -> [`mod@format`].
 //! The engine is pure: it computes, reports through [`control`], and writes to writers that it is
 //! handed. It knows no files, no network, no other clock than to state how long a phase took.
 #![forbid(unsafe_code)]
@@ -9,6 +9,7 @@
 pub mod checkpoint;
 pub mod control;
 pub mod distance;
+pub mod edmd;
 pub mod error;
 pub mod format;
 pub mod mix;

@@ -5,17 +5,20 @@ use std::time::Instant;
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::error::{NoPlace, NotReached, PackError, PlanError};
+use crate::edmd::Edmd;
+use crate::error::{NoPlace, NotGrown, NotReached, PackError};
 use crate::mix::{GradedMix, sphere_volume, take::take};
 use crate::packing::{Packing, Report, Spheres, Statistics, Summary, Timings};
 use crate::plan::{Limits, Plan};
-use crate::request::{Distance, FieldError, Method, PackingRequest};
+use crate::request::{Distance, EdmdOptions, Method, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::rsa::{End, Rsa};
 use crate::verify;
 
 /// Share of a run's progress that placing takes; the rest is the check.
 const PLACING_SHARE: f64 = 0.95;
+/// `auto` places at random up to this share of what that reaches; above it growth is faster.
+const AUTO_RSA_CROWDING: f64 = 0.9;
 
 /// Computes a packing.
 ///
@@ -37,12 +40,8 @@ pub fn pack_or_resume(
     resume: Option<Resume>,
     control: &dyn Control,
 ) -> Result<Packing, PackError> {
-    // Placing at random keeps no checkpoints, so there is nothing to go on from.
-    drop(resume);
-    Plan::new(request, limits)?;
-    let attempts_per_grain = attempts_per_grain(request)?;
+    let plan = Plan::new(request, limits)?;
     let start = Instant::now();
-    let mut timings = Timings::default();
     control.report(&Progress {
         phase: Phase::Take,
         fraction: 0.0,
@@ -57,44 +56,34 @@ pub fn pack_or_resume(
     let Some(diameters) = take(&mix, &mut take_rng, &|| control.should_stop()) else {
         return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
     };
-    timings.take = start.elapsed().as_secs_f64();
+    let take_s = start.elapsed().as_secs_f64();
 
-    let rule = DistanceRule::new(&request.distance, &request.specimen);
-    let placing = Instant::now();
-    let rsa = Rsa { diameters_mm: &diameters, specimen: &request.specimen, rule, attempts_per_grain };
-    let outcome =
-        rsa.run(&mut stream(request.seed, Stream::Rsa), &Share { of: control, from: 0.0, to: PLACING_SHARE });
-    timings.rsa = placing.elapsed().as_secs_f64();
+    let job = Job { request, mix: &mix, diameters: &diameters };
+    let share = Share { of: control, from: 0.0, to: PLACING_SHARE };
+    let placed = match route(request, &plan) {
+        // A checkpoint shows that growth had begun.
+        Route::RsaThenEdmd if resume.is_none() => match job.place(None, &share) {
+            Err(PackError::NotReached(_)) => job.grow(EdmdOptions::default(), None, &share),
+            other => other,
+        },
+        Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, &share),
+        Route::Rsa { attempts_per_grain } => job.place(attempts_per_grain, &share),
+        Route::Edmd(options) => job.grow(options, resume, &share),
+    }?;
 
     let grains = diameters.len() as u64;
-    let placed = outcome.centers_mm.len();
-    match outcome.end {
-        End::Complete => {}
-        End::Stopped => return Err(PackError::Stopped { placed: placed as u64, grains }),
-        End::NoPlace { proven, attempts } => {
-            let volume =
-                |d: &[f64]| d.iter().map(|&d| sphere_volume(d)).sum::<f64>() / mix.specimen_volume_mm3;
-            return Err(PackError::NotReached(NotReached::NoPlace(NoPlace {
-                placed: placed as u64,
-                grains,
-                diameter_mm: diameters[placed],
-                volume_fraction_reached: volume(&diameters[..placed]),
-                volume_fraction_asked: volume(&diameters),
-                proven,
-                attempts,
-            })));
-        }
+    let spheres = columns(&placed.centers_mm, diameters);
+    // What was found to be the largest distance is checked like one asked for.
+    let mut checked = request.clone();
+    if let (Distance::Maximize { wall_mm }, Some(mm)) = (request.distance, placed.distance_mm) {
+        checked.distance = Distance::Constant { mm, wall_mm };
     }
-    let spheres = columns(&outcome.centers_mm, diameters);
-
     let checking = Instant::now();
     let share = Share { of: control, from: PLACING_SHARE, to: 1.0 };
-    let check = verify::verify_controlled(&spheres, request, &share).map_err(|fault| match fault {
+    let check = verify::verify_controlled(&spheres, &checked, &share).map_err(|fault| match fault {
         verify::Fault::Stopped => PackError::Stopped { placed: grains, grains },
         fault => PackError::CheckFailed(fault.to_string()),
     })?;
-    timings.verify = checking.elapsed().as_secs_f64();
-    timings.total = start.elapsed().as_secs_f64();
     control.report(&Progress {
         phase: Phase::Verify,
         fraction: 1.0,
@@ -105,32 +94,143 @@ pub fn pack_or_resume(
         growth: None,
     });
 
+    let rule = DistanceRule::new(&checked.distance, &checked.specimen);
     let summary = summary(&spheres, &mix, &rule, check.classes);
     Ok(Packing {
         spheres,
         report: Report {
             summary,
-            timings_s: timings,
-            statistics: Statistics { rsa: outcome.statistics, edmd: None },
+            timings_s: Timings {
+                take: take_s,
+                rsa: placed.rsa_s,
+                edmd: placed.edmd_s,
+                verify: checking.elapsed().as_secs_f64(),
+                total: start.elapsed().as_secs_f64(),
+            },
+            statistics: placed.statistics,
             verification: check.found,
-            distance_curve: Vec::new(),
+            distance_curve: placed.distance_curve,
         },
     })
 }
 
-/// Attempts of random sequential addition, which is all there is to run so far.
-fn attempts_per_grain(request: &PackingRequest) -> Result<Option<u64>, PlanError> {
-    let not_yet = |pointer: &str, what: &str| {
-        let detail = format!("{what} is not available yet");
-        Err(PlanError::Invalid(vec![FieldError { pointer: pointer.into(), detail }]))
-    };
-    if let Distance::Maximize { .. } = request.distance {
-        return not_yet("/distance/type", "\"maximize\"");
-    }
+/// Which methods are tried.
+enum Route {
+    Rsa { attempts_per_grain: Option<u64> },
+    Edmd(EdmdOptions),
+    RsaThenEdmd,
+}
+
+/// What `auto` amounts to: whichever will be done sooner.
+fn route(request: &PackingRequest, plan: &Plan) -> Route {
     match request.method {
-        Method::Auto {} => Ok(None),
-        Method::Rsa { attempts_per_grain } => Ok(attempts_per_grain),
-        Method::Edmd { .. } => not_yet("/method/type", "\"edmd\""),
+        Method::Rsa { attempts_per_grain } => Route::Rsa { attempts_per_grain },
+        Method::Edmd { options } => Route::Edmd(options),
+        Method::Auto {} if matches!(request.distance, Distance::Maximize { .. }) => {
+            Route::Edmd(EdmdOptions::default())
+        }
+        Method::Auto {} if plan.crowding <= AUTO_RSA_CROWDING => Route::RsaThenEdmd,
+        Method::Auto {} => Route::Edmd(EdmdOptions::default()),
+    }
+}
+
+/// A run whose diameters are drawn.
+struct Job<'a> {
+    request: &'a PackingRequest,
+    mix: &'a GradedMix,
+    diameters: &'a [f64],
+}
+
+/// Grains with their places.
+struct Placed {
+    centers_mm: Vec<[f64; 3]>,
+    statistics: Statistics,
+    /// The constant distance reached, where the largest one was asked for.
+    distance_mm: Option<f64>,
+    distance_curve: Vec<[f64; 2]>,
+    rsa_s: f64,
+    edmd_s: f64,
+}
+
+impl Job<'_> {
+    fn volume_fraction(&self, diameters: &[f64]) -> f64 {
+        diameters.iter().map(|&d| sphere_volume(d)).sum::<f64>() / self.mix.specimen_volume_mm3
+    }
+
+    fn stopped(&self, placed: usize) -> PackError {
+        PackError::Stopped { placed: placed as u64, grains: self.diameters.len() as u64 }
+    }
+
+    /// Random sequential addition.
+    fn place(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
+        let start = Instant::now();
+        let rsa = Rsa {
+            diameters_mm: self.diameters,
+            specimen: &self.request.specimen,
+            rule: DistanceRule::new(&self.request.distance, &self.request.specimen),
+            attempts_per_grain,
+        };
+        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), control);
+        let placed = outcome.centers_mm.len();
+        match outcome.end {
+            End::Complete => Ok(Placed {
+                centers_mm: outcome.centers_mm,
+                statistics: Statistics { rsa: outcome.statistics, edmd: None },
+                distance_mm: None,
+                distance_curve: Vec::new(),
+                rsa_s: start.elapsed().as_secs_f64(),
+                edmd_s: 0.0,
+            }),
+            End::Stopped => Err(self.stopped(placed)),
+            End::NoPlace { proven, attempts } => Err(PackError::NotReached(NotReached::NoPlace(NoPlace {
+                placed: placed as u64,
+                grains: self.diameters.len() as u64,
+                diameter_mm: self.diameters[placed],
+                volume_fraction_reached: self.volume_fraction(&self.diameters[..placed]),
+                volume_fraction_asked: self.volume_fraction(self.diameters),
+                proven,
+                attempts,
+            }))),
+        }
+    }
+
+    /// Event-driven molecular dynamics.
+    fn grow(
+        &self,
+        options: EdmdOptions,
+        resume: Option<Resume>,
+        control: &dyn Control,
+    ) -> Result<Placed, PackError> {
+        let edmd = Edmd { request: self.request, options, diameters_mm: self.diameters };
+        let Some(outcome) = edmd.run(resume, control) else {
+            return Err(self.stopped(self.diameters.len()));
+        };
+        let statistics = outcome.statistics;
+        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
+        if statistics.growth_scale < 1.0 {
+            return Err(PackError::NotReached(NotReached::NotGrown(NotGrown {
+                grains: self.diameters.len() as u64,
+                volume_fraction_reached: outcome.volume_fraction,
+                volume_fraction_asked: self.volume_fraction(self.diameters),
+                distance_mm_reached: outcome.distance_mm,
+                distance_mm_asked: match self.request.distance {
+                    Distance::Constant { mm, .. } => Some(mm),
+                    _ => None,
+                },
+                scale_reached: statistics.growth_scale,
+                events: statistics.events,
+                simulated_time_s: statistics.simulated_time_s,
+                end: statistics.stop,
+            })));
+        }
+        Ok(Placed {
+            centers_mm: outcome.centers_mm,
+            statistics: Statistics { rsa: outcome.rsa, edmd: Some(statistics) },
+            distance_mm: outcome.distance_mm.filter(|_| maximize),
+            distance_curve: outcome.curve,
+            rsa_s: outcome.rsa_s,
+            edmd_s: outcome.edmd_s,
+        })
     }
 }
 

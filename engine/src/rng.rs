@@ -12,6 +12,8 @@ pub(crate) enum Stream {
     Take,
     /// Places.
     Rsa,
+    /// Velocities and exchanges of growing grains.
+    Edmd,
 }
 
 /// The stream of a seed for one use.
@@ -21,6 +23,13 @@ pub(crate) fn stream(seed: u64, stream: Stream) -> Xoshiro256PlusPlus {
         rng.jump();
     }
     rng
+}
+
+/// The stream of one epoch of growing grains. Each epoch has its own, so that a run which goes on from
+/// a checkpoint needs no state of a generator.
+pub(crate) fn epoch_stream(seed: u64, epoch: u64) -> Xoshiro256PlusPlus {
+    let mut of_epochs = stream(seed, Stream::Edmd);
+    Xoshiro256PlusPlus::seed_from_u64(of_epochs.next_u64() ^ epoch.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
 /// A uniform number in `[0, 1)` with 53 bits.

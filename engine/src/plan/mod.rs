@@ -6,6 +6,7 @@
 use serde::Serialize;
 
 use crate::distance::DistanceRule;
+use crate::edmd::MAX_GRAINS;
 use crate::error::PlanError;
 use crate::mix::GradedMix;
 use crate::mix::sieve::sieve_classes;
@@ -50,6 +51,8 @@ pub struct Plan {
     pub classes: Vec<ClassPlan>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
+    /// Volume fraction asked for, coating included, over what random sequential addition reaches.
+    pub(crate) crowding: f64,
 }
 
 /// Expected grains of one size class.
@@ -106,6 +109,12 @@ fn time_s(grains: f64, crowding: f64, ratio: f64) -> f64 {
     grains * (cost::SECONDS_PER_GRAIN + cost::SECONDS_PER_CROWDED_GRAIN * octaves * crowded)
 }
 
+/// Volume fraction at which random sequential addition ends, for a ratio of the largest contact
+/// diameter to the smallest.
+pub(crate) fn rsa_limit(ratio: f64) -> f64 {
+    1.0 - (1.0 - RSA_EQUAL_SPHERES) * ratio.powf(RSA_VOIDS_EXPONENT)
+}
+
 impl Plan {
     /// Plans a request.
     ///
@@ -126,7 +135,7 @@ impl Plan {
         let ratio = (factor * mix.d_max_mm + offset) / (factor * mix.d_min_mm + offset);
         check_feasible(request, enlarged / room, ratio, mix.volume_fraction_effective)?;
 
-        let rsa_limit = 1.0 - (1.0 - RSA_EQUAL_SPHERES) * ratio.powf(RSA_VOIDS_EXPONENT);
+        let rsa_limit = rsa_limit(ratio);
         let crowding = enlarged / room / rsa_limit;
         let memory_bytes = memory_bytes(grains, crowding);
         check_limits(&mix, grains, memory_bytes, limits)?;
@@ -149,6 +158,7 @@ impl Plan {
             estimated_time_s: time_s(grains, crowding, ratio),
             classes,
             warnings: warnings(request, &mix, grains, enlarged / room, rsa_limit),
+            crowding,
         })
     }
 }
@@ -204,7 +214,7 @@ fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits
     let too_large = |detail: String| {
         Err(PlanError::TooLarge(FieldError { pointer: field.into(), detail: format!("{detail}: {advice}") }))
     };
-    let max_grains = limits.max_grains.min(MAX_PLACED);
+    let max_grains = limits.max_grains.min(MAX_PLACED).min(MAX_GRAINS as u64);
     if grains > max_grains as f64 {
         return too_large(format!(
             "the mix has about {grains:.0} grains above {} mm: must be at most {max_grains}",

@@ -1,0 +1,147 @@
+//! What holds the grains: walls, a mantle, or the images of a periodic box.
+//!
+//! It knows shapes and one grain at a time; it must never know other grains.
+
+use super::contact::{rises_to_zero, used_up};
+use crate::request::{Boundary, Specimen};
+
+/// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box
+/// finds all of its neighbours.
+const IMAGES_PER_AXIS: i32 = 5;
+/// Number of images.
+pub(crate) const IMAGES: usize = 125;
+/// The code of no shift at all.
+pub(crate) const HOME: u32 = 62;
+
+/// The specimen as the dynamics see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Container {
+    Box { size_mm: [f64; 3] },
+    Periodic { size_mm: [f64; 3] },
+    Cylinder { radius_mm: f64, height_mm: f64 },
+}
+
+impl Container {
+    pub(crate) fn new(specimen: &Specimen) -> Self {
+        match *specimen {
+            Specimen::Box { size_mm, boundary: Boundary::Walls } => Self::Box { size_mm },
+            Specimen::Box { size_mm, boundary: Boundary::Periodic } => Self::Periodic { size_mm },
+            Specimen::Cylinder { diameter_mm, height_mm } => {
+                Self::Cylinder { radius_mm: diameter_mm / 2.0, height_mm }
+            }
+        }
+    }
+
+    pub(crate) fn bounds_mm(&self) -> [f64; 3] {
+        match *self {
+            Self::Box { size_mm } | Self::Periodic { size_mm } => size_mm,
+            Self::Cylinder { radius_mm, height_mm } => [2.0 * radius_mm, 2.0 * radius_mm, height_mm],
+        }
+    }
+
+    pub(crate) fn is_periodic(&self) -> bool {
+        matches!(self, Self::Periodic { .. })
+    }
+
+    /// What to add to a position for each image code.
+    pub(crate) fn shifts(&self) -> [[f64; 3]; IMAGES] {
+        let size = self.bounds_mm();
+        std::array::from_fn(|code| {
+            let of = |a: usize, divisor: i32| {
+                f64::from((code as i32 / divisor) % IMAGES_PER_AXIS - IMAGES_PER_AXIS / 2) * size[a]
+            };
+            [of(0, IMAGES_PER_AXIS * IMAGES_PER_AXIS), of(1, IMAGES_PER_AXIS), of(2, 1)]
+        })
+    }
+
+    /// Brings a position back into the box.
+    pub(crate) fn wrap(&self, p: [f64; 3]) -> [f64; 3] {
+        match *self {
+            Self::Periodic { size_mm } => std::array::from_fn(|a| {
+                let wrapped = p[a] - size_mm[a] * (p[a] / size_mm[a]).floor();
+                if wrapped < size_mm[a] { wrapped } else { 0.0 }
+            }),
+            _ => p,
+        }
+    }
+
+    /// The walls that come within `reach_mm` of a point, as bits.
+    pub(crate) fn walls_within(&self, p: [f64; 3], reach_mm: f64) -> u32 {
+        let ends = |axes: std::ops::Range<usize>, size: [f64; 3]| {
+            axes.fold(0, |mask, a| {
+                let low = u32::from(p[a] < reach_mm) << (2 * a);
+                let high = u32::from(p[a] > size[a] - reach_mm) << (2 * a + 1);
+                mask | low | high
+            })
+        };
+        match *self {
+            Self::Periodic { .. } => 0,
+            Self::Box { size_mm } => ends(0..3, size_mm),
+            Self::Cylinder { radius_mm, height_mm } => {
+                let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
+                let bound = radius_mm - reach_mm;
+                let mantle = bound <= 0.0 || x * x + y * y > bound * bound;
+                u32::from(mantle) | ends(2..3, [0.0, 0.0, height_mm])
+            }
+        }
+    }
+
+    /// When a grain at `p` with velocity `v` touches a wall, from now; `contact` is the distance at
+    /// which it does now, growing at `rate`.
+    #[inline]
+    pub(crate) fn time_to_wall(&self, wall: u32, p: [f64; 3], v: [f64; 3], contact: f64, rate: f64) -> f64 {
+        let axis = (wall / 2) as usize;
+        match *self {
+            Self::Cylinder { radius_mm, .. } if wall == 0 => {
+                let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
+                let bound = radius_mm - contact;
+                if bound <= 0.0 {
+                    return 0.0;
+                }
+                let c = x * x + y * y - bound * bound;
+                let b = x * v[0] + y * v[1] + bound * rate;
+                let a = v[0] * v[0] + v[1] * v[1] - rate * rate;
+                rises_to_zero(a, b, c)
+            }
+            _ if wall.is_multiple_of(2) => used_up(p[axis] - contact, v[axis] - rate),
+            _ => used_up(self.bounds_mm()[axis] - p[axis] - contact, -v[axis] - rate),
+        }
+    }
+
+    /// The inward normal of a wall at a point, and the point's distance from it.
+    pub(crate) fn wall_normal(&self, wall: u32, p: [f64; 3]) -> ([f64; 3], f64) {
+        let axis = (wall / 2) as usize;
+        let mut normal = [0.0; 3];
+        match *self {
+            Self::Cylinder { radius_mm, .. } if wall == 0 => {
+                let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
+                let distance = (x * x + y * y).sqrt();
+                if distance > 0.0 {
+                    normal = [-x / distance, -y / distance, 0.0];
+                }
+                (normal, radius_mm - distance)
+            }
+            _ if wall.is_multiple_of(2) => {
+                normal[axis] = 1.0;
+                (normal, p[axis])
+            }
+            _ => {
+                normal[axis] = -1.0;
+                (normal, self.bounds_mm()[axis] - p[axis])
+            }
+        }
+    }
+}
+
+/// The code of an image, counted in boxes along each axis.
+#[inline]
+pub(crate) fn image_code(image: [i32; 3]) -> u32 {
+    let at = |i: i32| (i + IMAGES_PER_AXIS / 2) as u32;
+    (at(image[0]) * IMAGES_PER_AXIS as u32 + at(image[1])) * IMAGES_PER_AXIS as u32 + at(image[2])
+}
+
+/// The image in which the first sees the second, turned into that in which the second sees the first.
+#[inline]
+pub(crate) fn mirrored(code: u32) -> u32 {
+    2 * HOME - code
+}

@@ -1,0 +1,185 @@
+//! A grid of levels that answers which list centres lie near one.
+//!
+//! Level `l` holds the grains whose outer radius (contact radius and reach) lies within a factor of
+//! two below `top / 2^l`, so that a search visits few cells whatever the ratio of sizes. It knows
+//! centres and radii; it must never know how grains move.
+
+use super::container::{Container, HOME, image_code};
+
+const NIL: u32 = u32::MAX;
+/// Edge of a cell in largest outer radii of its level.
+const EDGE: f64 = 1.6;
+/// Most cells per grain, over all levels; a finer grid would hold mostly nothing.
+const CELLS_PER_GRAIN: f64 = 3.0;
+
+#[derive(Clone, Debug)]
+struct Level {
+    /// Largest outer radius of a grain here, in mm.
+    outer_mm: f64,
+    cells: [i32; 3],
+    per_edge: [f64; 3],
+    first_cell: u32,
+    grains: u32,
+}
+
+/// The grid.
+#[derive(Debug, Default)]
+pub(crate) struct Grid {
+    levels: Vec<Level>,
+    heads: Vec<u32>,
+    next: Vec<u32>,
+    top_mm: f64,
+}
+
+impl Grid {
+    /// Empties the grid and lays it out for outer radii between two bounds.
+    pub(crate) fn reset(&mut self, container: &Container, grains: usize, least_mm: f64, top_mm: f64) {
+        let count = ((top_mm / least_mm).log2().floor().max(0.0) as usize + 1).min(40);
+        let size = container.bounds_mm();
+        let most_cells = (CELLS_PER_GRAIN * grains as f64 / count as f64).max(64.0);
+        self.top_mm = top_mm;
+        self.levels.clear();
+        let mut first_cell = 0;
+        for level in 0..count {
+            let outer_mm = top_mm / f64::from(1_u32 << level.min(31));
+            let volume = size[0] * size[1] * size[2];
+            let edge = (EDGE * outer_mm).max((volume / most_cells).cbrt());
+            let cells = size.map(|length| ((length / edge).floor() as i32).max(1));
+            let per_edge = std::array::from_fn(|a| f64::from(cells[a]) / size[a]);
+            self.levels.push(Level { outer_mm, cells, per_edge, first_cell, grains: 0 });
+            first_cell += cells.iter().product::<i32>() as u32;
+        }
+        self.heads.clear();
+        self.heads.resize(first_cell as usize, NIL);
+        self.next.clear();
+        self.next.resize(grains, NIL);
+    }
+
+    /// The largest outer radius it was laid out for, in mm.
+    pub(crate) fn top_mm(&self) -> f64 {
+        self.top_mm
+    }
+
+    fn level_of(&self, outer_mm: f64) -> usize {
+        let mut level = 0;
+        while level + 1 < self.levels.len() && outer_mm <= self.levels[level + 1].outer_mm {
+            level += 1;
+        }
+        level
+    }
+
+    fn cell(&self, level: usize, center: [f64; 3]) -> u32 {
+        let level = &self.levels[level];
+        let at = |a: usize| ((center[a] * level.per_edge[a]) as i32).clamp(0, level.cells[a] - 1);
+        level.first_cell + ((at(2) * level.cells[1] + at(1)) * level.cells[0] + at(0)) as u32
+    }
+
+    /// Enters a grain; returns the cell by which it can be removed.
+    pub(crate) fn insert(&mut self, grain: u32, center: [f64; 3], outer_mm: f64) -> u32 {
+        let level = self.level_of(outer_mm);
+        let cell = self.cell(level, center);
+        self.next[grain as usize] = self.heads[cell as usize];
+        self.heads[cell as usize] = grain;
+        self.levels[level].grains += 1;
+        cell
+    }
+
+    /// Removes a grain from the cell it was entered in.
+    pub(crate) fn remove(&mut self, grain: u32, cell: u32) {
+        let level = self.levels.partition_point(|level| level.first_cell <= cell) - 1;
+        self.levels[level].grains -= 1;
+        let after = self.next[grain as usize];
+        if self.heads[cell as usize] == grain {
+            self.heads[cell as usize] = after;
+            return;
+        }
+        let mut at = self.heads[cell as usize];
+        while at != NIL {
+            let next = self.next[at as usize];
+            if next == grain {
+                self.next[at as usize] = after;
+                return;
+            }
+            at = next;
+        }
+    }
+
+    /// Visits every grain that may lie within `outer_mm` and its own outer radius, and `extra`
+    /// times the smaller of both, of a centre, with the code of the image in which it does.
+    #[inline]
+    pub(crate) fn visit<const PERIODIC: bool>(
+        &self,
+        center: [f64; 3],
+        outer_mm: f64,
+        extra: f64,
+        levels: std::ops::Range<usize>,
+        mut found: impl FnMut(u32, u32),
+    ) {
+        for level in &self.levels[levels] {
+            if level.grains == 0 {
+                continue;
+            }
+            let range = outer_mm + level.outer_mm + extra * outer_mm.min(level.outer_mm);
+            let low: [i32; 3] =
+                std::array::from_fn(|a| ((center[a] - range) * level.per_edge[a]).floor() as i32);
+            let high: [i32; 3] =
+                std::array::from_fn(|a| ((center[a] + range) * level.per_edge[a]).floor() as i32);
+            if PERIODIC {
+                self.visit_images(level, low, high, &mut found);
+            } else {
+                let low: [i32; 3] = std::array::from_fn(|a| low[a].clamp(0, level.cells[a] - 1));
+                let high: [i32; 3] = std::array::from_fn(|a| high[a].clamp(0, level.cells[a] - 1));
+                for z in low[2]..=high[2] {
+                    for y in low[1]..=high[1] {
+                        let row =
+                            level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
+                        for &head in &self.heads[row + low[0] as usize..=row + high[0] as usize] {
+                            let mut at = head;
+                            while at != NIL {
+                                found(at, HOME);
+                                at = self.next[at as usize];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn visit_images(&self, level: &Level, low: [i32; 3], high: [i32; 3], found: &mut impl FnMut(u32, u32)) {
+        for z in low[2]..=high[2] {
+            let (iz, z) = (z.div_euclid(level.cells[2]), z.rem_euclid(level.cells[2]));
+            for y in low[1]..=high[1] {
+                let (iy, y) = (y.div_euclid(level.cells[1]), y.rem_euclid(level.cells[1]));
+                let row = level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
+                for x in low[0]..=high[0] {
+                    let (ix, x) = (x.div_euclid(level.cells[0]), x.rem_euclid(level.cells[0]));
+                    let mut at = self.heads[row + x as usize];
+                    if at == NIL {
+                        continue;
+                    }
+                    let code = image_code([ix, iy, iz]);
+                    while at != NIL {
+                        found(at, code);
+                        at = self.next[at as usize];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Levels as coarse as or coarser than that of an outer radius.
+    pub(crate) fn coarser(&self, outer_mm: f64) -> std::ops::Range<usize> {
+        0..self.level_of(outer_mm) + 1
+    }
+
+    /// All levels.
+    pub(crate) fn all(&self) -> std::ops::Range<usize> {
+        0..self.levels.len()
+    }
+
+    /// Whether two outer radii belong to the same level.
+    pub(crate) fn same_level(&self, outer_a: f64, outer_b: f64) -> bool {
+        self.level_of(outer_a) == self.level_of(outer_b)
+    }
+}

@@ -1,0 +1,214 @@
+//! The event queue: a window of time cut into bins, of which only the current one is sorted.
+//!
+//! Pushing and popping cost O(1) whatever the number of events. Entries are never removed: one that
+//! no longer matches its grain's next event is dropped when it comes up. Ties in time are broken by
+//! the grain, so that the order of events does not depend on the order of pushes. It knows times and
+//! numbers; it must never know what an event is.
+
+const NIL: u32 = u32::MAX;
+/// Events per bin aimed at.
+const PER_BIN: f64 = 1.5;
+
+/// One scheduled event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Entry {
+    pub(crate) time: f64,
+    pub(crate) grain: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    time: f64,
+    grain: u32,
+    next: u32,
+}
+
+/// The queue.
+#[derive(Debug, Default)]
+pub(crate) struct Queue {
+    heads: Vec<u32>,
+    nodes: Vec<Node>,
+    free: u32,
+    /// Entries beyond the window.
+    beyond: Vec<Entry>,
+    /// The current bin, latest first.
+    current: Vec<Entry>,
+    cursor: usize,
+    start: f64,
+    width: f64,
+    per_width: f64,
+}
+
+impl Queue {
+    /// Empties the queue and sets it up from time 0 for so many grains that have about
+    /// `events_per_time` events in all.
+    pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) {
+        let bins = (grains / 2).next_power_of_two().clamp(64, 1 << 22);
+        self.heads.clear();
+        self.heads.resize(bins, NIL);
+        self.nodes.clear();
+        self.free = NIL;
+        self.beyond.clear();
+        self.current.clear();
+        self.cursor = 0;
+        self.start = 0.0;
+        self.set_width(events_per_time);
+    }
+
+    fn set_width(&mut self, events_per_time: f64) {
+        self.width = if events_per_time > 0.0 { PER_BIN / events_per_time } else { 1.0 };
+        self.width = self.width.clamp(1e-300, 1e300);
+        self.per_width = 1.0 / self.width;
+    }
+
+    /// Schedules an event.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, time: f64, grain: u32) {
+        // Saturating, and 0 for times before the window.
+        let bin = ((time - self.start) * self.per_width) as usize;
+        if bin <= self.cursor {
+            self.insert_current(Entry { time, grain });
+        } else if bin < self.heads.len() {
+            let node = Node { time, grain, next: self.heads[bin] };
+            if self.free == NIL {
+                self.heads[bin] = self.nodes.len() as u32;
+                self.nodes.push(node);
+            } else {
+                let at = self.free;
+                self.free = self.nodes[at as usize].next;
+                self.nodes[at as usize] = node;
+                self.heads[bin] = at;
+            }
+        } else {
+            self.beyond.push(Entry { time, grain });
+        }
+    }
+
+    #[inline]
+    fn insert_current(&mut self, entry: Entry) {
+        let mut at = self.current.len();
+        while at > 0 && before(&self.current[at - 1], &entry) {
+            at -= 1;
+        }
+        self.current.insert(at, entry);
+    }
+
+    /// The earliest entry that `is_next` still vouches for.
+    #[inline(always)]
+    pub(crate) fn pop(&mut self, is_next: impl Fn(&Entry) -> bool) -> Option<Entry> {
+        loop {
+            while let Some(entry) = self.current.pop() {
+                if is_next(&entry) {
+                    return Some(entry);
+                }
+            }
+            if !self.advance(&is_next) {
+                return None;
+            }
+        }
+    }
+
+    /// Entries of the current bin, the earliest last.
+    #[inline(always)]
+    pub(crate) fn upcoming(&self) -> &[Entry] {
+        &self.current
+    }
+
+    /// Loads the next bin that is not empty; says whether there was one.
+    fn advance(&mut self, is_next: &impl Fn(&Entry) -> bool) -> bool {
+        loop {
+            while self.cursor + 1 < self.heads.len() {
+                self.cursor += 1;
+                let mut at = std::mem::replace(&mut self.heads[self.cursor], NIL);
+                if at == NIL {
+                    continue;
+                }
+                while at != NIL {
+                    let node = &mut self.nodes[at as usize];
+                    let entry = Entry { time: node.time, grain: node.grain };
+                    if is_next(&entry) {
+                        self.current.push(entry);
+                    }
+                    let next = std::mem::replace(&mut node.next, self.free);
+                    self.free = at;
+                    at = next;
+                }
+                if !self.current.is_empty() {
+                    sort_latest_first(&mut self.current);
+                    return true;
+                }
+            }
+            if !self.turn(is_next) {
+                return false;
+            }
+            if !self.current.is_empty() {
+                return true;
+            }
+        }
+    }
+
+    /// Moves the window on; says whether anything is left.
+    fn turn(&mut self, is_next: &impl Fn(&Entry) -> bool) -> bool {
+        self.beyond.retain(is_next);
+        let Some(first) = self.beyond.iter().map(|e| e.time).reduce(f64::min) else { return false };
+        // Where the next events lie far ahead the window jumps, and widens if it is far too narrow.
+        let span = self.width * self.heads.len() as f64;
+        self.start = first.max(self.start + span);
+        let in_window = self.beyond.iter().filter(|e| e.time < self.start + span).count();
+        if in_window * 16 < self.beyond.len() {
+            self.width *= 4.0;
+            self.per_width = 1.0 / self.width;
+        }
+        // Bin 0 is where the cursor stands, so entries of it go to the current bin.
+        self.cursor = 0;
+        for entry in std::mem::take(&mut self.beyond) {
+            self.push(entry.time, entry.grain);
+        }
+        true
+    }
+}
+
+/// Whether `a` comes before `b`.
+#[inline(always)]
+fn before(a: &Entry, b: &Entry) -> bool {
+    a.time < b.time || (a.time == b.time && a.grain < b.grain)
+}
+
+#[inline]
+fn sort_latest_first(entries: &mut [Entry]) {
+    if entries.len() > 1 {
+        entries.sort_unstable_by(|a, b| b.time.total_cmp(&a.time).then(b.grain.cmp(&a.grain)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pops_in_order_of_time_then_grain() {
+        let mut queue = Queue::default();
+        queue.reset(100, 10.0);
+        let mut next = std::collections::HashMap::new();
+        let mut x = 1_u64;
+        for grain in 0..1000_u32 {
+            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let time = (x >> 40) as f64 * 1e-3;
+            queue.push(time, grain);
+            next.insert(grain, time);
+        }
+        let mut seen = Vec::new();
+        while let Some(entry) = queue.pop(|e| next.get(&e.grain) == Some(&e.time)) {
+            seen.push(entry);
+            next.remove(&entry.grain);
+            if entry.grain % 3 == 0 && seen.len() < 1500 {
+                let time = entry.time + f64::from(entry.grain) * 0.01;
+                queue.push(time, entry.grain + 3000);
+                next.insert(entry.grain + 3000, time);
+            }
+        }
+        assert!(next.is_empty());
+        assert!(seen.len() > 1300);
+        assert!(seen.windows(2).all(|w| before(&w[0], &w[1])));
+    }
+}

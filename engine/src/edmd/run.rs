@@ -1,0 +1,534 @@
+//! One run from the first epoch to the last: growth, pressure, exchanges, limits, checkpoints.
+//!
+//! Between two epochs all grains stand at the same time and the run is a handful of numbers and
+//! columns; a checkpoint holds them, and an epoch depends on nothing else. It knows grains, a law of
+//! growth and limits; it must never know files or clocks other than to obey a limit of time.
+
+use std::io::{self, Write};
+use std::time::Instant;
+
+use super::container::Container;
+use super::law::Law;
+use super::pace::{Pace, done_share};
+use super::state::{Decoder, Encoder};
+use super::swap::Swaps;
+use super::system::{Counts, System};
+use crate::checkpoint::Checkpoint;
+use crate::control::{Control, Growth as Grown, Phase, Progress};
+use crate::mix::sphere_volume;
+use crate::packing::{EdmdEnd, EdmdStatistics};
+use crate::request::{Distance, EdmdOptions, PackingRequest};
+use crate::rng::epoch_stream;
+
+/// Grains grow to their target times this, so that the check, which rounds differently, sees no
+/// overlap at all.
+pub(crate) const BEYOND_TARGET: f64 = 1.0 + 1e-10;
+/// Collisions per grain in an epoch.
+const EPOCH_EVENTS_PER_GRAIN: u64 = 10;
+/// Fewest grains that an epoch is laid out for: smaller packings take more events per grain.
+const LEAST_EPOCH_GRAINS: u64 = 100;
+/// Largest relative growth in an epoch.
+const EPOCH_GROWTH: f64 = 0.01;
+/// Exchanges tried per grain in an epoch.
+const EXCHANGES_PER_GRAIN: f64 = 20.0;
+/// Relative difference of sizes that exchanges start with.
+const FIRST_EXCHANGE_WINDOW: f64 = 0.05;
+/// Energy may drift by this share before velocities are rescaled.
+const ENERGY_DRIFT: f64 = 0.01;
+/// Events between two looks at the control.
+const EVENTS_PER_LOOK: u64 = 20_000;
+/// Epochs between two sortings of grains in memory, and the least number of grains that profit.
+const EPOCHS_PER_SORT: u64 = 16;
+const LEAST_SORTED: usize = 20_000;
+/// Most points of the curve; when it is full every other one goes.
+const CURVE_POINTS: usize = 1000;
+/// A grain with more than this share of an epoch's collisions is stuck.
+const STUCK_SHARE: f64 = 0.25;
+/// Simulated time per grain and event below which growth to a target, or to the largest distance, has
+/// stalled, in s (`engine.md` section 5).
+const TARGET_STALL_S: f64 = 1e-6;
+const DISTANCE_STALL_S: f64 = 1e-8;
+
+/// What grows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// Everything by one scale, to the size and distance asked for.
+    Scale,
+    /// All radii by one length, as far as it goes.
+    Length,
+}
+
+/// How a stage ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ended {
+    As(EdmdEnd),
+    /// The control said so.
+    Stopped,
+}
+
+/// What stays the same in a run.
+pub(crate) struct Frame<'a> {
+    pub(crate) request: &'a PackingRequest,
+    pub(crate) options: EdmdOptions,
+    pub(crate) diameters_mm: &'a [f64],
+    pub(crate) control: &'a dyn Control,
+    /// Since the run, or its part after a checkpoint, began.
+    pub(crate) started: Instant,
+}
+
+impl Frame<'_> {
+    fn masses(&self) -> Vec<f64> {
+        if self.options.equal_mass == Some(true) {
+            return vec![1.0; self.diameters_mm.len()];
+        }
+        let least = self.diameters_mm.last().copied().unwrap_or(1.0);
+        self.diameters_mm.iter().map(|d| (d / least).powi(3)).collect()
+    }
+
+    /// Standard deviation of the components of velocity that are uniform in plus minus the initial
+    /// one.
+    fn thermal_velocity(&self) -> f64 {
+        self.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S) / 3.0_f64.sqrt()
+    }
+}
+
+/// A run between two epochs, or in one.
+pub(crate) struct Run {
+    pub(crate) system: System,
+    pub(crate) stage: Stage,
+    /// Scale, or half the distance in mm.
+    pub(crate) size: f64,
+    first_size: f64,
+    pace: Pace,
+    pressure: f64,
+    events_per_time: f64,
+    energy: f64,
+    swaps: Swaps,
+    epochs: u64,
+    rescalings: u64,
+    stuck_grains: u64,
+    resumes: u64,
+    simulated_s: f64,
+    /// Packing time before the last checkpoint.
+    earlier_s: f64,
+    grow_started: Instant,
+    fraction: f64,
+    pub(crate) curve: Vec<[f64; 2]>,
+    curve_stride: u64,
+}
+
+impl Run {
+    /// A run from centres by rank at a size of the law.
+    pub(crate) fn new(frame: &Frame<'_>, law: &Law, stage: Stage, size: f64, centers: &[[f64; 3]]) -> Self {
+        let radii = radii(law, stage, size);
+        let container = Container::new(&frame.request.specimen);
+        let mut system = System::new(container, centers, &radii, &frame.masses());
+        let velocity = frame.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S);
+        system.set_in_motion(velocity, &mut epoch_stream(frame.request.seed, 0));
+        let energy = system.energy();
+        let mean = law.radii_mm.iter().sum::<f64>() / law.radii_mm.len() as f64;
+        let pace = match frame.options.growth_rate {
+            Some(per_s) => per_s * mean / frame.thermal_velocity(),
+            None => super::pace::LOW_PRESSURE_PACE,
+        };
+        let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
+        Self {
+            system,
+            stage,
+            size,
+            first_size: size,
+            pace: Pace::new(pace),
+            pressure: 1.0,
+            events_per_time,
+            energy,
+            swaps: Swaps::new(FIRST_EXCHANGE_WINDOW),
+            epochs: 0,
+            rescalings: 0,
+            stuck_grains: 0,
+            resumes: 0,
+            simulated_s: 0.0,
+            earlier_s: 0.0,
+            grow_started: Instant::now(),
+            fraction: 0.0,
+            curve: Vec::new(),
+            curve_stride: 1,
+        }
+    }
+
+    /// Goes over from growth by scale, done, to growth by length.
+    pub(crate) fn lengthen(&mut self, law: &Law) {
+        self.stage = Stage::Length;
+        self.size = 0.0;
+        self.first_size = 0.0;
+        self.set_radii(law);
+        self.fraction = 0.0;
+    }
+
+    /// Grows until something ends it.
+    pub(crate) fn grow(&mut self, frame: &Frame<'_>, law: &Law) -> Ended {
+        loop {
+            if self.stage == Stage::Scale && self.size >= BEYOND_TARGET {
+                return Ended::As(EdmdEnd::Target);
+            }
+            if let Some(end) = self.limit_reached(frame) {
+                return Ended::As(end);
+            }
+            if frame.control.wants_checkpoint() {
+                let write = |out: &mut dyn Write| self.write(frame, out);
+                frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
+            }
+            if let Some(ended) = self.epoch(frame, law) {
+                return ended;
+            }
+        }
+    }
+
+    fn epoch(&mut self, frame: &Frame<'_>, law: &Law) -> Option<Ended> {
+        self.epochs += 1;
+        if self.epochs % EPOCHS_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
+            self.system.sort_along_curve();
+        }
+        let n = self.system.len();
+        let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
+        let speed = self.pace.next(self.pressure) * self.system.thermal_velocity();
+        let (growth, rate, left) = match self.stage {
+            Stage::Scale => {
+                let alpha = speed / mean;
+                (law.by_scale(self.size, alpha), alpha, BEYOND_TARGET / self.size - 1.0)
+            }
+            Stage::Length => (law.by_length(self.size, speed), speed, f64::INFINITY),
+        };
+        let most = if self.stage == Stage::Scale { EPOCH_GROWTH } else { EPOCH_GROWTH * mean };
+        let end = left.min(most) / rate;
+        self.system.renew_all(growth, end);
+        if frame.options.swap != Some(false) {
+            let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
+            let mut rng = epoch_stream(frame.request.seed, self.epochs);
+            self.swaps.sweep(&mut self.system, &law.radii_mm, tries, &mut rng);
+        }
+        self.system.predict_all(self.events_per_time);
+
+        let before = self.system.counts;
+        let most_events = EPOCH_EVENTS_PER_GRAIN * (n as u64).max(LEAST_EPOCH_GRAINS);
+        let limit = frame.options.stop.events.unwrap_or(u64::MAX);
+        let most_events = most_events.min(limit.saturating_sub(before.collisions()));
+        let mut reached;
+        loop {
+            let done = self.system.counts.collisions() - before.collisions();
+            reached = self.system.run((most_events - done).min(EVENTS_PER_LOOK));
+            if frame.control.should_stop() {
+                return Some(Ended::Stopped);
+            }
+            let done = self.system.counts.collisions() - before.collisions();
+            if reached >= end || done >= most_events || self.system.is_crowded() || self.out_of_time(frame) {
+                break;
+            }
+            self.report(frame, law, reached / end);
+        }
+        let reached = reached.min(end);
+        self.system.synchronise(reached);
+        self.size = match self.stage {
+            Stage::Scale if reached >= end && left <= most => BEYOND_TARGET,
+            Stage::Scale => self.size * (1.0 + growth.alpha * reached),
+            Stage::Length => self.size + growth.beta * reached,
+        };
+        self.set_radii(law);
+        self.simulated_s += reached;
+        self.measure(&before, reached);
+        self.note_point(frame, law);
+        self.report(frame, law, 1.0);
+        let events = (self.system.counts.collisions() - before.collisions()) as f64;
+        let least_dt = frame.options.stop.stall_dt_s.unwrap_or(match self.stage {
+            Stage::Scale => TARGET_STALL_S,
+            Stage::Length => DISTANCE_STALL_S,
+        });
+        let stalled = events >= n as f64 && reached / events * (n as f64) < least_dt;
+        let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
+        (stalled && !finished).then_some(Ended::As(EdmdEnd::Stalled))
+    }
+
+    fn set_radii(&mut self, law: &Law) {
+        let (stage, size) = (self.stage, self.size);
+        for (hot, &rank) in self.system.hot.iter_mut().zip(&self.system.rank) {
+            hot.radius = radius(law.radii_mm[rank as usize], stage, size);
+        }
+    }
+
+    /// Pressure and rate of the epoch, and the energy brought back to where it was.
+    fn measure(&mut self, before: &Counts, reached: f64) {
+        let events = (self.system.counts.collisions() - before.collisions()) as f64;
+        let energy = self.system.energy();
+        if reached > 0.0 {
+            // What counts is the energy while the collisions took place.
+            self.pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            self.events_per_time = 3.0 * events / reached;
+        }
+        if (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
+            self.system.scale_velocities((self.energy / energy).sqrt());
+            self.rescalings += 1;
+        }
+        let most = self.system.cold.iter().map(|cold| cold.collisions).max().unwrap_or(0);
+        if self.system.len() > 50 && f64::from(most) > STUCK_SHARE * events {
+            self.stuck_grains += 1;
+        }
+    }
+
+    fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
+        self.earlier_s + frame.started.elapsed().as_secs_f64()
+    }
+
+    fn out_of_time(&self, frame: &Frame<'_>) -> bool {
+        frame.options.stop.time_s.is_some_and(|most| self.elapsed_s(frame) >= most)
+    }
+
+    fn limit_reached(&self, frame: &Frame<'_>) -> Option<EdmdEnd> {
+        if frame.options.stop.events.is_some_and(|most| self.system.counts.collisions() >= most) {
+            return Some(EdmdEnd::EventLimit);
+        }
+        self.out_of_time(frame).then_some(EdmdEnd::TimeLimit)
+    }
+
+    /// The constant distance that the true diameters keep by now, where one is asked for.
+    pub(crate) fn distance_mm(&self, frame: &Frame<'_>) -> Option<f64> {
+        let largest = frame.diameters_mm.first().copied().unwrap_or(0.0);
+        let smallest = frame.diameters_mm.last().copied().unwrap_or(0.0);
+        match (self.stage, &frame.request.distance) {
+            (Stage::Length, _) => Some((2.0 * self.size * (1.0 - 1e-9) - 1e-10 * smallest).max(0.0)),
+            (Stage::Scale, Distance::Constant { mm, .. }) => {
+                Some((self.size.min(1.0) * (largest + mm) - largest).max(0.0))
+            }
+            _ => None,
+        }
+    }
+
+    /// Volume fraction of the grains at their present size, without their distance; with it where it
+    /// is what grows.
+    pub(crate) fn volume_fraction(&self, frame: &Frame<'_>) -> f64 {
+        let (factor, offset) = match self.stage {
+            Stage::Scale => (self.size.min(1.0), 0.0),
+            Stage::Length => (1.0, 2.0 * self.size),
+        };
+        frame.diameters_mm.iter().map(|d| sphere_volume(factor * d + offset)).sum::<f64>()
+            / frame.request.specimen.volume_mm3()
+    }
+
+    fn note_point(&mut self, frame: &Frame<'_>, _law: &Law) {
+        if self.stage != Stage::Length || self.epochs % self.curve_stride != 0 {
+            return;
+        }
+        if let Some(distance) = self.distance_mm(frame) {
+            self.curve.push([self.elapsed_s(frame), distance]);
+        }
+        if self.curve.len() >= CURVE_POINTS {
+            let mut at = 0;
+            self.curve.retain(|_| {
+                at += 1;
+                at % 2 == 0
+            });
+            self.curve_stride *= 2;
+        }
+    }
+
+    fn report(&mut self, frame: &Frame<'_>, law: &Law, _share: f64) {
+        let events = self.system.counts.collisions();
+        let limits = frame.options.stop;
+        let of_limits = [
+            limits.events.map(|most| events as f64 / most as f64),
+            limits.time_s.map(|most| self.elapsed_s(frame) / most),
+        ];
+        let towards = match self.stage {
+            Stage::Scale => {
+                let phi = law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>()
+                    / frame.request.specimen.volume_mm3();
+                let at = |size: f64| phi * size.powi(3);
+                done_share(at(self.first_size), at(self.size), phi, self.pressure)
+            }
+            Stage::Length => None,
+        };
+        let fraction = of_limits.into_iter().flatten().chain(towards).fold(0.0, f64::max);
+        self.fraction = self.fraction.max(fraction.min(1.0));
+        let seconds = self.grow_started.elapsed().as_secs_f64().max(1e-9);
+        let per_s = self.system.counts.collisions() as f64 / seconds;
+        let volume_fraction = self.volume_fraction(frame);
+        frame.control.report(&Progress {
+            phase: Phase::Edmd,
+            fraction: self.fraction,
+            done: events,
+            total: limits.events.unwrap_or(0),
+            unit: "events",
+            message: format!(
+                "growing grains, volume fraction {volume_fraction:.4}, pressure {:.0}",
+                self.pressure
+            ),
+            growth: Some(Grown {
+                volume_fraction,
+                distance_mm: self.distance_mm(frame),
+                events,
+                events_per_s: per_s,
+                reduced_pressure: Some(self.pressure),
+            }),
+        });
+    }
+
+    /// Centres by rank.
+    pub(crate) fn centers(&self) -> Vec<[f64; 3]> {
+        let mut centers = vec![[0.0; 3]; self.system.len()];
+        for (hot, &rank) in self.system.hot.iter().zip(&self.system.rank) {
+            centers[rank as usize] = self.system.container.wrap(hot.position);
+        }
+        centers
+    }
+
+    /// What was counted.
+    pub(crate) fn statistics(&self, stop: EdmdEnd, seconds: f64) -> EdmdStatistics {
+        let counts = self.system.counts;
+        let events = counts.collisions();
+        EdmdStatistics {
+            events,
+            grain_collisions: counts.grain_collisions,
+            wall_collisions: counts.wall_collisions,
+            cell_crossings: 0,
+            list_renewals: counts.list_renewals,
+            predictions: counts.predictions,
+            stale_events: counts.stale_events,
+            swaps_tried: self.swaps.tried,
+            swaps_accepted: self.swaps.accepted,
+            velocity_rescalings: self.rescalings,
+            epochs: self.epochs,
+            stuck_grains: self.stuck_grains,
+            resumes: self.resumes,
+            predictions_per_event: counts.predictions as f64 / events.max(1) as f64,
+            events_per_s: events as f64 / seconds.max(1e-9),
+            simulated_time_s: self.simulated_s,
+            growth_scale: if self.stage == Stage::Scale { self.size.min(1.0) } else { 1.0 },
+            energy: self.system.energy() / self.energy,
+            reduced_pressure: self.pressure,
+            stop,
+        }
+    }
+
+    /// The body of a checkpoint.
+    fn write(&self, frame: &Frame<'_>, out: &mut dyn Write) -> io::Result<()> {
+        let mut out = Encoder(out);
+        let counts = self.system.counts;
+        for value in [
+            u64::from(self.stage == Stage::Length),
+            u64::from(self.pace.is_frozen()),
+            self.epochs,
+            self.rescalings,
+            self.stuck_grains,
+            self.resumes,
+            self.swaps.tried,
+            self.swaps.accepted,
+            self.curve_stride,
+            counts.grain_collisions,
+            counts.wall_collisions,
+            counts.list_renewals,
+            counts.predictions,
+            counts.stale_events,
+        ] {
+            out.u64(value)?;
+        }
+        for value in [
+            self.size,
+            self.first_size,
+            self.pressure,
+            self.events_per_time,
+            self.energy,
+            self.swaps.window,
+            self.simulated_s,
+            self.fraction,
+            self.elapsed_s(frame),
+        ] {
+            out.f64(value)?;
+        }
+        let hot = &self.system.hot;
+        for a in 0..3 {
+            out.f64s(hot.iter().map(|hot| hot.position[a]))?;
+            out.f64s(hot.iter().map(|hot| hot.velocity[a]))?;
+        }
+        out.f64s(self.system.cold.iter().map(|cold| cold.reach))?;
+        out.u32s(self.system.cold.iter().map(|cold| cold.collisions))?;
+        out.u32s(self.system.rank.iter().copied())?;
+        out.f64s(self.curve.iter().map(|point| point[0]))?;
+        out.f64s(self.curve.iter().map(|point| point[1]))
+    }
+
+    /// The run that a body was written by.
+    pub(crate) fn read(frame: &Frame<'_>, laws: &[Law; 2], body: &[u8]) -> io::Result<Self> {
+        let mut input = Decoder(body);
+        let mut whole = || input.u64();
+        let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
+        let frozen = whole()? == 1;
+        let (epochs, rescalings, stuck_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
+        let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
+        let counts = Counts {
+            grain_collisions: whole()?,
+            wall_collisions: whole()?,
+            list_renewals: whole()?,
+            predictions: whole()?,
+            stale_events: whole()?,
+        };
+        let size = input.f64()?;
+        let law = &laws[usize::from(stage == Stage::Length)];
+        let n = law.radii_mm.len();
+        let mut run = Self::new(frame, law, stage, size, &vec![[0.0; 3]; n]);
+        run.first_size = input.f64()?;
+        run.pressure = input.f64()?;
+        run.events_per_time = input.f64()?;
+        run.energy = input.f64()?;
+        run.swaps.window = input.f64()?;
+        run.simulated_s = input.f64()?;
+        run.fraction = input.f64()?;
+        run.earlier_s = input.f64()?;
+        run.pace = run.pace.with_frozen(frozen);
+        (run.epochs, run.rescalings, run.stuck_grains) = (epochs, rescalings, stuck_grains);
+        (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
+        run.resumes = resumes + 1;
+        run.system.counts = counts;
+        let invalid = || io::Error::from(io::ErrorKind::InvalidData);
+        let same = |column: Vec<f64>| if column.len() == n { Ok(column) } else { Err(invalid()) };
+        for a in 0..3 {
+            let (positions, velocities) = (same(input.f64s()?)?, same(input.f64s()?)?);
+            for (i, hot) in run.system.hot.iter_mut().enumerate() {
+                hot.position[a] = positions[i];
+                hot.velocity[a] = velocities[i];
+            }
+        }
+        let reach = same(input.f64s()?)?;
+        let collisions = input.u32s()?;
+        let rank = input.u32s()?;
+        let mut seen = vec![false; n];
+        if collisions.len() != n || rank.len() != n {
+            return Err(invalid());
+        }
+        for &rank in &rank {
+            if rank as usize >= n || std::mem::replace(&mut seen[rank as usize], true) {
+                return Err(invalid());
+            }
+        }
+        let masses = frame.masses();
+        for (i, cold) in run.system.cold.iter_mut().enumerate() {
+            cold.reach = reach[i];
+            cold.collisions = collisions[i];
+            cold.mass = masses[rank[i] as usize];
+        }
+        run.system.rank = rank;
+        run.set_radii(law);
+        let (times, distances) = (input.f64s()?, input.f64s()?);
+        run.curve = times.into_iter().zip(distances).map(|(t, d)| [t, d]).collect();
+        input.finish()?;
+        Ok(run)
+    }
+}
+
+fn radius(of_law: f64, stage: Stage, size: f64) -> f64 {
+    match stage {
+        Stage::Scale => of_law * size,
+        Stage::Length => of_law + size,
+    }
+}
+
+fn radii(law: &Law, stage: Stage, size: f64) -> Vec<f64> {
+    law.radii_mm.iter().map(|&r| radius(r, stage, size)).collect()
+}

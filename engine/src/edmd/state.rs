@@ -1,0 +1,72 @@
+//! The body of a checkpoint: a run between two epochs, as bytes.
+//!
+//! Everything that the run after it depends on is here to the last bit, so that it goes on as if it
+//! had never stopped. Numbers are little-endian; counts come before what they count.
+
+use std::io::{self, Read, Write};
+
+/// Writes numbers.
+pub(crate) struct Encoder<'a>(pub(crate) &'a mut dyn Write);
+
+impl Encoder<'_> {
+    pub(crate) fn u64(&mut self, value: u64) -> io::Result<()> {
+        self.0.write_all(&value.to_le_bytes())
+    }
+
+    pub(crate) fn f64(&mut self, value: f64) -> io::Result<()> {
+        self.0.write_all(&value.to_le_bytes())
+    }
+
+    pub(crate) fn f64s(&mut self, values: impl ExactSizeIterator<Item = f64>) -> io::Result<()> {
+        self.u64(values.len() as u64)?;
+        values.into_iter().try_for_each(|value| self.f64(value))
+    }
+
+    pub(crate) fn u32s(&mut self, values: impl ExactSizeIterator<Item = u32>) -> io::Result<()> {
+        self.u64(values.len() as u64)?;
+        values.into_iter().try_for_each(|value| self.0.write_all(&value.to_le_bytes()))
+    }
+}
+
+/// Reads them back; an end that comes too early is an error.
+pub(crate) struct Decoder<'a>(pub(crate) &'a [u8]);
+
+impl Decoder<'_> {
+    fn bytes<const N: usize>(&mut self) -> io::Result<[u8; N]> {
+        let mut bytes = [0; N];
+        self.0.read_exact(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    pub(crate) fn u64(&mut self) -> io::Result<u64> {
+        self.bytes().map(u64::from_le_bytes)
+    }
+
+    pub(crate) fn f64(&mut self) -> io::Result<f64> {
+        self.bytes().map(f64::from_le_bytes)
+    }
+
+    /// A count of things of so many bytes, no more than there can be.
+    fn count(&mut self, bytes_each: usize) -> io::Result<usize> {
+        let count = self.u64()?;
+        if count > (self.0.len() / bytes_each) as u64 {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
+        Ok(count as usize)
+    }
+
+    pub(crate) fn f64s(&mut self) -> io::Result<Vec<f64>> {
+        let count = self.count(8)?;
+        (0..count).map(|_| self.f64()).collect()
+    }
+
+    pub(crate) fn u32s(&mut self) -> io::Result<Vec<u32>> {
+        let count = self.count(4)?;
+        (0..count).map(|_| self.bytes().map(u32::from_le_bytes)).collect()
+    }
+
+    /// Fails unless everything was read.
+    pub(crate) fn finish(self) -> io::Result<()> {
+        if self.0.is_empty() { Ok(()) } else { Err(io::ErrorKind::InvalidData.into()) }
+    }
+}
