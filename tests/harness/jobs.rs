@@ -30,7 +30,8 @@ fn equal_spheres_at(volume_fraction: f64, grains: u32, seed: u64) -> Value {
 /// Runs until it is stopped, as far as a test is concerned: equal spheres added at random jam near 0.384,
 /// and to find every place that is left for the last of a million takes minutes.
 pub(crate) fn endless() -> Value {
-    with(equal_spheres_at(0.39, 1_000_000, 1), "/name", json!("endless"))
+    let job = with(equal_spheres_at(0.39, 1_000_000, 1), "/name", json!("endless"));
+    with(job, "/method", json!({"type": "rsa"}))
 }
 
 /// Ends soon as `packing-not-reached`, for the reason that [`endless`] takes so long.
