@@ -48,19 +48,20 @@ fn method() -> impl Strategy<Value = Value> {
     prop_oneof![
         Just(json!({"type": "rsa", "attempts_per_grain": 3000})),
         Just(json!({"type": "rsa"})),
-        Just(json!({"type": "auto"})),
+        // Enough for the small ones; what jams would take minutes to say so.
+        Just(json!({"type": "edmd", "stop": {"events": 100_000}})),
     ]
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(500))]
     #[test]
     fn random_mixes_end_valid_or_say_why_not(
         specimen in specimen(), grading in grading(), distance in distance(),
         fraction in 0.02..0.75_f64, seed in 0_u64..1_000_000, method in method(),
     ) {
         let limited = method.get("attempts_per_grain").is_some();
-        let grows = method["type"] == "auto";
+        let grows = method["type"] == "edmd";
         let value = json!({
             "specimen": specimen, "distance": distance, "method": method,
             "mix": {"grading": grading, "d_min_mm": 2.0, "volume_fraction": fraction, "basis": "effective"},
@@ -81,7 +82,7 @@ proptest! {
                 prop_assert!(grows, "{}", short);
                 prop_assert!(short.scale_reached > 0.0 && short.scale_reached < 1.0, "{:?}", short);
                 prop_assert!(short.volume_fraction_reached < short.volume_fraction_asked, "{:?}", short);
-                prop_assert_eq!(short.end, EdmdEnd::Stalled);
+                prop_assert!(short.end == EdmdEnd::Stalled || short.events >= 100_000, "{:?}", short);
             }
             Err(PackError::Plan(_)) => {}
             Err(other) => prop_assert!(false, "{}", other),
