@@ -31,7 +31,7 @@ use crate::checkpoint::Resume;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics, RsaStatistics};
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::plan::rsa_limit;
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
@@ -75,7 +75,8 @@ pub(crate) struct Outcome {
     pub(crate) distance_mm: Option<f64>,
     pub(crate) volume_fraction: f64,
     /// Packing time in s and distance in mm, where the largest distance was asked for.
-    pub(crate) curve: Vec<[f64; 2]>,
+    pub(crate) distance_curve: Vec<[f64; 2]>,
+    pub(crate) growth_curve: Vec<GrowthPoint>,
     pub(crate) rsa_s: f64,
     pub(crate) edmd_s: f64,
 }
@@ -99,11 +100,15 @@ impl Edmd<'_> {
         let laws =
             [Law::scaled(self.diameters_mm, &rule), Law::lengthened(self.diameters_mm, maximize.flatten())];
         let earlier = resume.and_then(|resume| Run::read(&frame, &laws, &resume.body).ok());
-        let (mut run, rsa) = match earlier {
-            Some(run) => (run, RsaStatistics::default()),
-            None => self.start(&frame, &laws, &rule, maximize.is_some())?,
+        let mut run = match earlier {
+            Some(run) => run,
+            None => {
+                let (mut run, rsa) = self.start(&frame, &laws, &rule, maximize.is_some())?;
+                (run.rsa, run.rsa_s) = (rsa, frame.started.elapsed().as_secs_f64());
+                run
+            }
         };
-        let rsa_s = frame.started.elapsed().as_secs_f64();
+        let before_s = run.elapsed_s(&frame);
         let growing = Instant::now();
         let mut ended = Ended::As(EdmdEnd::Target);
         if run.stage == Stage::Scale {
@@ -116,15 +121,22 @@ impl Edmd<'_> {
             ended = run.grow(&frame, &laws[1]);
         }
         let Ended::As(end) = ended else { return None };
-        let edmd_s = growing.elapsed().as_secs_f64();
+        // With the time before a checkpoint.
+        let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
+        let growth_curve = std::mem::take(&mut run.curve);
+        let distance_of = |point: &GrowthPoint| Some([point.packing_time_s, point.distance_mm?]);
         Some(Outcome {
             centers_mm: run.centers(),
-            rsa,
+            rsa: run.rsa,
             statistics: run.statistics(end, edmd_s),
             distance_mm: run.distance_mm(&frame),
             volume_fraction: run.volume_fraction(&frame),
-            curve: std::mem::take(&mut run.curve),
-            rsa_s,
+            distance_curve: match maximize {
+                Some(_) => growth_curve.iter().filter_map(distance_of).collect(),
+                None => Vec::new(),
+            },
+            growth_curve,
+            rsa_s: run.rsa_s,
             edmd_s,
         })
     }

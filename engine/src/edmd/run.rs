@@ -16,7 +16,7 @@ use super::system::{Cold, Counts, System};
 use crate::checkpoint::Checkpoint;
 use crate::control::{Control, Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics};
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::epoch_stream;
 
@@ -41,7 +41,7 @@ const EVENTS_PER_LOOK: u64 = 20_000;
 const EPOCHS_PER_SORT: u64 = 16;
 const LEAST_SORTED: usize = 20_000;
 /// Most points of the curve; when it is full every other one goes.
-const CURVE_POINTS: usize = 1000;
+const CURVE_POINTS: usize = 500;
 /// A grain with more than this share of an epoch's collisions is stuck.
 const STUCK_SHARE: f64 = 0.25;
 /// Fewer grains than this are few enough for any to have that share.
@@ -135,9 +135,12 @@ pub(crate) struct Run {
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
+    /// The random placing that growth started from, and its time.
+    pub(crate) rsa: RsaStatistics,
+    pub(crate) rsa_s: f64,
     grow_started: Instant,
     fraction: f64,
-    pub(crate) curve: Vec<[f64; 2]>,
+    pub(crate) curve: Vec<GrowthPoint>,
     curve_stride: u64,
 }
 
@@ -178,6 +181,8 @@ impl Run {
             resumes: 0,
             simulated_s: 0.0,
             earlier_s: 0.0,
+            rsa: RsaStatistics::default(),
+            rsa_s: 0.0,
             grow_started: Instant::now(),
             fraction: 0.0,
             curve: Vec::new(),
@@ -310,11 +315,12 @@ impl Run {
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
         let energy = self.system.energy();
         if reached > 0.0 {
-            // What counts is the energy while the collisions took place.
-            self.pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            // What counts is the energy while the collisions took place. Finite, for it is stored.
+            let pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            self.pressure = if pressure.is_finite() { pressure } else { f64::MAX };
             self.events_per_time = 3.0 * events / reached;
         }
-        if (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
+        if energy > 0.0 && (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
             self.system.scale_velocities((self.energy / energy).sqrt());
             self.rescalings += 1;
         }
@@ -331,7 +337,7 @@ impl Run {
         stuck.then_some(most)
     }
 
-    fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
+    pub(crate) fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
         self.earlier_s + frame.started.elapsed().as_secs_f64()
     }
 
@@ -370,12 +376,17 @@ impl Run {
     }
 
     fn note_point(&mut self, frame: &Frame<'_>) {
-        if self.stage != Stage::Length || self.epochs % self.curve_stride != 0 {
+        if !self.epochs.is_multiple_of(self.curve_stride) {
             return;
         }
-        if let Some(distance) = self.distance_mm(frame) {
-            self.curve.push([self.elapsed_s(frame), distance]);
-        }
+        self.curve.push(GrowthPoint {
+            packing_time_s: self.elapsed_s(frame),
+            simulated_time_s: self.simulated_s,
+            events: self.system.counts.collisions(),
+            volume_fraction: self.volume_fraction(frame),
+            distance_mm: self.distance_mm(frame),
+            reduced_pressure: self.pressure,
+        });
         if self.curve.len() >= CURVE_POINTS {
             let mut at = 0;
             self.curve.retain(|_| {
@@ -486,6 +497,9 @@ impl Run {
             counts.list_renewals,
             counts.predictions,
             counts.stale_events,
+            self.rsa.attempts,
+            self.rsa.grains_by_subdivision,
+            self.rsa.voxels_tested,
         ] {
             out.u64(value)?;
         }
@@ -499,6 +513,7 @@ impl Run {
             self.simulated_s,
             self.fraction,
             self.elapsed_s(frame),
+            self.rsa_s,
         ] {
             out.f64(value)?;
         }
@@ -511,8 +526,17 @@ impl Run {
         let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
         out.u32s(self.system.cold.iter().map(met))?;
         out.u32s(self.system.rank.iter().copied())?;
-        out.f64s(self.curve.iter().map(|point| point[0]))?;
-        out.f64s(self.curve.iter().map(|point| point[1]))
+        out.u64(self.curve.len() as u64)?;
+        for point in &self.curve {
+            out.f64(point.packing_time_s)?;
+            out.f64(point.simulated_time_s)?;
+            out.u64(point.events)?;
+            out.f64(point.volume_fraction)?;
+            // Distances are never negative.
+            out.f64(point.distance_mm.unwrap_or(-1.0))?;
+            out.f64(point.reduced_pressure)?;
+        }
+        Ok(())
     }
 
     /// The run that a body was written by.
@@ -530,6 +554,11 @@ impl Run {
             predictions: whole()?,
             stale_events: whole()?,
         };
+        let rsa = RsaStatistics {
+            attempts: whole()?,
+            grains_by_subdivision: whole()?,
+            voxels_tested: whole()?,
+        };
         let size = input.f64()?;
         let law = &laws[usize::from(stage == Stage::Length)];
         let n = law.radii_mm.len();
@@ -542,6 +571,7 @@ impl Run {
         run.simulated_s = input.f64()?;
         run.fraction = input.f64()?;
         run.earlier_s = input.f64()?;
+        (run.rsa, run.rsa_s) = (rsa, input.f64()?);
         run.pace = run.pace.with_frozen(frozen);
         (run.epochs, run.rescalings, run.stuck_grains) = (epochs, rescalings, stuck_grains);
         (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
@@ -576,8 +606,16 @@ impl Run {
         run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
         run.system.rank = rank;
         run.set_radii(law);
-        let (times, distances) = (input.f64s()?, input.f64s()?);
-        run.curve = times.into_iter().zip(distances).map(|(t, d)| [t, d]).collect();
+        for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
+            run.curve.push(GrowthPoint {
+                packing_time_s: input.f64()?,
+                simulated_time_s: input.f64()?,
+                events: input.u64()?,
+                volume_fraction: input.f64()?,
+                distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
+                reduced_pressure: input.f64()?,
+            });
+        }
         input.finish()?;
         Ok(run)
     }
