@@ -350,6 +350,37 @@ fn the_smallest_numbers_a_request_may_have_are_refused_or_served() {
     }
 }
 
+/// Small grains of 0.5 mm, thousands of them, among few that are 32 times as wide.
+#[test]
+fn grains_of_very_different_sizes_grow_valid() {
+    let fuller = json!({"type": "fuller", "d_max_mm": 16.0, "exponent": 0.5});
+    let mix = json!({"grading": fuller, "d_min_mm": 0.5, "volume_fraction": 0.6, "basis": "effective"});
+    let method = json!({"initial_scale": 0.97, "stop": {"events": 2_000_000}});
+    for specimen in [cube(22.0, "walls"), cube(22.0, "periodic")] {
+        let packing =
+            grown(&job(&specimen, &mix, &json!({"type": "smaller_diameter", "factor": 0.05}), &method), 1)
+                .unwrap();
+        let summary = packing.report.summary;
+        assert!(summary.grains > 3000 && summary.d_max_mm > 20.0 * summary.d_min_mm, "{summary:?}");
+        assert_eq!(packing.report.statistics.edmd.unwrap().stop, EdmdEnd::Target);
+    }
+}
+
+/// The usual mixture that does not crystallise, 1 to 1.4; jams at 0.64 to 0.65 where there are no walls.
+#[test]
+fn a_bidisperse_mixture_jams_at_random_close_packing() {
+    let mm: Vec<f64> = (0..80).map(|i| if i < 40 { 1.4 } else { 1.0 }).collect();
+    let method = json!({"stop": {"stall_dt_s": 1e-7}});
+    let value = job(&cube(10.0, "periodic"), &diameters(&mm), &json!({"type": "maximize"}), &method);
+    let packing = grown(&value, 2).unwrap();
+    let end = packing.report.statistics.edmd.unwrap();
+    assert_eq!(end.stop, EdmdEnd::Stalled);
+    assert!(end.reduced_pressure > 1e6, "{}", end.reduced_pressure);
+    // The same length is added to all, so that the ratio of sizes shrinks.
+    let fraction = packing.report.summary.volume_fraction_with_coating;
+    assert!(fraction > 0.61 && fraction < 0.67, "{fraction}");
+}
+
 /// The grains of a crowded cube of 20 mm.
 const CROWDED_MM: [f64; 13] = [10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0];
 
