@@ -196,13 +196,16 @@ fn progress_does_not_fall_between_the_stages_of_the_largest_distance() {
 #[test]
 #[ignore = "defect: progress starts again when growth takes over from random placing"]
 fn progress_does_not_fall_when_growth_takes_over() {
-    // Walls leave less than random placing is taken to reach: it fails for some seeds.
+    // Between walls this near, random placing reaches less than it is taken to: it fails, and not at once.
     let value = json!({
-        "specimen": {"type": "box", "size_mm": [10, 10, 10]},
-        "mix": {"grading": {"type": "monodisperse", "diameter_mm": 4}, "volume_fraction": 0.23},
+        "specimen": {"type": "box", "size_mm": [150, 150, 6]},
+        "mix": {"grading": {"type": "monodisperse", "diameter_mm": 4}, "volume_fraction": 0.3},
     });
-    let all: Vec<_> =
-        (0..40).map(|seed| reports(&PackingRequest::from_json(&value, seed).unwrap())).collect();
-    assert!(all.iter().flatten().any(|progress| progress.phase == Phase::Edmd), "growth takes over for some");
-    all.iter().for_each(|reports| assert_rising(reports));
+    let reports = reports(&PackingRequest::from_json(&value, 1).unwrap());
+    let furthest = |phase| reports.iter().filter(|p| p.phase == phase).map(|p| p.fraction).reduce(f64::max);
+    assert!(
+        furthest(Phase::Rsa) > Some(0.1) && furthest(Phase::Edmd).is_some(),
+        "both have something to say"
+    );
+    assert_rising(&reports);
 }
