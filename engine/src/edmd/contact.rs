@@ -8,6 +8,8 @@
 //!
 //! No fused multiply-add: every target then computes the same bits.
 
+use wide::f64x4;
+
 /// Time after which `c + 2 b t + a t²` falls to zero, where it starts at `c >= 0` or violated by
 /// rounding; infinite if it never does.
 ///
@@ -15,23 +17,28 @@
 /// half its rate, `a` the squared relative velocity less the squared growth rate.
 #[inline(always)]
 pub(crate) fn falls_to_zero(a: f64, b: f64, c: f64) -> f64 {
-    if b < 0.0 {
-        if c <= 0.0 {
-            return 0.0;
-        }
-        let discriminant = b * b - a * c;
-        if discriminant < 0.0 {
-            return f64::INFINITY;
-        }
-        c / (discriminant.sqrt() - b)
-    } else if a < 0.0 {
-        // Receding for now, but growth outruns the motion: the later root of a parabola that opens
-        // downwards.
-        let discriminant = (b * b - a * c).max(0.0);
-        (b + discriminant.sqrt()) / -a
-    } else {
-        f64::INFINITY
-    }
+    let discriminant = b * b - a * c;
+    let root = discriminant.max(0.0).sqrt();
+    let closing = b < 0.0;
+    // Receding for now, but growth outruns the motion: the later root of a parabola that opens
+    // downwards.
+    let (above, below) = if closing { (c.max(0.0), root - b) } else { (b + root, -a) };
+    let time = above / below;
+    let meets = if closing { discriminant >= 0.0 || c <= 0.0 } else { a < 0.0 };
+    if meets { time } else { f64::INFINITY }
+}
+
+/// [`falls_to_zero`] for four pairs at once, to the same bits.
+#[inline(always)]
+pub(crate) fn fall_to_zero(a: f64x4, b: f64x4, c: f64x4) -> f64x4 {
+    let zero = f64x4::ZERO;
+    let discriminant = b * b - a * c;
+    let root = discriminant.fast_max(zero).sqrt();
+    let closing = b.simd_lt(zero);
+    let above = closing.select(c.fast_max(zero), b + root);
+    let below = closing.select(root - b, -a);
+    let meets = closing.select(discriminant.simd_ge(zero) | c.simd_le(zero), a.simd_lt(zero));
+    meets.select(above / below, f64x4::splat(f64::INFINITY))
 }
 
 /// Time after which `c + 2 b t + a t²` rises to zero, where it starts at `c <= 0` or violated by

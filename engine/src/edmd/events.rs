@@ -5,7 +5,10 @@
 //! grain looks again among the pairs that are still its own. This module knows grains one epoch
 //! long; it must never know what they grow for.
 
-use super::contact::falls_to_zero;
+use wide::f64x4;
+
+use super::contact::fall_to_zero;
+use super::container::HOME;
 use super::growth::Growth;
 use super::system::{Hot, Next, System, unpack};
 
@@ -107,7 +110,7 @@ impl System {
         if closing >= 0.0 || distance > contact * (1.0 + CONTACT_TOLERANCE) {
             return false;
         }
-        let (m_a, m_b) = (self.cold[i].mass, self.cold[j].mass);
+        let (m_a, m_b) = (self.mass[i], self.mass[j]);
         let impulse = -2.0 * closing * m_a * m_b / (m_a + m_b);
         for k in 0..3 {
             a.velocity[k] -= impulse / m_a * normal[k];
@@ -116,8 +119,9 @@ impl System {
         self.virial += impulse * contact;
         self.hot[i] = a;
         self.hot[j] = b;
-        self.cold[i].collisions += 1;
-        self.cold[j].collisions += 1;
+        for grain in [i, j] {
+            self.cold[grain].collisions = self.cold[grain].collisions.saturating_add(1);
+        }
         self.counts.grain_collisions += 1;
         true
     }
@@ -132,9 +136,9 @@ impl System {
             for k in 0..3 {
                 hot.velocity[k] -= 2.0 * closing * normal[k];
             }
-            self.virial -= 2.0 * closing * self.cold[i].mass * (start + rate * now);
+            self.virial -= 2.0 * closing * self.mass[i] * (start + rate * now);
         }
-        self.cold[i].collisions += 1;
+        self.cold[i].collisions = self.cold[i].collisions.saturating_add(1);
         self.counts.wall_collisions += 1;
     }
 
@@ -184,37 +188,59 @@ impl System {
     }
 
     /// The earliest meeting with a neighbour whose velocity did not change after the grain's own.
+    ///
+    /// Four pairs at a time: which of them approach is a coin toss that no branch predictor foresees.
     #[inline(always)]
     fn meet<const PERIODIC: bool>(&self, me: &Hot, list: &[u32], now: f64, best: &mut Next) {
         let growth: Growth = self.growth;
         let mut soonest = best.time - now;
-        for &entry in list {
-            let (j, image) = unpack(entry);
-            let other = &self.hot[j];
-            if other.time > me.time {
-                continue;
+        let own_position = me.position.map(f64x4::splat);
+        let own_velocity = me.velocity.map(f64x4::splat);
+        let (own_time, own_radius) = (f64x4::splat(me.time), f64x4::splat(me.radius));
+        let (at, kappa) = (f64x4::splat(now), f64x4::splat(growth.kappa));
+        let (alpha, beta) = (f64x4::splat(growth.alpha), f64x4::splat(2.0 * growth.beta));
+        let mut from = 0;
+        while from < list.len() {
+            // The last block is filled up with the last pair, which changes nothing.
+            let entry = |k: usize| list[(from + k).min(list.len() - 1)];
+            let entries = [entry(0), entry(1), entry(2), entry(3)];
+            from += 4;
+            let others = entries.map(|entry| &self.hot[unpack(entry).0]);
+            let [x, y, z, time] = f64x4::transpose(others.map(Hot::position_and_time));
+            let [u, v, w, radius] = f64x4::transpose(others.map(Hot::velocity_and_radius));
+            let since = at - time;
+            let mut d = [
+                x + u * since - own_position[0],
+                y + v * since - own_position[1],
+                z + w * since - own_position[2],
+            ];
+            if PERIODIC && entries.iter().any(|&entry| unpack(entry).1 != HOME as usize) {
+                let shifts = entries.map(|entry| &self.shifts[unpack(entry).1]);
+                for (axis, d) in d.iter_mut().enumerate() {
+                    *d += f64x4::from(shifts.map(|shift| shift[axis]));
+                }
             }
-            let dt = now - other.time;
-            let mut d: [f64; 3] =
-                std::array::from_fn(|k| other.position[k] + other.velocity[k] * dt - me.position[k]);
-            if PERIODIC {
-                let shift = &self.shifts[image];
-                d = std::array::from_fn(|k| d[k] + shift[k]);
-            }
-            let v: [f64; 3] = std::array::from_fn(|k| other.velocity[k] - me.velocity[k]);
-            let (start, rate) = growth.pair(me.radius, other.radius);
-            let contact = start + rate * now;
+            let v = [u - own_velocity[0], v - own_velocity[1], w - own_velocity[2]];
+            let start = own_radius + radius + kappa * own_radius.fast_min(radius);
+            let rate = alpha * start + beta;
+            let contact = start + rate * at;
+            let a = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - rate * rate;
             let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2] - contact * rate;
             let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - contact * contact;
-            let a = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - rate * rate;
-            // Too far to meet before `soonest` even if nothing slowed the approach.
-            if a >= 0.0 && (b >= 0.0 || c > -2.0 * b * soonest) {
+            // Not those that are too far to meet before `soonest` even if nothing slowed the approach.
+            let near = a.simd_lt(f64x4::ZERO) | c.simd_le(b * f64x4::splat(-2.0 * soonest));
+            let candidates = near & time.simd_le(own_time);
+            if !candidates.any() {
                 continue;
             }
-            let after = falls_to_zero(a, b, c);
-            if after < soonest {
-                soonest = after;
-                *best = Next { time: now + after, with: entry };
+            let after = candidates.select(fall_to_zero(a, b, c), f64x4::splat(f64::INFINITY));
+            if after.simd_lt(f64x4::splat(soonest)).any() {
+                for (after, entry) in after.to_array().into_iter().zip(entries) {
+                    if after < soonest {
+                        soonest = after;
+                        *best = Next { time: now + after, with: entry };
+                    }
+                }
             }
         }
     }

@@ -120,10 +120,8 @@ impl Grid {
                 continue;
             }
             let range = outer_mm + level.outer_mm + extra * outer_mm.min(level.outer_mm);
-            let low: [i32; 3] =
-                std::array::from_fn(|a| ((center[a] - range) * level.per_edge[a]).floor() as i32);
-            let high: [i32; 3] =
-                std::array::from_fn(|a| ((center[a] + range) * level.per_edge[a]).floor() as i32);
+            let low: [i32; 3] = std::array::from_fn(|a| floor((center[a] - range) * level.per_edge[a]));
+            let high: [i32; 3] = std::array::from_fn(|a| floor((center[a] + range) * level.per_edge[a]));
             if PERIODIC {
                 self.visit_images(level, low, high, &mut found);
             } else {
@@ -148,12 +146,12 @@ impl Grid {
 
     fn visit_images(&self, level: &Level, low: [i32; 3], high: [i32; 3], found: &mut impl FnMut(u32, u32)) {
         for z in low[2]..=high[2] {
-            let (iz, z) = (z.div_euclid(level.cells[2]), z.rem_euclid(level.cells[2]));
+            let (iz, z) = wrapped(z, level.cells[2]);
             for y in low[1]..=high[1] {
-                let (iy, y) = (y.div_euclid(level.cells[1]), y.rem_euclid(level.cells[1]));
+                let (iy, y) = wrapped(y, level.cells[1]);
                 let row = level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
                 for x in low[0]..=high[0] {
-                    let (ix, x) = (x.div_euclid(level.cells[0]), x.rem_euclid(level.cells[0]));
+                    let (ix, x) = wrapped(x, level.cells[0]);
                     let mut at = self.heads[row + x as usize];
                     if at == NIL {
                         continue;
@@ -181,5 +179,25 @@ impl Grid {
     /// Whether two outer radii belong to the same level.
     pub(crate) fn same_level(&self, outer_a: f64, outer_b: f64) -> bool {
         self.level_of(outer_a) == self.level_of(outer_b)
+    }
+}
+
+/// The largest whole number not above `x`, which is small.
+#[inline(always)]
+fn floor(x: f64) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(f64::from(whole) > x)
+}
+
+/// The image that a cell lies in, and the cell within it.
+#[inline(always)]
+fn wrapped(cell: i32, cells: i32) -> (i32, i32) {
+    // Nearly always at home or next door, where a division would be a waste.
+    if cell >= 0 && cell < cells {
+        (0, cell)
+    } else if cell < 0 && cell >= -cells {
+        (-1, cell + cells)
+    } else {
+        (cell.div_euclid(cells), cell.rem_euclid(cells))
     }
 }

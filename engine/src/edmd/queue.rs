@@ -108,12 +108,6 @@ impl Queue {
         }
     }
 
-    /// Entries of the current bin, the earliest last.
-    #[inline(always)]
-    pub(crate) fn upcoming(&self) -> &[Entry] {
-        &self.current
-    }
-
     /// Loads the next bin that is not empty; says whether there was one.
     fn advance(&mut self, is_next: &impl Fn(&Entry) -> bool) -> bool {
         loop {

@@ -12,7 +12,7 @@ use super::law::Law;
 use super::pace::{Pace, done_share};
 use super::state::{Decoder, Encoder};
 use super::swap::Swaps;
-use super::system::{Counts, System};
+use super::system::{Cold, Counts, System};
 use crate::checkpoint::Checkpoint;
 use crate::control::{Control, Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
@@ -448,7 +448,8 @@ impl Run {
             out.f64s(hot.iter().map(|hot| hot.velocity[a]))?;
         }
         out.f64s(self.system.cold.iter().map(|cold| cold.reach))?;
-        out.u32s(self.system.cold.iter().map(|cold| cold.collisions))?;
+        let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
+        out.u32s(self.system.cold.iter().map(met))?;
         out.u32s(self.system.rank.iter().copied())?;
         out.f64s(self.curve.iter().map(|point| point[0]))?;
         out.f64s(self.curve.iter().map(|point| point[1]))
@@ -510,9 +511,9 @@ impl Run {
         let masses = frame.masses();
         for (i, cold) in run.system.cold.iter_mut().enumerate() {
             cold.reach = reach[i];
-            cold.collisions = collisions[i];
-            cold.mass = masses[rank[i] as usize];
+            (cold.collisions, cold.renewals) = (collisions[i] as u16, (collisions[i] >> 16) as u16);
         }
+        run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
         run.system.rank = rank;
         run.set_radii(law);
         let (times, distances) = (input.f64s()?, input.f64s()?);

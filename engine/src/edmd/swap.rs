@@ -20,6 +20,8 @@ const MOST_WINDOW: f64 = 0.3;
 pub(crate) struct Swaps {
     /// Where the grain of each rank is.
     site: Vec<u32>,
+    /// The lowest rank that each rank may change places with.
+    limit: Vec<u32>,
     /// Largest relative difference of two radii that is tried.
     pub(crate) window: f64,
     pub(crate) tried: u64,
@@ -28,7 +30,7 @@ pub(crate) struct Swaps {
 
 impl Swaps {
     pub(crate) fn new(window: f64) -> Self {
-        Self { site: Vec::new(), window, tried: 0, accepted: 0 }
+        Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
     }
 
     /// Tries so many exchanges in a system whose lists were just renewed. `sizes` are contact radii
@@ -48,13 +50,20 @@ impl Swaps {
         for (site, &rank) in system.rank.iter().enumerate() {
             self.site[rank as usize] = site as u32;
         }
+        self.limit.clear();
+        let mut largest = 0;
+        for &size in sizes {
+            while sizes[largest] > size * (1.0 + self.window) {
+                largest += 1;
+            }
+            self.limit.push(largest as u32);
+        }
         let (mut tried, mut accepted) = (0_u64, 0_u64);
         for _ in 0..tries {
             let smaller = (uniform(rng) * n as f64) as usize;
-            let bound = sizes[smaller] * (1.0 + self.window * uniform(rng));
-            // The largest no larger than the bound.
-            let larger = sizes.partition_point(|&size| size > bound);
-            if larger >= smaller || sizes[larger] <= sizes[smaller] {
+            let largest = self.limit[smaller] as usize;
+            let larger = largest + (uniform(rng) * (smaller - largest) as f64) as usize;
+            if sizes[larger] <= sizes[smaller] {
                 continue;
             }
             tried += 1;
@@ -115,9 +124,10 @@ fn exchange(system: &mut System, i: usize, j: usize) -> bool {
     system.hot[j].radius = large;
     let (v_i, v_j) = (system.hot[i].velocity, system.hot[j].velocity);
     (system.hot[i].velocity, system.hot[j].velocity) = (v_j, v_i);
-    let (m_i, m_j) = (system.cold[i].mass, system.cold[j].mass);
-    (system.cold[i].mass, system.cold[j].mass) = (m_j, m_i);
+    system.mass.swap(i, j);
     system.rank.swap(i, j);
     system.cold[j].reach -= needed;
+    // And the list at i was made for a larger grain.
+    system.cold[i].reach += more * system.growth.wall_factor.min(1.0);
     true
 }

@@ -6,6 +6,7 @@
 //! module knows where grains are; when they meet is `events`' business.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
+use wide::f64x4;
 
 use super::container::{Container, IMAGES, mirrored};
 use super::grid::Grid;
@@ -24,12 +25,12 @@ const FIRST_REACH: f64 = 0.3;
 /// Bounds of the reach in contact radii.
 const LEAST_REACH: f64 = 0.04;
 const MOST_REACH: f64 = 2.0;
-/// A grain that met fewer others than this between two renewals gets more reach,
-const FEW_COLLISIONS: u32 = 10;
-/// one that met more than this in an epoch gets less.
-const MANY_COLLISIONS: u32 = 40;
-const MORE: f64 = 1.3;
-const LESS: f64 = 0.8;
+/// Renewals per collision in an epoch above which a grain gets more reach, and below which it gets
+/// less: a renewal costs about as much as ten collisions save by shorter lists.
+const MANY_RENEWALS: f64 = 0.10;
+const FEW_RENEWALS: f64 = 0.04;
+const MORE: f64 = 1.15;
+const LESS: f64 = 0.87;
 /// Free places of a new list.
 const SPARE: u32 = 3;
 
@@ -54,6 +55,18 @@ impl Hot {
         std::array::from_fn(|a| self.position[a] + self.velocity[a] * dt)
     }
 
+    /// Position and the time it holds for, as four numbers.
+    #[inline(always)]
+    pub(crate) fn position_and_time(&self) -> f64x4 {
+        f64x4::from([self.position[0], self.position[1], self.position[2], self.time])
+    }
+
+    /// Velocity and contact radius, as four numbers.
+    #[inline(always)]
+    pub(crate) fn velocity_and_radius(&self) -> f64x4 {
+        f64x4::from([self.velocity[0], self.velocity[1], self.velocity[2], self.radius])
+    }
+
     /// Moves the record on to a time.
     #[inline(always)]
     pub(crate) fn advance(&mut self, time: f64) {
@@ -70,16 +83,30 @@ pub(crate) struct Cold {
     pub(crate) center: [f64; 3],
     /// Its radius in mm.
     pub(crate) reach: f64,
-    /// Relative mass.
-    pub(crate) mass: f64,
+    /// That and the contact radius at the end of the epoch, in mm.
+    pub(crate) outer: f64,
     offset: u32,
     len: u32,
     capacity: u32,
     cell: u32,
     /// Walls that can be met, as bits.
     pub(crate) walls: u32,
-    /// Collisions since the list was renewed.
-    pub(crate) collisions: u32,
+    /// Collisions in the epoch.
+    pub(crate) collisions: u16,
+    /// Renewals in the epoch.
+    pub(crate) renewals: u16,
+}
+
+impl Cold {
+    /// Trades the length of the list against the number of its renewals.
+    fn adapt_reach(&mut self) {
+        let (renewals, collisions) = (f64::from(self.renewals), f64::from(self.collisions));
+        if renewals > MANY_RENEWALS * (collisions + 2.0) {
+            self.reach *= MORE;
+        } else if renewals < FEW_RENEWALS * (collisions + 2.0) && collisions > 0.0 {
+            self.reach *= LESS;
+        }
+    }
 }
 
 /// The next event of a grain.
@@ -113,6 +140,8 @@ pub(crate) struct System {
     pub(crate) container: Container,
     pub(crate) hot: Vec<Hot>,
     pub(crate) cold: Vec<Cold>,
+    /// Relative masses.
+    pub(crate) mass: Vec<f64>,
     pub(crate) next: Vec<Next>,
     /// Which diameter each grain has, counted from the largest.
     pub(crate) rank: Vec<u32>,
@@ -138,11 +167,11 @@ impl System {
             .zip(radii)
             .map(|(&position, &radius)| Hot { position, radius, ..Hot::default() })
             .collect();
-        let cold = masses.iter().map(|&mass| Cold { mass, ..Cold::default() }).collect();
         Self {
             container,
             hot,
-            cold,
+            cold: vec![Cold::default(); radii.len()],
+            mass: masses.to_vec(),
             next: Vec::new(),
             rank: (0..radii.len() as u32).collect(),
             growth: Growth::default(),
@@ -174,11 +203,6 @@ impl System {
         self.growth.radius(self.hot[grain].radius, self.end)
     }
 
-    #[inline(always)]
-    fn outer(&self, grain: usize) -> f64 {
-        self.last_radius(grain) + self.cold[grain].reach
-    }
-
     /// Whether lists grew so much that the epoch should end.
     pub(crate) fn is_crowded(&self) -> bool {
         self.slab.len() > 2 * self.slab_at_start + 4096
@@ -192,21 +216,20 @@ impl System {
         self.virial = 0.0;
         let n = self.len();
         for cold in &mut self.cold {
-            if cold.reach > 0.0 && cold.collisions > MANY_COLLISIONS {
-                cold.reach *= LESS;
-            }
+            cold.adapt_reach();
+            (cold.collisions, cold.renewals) = (0, 0);
         }
         for i in 0..n {
             debug_assert_eq!(self.hot[i].time, 0.0);
             self.hot[i].position = self.container.wrap(self.hot[i].position);
             self.center_sphere(i);
         }
-        let least = (0..n).map(|i| self.outer(i)).fold(f64::INFINITY, f64::min);
+        let least = self.cold.iter().map(|cold| cold.outer).fold(f64::INFINITY, f64::min);
         let top = (0..n).map(|i| self.last_radius(i)).fold(0.0, f64::max) * 1.5;
-        let top = top.max((0..n).map(|i| self.outer(i)).fold(0.0, f64::max));
+        let top = self.cold.iter().map(|cold| cold.outer).fold(top, f64::max);
         self.grid.reset(&self.container, n, least.max(1e-9 * top), top);
         for i in 0..n {
-            self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.outer(i));
+            self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].outer);
         }
         if self.container.is_periodic() { self.fill_lists::<true>() } else { self.fill_lists::<false>() }
     }
@@ -221,8 +244,8 @@ impl System {
             cold.reach = FIRST_REACH * radius;
         }
         cold.reach = cold.reach.clamp(LEAST_REACH * radius, MOST_REACH * radius);
+        cold.outer = radius + cold.reach;
         cold.center = self.hot[i].position;
-        cold.collisions = 0;
         cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.reach);
     }
 
@@ -230,8 +253,8 @@ impl System {
     #[inline(always)]
     fn are_neighbours<const PERIODIC: bool>(&self, i: usize, j: usize, image: u32) -> bool {
         let (a, b) = (&self.cold[i], &self.cold[j]);
-        let (r_i, r_j) = (self.last_radius(i), self.last_radius(j));
-        let range = r_i + r_j + self.growth.kappa * r_i.min(r_j) + a.reach + b.reach;
+        let smaller = (a.outer - a.reach).min(b.outer - b.reach);
+        let range = a.outer + b.outer + self.growth.kappa * smaller;
         let mut d: [f64; 3] = std::array::from_fn(|k| b.center[k] - a.center[k]);
         if PERIODIC {
             let shift = &self.shifts[image as usize];
@@ -247,7 +270,7 @@ impl System {
         let mut ends: Vec<u32> = Vec::with_capacity(n);
         let mut degree = vec![0_u32; n];
         for i in 0..n {
-            let outer = self.outer(i);
+            let outer = self.cold[i].outer;
             let from = half.len();
             let center = self.cold[i].center;
             self.grid.visit::<PERIODIC>(
@@ -260,7 +283,7 @@ impl System {
                     if j_index == i {
                         return;
                     }
-                    if j_index > i && self.grid.same_level(self.outer(j_index), outer) {
+                    if j_index > i && self.grid.same_level(self.cold[j_index].outer, outer) {
                         return;
                     }
                     if self.are_neighbours::<PERIODIC>(i, j_index, image) {
@@ -334,13 +357,14 @@ impl System {
         if PERIODIC {
             self.hot[i].position = self.container.wrap(self.hot[i].position);
         }
-        if self.cold[i].collisions < FEW_COLLISIONS {
-            self.cold[i].reach *= MORE;
+        self.cold[i].renewals = self.cold[i].renewals.saturating_add(1);
+        if self.cold[i].renewals > 2 {
+            self.cold[i].adapt_reach();
         }
         let most = self.grid.top_mm() - self.last_radius(i);
         self.cold[i].reach = self.cold[i].reach.min(most);
         self.center_sphere(i);
-        let outer = self.outer(i);
+        let outer = self.cold[i].outer;
         let center = self.cold[i].center;
         self.cold[i].cell = self.grid.insert(i as u32, center, outer);
         let mut found = Vec::with_capacity(32);
@@ -368,13 +392,13 @@ impl System {
     pub(crate) fn set_in_motion(&mut self, velocity: f64, rng: &mut Xoshiro256PlusPlus) {
         let mut drift = [0.0; 3];
         let mut total = 0.0;
-        for (hot, cold) in self.hot.iter_mut().zip(&self.cold) {
-            let scale = velocity / cold.mass.sqrt();
+        for (hot, mass) in self.hot.iter_mut().zip(&self.mass) {
+            let scale = velocity / mass.sqrt();
             hot.velocity = std::array::from_fn(|_| (2.0 * uniform(rng) - 1.0) * scale);
             for (drift, v) in drift.iter_mut().zip(hot.velocity) {
-                *drift += cold.mass * v;
+                *drift += mass * v;
             }
-            total += cold.mass;
+            total += mass;
         }
         if self.container.is_periodic() && self.len() > 1 {
             for hot in &mut self.hot {
@@ -407,6 +431,7 @@ impl System {
         order.sort_unstable();
         self.hot = order.iter().map(|&(_, i)| self.hot[i as usize]).collect();
         self.cold = order.iter().map(|&(_, i)| self.cold[i as usize]).collect();
+        self.mass = order.iter().map(|&(_, i)| self.mass[i as usize]).collect();
         self.rank = order.iter().map(|&(_, i)| self.rank[i as usize]).collect();
     }
 
@@ -414,8 +439,8 @@ impl System {
     pub(crate) fn energy(&self) -> f64 {
         self.hot
             .iter()
-            .zip(&self.cold)
-            .map(|(hot, cold)| 0.5 * cold.mass * hot.velocity.iter().map(|v| v * v).sum::<f64>())
+            .zip(&self.mass)
+            .map(|(hot, mass)| 0.5 * mass * hot.velocity.iter().map(|v| v * v).sum::<f64>())
             .sum()
     }
 }
