@@ -1,5 +1,4 @@
 //! A run that goes on from a checkpoint ends as one that was never interrupted, to the last bit.
-#![allow(clippy::unwrap_used)]
 
 use std::cell::{Cell, RefCell};
 

@@ -1,5 +1,4 @@
 //! How growth ends and what it says then; what it reports on the way.
-#![allow(clippy::unwrap_used)]
 
 use std::cell::{Cell, RefCell};
 
