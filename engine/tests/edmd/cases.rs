@@ -29,6 +29,17 @@ fn one_grain_in_a_periodic_box_keeps_the_largest_distance_from_itself() {
 }
 
 #[test]
+#[ignore = "defect: panics in image_code"]
+fn wide_grains_in_a_flat_periodic_box_find_their_neighbours() {
+    let method = json!({"initial_scale": 0.5, "growth_rate": 0.001});
+    let flat = json!({"type": "box", "size_mm": [40, 40, 10], "boundary": "periodic"});
+    let rule = json!({"type": "smaller_diameter", "factor": 0.3});
+    for seed in 0..3 {
+        grown(&job(&flat, &diameters(&[7.6; 12]), &rule, &method), seed).unwrap();
+    }
+}
+
+#[test]
 #[ignore = "defect: never ends"]
 fn one_grain_with_walls_at_a_distance_of_their_own_has_no_distance_to_maximize() {
     let maximize = json!({"type": "maximize", "wall_mm": 0.0});
@@ -131,7 +142,7 @@ fn a_target_is_reached_with_its_margin_or_not_at_all() {
 fn the_largest_distance_leaves_the_walls_theirs() {
     let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 3.0}, "volume_fraction": 0.3});
     let value = job(&cube(20.0, "walls"), &mix, &json!({"type": "maximize", "wall_mm": 0.3}), &json!({}));
-    for seed in 0..10 {
+    for seed in 0..60 {
         grown(&value, seed).unwrap();
     }
 }

@@ -102,9 +102,16 @@ fn small_mix() -> impl Strategy<Value = (Value, u64)> {
 
 /// The requests that a fresh generator finds wrong again and again, each with a test of its own in `cases`.
 fn is_known_defect(value: &Value) -> bool {
-    let distance = &value["distance"];
-    distance["type"] == "maximize"
-        && (!distance["wall_mm"].is_null() || value["specimen"]["boundary"] == "periodic")
+    let (distance, specimen) = (&value["distance"], &value["specimen"]);
+    let periodic = specimen["boundary"] == "periodic";
+    let numbers = |list: &Value| -> Vec<f64> {
+        list.as_array().map_or(Vec::new(), |list| list.iter().filter_map(Value::as_f64).collect())
+    };
+    let widest = numbers(&value["mix"]["grading"]["mm"]).into_iter().fold(0.0, f64::max);
+    let shortest = numbers(&specimen["size_mm"]).into_iter().fold(f64::INFINITY, f64::min);
+    // A grain wider than half the box looks further than two images.
+    periodic && widest > 0.5 * shortest
+        || distance["type"] == "maximize" && (periodic || !distance["wall_mm"].is_null())
 }
 
 /// Packs random small mixes, but for the discarded ones, and returns how many were valid, fell short
