@@ -22,6 +22,8 @@ mod run;
 mod state;
 mod swap;
 mod system;
+#[cfg(test)]
+mod tests;
 
 use std::time::Instant;
 
