@@ -55,7 +55,6 @@ fn a_few_spheres_jam_at_their_optimum_in_a_cube() {
 
 /// Simple cubic. About 20 s: `cargo test -p packstone-engine simple_cubic -- --ignored`.
 #[test]
-#[ignore = "defect: with the default growth the best of 20 seeds is 0.4801 (0.01 per s: 1 seed in 20 gets there)"]
 fn twenty_seven_spheres_jam_as_simple_cubic() {
     reaches_optimum(27, 1.0 / 3.0, &json!({"type": "edmd"}));
 }

@@ -58,8 +58,8 @@ fn resumes(packing: &Packing) -> u64 {
     packing.report.statistics.edmd.unwrap().resumes
 }
 
-/// Numbers before the columns: 14 counts and 9 measures; then each column with its length in front.
-const HEAD_BYTES: usize = (14 + 9) * 8;
+/// Numbers before the columns: 17 counts and 10 measures; then each column with its length in front.
+const HEAD_BYTES: usize = (17 + 10) * 8;
 
 #[test]
 fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
