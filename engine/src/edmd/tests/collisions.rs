@@ -113,20 +113,13 @@ fn alone() -> impl Strategy<Value = (Growth, Placed, Container)> {
         |(growth, (wall_factor, wall_offset_mm, wall_beta), container, radius, share, velocity, mass)| {
             let growth = Growth { wall_factor, wall_offset_mm, wall_beta, ..growth };
             let room = |length: f64| length / 2.0 - growth.wall(radius).0;
-            let position = match container {
-                Container::Cylinder { radius_mm, height_mm } => {
-                    let (sin, cos) = (3.5 * share[1]).sin_cos();
-                    let out = room(2.0 * radius_mm) * share[0];
-                    [
-                        radius_mm + out * cos,
-                        radius_mm + out * sin,
-                        height_mm / 2.0 + share[2] * room(height_mm),
-                    ]
-                }
-                _ => {
-                    let size = container.bounds_mm();
-                    std::array::from_fn(|k| size[k] / 2.0 + share[k] * room(size[k]))
-                }
+            let position = if let Container::Cylinder { radius_mm, height_mm } = container {
+                let (sin, cos) = (3.5 * share[1]).sin_cos();
+                let out = room(2.0 * radius_mm) * share[0];
+                [radius_mm + out * cos, radius_mm + out * sin, height_mm / 2.0 + share[2] * room(height_mm)]
+            } else {
+                let size = container.bounds_mm();
+                std::array::from_fn(|k| size[k] / 2.0 + share[k] * room(size[k]))
             };
             (growth, Placed { position, velocity, radius, mass }, container)
         },
