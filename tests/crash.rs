@@ -43,12 +43,17 @@ struct Known {
     exhausted: usize,
 }
 
+/// Checkpoints at every opportunity, so that the cuts meet them being written.
+fn launch(data_dir: &DataDir) -> Launch {
+    Launch::new(data_dir).workers(2).args(&["--checkpoint-every-s", "0"])
+}
+
 async fn survive(kills: usize, seed: u64) {
     let data_dir = DataDir::new();
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut known = Known::default();
     for _ in 0..kills {
-        let server = Launch::new(&data_dir).workers(2).start().await;
+        let server = launch(&data_dir).start().await;
         let moment = Duration::from_micros(random.next_u64() % 600_000);
         let client = server.client();
         tokio::select! {
@@ -59,7 +64,7 @@ async fn survive(kills: usize, seed: u64) {
         server.kill().await;
     }
 
-    let server = Launch::new(&data_dir).workers(2).start().await;
+    let server = launch(&data_dir).start().await;
     let client = server.client();
     for (key, body) in known.orders.clone() {
         let reply = client.post("/v1/jobs").header("idempotency-key", &key).json(&body).send().await;
@@ -101,6 +106,7 @@ async fn survive(kills: usize, seed: u64) {
     // The sweep at the next start leaves one file for each job, and no half-written one.
     let server = Launch::new(&data_dir).start().await;
     eventually("orphans to be swept", || data_dir.artifacts().len() == known.accepted.len()).await;
+    eventually("checkpoints to go with their jobs", || data_dir.checkpoints().is_empty()).await;
     server.stop().await;
     println!(
         "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
@@ -169,13 +175,15 @@ async fn order(client: &Client, known: &mut Known, key: &str, body: &Value) {
     }
 }
 
-/// Of three sizes, so that the cuts meet all phases: the largest writes two megabytes. Few seeds, so that
+/// Of three sizes, so that the cuts meet all phases: the largest writes two megabytes. One kind grows and goes on
+/// from its checkpoints. Few seeds, so that
 /// many jobs are the same and must give the same packing.
 fn some_job(random: &mut Xoshiro256PlusPlus) -> Value {
     let seed = random.next_u64() % 3;
-    let mut job = match random.next_u64() % 4 {
+    let mut job = match random.next_u64() % 5 {
         0 | 1 => jobs::quick(seed),
         2 => jobs::equal_spheres(20_000, seed),
+        3 => jobs::with(jobs::with(jobs::growth(), "/seed", json!(seed)), "/mix/volume_fraction", json!(0.5)),
         _ => jobs::equal_spheres(60_000, seed),
     };
     job["max_attempts"] = json!(ATTEMPTS);

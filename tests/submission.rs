@@ -115,7 +115,8 @@ async fn that_no_place_is_left_is_reported_as_proven() {
     let job = json!({
         "seed": 3,
         "specimen": {"type": "box", "size_mm": [20, 20, 20]},
-        "mix": {"grading": {"type": "diameters", "mm": [12, 12, 12]}}
+        "mix": {"grading": {"type": "diameters", "mm": [12, 12, 12]}},
+        "method": {"type": "rsa"}
     });
     let submitted = client.submit(&job).await;
     let finished = client.finished(id_of(&submitted)).await;

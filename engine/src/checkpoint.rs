@@ -33,9 +33,7 @@ pub struct Checkpoint<'a> {
 
 impl<'a> Checkpoint<'a> {
     /// A checkpoint of a run for `request`, whose state `write_body` writes.
-    // Placing at random keeps no state, and nothing else runs yet.
-    #[cfg_attr(not(test), allow(dead_code))]
-    pub(crate) fn new(
+    pub fn new(
         request: &'a PackingRequest,
         write_body: &'a dyn Fn(&mut dyn Write) -> io::Result<()>,
     ) -> Self {

@@ -58,9 +58,8 @@ impl DistanceRule {
     /// The rule of a request.
     pub fn new(distance: &Distance, specimen: &Specimen) -> Self {
         let (kind, wall_mm) = match *distance {
-            Distance::None { wall_mm } => (Kind::Constant(0.0), wall_mm),
-            // Grains keep no distance before they have grown; the distance reached is the outcome.
-            Distance::Maximize { wall_mm } => (Kind::Constant(0.0), wall_mm),
+            // What is to be maximized is no distance before the grains have grown.
+            Distance::None { wall_mm } | Distance::Maximize { wall_mm } => (Kind::Constant(0.0), wall_mm),
             Distance::Constant { mm, wall_mm } => (Kind::Constant(mm), wall_mm),
             Distance::Proportional { factor, wall_mm } => (Kind::Proportional(factor), wall_mm),
             Distance::SmallerDiameter { factor, wall_mm } => (Kind::SmallerDiameter(factor), wall_mm),

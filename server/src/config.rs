@@ -12,6 +12,8 @@ use crate::telemetry::LogFormat;
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
 /// cache, the results being sent, and the neighbours.
 const MEMORY_SHARE: f64 = 0.8;
+/// Work of this long may be lost to a crash, in s.
+pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 
 /// Options of `packstone serve`.
 #[derive(Args, Clone, Debug)]
@@ -56,6 +58,10 @@ pub(crate) struct ServeOptions {
     /// Seconds between two sweeps for expired jobs and files left over
     #[arg(long, env = "PACKSTONE_SWEEP_INTERVAL_S", default_value_t = 300.0, value_parser = seconds)]
     pub(crate) sweep_interval_s: f64,
+    /// Seconds between two checkpoints of a running job, from which it goes on after a crash; 0 keeps one at
+    /// every opportunity
+    #[arg(long, env = "PACKSTONE_CHECKPOINT_EVERY_S", default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
+    pub(crate) checkpoint_every_s: f64,
 }
 
 impl ServeOptions {
@@ -72,6 +78,11 @@ impl ServeOptions {
             None => default_memory_bytes(self.workers()),
         };
         Limits { max_grains: self.max_grains, max_memory_bytes }
+    }
+
+    /// Time between two checkpoints of a running job.
+    pub(crate) fn checkpoint_every(&self) -> Duration {
+        Duration::from_secs_f64(self.checkpoint_every_s)
     }
 
     /// Time between two sweeps.
@@ -102,6 +113,14 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+/// An interval that may be zero.
+pub(crate) fn seconds_or_none(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if (0.0..=86_400.0).contains(&s) => Ok(s),
+        _ => Err("must be a number of seconds from 0 to 86400".into()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,6 +136,10 @@ mod tests {
         assert_eq!(seconds("0.5"), Ok(0.5));
         for bad in ["0", "-1", "NaN", "inf", "soon", "100000"] {
             assert!(seconds(bad).is_err(), "{bad}");
+        }
+        assert_eq!(seconds_or_none("0"), Ok(0.0));
+        for bad in ["-1", "NaN", "inf", "soon", "100000"] {
+            assert!(seconds_or_none(bad).is_err(), "{bad}");
         }
     }
 }

@@ -7,12 +7,14 @@
 
 mod api;
 mod artifacts;
+mod checkpoints;
 mod cli;
 mod config;
 mod hex;
 mod http_server;
 mod jobs;
 mod metrics;
+mod pace;
 mod problem;
 mod service;
 mod strict_json;

@@ -17,6 +17,7 @@ use tokio_util::sync::CancellationToken;
 use crate::api::auth::{ApiKeys, KeysError};
 use crate::api::{self, App};
 use crate::artifacts::Artifacts;
+use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::http_server;
 use crate::jobs::runner::Runner;
@@ -83,6 +84,8 @@ impl Service {
         std::fs::create_dir_all(&options.data_dir).map_err(data_dir)?;
         let lock = lock(&options.data_dir)?;
         let artifacts = Artifacts::open(options.data_dir.join("artifacts")).map_err(data_dir)?;
+        let checkpoints = Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
+            .map_err(data_dir)?;
         let listener = TcpListener::bind(options.listen)
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
@@ -95,16 +98,8 @@ impl Service {
         let metrics = Arc::new(Metrics::default());
         let shutdown = CancellationToken::new();
         let connections = Arc::new(Semaphore::new(options.max_connections));
-        let app = App::new(
-            &options,
-            store.clone(),
-            artifacts.clone(),
-            Arc::clone(&metrics),
-            keys,
-            Arc::clone(&connections),
-            shutdown.clone(),
-        );
-        let runner = Runner { store, artifacts, limits: options.limits(), metrics, shutdown };
+        let runner = Runner { store, artifacts, checkpoints, limits: options.limits(), metrics, shutdown };
+        let app = App::new(&options, &runner, keys, Arc::clone(&connections));
         Ok(Self { app, runner, listener, connections, options, _lock: lock })
     }
 
@@ -142,13 +137,14 @@ impl Service {
 /// Runs the workers and the sweeper to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions) {
-    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts).await {
+    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints).await {
         tracing::error!(%error, "the first sweep failed");
     }
     let mut tasks = JoinSet::new();
     tasks.spawn(sweeper::run(
         runner.store.clone(),
         runner.artifacts.clone(),
+        runner.checkpoints.clone(),
         options.sweep_interval(),
         runner.shutdown.clone(),
     ));

@@ -30,12 +30,45 @@ fn equal_spheres_at(volume_fraction: f64, grains: u32, seed: u64) -> Value {
 /// Runs until it is stopped, as far as a test is concerned: equal spheres added at random jam near 0.384,
 /// and to find every place that is left for the last of a million takes minutes.
 pub(crate) fn endless() -> Value {
-    with(equal_spheres_at(0.39, 1_000_000, 1), "/name", json!("endless"))
+    let job = with(equal_spheres_at(0.39, 1_000_000, 1), "/name", json!("endless"));
+    with(job, "/method", json!({"type": "rsa"}))
 }
 
 /// Ends soon as `packing-not-reached`, for the reason that [`endless`] takes so long.
 pub(crate) fn unreachable() -> Value {
     with(equal_spheres_at(0.5, 5000, 1), "/method", json!({"type": "rsa", "attempts_per_grain": 1000}))
+}
+
+/// Some hundred grains that random placing does not fit in, and growth does in a blink.
+pub(crate) fn quick_growth(seed: u64) -> Value {
+    json!({
+        "seed": seed,
+        "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4.0, "volume_fraction": 0.50},
+        "distance": {"type": "constant", "mm": 0.5},
+        "method": {"type": "edmd"}
+    })
+}
+
+/// The job of the contract: 5000 grains of A16 in an 80 mm cube with a distance of 1 mm, some seconds of growth.
+pub(crate) fn growth() -> Value {
+    json!({
+        "name": "A16 cube", "seed": 7,
+        "specimen": {"type": "box", "size_mm": [80, 80, 80], "boundary": "walls"},
+        "mix": {
+            "grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0,
+            "volume_fraction": 0.535, "basis": "mixture"
+        },
+        "distance": {"type": "constant", "mm": 1.0},
+        "method": {"type": "edmd"}
+    })
+}
+
+/// Grows until it is stopped, as far as a test is concerned: a distance that takes minutes to find out.
+pub(crate) fn endless_growth() -> Value {
+    let job = with(growth(), "/distance", json!({"type": "maximize"}));
+    let job = with(job, "/specimen/size_mm", json!([150, 150, 150]));
+    with(job, "/method/stop", json!({"stall_dt_s": 1e-300}))
 }
 
 /// The same job with another value, or a field more, at a JSON pointer.

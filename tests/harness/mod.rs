@@ -14,7 +14,7 @@ mod sse;
 
 pub(crate) use client::{Client, Reply, id_of};
 pub(crate) use contract::{Contract, text as contract_text};
-pub(crate) use process::{packstone, run};
+pub(crate) use process::{Finished, Running, packstone, run};
 pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};
 pub(crate) use sse::Event;

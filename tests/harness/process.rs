@@ -1,9 +1,11 @@
-//! Commands of the binary that end by themselves.
+//! Commands of the binary that end by themselves, or when they are told to.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
-use super::deadline::patiently;
+use rustix::process::{Pid, Signal, kill_process};
+
+use super::deadline::{eventually, patiently};
 
 /// How a command ended.
 #[derive(Debug)]
@@ -25,6 +27,61 @@ pub(crate) async fn run(mut command: Command) -> Finished {
     command.stdin(Stdio::null());
     let output = tokio::task::spawn_blocking(move || command.output());
     let output = patiently("a command to end", output).await.unwrap().expect("the command starts");
+    finished(&output)
+}
+
+/// A command that runs until it is told to end; dropped, it is killed.
+pub(crate) struct Running {
+    child: Option<Child>,
+    pid: Pid,
+}
+
+impl Running {
+    /// Starts `packstone` with `args` in `directory`, and returns once it takes signals to end.
+    pub(crate) async fn start(directory: &Path, args: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_packstone"));
+        command.args(args).current_dir(directory);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = command.spawn().expect("the command starts");
+        let pid = Pid::from_child(&child);
+        let running = Self { child: Some(child), pid };
+        eventually("a command to handle signals", || running.catches(Signal::TERM)).await;
+        running
+    }
+
+    /// Whether the process has a handler for a signal, by Linux's table of its signals.
+    fn catches(&self, signal: Signal) -> bool {
+        let path = format!("/proc/{}/status", self.pid.as_raw_nonzero());
+        let status = std::fs::read_to_string(path).expect("a process that was not waited for");
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).expect("SigCgt in /proc");
+        let mask = u64::from_str_radix(mask.trim(), 16).expect("a mask in hexadecimal");
+        mask & (1 << (signal.as_raw() - 1)) != 0
+    }
+
+    /// Sends it a signal.
+    pub(crate) fn signal(&self, signal: Signal) {
+        kill_process(self.pid, signal).expect("a process that was not waited for");
+    }
+
+    /// Waits for its end.
+    pub(crate) async fn ended(mut self) -> Finished {
+        let child = self.child.take().expect("a process that was not waited for");
+        let output = tokio::task::spawn_blocking(move || child.wait_with_output());
+        let output = patiently("a command to end", output).await.unwrap().expect("its output");
+        finished(&output)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn finished(output: &Output) -> Finished {
     Finished {
         code: output.status.code(),
         stdout: String::from_utf8_lossy(&output.stdout).into_owned(),

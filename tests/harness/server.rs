@@ -35,6 +35,13 @@ impl DataDir {
         &self.path
     }
 
+    /// The names of the checkpoints below it, whole ones only.
+    pub(crate) fn checkpoints(&self) -> Vec<String> {
+        let Ok(entries) = std::fs::read_dir(self.path.join("checkpoints")) else { return Vec::new() };
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.ends_with(".checkpoint")).collect()
+    }
+
     /// The stored results below it, finished or not.
     pub(crate) fn artifacts(&self) -> Vec<PathBuf> {
         fn walk(directory: &Path, found: &mut Vec<PathBuf>) {

@@ -101,7 +101,10 @@ impl Container {
                 let c = x * x + y * y - bound * bound;
                 let b = x * v[0] + y * v[1] + bound * rate;
                 let a = v[0] * v[0] + v[1] * v[1] - rate * rate;
-                rises_to_zero(a, b, c)
+                // The room across vanishes after `bound / rate`; that bounds a double root which rounding
+                // has made none.
+                let at_last = if rate > 0.0 { bound / rate } else { f64::INFINITY };
+                rises_to_zero(a, b, c).min(at_last)
             }
             _ if wall.is_multiple_of(2) => used_up(p[axis] - contact, v[axis] - rate),
             _ => used_up(self.bounds_mm()[axis] - p[axis] - contact, -v[axis] - rate),

@@ -17,6 +17,9 @@ const LEAVES_SPHERE: u32 = u32::MAX;
 const NOTHING: u32 = u32::MAX - 1;
 const WALL: u32 = u32::MAX - 16;
 
+/// Partners that barely close are parted by at least this share of their speeds, so that rounding
+/// cannot make them meet again at once.
+const LEAST_CLOSING: f64 = 1e-12;
 /// A collision whose partners are further apart than this share of their contact distance at its
 /// time was predicted for velocities that are no more.
 const CONTACT_TOLERANCE: f64 = 1e-7;
@@ -106,10 +109,15 @@ impl System {
         let (start, rate) = self.growth.pair(a.radius, b.radius);
         let contact = start + rate * now;
         let normal = d.map(|x| x / distance);
-        let closing: f64 = (0..3).map(|k| (b.velocity[k] - a.velocity[k]) * normal[k]).sum::<f64>() - rate;
-        if closing >= 0.0 || distance > contact * (1.0 + CONTACT_TOLERANCE) {
+        let v: [f64; 3] = std::array::from_fn(|k| b.velocity[k] - a.velocity[k]);
+        // The test of the prediction, and not another one that rounds differently.
+        let half_rate = d[0] * v[0] + d[1] * v[1] + d[2] * v[2] - contact * rate;
+        if half_rate >= 0.0 || distance > contact * (1.0 + CONTACT_TOLERANCE) {
             return false;
         }
+        let closing = v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2] - rate;
+        let speed = v[0].abs() + v[1].abs() + v[2].abs() + rate.abs();
+        let closing = closing.min(-LEAST_CLOSING * speed);
         let (m_a, m_b) = (self.mass[i], self.mass[j]);
         let impulse = -2.0 * closing * m_a * m_b / (m_a + m_b);
         for k in 0..3 {

@@ -5,6 +5,7 @@
 //! the same length. It knows rules; it must never know positions.
 
 use super::growth::Growth;
+use super::run::BEYOND_TARGET;
 use crate::distance::DistanceRule;
 
 /// Contact radii at the target, and what turns them into those of an epoch.
@@ -35,11 +36,13 @@ impl Law {
     /// Growth of all radii by one length, from the true ones.
     pub(crate) fn lengthened(diameters_mm: &[f64], wall_mm: Option<f64>) -> Self {
         Self {
-            radii_mm: diameters_mm.iter().map(|d| d / 2.0).collect(),
+            // Beyond the target from the start, so that the check sees no overlap however little the
+            // distance grows.
+            radii_mm: diameters_mm.iter().map(|d| d / 2.0 * BEYOND_TARGET).collect(),
             kappa: 0.0,
             wall_factor: 1.0,
             wall_offset_mm: 0.0,
-            fixed_wall_mm: wall_mm,
+            fixed_wall_mm: wall_mm.map(|mm| mm * BEYOND_TARGET),
         }
     }
 

@@ -33,13 +33,13 @@ use crate::checkpoint::Resume;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics, RsaStatistics};
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::plan::rsa_limit;
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::rsa::{self, Rsa};
 use law::Law;
-use run::{Ended, Frame, Run, Stage};
+use run::{BEYOND_TARGET, Ended, Frame, Run, Stage};
 pub(crate) use system::MAX_GRAINS;
 
 /// Components of the initial velocities are uniform in plus minus this, where the request names
@@ -77,7 +77,8 @@ pub(crate) struct Outcome {
     pub(crate) distance_mm: Option<f64>,
     pub(crate) volume_fraction: f64,
     /// Packing time in s and distance in mm, where the largest distance was asked for.
-    pub(crate) curve: Vec<[f64; 2]>,
+    pub(crate) distance_curve: Vec<[f64; 2]>,
+    pub(crate) growth_curve: Vec<GrowthPoint>,
     pub(crate) rsa_s: f64,
     pub(crate) edmd_s: f64,
 }
@@ -101,32 +102,43 @@ impl Edmd<'_> {
         let laws =
             [Law::scaled(self.diameters_mm, &rule), Law::lengthened(self.diameters_mm, maximize.flatten())];
         let earlier = resume.and_then(|resume| Run::read(&frame, &laws, &resume.body).ok());
-        let (mut run, rsa) = match earlier {
-            Some(run) => (run, RsaStatistics::default()),
-            None => self.start(&frame, &laws, &rule, maximize.is_some())?,
+        let mut run = match earlier {
+            Some(run) => run,
+            None => {
+                let (mut run, rsa) = self.start(&frame, &laws, &rule, maximize.is_some())?;
+                (run.rsa, run.rsa_s) = (rsa, frame.started.elapsed().as_secs_f64());
+                run
+            }
         };
-        let rsa_s = frame.started.elapsed().as_secs_f64();
+        let before_s = run.elapsed_s(&frame);
         let growing = Instant::now();
         let mut ended = Ended::As(EdmdEnd::Target);
         if run.stage == Stage::Scale {
             ended = run.grow(&frame, &laws[0]);
             if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
-                run.lengthen(&laws[1]);
+                run.lengthen(&frame, &laws[1]);
             }
         }
         if run.stage == Stage::Length {
             ended = run.grow(&frame, &laws[1]);
         }
         let Ended::As(end) = ended else { return None };
-        let edmd_s = growing.elapsed().as_secs_f64();
+        // With the time before a checkpoint.
+        let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
+        let growth_curve = std::mem::take(&mut run.curve);
+        let distance_of = |point: &GrowthPoint| Some([point.packing_time_s, point.distance_mm?]);
         Some(Outcome {
             centers_mm: run.centers(),
-            rsa,
+            rsa: run.rsa,
             statistics: run.statistics(end, edmd_s),
             distance_mm: run.distance_mm(&frame),
             volume_fraction: run.volume_fraction(&frame),
-            curve: std::mem::take(&mut run.curve),
-            rsa_s,
+            distance_curve: match maximize {
+                Some(_) => growth_curve.iter().filter_map(distance_of).collect(),
+                None => Vec::new(),
+            },
+            growth_curve,
+            rsa_s: run.rsa_s,
             edmd_s,
         })
     }
@@ -148,7 +160,7 @@ impl Edmd<'_> {
         let mut scale = match self.options.initial_scale {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
-            None if maximize && fraction <= quickly => 1.0,
+            None if maximize && fraction <= quickly => BEYOND_TARGET,
             None => (quickly / fraction).cbrt().min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
@@ -165,7 +177,7 @@ impl Edmd<'_> {
             statistics.voxels_tested += outcome.statistics.voxels_tested;
             match outcome.end {
                 rsa::End::Complete => {
-                    let run = if maximize && scale >= 1.0 {
+                    let run = if maximize && scale >= BEYOND_TARGET {
                         Run::new(frame, &laws[1], Stage::Length, 0.0, &outcome.centers_mm)
                     } else {
                         Run::new(frame, law, Stage::Scale, scale, &outcome.centers_mm)

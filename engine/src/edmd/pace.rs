@@ -1,33 +1,51 @@
-//! How fast grains grow: fast while they are loose, slower the higher the pressure.
+//! How fast grains grow: as fast as the pressure allows a packing that is to reach its target.
 //!
-//! The pace is the growth of the mean radius over the thermal velocity. At a pressure `Z` grains have
-//! gaps of about `1 / Z` of their size, and what they need to rearrange before the next step of
-//! growth rises with `Z`; a pace that falls as `Z^-1.5` keeps the packing close to equilibrium at
-//! the cost of `Z^1.5` collisions per grain. Past `FROZEN` no rearrangement is worth its price, and
-//! a constant pace closes the gaps, each factor of e at the same cost.
+//! The pace is the growth of the mean radius over the thermal velocity. While grains are loose it is
+//! constant. Further on the pressure `Z` tells how much growth is left before the packing jams as it
+//! is, and that is held against the growth the target still needs: with room to spare growth goes on
+//! fast, without it the product of pace and pressure is kept at a low constant, at which grains
+//! rearrange and exchange places about as fast as they grow and jamming recedes. A constant product
+//! also closes the gaps of a jammed packing by the same factor for the same number of collisions.
 //!
 //! It knows numbers about a packing; it must never know the packing.
 
-/// Pace at low pressure, where the request names none.
-pub(crate) const LOW_PRESSURE_PACE: f64 = 0.1;
-/// Pressure from which growth slows down.
-const DENSE: f64 = 10.0;
-const EXPONENT: f64 = 1.5;
-/// Pressure past which the structure is taken as it is.
-const FROZEN: f64 = 4000.0;
-/// Pace at which the gaps of a frozen packing close.
+/// Pace while grains are loose, where the request names none.
+pub(crate) const LOOSE_PACE: f64 = 0.1;
+/// Pressure up to which they are.
+const LOOSE: f64 = 40.0;
+/// Product of pace and pressure without room to spare.
+const SLOW: f64 = 0.12;
+/// How steeply the product rises with the room there is.
+const ROOM_EXPONENT: i32 = 8;
+/// Fewer grains than this have fewer ways to rearrange: they grow more slowly, in proportion and, while
+/// loose, by its square.
+const MANY_GRAINS: f64 = 500.0;
+/// Share of the loose pace at which equal grains grow to the largest distance.
+const EQUAL_GRAINS: f64 = 0.02;
+/// Pressure past which the structure is taken as it is,
+const FROZEN: f64 = 1500.0;
+/// and the pace at which its gaps close.
 const CLOSING_PACE: f64 = 0.01;
 
 /// Chooses the pace from the pressure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pace {
-    low_pressure: f64,
+    loose: f64,
+    slow: f64,
     frozen: bool,
 }
 
 impl Pace {
-    pub(crate) fn new(low_pressure: f64) -> Self {
-        Self { low_pressure, frozen: false }
+    /// The pace of so many grains, `loose` while they are loose.
+    pub(crate) fn new(loose: f64, grains: usize) -> Self {
+        let few = (grains as f64 / MANY_GRAINS).min(1.0);
+        Self { loose: loose * few * few, slow: SLOW * few, frozen: false }
+    }
+
+    /// The pace of grains that have nothing to exchange and no target: order is all that makes them
+    /// denser, and it forms while they are loose.
+    pub(crate) fn for_equal_grains(self) -> Self {
+        Self { loose: self.loose * EQUAL_GRAINS, ..self }
     }
 
     /// The same pace for a structure that was, or was not, found frozen before.
@@ -40,42 +58,68 @@ impl Pace {
         self.frozen
     }
 
-    /// The pace for the next epoch.
-    pub(crate) fn next(&mut self, reduced_pressure: f64) -> f64 {
+    /// The pace for the next epoch, with the [`room`] there is.
+    pub(crate) fn next(&mut self, reduced_pressure: f64, room: f64) -> f64 {
         self.frozen |= reduced_pressure > FROZEN;
-        if self.frozen {
-            return CLOSING_PACE.min(self.low_pressure);
+        if reduced_pressure < LOOSE && !self.frozen {
+            return self.loose;
         }
-        self.low_pressure * (DENSE / reduced_pressure).powf(EXPONENT).min(1.0)
+        let slow = self.slow * room.max(1.0).powi(ROOM_EXPONENT) / reduced_pressure;
+        self.loose.min(if self.frozen { slow.max(CLOSING_PACE) } else { slow })
     }
+}
+
+/// Volume fraction at which a packing jams as it is: near jamming at `phi_j` it has
+/// `Z = 3 / (1 - phi / phi_j)` (free volume; Salsburg and Wood 1962).
+fn jamming(now: f64, reduced_pressure: f64) -> f64 {
+    now / (1.0 - 3.0 / reduced_pressure.max(3.5))
+}
+
+/// Growth that the pressure leaves room for over that which the target needs, in volume fraction; 1
+/// and less where the packing would jam first.
+pub(crate) fn room(now: f64, target: f64, reduced_pressure: f64) -> f64 {
+    if now >= target { 1.0 } else { (jamming(now, reduced_pressure) - now) / (target - now) }
 }
 
 /// Share of the events towards a target that are done, given the volume fractions at the start, now
 /// and at the target, and the pressure now; `None` while the target looks out of reach.
 ///
-/// A packing near jamming at `phi_j` has `Z = 3 / (1 - phi / phi_j)`, which tells `phi_j`; at the
-/// pace above, getting to `phi` takes events as `(phi_j - phi)^-1.5`.
+/// At a constant product of pace and pressure, getting from one gap to another takes events as the
+/// logarithm of their ratio; the exponent stands for what rearranging takes beyond.
 pub(crate) fn done_share(from: f64, now: f64, target: f64, reduced_pressure: f64) -> Option<f64> {
-    let jammed = now / (1.0 - 3.0 / reduced_pressure.max(3.5));
+    const EXPONENT: f64 = -1.5;
+    let jammed = jamming(now, reduced_pressure);
     if jammed <= target {
         return None;
     }
-    let events = |phi: f64| (jammed - phi).powf(-EXPONENT);
+    let events = |phi: f64| (jammed - phi).powf(EXPONENT);
     let share = (events(now) - events(from)) / (events(target) - events(from));
     share.is_finite().then(|| share.clamp(0.0, 1.0))
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
     #[test]
-    fn growth_slows_down_with_pressure_and_stays_frozen() {
-        let mut pace = Pace::new(0.1);
-        assert_eq!(pace.next(2.0), 0.1);
-        assert!((pace.next(1000.0) - 1e-4).abs() < 1e-12);
-        assert_eq!(pace.next(1e5), CLOSING_PACE);
-        assert_eq!(pace.next(100.0), CLOSING_PACE);
+    fn growth_slows_down_with_pressure() {
+        let mut pace = Pace::new(0.1, 10_000);
+        assert_eq!(pace.next(2.0, 1.0), 0.1);
+        assert!((pace.next(1000.0, 0.5) - SLOW / 1000.0).abs() < 1e-12);
+        assert!(pace.next(1000.0, 1.5) > 10.0 * pace.next(1000.0, 1.0));
+        assert_eq!(pace.next(1000.0, 1e9), 0.1);
+        assert_eq!(pace.next(1e4, 1.0), CLOSING_PACE);
+        assert!(pace.is_frozen());
+        assert!(Pace::new(0.1, 50).next(2.0, 1.0) < 0.0011);
+    }
+
+    #[test]
+    fn room_is_what_jamming_leaves() {
+        let pressure = 3.0 / (1.0 - 0.6 / 0.7);
+        assert!((room(0.6, 0.65, pressure) - 2.0).abs() < 1e-9);
+        assert!((room(0.6, 0.7, pressure) - 1.0).abs() < 1e-9);
+        assert_eq!(room(0.7, 0.7, pressure), 1.0);
     }
 
     #[test]

@@ -9,14 +9,14 @@ use std::time::Instant;
 
 use super::container::Container;
 use super::law::Law;
-use super::pace::{Pace, done_share};
+use super::pace::{LOOSE_PACE, Pace, done_share, room};
 use super::state::{Decoder, Encoder};
 use super::swap::Swaps;
 use super::system::{Cold, Counts, System};
 use crate::checkpoint::Checkpoint;
 use crate::control::{Control, Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics};
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::epoch_stream;
 
@@ -24,13 +24,13 @@ use crate::rng::epoch_stream;
 /// overlap at all.
 pub(crate) const BEYOND_TARGET: f64 = 1.0 + 1e-10;
 /// Collisions per grain in an epoch.
-const EPOCH_EVENTS_PER_GRAIN: u64 = 10;
+const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
 /// Fewest grains that an epoch is laid out for: smaller packings take more events per grain.
 const LEAST_EPOCH_GRAINS: u64 = 100;
 /// Largest relative growth in an epoch.
 const EPOCH_GROWTH: f64 = 0.01;
 /// Exchanges tried per grain in an epoch.
-const EXCHANGES_PER_GRAIN: f64 = 20.0;
+const EXCHANGES_PER_GRAIN: f64 = 10.0;
 /// Relative difference of sizes that exchanges start with.
 const FIRST_EXCHANGE_WINDOW: f64 = 0.05;
 /// Energy may drift by this share before velocities are rescaled.
@@ -41,13 +41,18 @@ const EVENTS_PER_LOOK: u64 = 20_000;
 const EPOCHS_PER_SORT: u64 = 16;
 const LEAST_SORTED: usize = 20_000;
 /// Most points of the curve; when it is full every other one goes.
-const CURVE_POINTS: usize = 1000;
+const CURVE_POINTS: usize = 500;
 /// A grain with more than this share of an epoch's collisions is stuck.
 const STUCK_SHARE: f64 = 0.25;
-/// Simulated time per grain and event below which growth to a target, or to the largest distance, has
-/// stalled, in s (`engine.md` section 5).
-const TARGET_STALL_S: f64 = 1e-6;
-const DISTANCE_STALL_S: f64 = 1e-8;
+/// Fewer grains than this are few enough for any to have that share.
+const STUCK_AMONG: usize = 50;
+/// Simulated time per event and grain below which growth to a target, or to the largest distance, has
+/// stalled, over the time in which a grain passes its own radius. At radii of 1.3 mm and 0.5 mm/s that
+/// is 1e-6 s and 1e-8 s (`engine.md` section 5).
+const TARGET_STALL: f64 = 2e-7;
+const DISTANCE_STALL: f64 = 2e-9;
+/// Exchanges tried to free a stuck grain.
+const FREEING_TRIES: u64 = 10_000;
 
 /// What grows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,12 +82,29 @@ pub(crate) struct Frame<'a> {
 }
 
 impl Frame<'_> {
+    fn of_equal_grains(&self) -> bool {
+        self.diameters_mm.first() == self.diameters_mm.last()
+    }
+
     fn masses(&self) -> Vec<f64> {
         if self.options.equal_mass == Some(true) {
             return vec![1.0; self.diameters_mm.len()];
         }
         let least = self.diameters_mm.last().copied().unwrap_or(1.0);
         self.diameters_mm.iter().map(|d| (d / least).powi(3)).collect()
+    }
+
+    /// Half the distance beyond which a grain of a periodic box would meet its own image, which moves
+    /// along with it; with walls no distance is longer than the diagonal.
+    fn most_half_distance_mm(&self) -> f64 {
+        let bounds = self.request.specimen.bounds_mm();
+        if self.request.specimen.is_periodic() {
+            let shortest = bounds.into_iter().fold(f64::INFINITY, f64::min);
+            let largest = self.diameters_mm.first().copied().unwrap_or(0.0);
+            (shortest - largest * BEYOND_TARGET) / 2.0
+        } else {
+            bounds.into_iter().map(|length| length * length).sum::<f64>().sqrt() / 2.0
+        }
     }
 
     /// Standard deviation of the components of velocity that are uniform in plus minus the initial
@@ -99,6 +121,8 @@ pub(crate) struct Run {
     /// Scale, or half the distance in mm.
     pub(crate) size: f64,
     first_size: f64,
+    /// Volume fraction with distances at the target.
+    target_fraction: f64,
     pace: Pace,
     pressure: f64,
     events_per_time: f64,
@@ -111,9 +135,12 @@ pub(crate) struct Run {
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
+    /// The random placing that growth started from, and its time.
+    pub(crate) rsa: RsaStatistics,
+    pub(crate) rsa_s: f64,
     grow_started: Instant,
     fraction: f64,
-    pub(crate) curve: Vec<[f64; 2]>,
+    pub(crate) curve: Vec<GrowthPoint>,
     curve_stride: u64,
 }
 
@@ -129,15 +156,21 @@ impl Run {
         let mean = law.radii_mm.iter().sum::<f64>() / law.radii_mm.len() as f64;
         let pace = match frame.options.growth_rate {
             Some(per_s) => per_s * mean / frame.thermal_velocity(),
-            None => super::pace::LOW_PRESSURE_PACE,
+            None => LOOSE_PACE,
         };
+        let mut pace = Pace::new(pace, radii.len());
+        if stage == Stage::Length && frame.of_equal_grains() {
+            pace = pace.for_equal_grains();
+        }
         let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
         Self {
             system,
             stage,
             size,
             first_size: size,
-            pace: Pace::new(pace),
+            target_fraction: law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>()
+                / frame.request.specimen.volume_mm3(),
+            pace,
             pressure: 1.0,
             events_per_time,
             energy,
@@ -148,6 +181,8 @@ impl Run {
             resumes: 0,
             simulated_s: 0.0,
             earlier_s: 0.0,
+            rsa: RsaStatistics::default(),
+            rsa_s: 0.0,
             grow_started: Instant::now(),
             fraction: 0.0,
             curve: Vec::new(),
@@ -156,12 +191,15 @@ impl Run {
     }
 
     /// Goes over from growth by scale, done, to growth by length.
-    pub(crate) fn lengthen(&mut self, law: &Law) {
+    pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, law: &Law) {
+        if frame.of_equal_grains() {
+            self.pace = self.pace.for_equal_grains();
+        }
+        self.pace = self.pace.with_frozen(false);
         self.stage = Stage::Length;
         self.size = 0.0;
         self.first_size = 0.0;
         self.set_radii(law);
-        self.fraction = 0.0;
     }
 
     /// Grows until something ends it.
@@ -190,20 +228,37 @@ impl Run {
         }
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
-        let speed = self.pace.next(self.pressure) * self.system.thermal_velocity();
+        let room = match self.stage {
+            Stage::Scale => {
+                room(self.size.powi(3) * self.target_fraction, self.target_fraction, self.pressure)
+            }
+            Stage::Length => 1.0,
+        };
+        let speed = self.pace.next(self.pressure, room) * self.system.thermal_velocity();
         let (growth, rate, left) = match self.stage {
             Stage::Scale => {
                 let alpha = speed / mean;
                 (law.by_scale(self.size, alpha), alpha, BEYOND_TARGET / self.size - 1.0)
             }
-            Stage::Length => (law.by_length(self.size, speed), speed, f64::INFINITY),
+            Stage::Length => {
+                let left = frame.most_half_distance_mm() - self.size;
+                if left <= 0.0 {
+                    return Some(Ended::As(EdmdEnd::Stalled));
+                }
+                (law.by_length(self.size, speed), speed, left)
+            }
         };
         let most = if self.stage == Stage::Scale { EPOCH_GROWTH } else { EPOCH_GROWTH * mean };
         let end = left.min(most) / rate;
+        let stuck = self.stuck_grain();
         self.system.renew_all(growth, end);
+        let mut rng = epoch_stream(frame.request.seed, self.epochs);
+        if let Some(grain) = stuck {
+            self.stuck_grains += 1;
+            self.swaps.free(&mut self.system, grain, FREEING_TRIES, &mut rng);
+        }
         if frame.options.swap != Some(false) {
             let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
-            let mut rng = epoch_stream(frame.request.seed, self.epochs);
             self.swaps.sweep(&mut self.system, &law.radii_mm, tries, &mut rng);
         }
         self.system.predict_all(self.events_per_time);
@@ -223,24 +278,25 @@ impl Run {
             if reached >= end || done >= most_events || self.system.is_crowded() || self.out_of_time(frame) {
                 break;
             }
-            self.report(frame, law, reached / end);
+            self.report(frame);
         }
         let reached = reached.min(end);
         self.system.synchronise(reached);
         self.size = match self.stage {
             Stage::Scale if reached >= end && left <= most => BEYOND_TARGET,
             Stage::Scale => self.size * (1.0 + growth.alpha * reached),
+            Stage::Length if reached >= end && left <= most => self.size + left,
             Stage::Length => self.size + growth.beta * reached,
         };
         self.set_radii(law);
         self.simulated_s += reached;
         self.measure(&before, reached);
-        self.note_point(frame, law);
-        self.report(frame, law, 1.0);
+        self.note_point(frame);
+        self.report(frame);
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
-        let least_dt = frame.options.stop.stall_dt_s.unwrap_or(match self.stage {
-            Stage::Scale => TARGET_STALL_S,
-            Stage::Length => DISTANCE_STALL_S,
+        let least_dt = frame.options.stop.stall_dt_s.unwrap_or_else(|| {
+            let share = if self.stage == Stage::Scale { TARGET_STALL } else { DISTANCE_STALL };
+            share * mean / frame.thermal_velocity()
         });
         let stalled = events >= n as f64 && reached / events * (n as f64) < least_dt;
         let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
@@ -259,21 +315,29 @@ impl Run {
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
         let energy = self.system.energy();
         if reached > 0.0 {
-            // What counts is the energy while the collisions took place.
-            self.pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            // What counts is the energy while the collisions took place. Finite, for it is stored.
+            let pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            self.pressure = if pressure.is_finite() { pressure } else { f64::MAX };
             self.events_per_time = 3.0 * events / reached;
         }
-        if (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
+        if energy > 0.0 && (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
             self.system.scale_velocities((self.energy / energy).sqrt());
             self.rescalings += 1;
         }
-        let most = self.system.cold.iter().map(|cold| cold.collisions).max().unwrap_or(0);
-        if self.system.len() > 50 && f64::from(most) > STUCK_SHARE * events {
-            self.stuck_grains += 1;
-        }
     }
 
-    fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
+    /// The grain that took part in most collisions of the last epoch, if that is too many: it is caught
+    /// between others, which push it back and forth while the rest stands still.
+    fn stuck_grain(&self) -> Option<usize> {
+        let collisions = |grain: &usize| u64::from(self.system.cold[*grain].collisions);
+        let all: u64 = (0..self.system.len()).map(|grain| collisions(&grain)).sum();
+        let most = (0..self.system.len()).max_by_key(collisions)?;
+        let stuck =
+            self.system.len() >= STUCK_AMONG && collisions(&most) as f64 > STUCK_SHARE * all as f64 / 2.0;
+        stuck.then_some(most)
+    }
+
+    pub(crate) fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
         self.earlier_s + frame.started.elapsed().as_secs_f64()
     }
 
@@ -291,9 +355,8 @@ impl Run {
     /// The constant distance that the true diameters keep by now, where one is asked for.
     pub(crate) fn distance_mm(&self, frame: &Frame<'_>) -> Option<f64> {
         let largest = frame.diameters_mm.first().copied().unwrap_or(0.0);
-        let smallest = frame.diameters_mm.last().copied().unwrap_or(0.0);
         match (self.stage, &frame.request.distance) {
-            (Stage::Length, _) => Some((2.0 * self.size * (1.0 - 1e-9) - 1e-10 * smallest).max(0.0)),
+            (Stage::Length, _) => Some(2.0 * self.size * (1.0 - 1e-9)),
             (Stage::Scale, Distance::Constant { mm, .. }) => {
                 Some((self.size.min(1.0) * (largest + mm) - largest).max(0.0))
             }
@@ -312,13 +375,18 @@ impl Run {
             / frame.request.specimen.volume_mm3()
     }
 
-    fn note_point(&mut self, frame: &Frame<'_>, _law: &Law) {
-        if self.stage != Stage::Length || self.epochs % self.curve_stride != 0 {
+    fn note_point(&mut self, frame: &Frame<'_>) {
+        if !self.epochs.is_multiple_of(self.curve_stride) {
             return;
         }
-        if let Some(distance) = self.distance_mm(frame) {
-            self.curve.push([self.elapsed_s(frame), distance]);
-        }
+        self.curve.push(GrowthPoint {
+            packing_time_s: self.elapsed_s(frame),
+            simulated_time_s: self.simulated_s,
+            events: self.system.counts.collisions(),
+            volume_fraction: self.volume_fraction(frame),
+            distance_mm: self.distance_mm(frame),
+            reduced_pressure: self.pressure,
+        });
         if self.curve.len() >= CURVE_POINTS {
             let mut at = 0;
             self.curve.retain(|_| {
@@ -329,7 +397,7 @@ impl Run {
         }
     }
 
-    fn report(&mut self, frame: &Frame<'_>, law: &Law, _share: f64) {
+    fn report(&mut self, frame: &Frame<'_>) {
         let events = self.system.counts.collisions();
         let limits = frame.options.stop;
         let of_limits = [
@@ -338,8 +406,7 @@ impl Run {
         ];
         let towards = match self.stage {
             Stage::Scale => {
-                let phi = law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>()
-                    / frame.request.specimen.volume_mm3();
+                let phi = self.target_fraction;
                 let at = |size: f64| phi * size.powi(3);
                 done_share(at(self.first_size), at(self.size), phi, self.pressure)
             }
@@ -400,7 +467,11 @@ impl Run {
             predictions_per_event: counts.predictions as f64 / events.max(1) as f64,
             events_per_s: events as f64 / seconds.max(1e-9),
             simulated_time_s: self.simulated_s,
-            growth_scale: if self.stage == Stage::Scale { self.size.min(1.0) } else { 1.0 },
+            growth_scale: match self.stage {
+                // Without the margin beyond it the target is not reached.
+                Stage::Scale if self.size < BEYOND_TARGET => self.size.min(1.0 - f64::EPSILON),
+                _ => 1.0,
+            },
             energy: self.system.energy() / self.energy,
             reduced_pressure: self.pressure,
             stop,
@@ -426,6 +497,9 @@ impl Run {
             counts.list_renewals,
             counts.predictions,
             counts.stale_events,
+            self.rsa.attempts,
+            self.rsa.grains_by_subdivision,
+            self.rsa.voxels_tested,
         ] {
             out.u64(value)?;
         }
@@ -439,6 +513,7 @@ impl Run {
             self.simulated_s,
             self.fraction,
             self.elapsed_s(frame),
+            self.rsa_s,
         ] {
             out.f64(value)?;
         }
@@ -451,8 +526,17 @@ impl Run {
         let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
         out.u32s(self.system.cold.iter().map(met))?;
         out.u32s(self.system.rank.iter().copied())?;
-        out.f64s(self.curve.iter().map(|point| point[0]))?;
-        out.f64s(self.curve.iter().map(|point| point[1]))
+        out.u64(self.curve.len() as u64)?;
+        for point in &self.curve {
+            out.f64(point.packing_time_s)?;
+            out.f64(point.simulated_time_s)?;
+            out.u64(point.events)?;
+            out.f64(point.volume_fraction)?;
+            // Distances are never negative.
+            out.f64(point.distance_mm.unwrap_or(-1.0))?;
+            out.f64(point.reduced_pressure)?;
+        }
+        Ok(())
     }
 
     /// The run that a body was written by.
@@ -470,6 +554,11 @@ impl Run {
             predictions: whole()?,
             stale_events: whole()?,
         };
+        let rsa = RsaStatistics {
+            attempts: whole()?,
+            grains_by_subdivision: whole()?,
+            voxels_tested: whole()?,
+        };
         let size = input.f64()?;
         let law = &laws[usize::from(stage == Stage::Length)];
         let n = law.radii_mm.len();
@@ -482,6 +571,7 @@ impl Run {
         run.simulated_s = input.f64()?;
         run.fraction = input.f64()?;
         run.earlier_s = input.f64()?;
+        (run.rsa, run.rsa_s) = (rsa, input.f64()?);
         run.pace = run.pace.with_frozen(frozen);
         (run.epochs, run.rescalings, run.stuck_grains) = (epochs, rescalings, stuck_grains);
         (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
@@ -516,8 +606,16 @@ impl Run {
         run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
         run.system.rank = rank;
         run.set_radii(law);
-        let (times, distances) = (input.f64s()?, input.f64s()?);
-        run.curve = times.into_iter().zip(distances).map(|(t, d)| [t, d]).collect();
+        for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
+            run.curve.push(GrowthPoint {
+                packing_time_s: input.f64()?,
+                simulated_time_s: input.f64()?,
+                events: input.u64()?,
+                volume_fraction: input.f64()?,
+                distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
+                reduced_pressure: input.f64()?,
+            });
+        }
         input.finish()?;
         Ok(run)
     }

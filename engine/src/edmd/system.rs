@@ -146,6 +146,8 @@ pub(crate) struct System {
     /// Which diameter each grain has, counted from the largest.
     pub(crate) rank: Vec<u32>,
     pub(crate) growth: Growth,
+    /// Bound of the reach by which no search goes beyond the images there are, in mm.
+    most_reach: f64,
     /// Length of the epoch in s.
     pub(crate) end: f64,
     pub(crate) shifts: Box<[[f64; 3]; IMAGES]>,
@@ -175,6 +177,7 @@ impl System {
             next: Vec::new(),
             rank: (0..radii.len() as u32).collect(),
             growth: Growth::default(),
+            most_reach: f64::INFINITY,
             end: 0.0,
             shifts: Box::new(container.shifts()),
             counts: Counts::default(),
@@ -214,6 +217,11 @@ impl System {
         self.growth = growth;
         self.end = end;
         self.virial = 0.0;
+        if self.container.is_periodic() {
+            // A contact distance is at most an edge; this leaves a search another one.
+            let shortest = self.container.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+            self.most_reach = shortest / 2.0 / (1.0 + growth.kappa);
+        }
         let n = self.len();
         for cold in &mut self.cold {
             cold.adapt_reach();
@@ -243,7 +251,7 @@ impl System {
         if cold.reach <= 0.0 {
             cold.reach = FIRST_REACH * radius;
         }
-        cold.reach = cold.reach.clamp(LEAST_REACH * radius, MOST_REACH * radius);
+        cold.reach = cold.reach.clamp(LEAST_REACH * radius, MOST_REACH * radius).min(self.most_reach);
         cold.outer = radius + cold.reach;
         cold.center = self.hot[i].position;
         cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.reach);

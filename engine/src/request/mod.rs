@@ -251,7 +251,7 @@ pub enum Distance {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Method {
-    /// Let the engine choose; today that is exhaustive `rsa`.
+    /// Let the engine choose: `rsa` where that will surely do, else `edmd`.
     Auto {},
     /// Random sequential addition, largest grain first.
     Rsa {

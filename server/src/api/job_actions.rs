@@ -9,8 +9,8 @@ use super::job_view::{self, Job};
 use super::openapi::{ActionProblems, RetryProblems};
 use super::params::{JobPath, Query};
 use super::problem::refused;
-use crate::jobs::JobRecord;
 use crate::jobs::store::Cancelled;
+use crate::jobs::{JobId, JobRecord};
 use crate::problem::Problem;
 
 /// Cancel a job
@@ -33,7 +33,11 @@ pub(super) async fn cancel(
     query.finish()?;
     let cancelled = app.shared.store.cancel(id).await.map_err(|error| refused(error, id))?;
     let (job, status) = match cancelled {
-        Cancelled::Now(job) => (job, StatusCode::OK),
+        Cancelled::Now(job) => {
+            // It may have waited for its next attempt.
+            remove_checkpoints(&app, id, job.attempt).await;
+            (job, StatusCode::OK)
+        }
         Cancelled::Soon(job) => (job, StatusCode::ACCEPTED),
     };
     tracing::info!(job_id = %id, state = job.state.name(), "cancel asked for");
@@ -55,6 +59,9 @@ pub(super) async fn retry(
 ) -> Result<Response, Problem> {
     query.finish()?;
     let job = app.shared.store.retry(id).await.map_err(|error| refused(error, id))?;
+    // Its ended attempts took theirs along, unless the server stopped during the last of them. Who
+    // retries wants a new start, which an attempt that is faster than this may miss: then it goes on.
+    remove_checkpoints(&app, id, job.attempt - 1).await;
     tracing::info!(job_id = %id, attempt = job.attempt, "retried");
     shown(&app, &job, StatusCode::OK).await
 }
@@ -77,8 +84,15 @@ pub(super) async fn delete(
     {
         tracing::warn!(%error, job_id = %id, "the result is left to the sweeper");
     }
+    remove_checkpoints(&app, id, i64::MAX).await;
     tracing::info!(job_id = %id, "deleted");
     Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// Files are removed on a thread that may block; what fails is logged there, and swept later.
+async fn remove_checkpoints(app: &App, id: JobId, until_attempt: i64) {
+    let checkpoints = app.shared.checkpoints.clone();
+    let _ = tokio::task::spawn_blocking(move || checkpoints.remove(&id.to_string(), until_attempt)).await;
 }
 
 async fn shown(app: &App, record: &JobRecord, status: StatusCode) -> Result<Response, Problem> {

@@ -32,7 +32,9 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use crate::artifacts::Artifacts;
+use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
 
@@ -53,6 +55,7 @@ pub(crate) struct App {
 struct Shared {
     store: Store,
     artifacts: Artifacts,
+    checkpoints: Checkpoints,
     metrics: Arc<Metrics>,
     keys: Option<auth::ApiKeys>,
     limits: Limits,
@@ -71,21 +74,19 @@ struct Shared {
 }
 
 impl App {
-    /// Gathers what handlers share.
+    /// Gathers what handlers share, much of it with the runner.
     pub(crate) fn new(
         options: &ServeOptions,
-        store: Store,
-        artifacts: Artifacts,
-        metrics: Arc<Metrics>,
+        runner: &Runner,
         keys: Option<auth::ApiKeys>,
         connections: Arc<Semaphore>,
-        shutdown: CancellationToken,
     ) -> Self {
         Self {
             shared: Arc::new(Shared {
-                store,
-                artifacts,
-                metrics,
+                store: runner.store.clone(),
+                artifacts: runner.artifacts.clone(),
+                checkpoints: runner.checkpoints.clone(),
+                metrics: Arc::clone(&runner.metrics),
                 keys,
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
@@ -97,7 +98,7 @@ impl App {
                 max_downloads: options.max_downloads,
                 large_bodies: Semaphore::new(LARGE_BODIES),
                 ready: AtomicBool::new(false),
-                shutdown,
+                shutdown: runner.shutdown.clone(),
             }),
         }
     }

@@ -3,10 +3,12 @@
 //! The packing thread calls this every few milliseconds, so it is a short lock and an atomic. What
 //! to do with either is decided by the runner, which also owns every clock.
 
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use packstone_engine::{Control, Progress};
+use packstone_engine::{Checkpoint, Control, Progress};
+
+use crate::checkpoints::Keeper;
 
 /// Why a run is to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,9 +28,16 @@ pub(crate) enum Stop {
 pub(crate) struct RunControl {
     stop: AtomicU8,
     latest: Mutex<Option<Progress>>,
+    keeper: Option<Keeper>,
+    resumed: AtomicBool,
 }
 
 impl RunControl {
+    /// Control of a run whose checkpoints are kept.
+    pub(crate) fn keeping(keeper: Keeper) -> Self {
+        Self { keeper: Some(keeper), ..Self::default() }
+    }
+
     /// Asks the run to stop. The first reason stays.
     pub(crate) fn stop(&self, reason: Stop) {
         // An error means that there is a reason already.
@@ -46,6 +55,16 @@ impl RunControl {
         }
     }
 
+    /// Says that the run goes on from a checkpoint.
+    pub(crate) fn resumed(&self) {
+        self.resumed.store(true, Ordering::Release);
+    }
+
+    /// Whether that was said since the last call.
+    pub(crate) fn take_resumed(&self) -> bool {
+        self.resumed.swap(false, Ordering::AcqRel)
+    }
+
     /// The latest progress, if there was any since the last call.
     pub(crate) fn take_progress(&self) -> Option<Progress> {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner).take()
@@ -59,6 +78,16 @@ impl Control for RunControl {
 
     fn should_stop(&self) -> bool {
         self.stop.load(Ordering::Acquire) != 0
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.keeper.as_ref().is_some_and(Keeper::is_due)
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        if let Some(keeper) = &self.keeper {
+            keeper.keep(checkpoint);
+        }
     }
 }
 

@@ -20,7 +20,9 @@ use super::control::{RunControl, Stop};
 use super::store::{Claimed, Store, StoreError};
 use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::artifacts::{Artifacts, InFlight};
+use crate::checkpoints::Checkpoints;
 use crate::metrics::Metrics;
+use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
 
 /// Progress is recorded no more often than this.
@@ -31,14 +33,13 @@ const RENEW_EVERY: Duration = Duration::from_secs(15);
 const STORE_PAUSE: Duration = Duration::from_secs(1);
 /// How often the end of a job is offered to a store that fails, before its lease may run out.
 const END_TRIES: u32 = 5;
-/// Before this share of the work, the time that is left is a guess not worth showing.
-const ETA_FROM_FRACTION: f64 = 0.02;
 
 /// What every worker needs.
 #[derive(Clone, Debug)]
 pub(crate) struct Runner {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
+    pub(crate) checkpoints: Checkpoints,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
     /// When cancelled, running jobs go back to the queue and workers end.
@@ -89,7 +90,8 @@ impl Runner {
         // Another worker may take the next job of a burst that woke only this one.
         self.store.pass_on();
         tracing::info!("started");
-        let control = Arc::new(RunControl::default());
+        let keeper = self.checkpoints.keeper(&lease.id.to_string(), lease.attempt);
+        let control = Arc::new(RunControl::keeping(keeper));
         let timeout_s = claimed.job.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
         let mut packing = tokio::task::spawn_blocking({
@@ -122,7 +124,7 @@ impl Runner {
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut renewed = Instant::now();
-        let mut fraction = 0.0;
+        let mut pace = Pace::default();
         // A wish to cancel that came between the lease and the subscription is seen here.
         let mut look = true;
         loop {
@@ -144,7 +146,10 @@ impl Runner {
                         continue;
                     }
                     renewed = Instant::now();
-                    let news = news.map(|p| as_recorded(&p, &mut fraction, started.elapsed()));
+                    if control.take_resumed() {
+                        pace.resumed();
+                    }
+                    let news = news.map(|p| as_recorded(&p, &mut pace, started.elapsed()));
                     match self.store.heartbeat(lease, news).await {
                         Ok(beat) if beat.cancel_requested => control.stop(Stop::Cancelled),
                         Ok(_) => {}
@@ -171,12 +176,18 @@ impl Runner {
         })?;
         let request = JobRequest::read(&stored, 0, None)
             .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
-        let packing = packstone_engine::pack(&request.packing(), &self.limits, control).map_err(|error| {
-            if let PackError::CheckFailed(what) = &error {
-                tracing::error!(%what, "a packing failed its check");
-            }
-            Problem::from(error)
-        })?;
+        let request = request.packing();
+        let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
+        if resume.is_some() {
+            control.resumed();
+        }
+        let packing =
+            packstone_engine::pack_or_resume(&request, &self.limits, resume, control).map_err(|error| {
+                if let PackError::CheckFailed(what) = &error {
+                    tracing::error!(%what, "a packing failed its check");
+                }
+                Problem::from(error)
+            })?;
         let grains = packing.spheres.len() as u64;
         control.report(&Progress {
             phase: Phase::Write,
@@ -225,6 +236,9 @@ impl Runner {
                 Ok(()) => {
                     tracing::info!(outcome, took_s = took.as_secs_f64(), "ended");
                     self.metrics.job_ended(outcome, took);
+                    if !matches!(end, End::Stopped(Stop::Shutdown)) {
+                        self.remove_checkpoints(lease).await;
+                    }
                     return;
                 }
                 Err(StoreError::LeaseLost) => {
@@ -246,6 +260,17 @@ impl Runner {
                     return;
                 }
             }
+        }
+    }
+
+    /// Removes what an ended job has no more use for. Not before its end is recorded: until then the end
+    /// may be lost, and the checkpoint is what is left of the work.
+    async fn remove_checkpoints(&self, lease: Lease) {
+        let checkpoints = self.checkpoints.clone();
+        let removed =
+            tokio::task::spawn_blocking(move || checkpoints.remove(&lease.id.to_string(), lease.attempt));
+        if let Err(error) = removed.await {
+            tracing::warn!(%error, "checkpoints are left to the sweeper");
         }
     }
 }
@@ -273,21 +298,16 @@ async fn at(moment: Option<Instant>) {
 }
 
 /// Progress as clients see it: never falling, and with the time that is left.
-fn as_recorded(progress: &Progress, fraction: &mut f64, elapsed: Duration) -> JobProgress {
-    if progress.fraction > *fraction {
-        *fraction = progress.fraction.min(1.0);
-    }
-    let eta_s = (*fraction >= ETA_FROM_FRACTION)
-        .then(|| elapsed.as_secs_f64() * (1.0 - *fraction) / *fraction)
-        .map(|s| (s * 10.0).round() / 10.0);
+fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duration) -> JobProgress {
+    pace.follow(progress);
     JobProgress {
-        fraction: *fraction,
+        fraction: pace.fraction(),
         phase: progress.phase,
         done: progress.done,
         total: progress.total,
         unit: progress.unit.into(),
         message: progress.message.clone(),
-        eta_s,
+        eta_s: pace.eta_s(elapsed),
         growth: progress.growth,
     }
 }
@@ -297,34 +317,4 @@ fn unwritten(error: &io::Error) -> Problem {
         tracing::error!(%error, "the result was not written");
     }
     Problem::new(Kind::InternalError, format!("the result could not be written: {}", error.kind()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn progress_never_falls_and_the_eta_waits_for_a_basis() {
-        let report = |fraction| Progress {
-            phase: Phase::Rsa,
-            fraction,
-            done: 1,
-            total: 2,
-            unit: "grains",
-            message: String::new(),
-            growth: None,
-        };
-        let mut fraction = 0.0;
-        let elapsed = Duration::from_secs(10);
-        let first = as_recorded(&report(0.01), &mut fraction, elapsed);
-        assert_eq!((first.fraction, first.eta_s), (0.01, None));
-        let second = as_recorded(&report(0.5), &mut fraction, elapsed);
-        assert_eq!((second.fraction, second.eta_s), (0.5, Some(10.0)));
-        assert_eq!(as_recorded(&report(0.4), &mut fraction, elapsed).fraction.to_bits(), 0.5_f64.to_bits());
-        assert_eq!(
-            as_recorded(&report(f64::NAN), &mut fraction, elapsed).fraction.to_bits(),
-            0.5_f64.to_bits()
-        );
-        assert_eq!(as_recorded(&report(7.0), &mut fraction, elapsed).eta_s, Some(0.0));
-    }
 }

@@ -1,4 +1,4 @@
-//! Clearing up at intervals: expired jobs, leases that ran out, files that nothing refers to.
+//! Clearing up at intervals: expired jobs, leases that ran out, results and checkpoints that nothing refers to.
 //!
 //! The order keeps results safe: files are listed first, then those of live attempts are left out,
 //! then the store is asked; a file that was renamed but not committed is in flight until its commit.
@@ -8,8 +8,10 @@ use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
+use super::JobId;
 use super::store::{Store, StoreError};
 use crate::artifacts::Artifacts;
+use crate::checkpoints::Checkpoints;
 
 /// What a sweep found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,14 +25,20 @@ pub(crate) struct Swept {
 pub(crate) enum SweepError {
     #[error(transparent)]
     Store(#[from] StoreError),
-    #[error("the folder of results failed: {0}")]
+    #[error("a folder of files failed: {0}")]
     Folder(#[from] std::io::Error),
     #[error("the sweep was broken off: {0}")]
     Broken(#[from] tokio::task::JoinError),
 }
 
 /// Sweeps at once and then every `every`, until the server stops.
-pub(crate) async fn run(store: Store, artifacts: Artifacts, every: Duration, shutdown: CancellationToken) {
+pub(crate) async fn run(
+    store: Store,
+    artifacts: Artifacts,
+    checkpoints: Checkpoints,
+    every: Duration,
+    shutdown: CancellationToken,
+) {
     let mut tick = interval(every);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -38,7 +46,7 @@ pub(crate) async fn run(store: Store, artifacts: Artifacts, every: Duration, shu
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        match sweep(&store, &artifacts).await {
+        match sweep(&store, &artifacts, &checkpoints).await {
             Ok(swept) if swept != Swept::default() => tracing::info!(
                 reclaimed = swept.reclaimed,
                 expired = swept.expired,
@@ -55,7 +63,11 @@ pub(crate) async fn run(store: Store, artifacts: Artifacts, every: Duration, shu
 ///
 /// # Errors
 /// Those of the store and of the folder; what was not swept is left for the next time.
-pub(crate) async fn sweep(store: &Store, artifacts: &Artifacts) -> Result<Swept, SweepError> {
+pub(crate) async fn sweep(
+    store: &Store,
+    artifacts: &Artifacts,
+    checkpoints: &Checkpoints,
+) -> Result<Swept, SweepError> {
     let mut swept = Swept { reclaimed: store.reclaim_expired_leases().await?, ..Swept::default() };
     loop {
         let removed = store.remove_expired().await?;
@@ -79,7 +91,30 @@ pub(crate) async fn sweep(store: &Store, artifacts: &Artifacts) -> Result<Swept,
             swept.files += 1;
         }
     }
+    swept.files += sweep_checkpoints(store, checkpoints).await?;
     Ok(swept)
+}
+
+/// Removes the checkpoints of jobs that are finished or gone. Those of open jobs are left alone, of
+/// whatever attempt: the next one may go on from them.
+async fn sweep_checkpoints(store: &Store, checkpoints: &Checkpoints) -> Result<usize, SweepError> {
+    let found = tokio::task::spawn_blocking({
+        let checkpoints = checkpoints.clone();
+        move || checkpoints.list()
+    })
+    .await??;
+    let mut removed = 0;
+    for found in found {
+        let open = match JobId::parse(&found.id) {
+            Some(id) => store.is_open(id).await?,
+            None => false,
+        };
+        if !open {
+            Checkpoints::remove_found(&found)?;
+            removed += 1;
+        }
+    }
+    Ok(removed)
 }
 
 #[cfg(test)]
@@ -88,7 +123,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::jobs::store::{NewJob, StoreLimits};
+    use crate::jobs::store::{NewJob, StoreLimits, Submitted};
     use crate::jobs::{ArtifactRecord, JobProgress, JobRequest};
 
     #[tokio::test]
@@ -97,6 +132,8 @@ mod tests {
         let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
         let store = Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap();
+        let checkpoints =
+            Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
         let file = |name: &str| folder.path().join("artifacts/ab").join(name);
         std::fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
         for name in
@@ -110,7 +147,7 @@ mod tests {
         let place = artifacts.begin("live-ab", 1);
         std::fs::write(file("live-ab.1.packstone"), "x").unwrap();
 
-        let swept = sweep(&store, &artifacts).await.unwrap();
+        let swept = sweep(&store, &artifacts, &checkpoints).await.unwrap();
         assert_eq!(swept, Swept { reclaimed: 0, expired: 1, files: 2 });
         let mut left: Vec<String> = std::fs::read_dir(folder.path().join("artifacts/ab"))
             .unwrap()
@@ -119,17 +156,52 @@ mod tests {
         left.sort();
         assert_eq!(left, ["kept.1.packstone", "live-ab.1.packstone"]);
         drop(place);
-        assert_eq!(sweep(&store, &artifacts).await.unwrap().files, 1, "its attempt ended without a commit");
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints).await.unwrap().files,
+            1,
+            "its attempt ended without a commit"
+        );
     }
 
-    async fn finish(store: &Store, path: &str, expires_at: &str) {
+    #[tokio::test]
+    async fn checkpoints_stay_while_their_job_is_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
+        let store = Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap();
+        let checkpoints =
+            Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
+        let id = submit(&store, "2999-01-01T00:00:00Z").await;
+        let write = |name: String| std::fs::write(folder.path().join("checkpoints").join(name), "x").unwrap();
+        for name in ["1.checkpoint", "2.checkpoint.tmp"] {
+            write(format!("{id}.{name}"));
+            write(format!("{}.{name}", JobId::new()));
+        }
+        write("nonsense.1.checkpoint".into());
+        write("notes.txt".into());
+        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 3, "of a job that waits");
+        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 0);
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 0, "of one that runs");
+        store.finish_cancelled(lease).await.unwrap();
+        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 2, "of one that ended");
+        assert!(folder.path().join("checkpoints/notes.txt").exists());
+    }
+
+    async fn submit(store: &Store, expires_at: &str) -> JobId {
         let request = json!({
             "specimen": {"type": "box", "size_mm": [50, 50, 50]},
             "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2},
             "expires_at": expires_at
         });
         let request = JobRequest::read(&request, 1, None).unwrap();
-        store.submit(NewJob { request, idempotency_key: None }).await.unwrap();
+        match store.submit(NewJob { request, idempotency_key: None }).await.unwrap() {
+            Submitted::Created(job) | Submitted::Existing(job) => job.id,
+        }
+    }
+
+    async fn finish(store: &Store, path: &str, expires_at: &str) {
+        submit(store, expires_at).await;
         let lease = store.claim().await.unwrap().unwrap().lease;
         let artifact = ArtifactRecord {
             path: path.into(),

@@ -110,6 +110,15 @@ impl Store {
         Ok(row.is_some())
     }
 
+    /// Whether a job waits or runs.
+    pub(crate) async fn is_open(&self, id: JobId) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from jobs where id = ? and state in ('queued', 'running')")
+            .bind(id.to_string())
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
     /// Fails where the file cannot be written; changes nothing.
     pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
         let store = self.clone();

@@ -1,20 +1,23 @@
 //! `packstone run`: one job without a service, its result as files.
 
+mod resume;
+mod watch;
+
 use std::fs::File;
-use std::io::{BufWriter, IsTerminal as _, Read as _, Write as _};
+use std::io::{BufWriter, Read as _, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
-use indicatif::{ProgressBar, ProgressStyle};
 use packstone_engine::format::{self, EngineInfo, Format, Head};
-use packstone_engine::{Control, FieldError, Limits, PackError, Plan, PlanError, Progress};
+use packstone_engine::{FieldError, Limits, PackError, Plan, PlanError};
 
 use super::{Failure, print};
-use crate::config::default_memory_bytes;
+use crate::checkpoints;
+use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
 use crate::jobs::{JobRequest, request};
 use crate::strict_json;
-
-const STEPS: u64 = 1000;
+use watch::Watch;
 
 /// Options of `packstone run`.
 #[derive(Args)]
@@ -30,6 +33,15 @@ pub(super) struct Options {
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
+    /// Go on from the checkpoint of a run that was stopped or killed; it lies in the folder for the result
+    #[arg(long)]
+    resume: bool,
+    /// Discard the checkpoint of an earlier run
+    #[arg(long, conflicts_with = "resume")]
+    fresh: bool,
+    /// Seconds between two checkpoints; 0 keeps one at every opportunity
+    #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
+    checkpoint_every_s: f64,
 }
 
 fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
@@ -40,27 +52,52 @@ fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let value = strict_json::parse(&read(&options.job)?)
         .map_err(|problem| format!("{} is refused: {}", options.job.display(), problem.detail))?;
-    let request = JobRequest::read(&value, request::draw_seed(), None)
-        .map_err(|faults| listed(&options.job, &faults))?;
+    let checkpoint = options.out.join(resume::FILE);
+    // A run that was started without a seed goes on with the one that was drawn for it.
+    let stored = options.resume.then(|| resume::request_of(&checkpoint)).transpose()?;
+    let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
+    let request = JobRequest::read(&value, seed, None).map_err(|faults| listed(&options.job, &faults))?;
     let packing_request = request.packing();
     let limits = Limits { max_grains: options.max_grains, max_memory_bytes: default_memory_bytes(1) };
-    let plan = Plan::new(&packing_request, &limits).map_err(|error| match error {
-        PlanError::Invalid(faults) => listed(&options.job, &faults),
-        PlanError::TooLarge(fault) | PlanError::Infeasible(fault) => listed(&options.job, &[fault]),
-    })?;
+    let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, error))?;
     for warning in &plan.warnings {
         eprintln!("warning: {warning}");
+    }
+    let resume = stored
+        .map(|stored| resume::state(&checkpoint, &options.job, &packing_request, &stored))
+        .transpose()?;
+    if resume.is_none() && !options.fresh && checkpoint.exists() {
+        return Err(format!(
+            "{} is left from a run that was stopped: go on from it by --resume, or discard it by --fresh",
+            checkpoint.display()
+        )
+        .into());
     }
     // Before the work, not after it: a folder that cannot be made would waste it.
     std::fs::create_dir_all(&options.out)
         .map_err(|error| format!("{} cannot be made: {error}", options.out.display()))?;
-    let bar = Bar::new();
-    let packing = packstone_engine::pack(&packing_request, &limits, &bar);
-    bar.0.finish_and_clear();
-    let packing = packing.map_err(|error| match error {
-        PackError::Plan(PlanError::Invalid(faults)) => listed(&options.job, &faults),
-        other => other.to_string(),
-    })?;
+    if options.fresh {
+        discard(&checkpoint)?;
+    }
+    let watch = Watch::new(
+        checkpoint.clone(),
+        Duration::from_secs_f64(options.checkpoint_every_s),
+        resume.is_some(),
+    )?;
+    let packing = packstone_engine::pack_or_resume(&packing_request, &limits, resume, &watch);
+    watch.finish();
+    let packing = match packing {
+        Ok(packing) => packing,
+        Err(PackError::Stopped { placed, grains }) => {
+            return Err(stopped(&checkpoint, placed, grains).into());
+        }
+        Err(PackError::Plan(error)) => return Err(refused(&options.job, error).into()),
+        Err(ended) => {
+            // An answer, which going on would only repeat.
+            discard(&checkpoint)?;
+            return Err(ended.to_string().into());
+        }
+    };
     let summary = &packing.report.summary;
     eprintln!(
         "placed {} grains, volume fraction {:.4}, in {:.2} s (seed {})",
@@ -78,7 +115,27 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
         print(&format!("{}\n", file.display()))?;
     }
-    Ok(())
+    discard(&checkpoint)
+}
+
+fn stopped(checkpoint: &Path, placed: u64, grains: u64) -> String {
+    if checkpoint.exists() {
+        format!("stopped on request; go on from {} by --resume", checkpoint.display())
+    } else {
+        format!("stopped on request before the first checkpoint, after {placed} of {grains} grains")
+    }
+}
+
+fn discard(checkpoint: &Path) -> Result<(), Failure> {
+    checkpoints::remove(checkpoint)
+        .map_err(|error| format!("{} cannot be removed: {error}", checkpoint.display()).into())
+}
+
+fn refused(job: &Path, error: PlanError) -> String {
+    match error {
+        PlanError::Invalid(faults) => listed(job, &faults),
+        PlanError::TooLarge(fault) | PlanError::Infeasible(fault) => listed(job, &[fault]),
+    }
 }
 
 fn read(job: &Path) -> Result<Vec<u8>, Failure> {
@@ -106,34 +163,4 @@ fn write(
     let mut out = BufWriter::with_capacity(1 << 18, File::create(file)?);
     format::write(format, head, spheres, &mut out)?;
     out.flush()
-}
-
-/// The engine's progress as a bar; nothing where standard error is no terminal.
-struct Bar(ProgressBar);
-
-impl Bar {
-    fn new() -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self(ProgressBar::hidden());
-        }
-        let bar = ProgressBar::new(STEPS);
-        if let Ok(style) = ProgressStyle::with_template("{elapsed_precise} [{bar:40}] {percent} % {msg}") {
-            bar.set_style(style);
-        }
-        Self(bar)
-    }
-}
-
-impl Control for Bar {
-    fn report(&self, progress: &Progress) {
-        self.0.set_position((progress.fraction * STEPS as f64) as u64);
-        if self.0.is_hidden() {
-            return;
-        }
-        self.0.set_message(format!("{}/{} {}", progress.done, progress.total, progress.unit));
-    }
-
-    fn should_stop(&self) -> bool {
-        false
-    }
 }

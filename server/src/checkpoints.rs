@@ -1,0 +1,257 @@
+//! Checkpoints on disk: the state of a run that goes on after the process was killed.
+//!
+//! A checkpoint is never needed, only welcome: whatever is missing, damaged or of another version
+//! means that the job starts anew, and a full disk that it goes on without. What is inside is the
+//! engine's; nothing here knows jobs' states or HTTP.
+//!
+//! **Who may write which file.** A file belongs to one attempt of one job, by its name. An attempt
+//! that has lost its lease does not know it yet and may go on to write; it writes under its own
+//! name, so it can neither replace nor break a checkpoint of the attempt that followed. Should its file
+//! be read by a later attempt, no harm is done: a run is determined by its request, and
+//! every checkpoint of it is a state that this run passes. Files left over from such attempts go with the
+//! end of the job, or with the sweep.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use packstone_engine::{Checkpoint, PackingRequest, Resume};
+
+/// Ending of a complete checkpoint.
+const COMPLETE: &str = ".checkpoint";
+/// Ending that is added to one that is being written.
+const PARTIAL: &str = ".tmp";
+const BUFFER_BYTES: usize = 1 << 18;
+/// The first checkpoint of a run comes no later: a job of minutes should not lose half of them.
+const FIRST_AFTER: Duration = Duration::from_secs(5);
+/// At least so many times as long as the last checkpoint took must pass before the next: writing a state of
+/// gigabytes must not become what the run spends its time with.
+const PAUSE_PER_COST: u32 = 10;
+
+/// Writes a checkpoint so that under its name there is always a whole one: temporary name, fsync, rename,
+/// fsync of the folder. Returns its length in bytes.
+///
+/// # Errors
+/// Those of the disk; an earlier checkpoint of that name is still there then.
+pub(crate) fn write(file: &Path, checkpoint: &Checkpoint<'_>) -> io::Result<u64> {
+    let mut partial = file.as_os_str().to_owned();
+    partial.push(PARTIAL);
+    let partial = PathBuf::from(partial);
+    let written = write_partial(&partial, checkpoint).and_then(|bytes| {
+        fs::rename(&partial, file)?;
+        if let Some(folder) = file.parent() {
+            File::open(folder)?.sync_all()?;
+        }
+        Ok(bytes)
+    });
+    if written.is_err() {
+        // What is left of a full disk is given back; the sweeper has the rest.
+        let _ = fs::remove_file(&partial);
+    }
+    written
+}
+
+fn write_partial(partial: &Path, checkpoint: &Checkpoint<'_>) -> io::Result<u64> {
+    let mut out = BufWriter::with_capacity(BUFFER_BYTES, File::create(partial)?);
+    checkpoint.write_to(&mut out)?;
+    out.flush()?;
+    let file = out.get_ref();
+    file.sync_all()?;
+    Ok(file.metadata()?.len())
+}
+
+/// Removes a file. A missing one is as good as removed.
+pub(crate) fn remove(file: &Path) -> io::Result<()> {
+    match fs::remove_file(file) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// When the next checkpoint of a run is due.
+#[derive(Debug)]
+pub(crate) struct Schedule {
+    every: Duration,
+    next: Mutex<Instant>,
+}
+
+impl Schedule {
+    /// A checkpoint every so often; zero means between any two epochs.
+    pub(crate) fn new(every: Duration) -> Self {
+        Self { every, next: Mutex::new(Instant::now() + every.min(FIRST_AFTER)) }
+    }
+
+    /// Whether one is due.
+    pub(crate) fn is_due(&self) -> bool {
+        Instant::now() >= *self.next.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// One was tried, whether it succeeded or not, and took so long.
+    pub(crate) fn tried(&self, took: Duration) {
+        let pause = if self.every.is_zero() { Duration::ZERO } else { self.every.max(took * PAUSE_PER_COST) };
+        *self.next.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now() + pause;
+    }
+}
+
+/// The folder of the service's checkpoints.
+#[derive(Clone, Debug)]
+pub(crate) struct Checkpoints {
+    root: PathBuf,
+    every: Duration,
+}
+
+/// A file of the folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Found {
+    /// The job's id, as it stands in the name.
+    pub(crate) id: String,
+    /// The attempt that wrote it.
+    pub(crate) attempt: i64,
+    /// Whether it is whole.
+    pub(crate) complete: bool,
+    file: PathBuf,
+}
+
+impl Checkpoints {
+    /// Opens the folder, and makes it where it is missing. Runs are asked for a checkpoint `every` so often.
+    pub(crate) fn open(root: PathBuf, every: Duration) -> io::Result<Self> {
+        fs::create_dir_all(&root)?;
+        Ok(Self { root, every })
+    }
+
+    /// The state from which an attempt goes on: the newest that can be read. What cannot is removed.
+    pub(crate) fn resume(&self, id: &str, request: &PackingRequest) -> Option<Resume> {
+        let (mut found, partial): (Vec<_>, Vec<_>) =
+            self.of(id).into_iter().partition(|found| found.complete);
+        // Of an attempt that was killed, and on a full disk the room that this one needs. Where it is being
+        // written at this moment, by one that lost its lease, that one's rename fails.
+        partial.iter().for_each(removed);
+        found.sort_by_key(|found| std::cmp::Reverse(found.attempt));
+        found.into_iter().find_map(|found| {
+            let read = File::open(&found.file)
+                .map_err(Into::into)
+                .and_then(|file| Resume::read_from(&mut BufReader::with_capacity(BUFFER_BYTES, file), request));
+            match read {
+                Ok(resume) => {
+                    tracing::info!(of_attempt = found.attempt, "going on from a checkpoint");
+                    Some(resume)
+                }
+                Err(error) => {
+                    tracing::warn!(%error, of_attempt = found.attempt, "a checkpoint is of no use, and removed");
+                    removed(&found);
+                    None
+                }
+            }
+        })
+    }
+
+    /// Keeps the checkpoints of one attempt.
+    pub(crate) fn keeper(&self, id: &str, attempt: i64) -> Keeper {
+        Keeper {
+            folder: self.clone(),
+            id: id.to_owned(),
+            attempt,
+            schedule: Schedule::new(self.every),
+            kept: AtomicBool::new(false),
+            failing: AtomicBool::new(false),
+        }
+    }
+
+    /// Removes the checkpoints of a job up to those of this attempt. Later ones are another's.
+    pub(crate) fn remove(&self, id: &str, until_attempt: i64) {
+        self.of(id).iter().filter(|found| found.attempt <= until_attempt).for_each(removed);
+    }
+
+    /// Removes one file that was found.
+    pub(crate) fn remove_found(found: &Found) -> io::Result<()> {
+        remove(&found.file)
+    }
+
+    /// Every checkpoint, whole or not.
+    pub(crate) fn list(&self) -> io::Result<Vec<Found>> {
+        let mut found = Vec::new();
+        for entry in fs::read_dir(&self.root)? {
+            let entry = entry?;
+            let Ok(name) = entry.file_name().into_string() else { continue };
+            found.extend(parse(&name).map(|(id, attempt, complete)| Found {
+                id: id.to_owned(),
+                attempt,
+                complete,
+                file: entry.path(),
+            }));
+        }
+        Ok(found)
+    }
+
+    /// Those of one job. Only running jobs and those that wait for their next attempt have any, so the folder
+    /// is small and reading it costs little.
+    fn of(&self, id: &str) -> Vec<Found> {
+        let mut found = self.list().unwrap_or_else(|error| {
+            tracing::warn!(%error, "the folder of checkpoints cannot be read");
+            Vec::new()
+        });
+        found.retain(|found| found.id == id);
+        found
+    }
+}
+
+fn removed(found: &Found) {
+    if let Err(error) = remove(&found.file) {
+        tracing::warn!(%error, file = %found.file.display(), "a checkpoint is left to the sweeper");
+    }
+}
+
+/// Id, attempt, and whether it is whole.
+fn parse(name: &str) -> Option<(&str, i64, bool)> {
+    let whole = name.strip_suffix(PARTIAL);
+    let (id, attempt) = whole.unwrap_or(name).strip_suffix(COMPLETE)?.rsplit_once('.')?;
+    Some((id, attempt.parse().ok()?, whole.is_none()))
+}
+
+/// Keeps the checkpoints of one attempt, on its packing thread.
+#[derive(Debug)]
+pub(crate) struct Keeper {
+    folder: Checkpoints,
+    id: String,
+    attempt: i64,
+    schedule: Schedule,
+    kept: AtomicBool,
+    failing: AtomicBool,
+}
+
+impl Keeper {
+    /// Whether a checkpoint is due.
+    pub(crate) fn is_due(&self) -> bool {
+        self.schedule.is_due()
+    }
+
+    /// Keeps one. Where that fails the run goes on, and may find room for the next.
+    pub(crate) fn keep(&self, checkpoint: &Checkpoint<'_>) {
+        let start = Instant::now();
+        let file = self.folder.root.join(format!("{}.{}{COMPLETE}", self.id, self.attempt));
+        match write(&file, checkpoint) {
+            Ok(bytes) => {
+                let took_s = start.elapsed().as_secs_f64();
+                tracing::debug!(bytes, took_s, "kept a checkpoint");
+                self.failing.store(false, Ordering::Relaxed);
+                // Only now are those of earlier attempts of no more use.
+                if !self.kept.swap(true, Ordering::Relaxed) {
+                    self.folder.remove(&self.id, self.attempt - 1);
+                }
+            }
+            // Once: a disk stays full for longer than the time between two checkpoints.
+            Err(error) if !self.failing.swap(true, Ordering::Relaxed) => {
+                tracing::warn!(%error, "a checkpoint could not be kept; the run goes on without");
+            }
+            Err(_) => {}
+        }
+        self.schedule.tried(start.elapsed());
+    }
+}
+
+#[cfg(test)]
+#[path = "checkpoints_tests.rs"]
+mod tests;

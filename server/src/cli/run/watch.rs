@@ -1,0 +1,186 @@
+//! What stands around a run at the terminal: its bar, its checkpoints, and the signals that stop it.
+
+use std::cell::{Cell, RefCell};
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use packstone_engine::{Checkpoint, Control, Phase, Progress};
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::super::Failure;
+use crate::checkpoints::{self, Schedule};
+use crate::pace::Pace;
+
+const STEPS: u64 = 1000;
+/// What a shell reports of a process that an interrupt ended.
+const INTERRUPTED: i32 = 130;
+
+/// Control of a run at the terminal.
+pub(super) struct Watch {
+    bar: ProgressBar,
+    start: Instant,
+    pace: RefCell<Pace>,
+    stop: Arc<AtomicBool>,
+    file: PathBuf,
+    schedule: Schedule,
+    failing: Cell<bool>,
+}
+
+impl Watch {
+    /// Watches a run whose checkpoints go to `file`, and that goes on from one where it is `resumed`.
+    pub(super) fn new(file: PathBuf, every: Duration, resumed: bool) -> Result<Self, Failure> {
+        let mut pace = Pace::default();
+        if resumed {
+            pace.resumed();
+        }
+        Ok(Self {
+            bar: bar(),
+            start: Instant::now(),
+            pace: RefCell::new(pace),
+            stop: stop_on_signals()?,
+            file,
+            schedule: Schedule::new(every),
+            failing: Cell::new(false),
+        })
+    }
+
+    /// Takes the bar away.
+    pub(super) fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Control for Watch {
+    fn report(&self, progress: &Progress) {
+        let mut pace = self.pace.borrow_mut();
+        pace.follow(progress);
+        if self.bar.is_hidden() {
+            return;
+        }
+        self.bar.set_position((pace.fraction() * STEPS as f64) as u64);
+        self.bar.set_message(message(progress, pace.eta_s(self.start.elapsed())));
+    }
+
+    fn should_stop(&self) -> bool {
+        self.stop.load(Ordering::Acquire)
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.schedule.is_due()
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        let start = Instant::now();
+        match checkpoints::write(&self.file, checkpoint) {
+            Ok(_) => self.failing.set(false),
+            Err(error) => {
+                if !self.failing.replace(true) {
+                    let said = format!(
+                        "warning: {} cannot be written: {error}; the run goes on",
+                        self.file.display()
+                    );
+                    self.bar.suspend(|| eprintln!("{said}"));
+                }
+            }
+        }
+        self.schedule.tried(start.elapsed());
+    }
+}
+
+/// One line about where the run stands.
+fn message(progress: &Progress, eta_s: Option<f64>) -> String {
+    let phase = match progress.phase {
+        Phase::Take => "take",
+        Phase::Rsa => "rsa",
+        Phase::Edmd => "edmd",
+        Phase::Verify => "verify",
+        Phase::Write => "write",
+    };
+    let line = match &progress.growth {
+        Some(growth) => {
+            let distance = growth.distance_mm.map(|mm| format!(", distance {mm:.3} mm")).unwrap_or_default();
+            format!(
+                "{phase}: volume fraction {:.4}{distance}, {:.2e} events/s",
+                growth.volume_fraction, growth.events_per_s
+            )
+        }
+        None => format!("{phase}: {}/{} {}", progress.done, progress.total, progress.unit),
+    };
+    let left = eta_s.map(|s| format!(", {s:.0} s left")).unwrap_or_default();
+    line + &left
+}
+
+/// A bar; nothing where standard error is no terminal.
+fn bar() -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(STEPS);
+    if let Ok(style) = ProgressStyle::with_template("{elapsed_precise} [{bar:30}] {percent} % {msg}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// Set by the first signal to end. The second ends the process at once: the run may be writing a result
+/// of gigabytes, and whoever asks twice means it.
+fn stop_on_signals() -> Result<Arc<AtomicBool>, Failure> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let (mut interrupt, mut terminate) = {
+        let _context = runtime.enter();
+        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = Arc::clone(&stop);
+    std::thread::spawn(move || {
+        runtime.block_on(async {
+            loop {
+                tokio::select! {
+                    _ = interrupt.recv() => {}
+                    _ = terminate.recv() => {}
+                }
+                if asked.swap(true, Ordering::AcqRel) {
+                    std::process::exit(INTERRUPTED);
+                }
+            }
+        });
+    });
+    Ok(stop)
+}
+
+#[cfg(test)]
+mod tests {
+    use packstone_engine::Growth;
+
+    use super::*;
+
+    #[test]
+    fn the_line_tells_what_the_phase_is_about() {
+        let mut progress = Progress {
+            phase: Phase::Rsa,
+            fraction: 0.5,
+            done: 3,
+            total: 7,
+            unit: "grains",
+            message: String::new(),
+            growth: None,
+        };
+        assert_eq!(message(&progress, None), "rsa: 3/7 grains");
+        progress.phase = Phase::Edmd;
+        progress.growth = Some(Growth {
+            volume_fraction: 0.66123,
+            distance_mm: Some(0.93),
+            events: 10,
+            events_per_s: 1_234_000.0,
+            reduced_pressure: None,
+        });
+        assert_eq!(
+            message(&progress, Some(34.6)),
+            "edmd: volume fraction 0.6612, distance 0.930 mm, 1.23e6 events/s, 35 s left"
+        );
+    }
+}
