@@ -34,7 +34,7 @@ fn request() -> PackingRequest {
     let value = json!({
         "specimen": {"type": "box", "size_mm": [16, 15, 14]},
         "mix": {"grading": {"type": "fuller", "d_max_mm": 6, "exponent": 0.5}, "d_min_mm": 2.5,
-            "volume_fraction": 0.4, "basis": "effective"},
+            "volume_fraction": 0.25, "basis": "effective"},
         "distance": {"type": "maximize"},
         "method": {"type": "edmd", "stop": {"events": 12_000}},
     });
@@ -58,8 +58,8 @@ fn resumes(packing: &Packing) -> u64 {
     packing.report.statistics.edmd.unwrap().resumes
 }
 
-/// Numbers before the columns: 14 counts and 9 measures; then each column with its length in front.
-const HEAD_BYTES: usize = (14 + 9) * 8;
+/// Numbers before the columns: 17 counts and 10 measures; then each column with its length in front.
+const HEAD_BYTES: usize = (17 + 10) * 8;
 
 #[test]
 fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
