@@ -159,8 +159,8 @@ impl Run {
             None => LOOSE_PACE,
         };
         let mut pace = Pace::new(pace, radii.len());
-        if stage == Stage::Length && frame.of_equal_grains() {
-            pace = pace.for_equal_grains();
+        if stage == Stage::Length {
+            pace = pace.without_target(radii.len(), frame.of_equal_grains());
         }
         let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
         Self {
@@ -192,10 +192,7 @@ impl Run {
 
     /// Goes over from growth by scale, done, to growth by length.
     pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, law: &Law) {
-        if frame.of_equal_grains() {
-            self.pace = self.pace.for_equal_grains();
-        }
-        self.pace = self.pace.with_frozen(false);
+        self.pace = self.pace.with_frozen(false).without_target(law.radii_mm.len(), frame.of_equal_grains());
         self.stage = Stage::Length;
         self.size = 0.0;
         self.first_size = 0.0;
@@ -554,11 +551,8 @@ impl Run {
             predictions: whole()?,
             stale_events: whole()?,
         };
-        let rsa = RsaStatistics {
-            attempts: whole()?,
-            grains_by_subdivision: whole()?,
-            voxels_tested: whole()?,
-        };
+        let rsa =
+            RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
         let size = input.f64()?;
         let law = &laws[usize::from(stage == Stage::Length)];
         let n = law.radii_mm.len();

@@ -32,18 +32,12 @@ pub struct EdmdOptions {
     pub initial_scale: Option<f64>,
     /// Relative growth rate of the diameters while the pressure is low, per s. Default: a tenth of the
     /// mean thermal velocity over the mean contact radius.
-    #[cfg_attr(
-        feature = "openapi",
-        schema(required = false, nullable, minimum = 1e-6, maximum = 1000)
-    )]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub growth_rate: Option<f64>,
     /// Components of the initial velocities are uniform in plus minus this for the smallest grain, in
     /// mm/s, and of the same energy for larger ones. Default: 0.5.
-    #[cfg_attr(
-        feature = "openapi",
-        schema(required = false, nullable, minimum = 1e-6, maximum = 1e6)
-    )]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_velocity: Option<f64>,
     /// Whether all grains have the same mass in a collision, whatever their size. Default: false, masses
@@ -101,11 +95,12 @@ impl EdmdStop {
 pub(super) fn read_options(object: &mut Object<'_>) -> Option<EdmdOptions> {
     let initial_scale =
         object.optional("initial_scale").map(|at| at.number(Bound::closed(MIN_INITIAL_SCALE, 1.0, "")));
-    let growth_rate =
-        object.optional("growth_rate").map(|at| at.number(Bound::closed(MIN_GROWTH_RATE, MAX_GROWTH_RATE, "per s")));
-    let initial_velocity = object
-        .optional("initial_velocity")
-        .map(|at| at.number(Bound::closed(MIN_INITIAL_VELOCITY_MM_PER_S, MAX_INITIAL_VELOCITY_MM_PER_S, "mm/s")));
+    let growth_rate = object
+        .optional("growth_rate")
+        .map(|at| at.number(Bound::closed(MIN_GROWTH_RATE, MAX_GROWTH_RATE, "per s")));
+    let initial_velocity = object.optional("initial_velocity").map(|at| {
+        at.number(Bound::closed(MIN_INITIAL_VELOCITY_MM_PER_S, MAX_INITIAL_VELOCITY_MM_PER_S, "mm/s"))
+    });
     let equal_mass = object.optional("equal_mass").map(|at| at.boolean());
     let swap = object.optional("swap").map(|at| at.boolean());
     let stop = object.optional("stop").map(|at| read_stop(&at));
