@@ -46,18 +46,22 @@ fn resume(bytes: &[u8], request: &PackingRequest) -> Resume {
     Resume::read_from(&mut &bytes[..], request).unwrap()
 }
 
-/// Packs until the question; the checkpoint kept then, or the packing where it was never asked.
-fn killed_at(
-    question: u32,
-    request: &PackingRequest,
-    from: Option<Resume>,
-) -> Result<Vec<u8>, Result<Packing, PackError>> {
+/// What came of a run that was to be killed.
+enum Killed {
+    /// Its checkpoint.
+    At(Vec<u8>),
+    /// It ended before it was asked.
+    Never(Box<Packing>),
+}
+
+/// Packs until the question.
+fn killed_at(question: u32, request: &PackingRequest, from: Option<Resume>) -> Killed {
     let killer = Killer::at(question);
     let ended = pack_or_resume(request, &Limits::default(), from, &killer);
     match (killer.kept.into_inner(), ended) {
-        (Some(bytes), Err(PackError::Stopped { .. })) => Ok(bytes),
-        (Some(_), other) => panic!("the run ended as {other:?} when it was to stop"),
-        (None, ended) => Err(ended),
+        (Some(bytes), Err(PackError::Stopped { .. })) => Killed::At(bytes),
+        (None, Ok(packing)) => Killed::Never(Box::new(packing)),
+        (_, other) => panic!("the run ended as {other:?}"),
     }
 }
 
@@ -87,7 +91,7 @@ fn check(name: &str, value: &Value, seed: u64, questions: &[u32]) -> usize {
     let mut asked = 0;
     for &question in questions {
         let what = format!("{name}, killed at question {question}");
-        let Ok(bytes) = killed_at(question, &request, None) else { continue };
+        let Killed::At(bytes) = killed_at(question, &request, None) else { continue };
         asked += 1;
         let from = resume(&bytes, &request);
         let resumed = pack_or_resume(&request, &Limits::default(), Some(from), &Unattended).unwrap();
@@ -157,8 +161,8 @@ fn a_run_that_is_killed_after_every_epoch_ends_the_same() {
     let ended = loop {
         // The first question comes before anything has happened since.
         match killed_at(2, &request, from.take()) {
-            Ok(bytes) => from = Some(resume(&bytes, &request)),
-            Err(ended) => break ended.unwrap(),
+            Killed::At(bytes) => from = Some(resume(&bytes, &request)),
+            Killed::Never(packing) => break packing,
         }
         kills += 1;
     };
@@ -230,7 +234,7 @@ proptest! {
     fn a_damaged_checkpoint_is_refused(at in any::<prop::sample::Index>(), flip in 1_u8..=255, cut: bool) {
         let value = job(WALLS, GRADED, &json!({"type": "none"}), &json!({"type": "edmd"}));
         let request = PackingRequest::from_json(&value, 4).unwrap();
-        let Ok(mut bytes) = killed_at(3, &request, None) else { panic!("too short a run") };
+        let Killed::At(mut bytes) = killed_at(3, &request, None) else { panic!("too short a run") };
         let at = at.index(bytes.len());
         if cut { bytes.truncate(at) } else { bytes[at] ^= flip }
         prop_assert!(Resume::read_from(&mut &bytes[..], &request).is_err());
@@ -241,7 +245,7 @@ proptest! {
 fn a_checkpoint_serves_its_own_seed_only() {
     let value = job(WALLS, GRADED, &json!({"type": "none"}), &json!({"type": "edmd"}));
     let of_seed = |seed| PackingRequest::from_json(&value, seed).unwrap();
-    let Ok(bytes) = killed_at(2, &of_seed(1), None) else { panic!("too short a run") };
+    let Killed::At(bytes) = killed_at(2, &of_seed(1), None) else { panic!("too short a run") };
     let other = Resume::read_from(&mut &bytes[..], &of_seed(2));
     assert!(matches!(other, Err(CheckpointError::OtherRequest)), "{other:?}");
 }

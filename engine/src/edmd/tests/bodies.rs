@@ -34,7 +34,7 @@ fn request() -> PackingRequest {
     let value = json!({
         "specimen": {"type": "box", "size_mm": [16, 15, 14]},
         "mix": {"grading": {"type": "fuller", "d_max_mm": 6, "exponent": 0.5}, "d_min_mm": 2.5,
-            "volume_fraction": 0.4, "basis": "effective"},
+            "volume_fraction": 0.25, "basis": "effective"},
         "distance": {"type": "maximize"},
         "method": {"type": "edmd", "stop": {"events": 12_000}},
     });

@@ -113,20 +113,13 @@ fn alone() -> impl Strategy<Value = (Growth, Placed, Container)> {
         |(growth, (wall_factor, wall_offset_mm, wall_beta), container, radius, share, velocity, mass)| {
             let growth = Growth { wall_factor, wall_offset_mm, wall_beta, ..growth };
             let room = |length: f64| length / 2.0 - growth.wall(radius).0;
-            let position = match container {
-                Container::Cylinder { radius_mm, height_mm } => {
-                    let (sin, cos) = (3.5 * share[1]).sin_cos();
-                    let out = room(2.0 * radius_mm) * share[0];
-                    [
-                        radius_mm + out * cos,
-                        radius_mm + out * sin,
-                        height_mm / 2.0 + share[2] * room(height_mm),
-                    ]
-                }
-                _ => {
-                    let size = container.bounds_mm();
-                    std::array::from_fn(|k| size[k] / 2.0 + share[k] * room(size[k]))
-                }
+            let position = if let Container::Cylinder { radius_mm, height_mm } = container {
+                let (sin, cos) = (3.5 * share[1]).sin_cos();
+                let out = room(2.0 * radius_mm) * share[0];
+                [radius_mm + out * cos, radius_mm + out * sin, height_mm / 2.0 + share[2] * room(height_mm)]
+            } else {
+                let size = container.bounds_mm();
+                std::array::from_fn(|k| size[k] / 2.0 + share[k] * room(size[k]))
             };
             (growth, Placed { position, velocity, radius, mass }, container)
         },
@@ -186,18 +179,17 @@ fn a_grain_leaves_every_wall_as_one_that_recedes_as_fast_as_it_grows() {
     assert!(met.iter().all(|&count| count > 50), "every face, the mantle and both ends: {met:?}");
 }
 
-/// In contact but for rounding, and receding exactly as fast as they grow: to the prediction, which
-/// multiplies by distances, they close; to the collision, which divides by them, they do not.
+/// In contact but for rounding, and receding exactly as fast as they grow: by distances they close, and by
+/// velocities they do not. Whichever is right, they are done with each other.
 #[test]
-fn a_collision_that_is_refused_does_not_come_again_at_once() {
+fn a_pair_that_neither_closes_nor_parts_is_not_met_for_ever() {
     let growth = Growth { beta: 0.5, wall_factor: 1.0, ..Growth::default() };
     let still = Placed { position: [8.0, 10.0, 10.0], velocity: [0.0; 3], radius: 1.0, mass: 1.0 };
-    let beside = Placed {
-        position: [10.0 - 2.0 * 8.0 * f64::EPSILON, 10.0, 10.0],
-        velocity: [1.0, 0.0, 0.0],
-        ..still
-    };
-    let mut scene = Scene::new(Container::Box { size_mm: [40.0; 3] }, growth, 1.0, &[still, beside]);
-    assert_eq!(scene.collide(), Some(0.0));
-    assert_eq!(scene.collide(), None);
+    for roundings in -8..=8 {
+        let x = 10.0 + f64::from(roundings) * 8.0 * f64::EPSILON;
+        let beside = Placed { position: [x, 10.0, 10.0], velocity: [1.0, 0.0, 0.0], ..still };
+        let mut scene = Scene::new(Container::Box { size_mm: [40.0; 3] }, growth, 1.0, &[still, beside]);
+        let times: Vec<f64> = std::iter::from_fn(|| scene.collide()).take(3).collect();
+        assert!(times.len() < 2, "{roundings} roundings apart: {times:?}");
+    }
 }

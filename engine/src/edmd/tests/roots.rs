@@ -196,7 +196,7 @@ fn judge_meeting(growth: Growth, grains: [Placed; 2], end_s: f64) -> Result<bool
         (None, None) => {}
         // A miss and a hit by less than rounding are one.
         (Some(met), None) => {
-            prop_assert!(f64::from(clear(met.into()).abs()) <= ROUNDING_MM, "met at {met} for nothing")
+            prop_assert!(f64::from(clear(met.into()).abs()) <= ROUNDING_MM, "met at {met} for nothing");
         }
         (None, Some(first)) => {
             let deepest = if exact.a > 0.0.into() { -exact.b / exact.a } else { end_s.into() };
