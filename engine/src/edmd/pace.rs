@@ -46,8 +46,8 @@ impl Pace {
 
     /// The pace towards the largest distance, of grains that may be all equal.
     pub(crate) fn without_target(self, grains: usize, equal: bool) -> Self {
-        let order = if equal { EQUAL_GRAINS } else { 1.0 };
-        Self { loose: self.loose * few(grains).powi(2) * order, ..self }
+        let few = few(grains).powi(2);
+        Self { loose: self.loose * if equal { few.min(EQUAL_GRAINS) } else { few }, ..self }
     }
 
     /// The same pace for a structure that was, or was not, found frozen before.

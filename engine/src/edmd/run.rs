@@ -11,7 +11,7 @@ use super::container::Container;
 use super::law::Law;
 use super::pace::{LOOSE_PACE, Pace, done_share, room};
 use super::state::{Decoder, Encoder};
-use super::swap::Swaps;
+use super::swap::{Swaps, free};
 use super::system::{Cold, Counts, System};
 use crate::checkpoint::Checkpoint;
 use crate::control::{Control, Growth as Grown, Phase, Progress};
@@ -71,12 +71,34 @@ pub(crate) enum Ended {
     Stopped,
 }
 
+/// Sums over the diameters, from which the volume fraction follows at any distance without another
+/// look at the grains.
+pub(crate) struct Moments {
+    sums: [f64; 4],
+    specimen_volume_mm3: f64,
+}
+
+impl Moments {
+    pub(crate) fn new(diameters_mm: &[f64], specimen_volume_mm3: f64) -> Self {
+        let sums = std::array::from_fn(|power| diameters_mm.iter().map(|d| d.powi(power as i32)).sum());
+        Self { sums, specimen_volume_mm3 }
+    }
+
+    /// Volume fraction of grains whose diameters are longer by `more_mm`.
+    fn volume_fraction(&self, more_mm: f64) -> f64 {
+        let [count, first, second, third] = self.sums;
+        let cubes = third + more_mm * (3.0 * second + more_mm * (3.0 * first + more_mm * count));
+        sphere_volume(1.0) * cubes / self.specimen_volume_mm3
+    }
+}
+
 /// What stays the same in a run.
 pub(crate) struct Frame<'a> {
     pub(crate) request: &'a PackingRequest,
     pub(crate) options: EdmdOptions,
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) control: &'a dyn Control,
+    pub(crate) moments: Moments,
     /// Since the run, or its part after a checkpoint, began.
     pub(crate) started: Instant,
 }
@@ -252,7 +274,7 @@ impl Run {
         let mut rng = epoch_stream(frame.request.seed, self.epochs);
         if let Some(grain) = stuck {
             self.stuck_grains += 1;
-            self.swaps.free(&mut self.system, grain, FREEING_TRIES, &mut rng);
+            free(&mut self.system, grain, FREEING_TRIES, &mut rng);
         }
         if frame.options.swap != Some(false) {
             let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
@@ -267,7 +289,7 @@ impl Run {
         let mut reached;
         loop {
             let done = self.system.counts.collisions() - before.collisions();
-            reached = self.system.run((most_events - done).min(EVENTS_PER_LOOK));
+            reached = self.system.run(most_events - done, EVENTS_PER_LOOK);
             if frame.control.should_stop() {
                 return Some(Ended::Stopped);
             }
@@ -364,12 +386,10 @@ impl Run {
     /// Volume fraction of the grains at their present size, without their distance; with it where it
     /// is what grows.
     pub(crate) fn volume_fraction(&self, frame: &Frame<'_>) -> f64 {
-        let (factor, offset) = match self.stage {
-            Stage::Scale => (self.size.min(1.0), 0.0),
-            Stage::Length => (1.0, 2.0 * self.size),
-        };
-        frame.diameters_mm.iter().map(|d| sphere_volume(factor * d + offset)).sum::<f64>()
-            / frame.request.specimen.volume_mm3()
+        match self.stage {
+            Stage::Scale => frame.moments.volume_fraction(0.0) * self.size.min(1.0).powi(3),
+            Stage::Length => frame.moments.volume_fraction(2.0 * self.size),
+        }
     }
 
     fn note_point(&mut self, frame: &Frame<'_>) {

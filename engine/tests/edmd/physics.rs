@@ -43,7 +43,6 @@ fn reaches_optimum(spheres: u32, diameter: f64, method: &Value) {
 /// Optima of Schaer (1966): centres in opposite corners, in three and four corners of a tetrahedron, and
 /// in all eight, of the cube that is left to them.
 #[test]
-#[ignore = "defect: with the default growth fewer than ten equal spheres take more than 1e7 events each"]
 fn a_few_spheres_jam_at_their_optimum_in_a_cube() {
     let between = |distance: f64| distance / (1.0 + distance);
     let method = json!({"type": "edmd"});

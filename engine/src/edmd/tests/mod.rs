@@ -48,7 +48,7 @@ impl Scene {
     /// Lets one collision happen; its time, or `None` where there is none until the epoch ends.
     fn collide(&mut self) -> Option<f64> {
         let before = self.system.counts.collisions();
-        let reached = self.system.run(1);
+        let reached = self.system.run(1, u64::MAX);
         (self.system.counts.collisions() > before).then_some(reached)
     }
 
