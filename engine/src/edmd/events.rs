@@ -10,6 +10,8 @@ use wide::f64x4;
 use super::contact::fall_to_zero;
 use super::container::HOME;
 use super::growth::Growth;
+use super::prefetch::prefetch;
+use super::queue::READ_AHEAD;
 use super::system::{Hot, Next, System, unpack};
 
 /// Codes of events that are no meeting of grains, above every list entry of image 0..125.
@@ -63,9 +65,42 @@ impl System {
             };
             now = entry.time;
             let i = entry.grain as usize;
+            if self.len() >= READ_AHEAD {
+                self.read_ahead();
+            }
             self.process::<PERIODIC>(i, self.next[i].with, now);
         }
         now
+    }
+
+    /// Asks the memory for what the next events need, each time one step further: records, then lists
+    /// and partners, then neighbours.
+    #[inline(always)]
+    fn read_ahead(&self) {
+        if let Some(grain) = self.queue.ahead(3) {
+            prefetch(&self.next, grain);
+            prefetch(&self.cold, grain);
+            prefetch(&self.hot, grain);
+        }
+        if let Some(grain) = self.queue.ahead(2) {
+            self.prefetch_list(grain);
+            let partner = unpack(self.next[grain].with).0;
+            prefetch(&self.hot, partner);
+            prefetch(&self.cold, partner);
+        }
+        if let Some(grain) = self.queue.ahead(1) {
+            self.prefetch_neighbours(grain);
+            let partner = unpack(self.next[grain].with).0;
+            if partner < self.len() {
+                self.prefetch_list(partner);
+            }
+        }
+        if let Some(grain) = self.queue.ahead(0) {
+            let partner = unpack(self.next[grain].with).0;
+            if partner < self.len() {
+                self.prefetch_neighbours(partner);
+            }
+        }
     }
 
     fn process<const PERIODIC: bool>(&mut self, i: usize, with: u32, now: f64) {

@@ -22,6 +22,7 @@ mod grid;
 mod growth;
 mod law;
 mod pace;
+mod prefetch;
 mod queue;
 mod run;
 mod state;

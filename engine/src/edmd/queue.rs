@@ -6,8 +6,11 @@
 //! numbers; it must never know what an event is.
 
 const NIL: u32 = u32::MAX;
-/// Events per bin aimed at.
+/// Events per bin aimed at, and with so many grains that memory must be asked some events ahead.
 const PER_BIN: f64 = 1.5;
+const PER_BIN_AHEAD: f64 = 8.0;
+/// Grains from which reading ahead pays: fewer stay in the cache.
+pub(crate) const READ_AHEAD: usize = 8_000;
 
 /// One scheduled event.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +46,8 @@ impl Queue {
     /// Empties the queue and sets it up from time 0 for so many grains that have about
     /// `events_per_time` events in all.
     pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) {
-        let bins = (grains / 2).next_power_of_two().clamp(64, 1 << 22);
+        let per_bin = if grains < READ_AHEAD { PER_BIN } else { PER_BIN_AHEAD };
+        let bins = ((grains as f64 / per_bin) as usize).next_power_of_two().clamp(64, 1 << 22);
         self.heads.clear();
         self.heads.resize(bins, NIL);
         self.nodes.clear();
@@ -52,11 +56,11 @@ impl Queue {
         self.current.clear();
         self.cursor = 0;
         self.start = 0.0;
-        self.set_width(events_per_time);
+        self.set_width(per_bin, events_per_time);
     }
 
-    fn set_width(&mut self, events_per_time: f64) {
-        self.width = if events_per_time > 0.0 { PER_BIN / events_per_time } else { 1.0 };
+    fn set_width(&mut self, per_bin: f64, events_per_time: f64) {
+        self.width = if events_per_time > 0.0 { per_bin / events_per_time } else { 1.0 };
         self.width = self.width.clamp(1e-300, 1e300);
         self.per_width = 1.0 / self.width;
     }
@@ -106,6 +110,13 @@ impl Queue {
                 return None;
             }
         }
+    }
+
+    /// The grain of the entry that comes up so many after the next one, if the current bin has it.
+    #[inline(always)]
+    pub(crate) fn ahead(&self, entries: usize) -> Option<usize> {
+        let at = self.current.len().checked_sub(entries + 1)?;
+        Some(self.current[at].grain as usize)
     }
 
     /// Loads the next bin that is not empty; says whether there was one.

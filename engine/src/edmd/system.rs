@@ -11,6 +11,7 @@ use wide::f64x4;
 use super::container::{Container, IMAGES, mirrored};
 use super::grid::Grid;
 use super::growth::Growth;
+use super::prefetch::prefetch;
 use super::queue::Queue;
 use crate::rng::uniform;
 
@@ -31,6 +32,8 @@ const MANY_RENEWALS: f64 = 0.10;
 const FEW_RENEWALS: f64 = 0.04;
 const MORE: f64 = 1.15;
 const LESS: f64 = 0.87;
+/// Cache lines of a list that are asked for ahead.
+const LIST_LINES: u32 = 3;
 /// Free places of a new list.
 const SPARE: u32 = 3;
 
@@ -200,6 +203,25 @@ impl System {
         &self.slab[cold.offset as usize..(cold.offset + cold.len) as usize]
     }
 
+    /// Asks the memory for the start of a grain's list.
+    #[inline(always)]
+    pub(crate) fn prefetch_list(&self, grain: usize) {
+        let cold = &self.cold[grain];
+        for line in 0..LIST_LINES.min(cold.len.div_ceil(16)) {
+            prefetch(&self.slab, (cold.offset + 16 * line) as usize);
+        }
+    }
+
+    /// Asks the memory for the neighbours of a grain whose list is there.
+    #[inline(always)]
+    pub(crate) fn prefetch_neighbours(&self, grain: usize) {
+        let cold = &self.cold[grain];
+        let end = cold.offset + cold.len.min(16 * LIST_LINES);
+        for &entry in &self.slab[cold.offset as usize..end as usize] {
+            prefetch(&self.hot, unpack(entry).0);
+        }
+    }
+
     /// Largest contact radius of the epoch.
     #[inline(always)]
     fn last_radius(&self, grain: usize) -> f64 {
@@ -353,6 +375,7 @@ impl System {
 
     /// Gives a grain whose record stands at the present a new sphere of free movement and new
     /// neighbours.
+    #[inline(never)]
     pub(crate) fn renew<const PERIODIC: bool>(&mut self, i: usize) {
         self.counts.list_renewals += 1;
         let (offset, len) = (self.cold[i].offset as usize, self.cold[i].len as usize);
