@@ -161,6 +161,8 @@ pub(crate) struct System {
     grid: Grid,
     slab: Vec<u32>,
     slab_at_start: usize,
+    /// Room for the candidates of a renewal.
+    found: Vec<u32>,
 }
 
 impl System {
@@ -189,6 +191,7 @@ impl System {
             grid: Grid::default(),
             slab: Vec::new(),
             slab_at_start: 0,
+            found: Vec::new(),
         }
     }
 
@@ -379,6 +382,13 @@ impl System {
     pub(crate) fn renew<const PERIODIC: bool>(&mut self, i: usize) {
         self.counts.list_renewals += 1;
         let (offset, len) = (self.cold[i].offset as usize, self.cold[i].len as usize);
+        // Far apart in memory: asked for all at once, not one after the other.
+        for k in offset..offset + len {
+            prefetch(&self.cold, unpack(self.slab[k]).0);
+        }
+        for k in offset..offset + len {
+            self.prefetch_list(unpack(self.slab[k]).0);
+        }
         for k in offset..offset + len {
             let entry = self.slab[k];
             self.take_out((entry & GRAIN_MASK) as usize, mirror(entry, i));
@@ -398,16 +408,24 @@ impl System {
         let outer = self.cold[i].outer;
         let center = self.cold[i].center;
         self.cold[i].cell = self.grid.insert(i as u32, center, outer);
-        let mut found = Vec::with_capacity(32);
+        let mut found = std::mem::take(&mut self.found);
+        found.clear();
         self.grid.visit::<PERIODIC>(center, outer, self.growth.kappa, self.grid.all(), |j, image| {
-            if j as usize != i && self.are_neighbours::<PERIODIC>(i, j as usize, image) {
-                found.push(j | image << GRAIN_BITS);
-            }
+            prefetch(&self.cold, j as usize);
+            found.push(j | image << GRAIN_BITS);
         });
-        for entry in found {
+        found.retain(|&entry| {
+            let (j, image) = unpack(entry);
+            j != i && self.are_neighbours::<PERIODIC>(i, j, image as u32)
+        });
+        for &entry in &found {
+            self.prefetch_list(unpack(entry).0);
+        }
+        for &entry in &found {
             self.append(i, entry);
             self.append((entry & GRAIN_MASK) as usize, mirror(entry, i));
         }
+        self.found = found;
     }
 
     /// Brings all grains to one time and sets it to 0; contact radii are left to the caller.
