@@ -1,5 +1,6 @@
 //! One run from request to checked packing: take, place, verify.
 
+use std::cell::Cell;
 use std::time::Instant;
 
 use crate::checkpoint::{Checkpoint, Resume};
@@ -8,7 +9,7 @@ use crate::distance::DistanceRule;
 use crate::edmd::Edmd;
 use crate::error::{NoPlace, NotGrown, NotReached, PackError};
 use crate::mix::{GradedMix, sphere_volume, take::take};
-use crate::packing::{Packing, Report, Spheres, Statistics, Summary, Timings};
+use crate::packing::{GrowthPoint, Packing, Report, Spheres, Statistics, Summary, Timings};
 use crate::plan::{Limits, Plan};
 use crate::request::{Distance, EdmdOptions, Method, PackingRequest};
 use crate::rng::{Stream, stream};
@@ -42,6 +43,7 @@ pub fn pack_or_resume(
 ) -> Result<Packing, PackError> {
     let plan = Plan::new(request, limits)?;
     let start = Instant::now();
+    let control: &dyn Control = &Rising { of: control, fraction: Cell::new(0.0) };
     control.report(&Progress {
         phase: Phase::Take,
         fraction: 0.0,
@@ -110,6 +112,7 @@ pub fn pack_or_resume(
             statistics: placed.statistics,
             verification: check.found,
             distance_curve: placed.distance_curve,
+            growth_curve: placed.growth_curve,
         },
     })
 }
@@ -148,6 +151,7 @@ struct Placed {
     /// The constant distance reached, where the largest one was asked for.
     distance_mm: Option<f64>,
     distance_curve: Vec<[f64; 2]>,
+    growth_curve: Vec<GrowthPoint>,
     rsa_s: f64,
     edmd_s: f64,
 }
@@ -178,6 +182,7 @@ impl Job<'_> {
                 statistics: Statistics { rsa: outcome.statistics, edmd: None },
                 distance_mm: None,
                 distance_curve: Vec::new(),
+                growth_curve: Vec::new(),
                 rsa_s: start.elapsed().as_secs_f64(),
                 edmd_s: 0.0,
             }),
@@ -227,7 +232,8 @@ impl Job<'_> {
             centers_mm: outcome.centers_mm,
             statistics: Statistics { rsa: outcome.rsa, edmd: Some(statistics) },
             distance_mm: outcome.distance_mm.filter(|_| maximize),
-            distance_curve: outcome.curve,
+            distance_curve: outcome.distance_curve,
+            growth_curve: outcome.growth_curve,
             rsa_s: outcome.rsa_s,
             edmd_s: outcome.edmd_s,
         })
@@ -258,6 +264,32 @@ fn summary(
         d_min_mm: spheres.d_mm.last().copied().unwrap_or(0.0),
         d_max_mm: spheres.d_mm.first().copied().unwrap_or(0.0),
         classes,
+    }
+}
+
+/// Passes progress on with a fraction that never falls, though growth may start where random placing
+/// gave up.
+struct Rising<'a> {
+    of: &'a dyn Control,
+    fraction: Cell<f64>,
+}
+
+impl Control for Rising<'_> {
+    fn report(&self, progress: &Progress) {
+        self.fraction.set(self.fraction.get().max(progress.fraction));
+        self.of.report(&Progress { fraction: self.fraction.get(), ..progress.clone() });
+    }
+
+    fn should_stop(&self) -> bool {
+        self.of.should_stop()
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.of.wants_checkpoint()
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        self.of.keep_checkpoint(checkpoint);
     }
 }
 

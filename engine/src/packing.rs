@@ -74,8 +74,31 @@ pub struct Report {
     pub statistics: Statistics,
     /// What the independent check found.
     pub verification: Verification,
-    /// Distance reached against simulated time; empty for methods that do not grow grains.
+    /// Packing time in s and distance reached in mm, where the largest distance was asked for; else empty.
     pub distance_curve: Vec<[f64; 2]>,
+    /// The growth of grains over the run; empty for methods that do not grow them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub growth_curve: Vec<GrowthPoint>,
+}
+
+/// A point of the growth of grains.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct GrowthPoint {
+    /// Wall-clock time of packing so far, in s.
+    pub packing_time_s: f64,
+    /// Simulated time, in s.
+    pub simulated_time_s: f64,
+    /// Events so far.
+    pub events: u64,
+    /// Volume of the grains at their present size, with their coating where the largest distance is
+    /// asked for, over that of the specimen.
+    pub volume_fraction: f64,
+    /// Constant distance that the grains keep so far, where one is asked for.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub distance_mm: Option<f64>,
+    /// Pressure over that of an ideal gas of the same density and energy.
+    pub reduced_pressure: f64,
 }
 
 /// The figures people ask for first.

@@ -33,63 +33,62 @@ impl System {
         self.next.resize(n, Next { time: f64::INFINITY, with: NOTHING });
         for i in 0..n {
             if self.container.is_periodic() {
-                self.predict::<true>(i, 0.0)
+                self.predict::<true>(i, 0.0);
             } else {
-                self.predict::<false>(i, 0.0)
+                self.predict::<false>(i, 0.0);
             }
         }
     }
 
-    /// Processes events until the epoch ends or `most` of them have happened; returns the time that
-    /// was reached.
-    pub(crate) fn run(&mut self, most: u64) -> f64 {
-        if self.container.is_periodic() { self.run_as::<true>(most) } else { self.run_as::<false>(most) }
+    /// Processes events until the epoch ends, `collisions` have taken place or `looked_at` events of
+    /// any kind were processed; returns the time that was reached.
+    pub(crate) fn run(&mut self, collisions: u64, looked_at: u64) -> f64 {
+        if self.container.is_periodic() {
+            self.run_as::<true>(collisions, looked_at)
+        } else {
+            self.run_as::<false>(collisions, looked_at)
+        }
     }
 
-    fn run_as<const PERIODIC: bool>(&mut self, most: u64) -> f64 {
-        let mut done = 0;
+    fn run_as<const PERIODIC: bool>(&mut self, collisions: u64, looked_at: u64) -> f64 {
+        let last = self.counts.collisions().saturating_add(collisions);
         let mut now = 0.0;
-        while done < most {
+        for _ in 0..looked_at {
+            if self.counts.collisions() >= last || self.is_crowded() {
+                break;
+            }
             let next = &self.next;
             let Some(entry) = self.queue.pop(|e| next[e.grain as usize].time == e.time) else {
                 return self.end;
             };
             now = entry.time;
             let i = entry.grain as usize;
-            let with = self.next[i].with;
-            done += u64::from(self.process::<PERIODIC>(i, with, now));
-            if self.is_crowded() {
-                break;
-            }
+            self.process::<PERIODIC>(i, self.next[i].with, now);
         }
         now
     }
 
-    /// Says whether a collision took place.
-    fn process<const PERIODIC: bool>(&mut self, i: usize, with: u32, now: f64) -> bool {
+    fn process<const PERIODIC: bool>(&mut self, i: usize, with: u32, now: f64) {
         match with {
             LEAVES_SPHERE => {
                 self.hot[i].advance(now);
                 self.renew::<PERIODIC>(i);
                 self.predict::<PERIODIC>(i, now);
-                false
             }
             WALL.. => {
                 self.hot[i].advance(now);
                 self.bounce(i, with - WALL, now);
                 self.predict::<PERIODIC>(i, now);
-                true
             }
             _ => {
                 let (j, image) = unpack(with);
                 if self.hot[j].time > self.hot[i].time || !self.collide::<PERIODIC>(i, j, image, now) {
                     self.counts.stale_events += 1;
                     self.predict::<PERIODIC>(i, now);
-                    return false;
+                    return;
                 }
                 self.predict::<PERIODIC>(i, now);
                 self.predict::<PERIODIC>(j, now);
-                true
             }
         }
     }

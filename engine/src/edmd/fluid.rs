@@ -76,7 +76,7 @@ impl Fluid {
         let before = self.system.counts.collisions();
         self.system.renew_all(growth, end);
         self.system.predict_all(self.events_per_time);
-        let reached = self.system.run(most);
+        let reached = self.system.run(most, u64::MAX);
         self.system.synchronise(reached);
         self.events_per_time = 3.0 * (self.system.counts.collisions() - before) as f64 / reached;
         reached

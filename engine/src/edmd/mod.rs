@@ -9,6 +9,11 @@
 //! epochs together. It knows diameters, a specimen and a distance rule; it must never know where
 //! they come from.
 
+// The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
+#![allow(clippy::inline_always)]
+// Axes are indexed in several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
 mod contact;
 mod container;
 mod events;
@@ -22,6 +27,8 @@ mod run;
 mod state;
 mod swap;
 mod system;
+#[cfg(test)]
+mod tests;
 
 use std::time::Instant;
 
@@ -31,13 +38,13 @@ use crate::checkpoint::Resume;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics, RsaStatistics};
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::plan::rsa_limit;
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::rsa::{self, Rsa};
 use law::Law;
-use run::{BEYOND_TARGET, Ended, Frame, Run, Stage};
+use run::{BEYOND_TARGET, Ended, Frame, Moments, Run, Stage};
 pub(crate) use system::MAX_GRAINS;
 
 /// Components of the initial velocities are uniform in plus minus this, where the request names
@@ -75,7 +82,8 @@ pub(crate) struct Outcome {
     pub(crate) distance_mm: Option<f64>,
     pub(crate) volume_fraction: f64,
     /// Packing time in s and distance in mm, where the largest distance was asked for.
-    pub(crate) curve: Vec<[f64; 2]>,
+    pub(crate) distance_curve: Vec<[f64; 2]>,
+    pub(crate) growth_curve: Vec<GrowthPoint>,
     pub(crate) rsa_s: f64,
     pub(crate) edmd_s: f64,
 }
@@ -88,6 +96,7 @@ impl Edmd<'_> {
             options: self.options,
             diameters_mm: self.diameters_mm,
             control,
+            moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
             started: Instant::now(),
         };
         let distance = &self.request.distance;
@@ -99,11 +108,14 @@ impl Edmd<'_> {
         let laws =
             [Law::scaled(self.diameters_mm, &rule), Law::lengthened(self.diameters_mm, maximize.flatten())];
         let earlier = resume.and_then(|resume| Run::read(&frame, &laws, &resume.body).ok());
-        let (mut run, rsa) = match earlier {
-            Some(run) => (run, RsaStatistics::default()),
-            None => self.start(&frame, &laws, &rule, maximize.is_some())?,
+        let mut run = if let Some(run) = earlier {
+            run
+        } else {
+            let (mut run, rsa) = self.start(&frame, &laws, &rule, maximize.is_some())?;
+            (run.rsa, run.rsa_s) = (rsa, frame.started.elapsed().as_secs_f64());
+            run
         };
-        let rsa_s = frame.started.elapsed().as_secs_f64();
+        let before_s = run.elapsed_s(&frame);
         let growing = Instant::now();
         let mut ended = Ended::As(EdmdEnd::Target);
         if run.stage == Stage::Scale {
@@ -116,15 +128,22 @@ impl Edmd<'_> {
             ended = run.grow(&frame, &laws[1]);
         }
         let Ended::As(end) = ended else { return None };
-        let edmd_s = growing.elapsed().as_secs_f64();
+        // With the time before a checkpoint.
+        let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
+        let growth_curve = std::mem::take(&mut run.curve);
+        let distance_of = |point: &GrowthPoint| Some([point.packing_time_s, point.distance_mm?]);
         Some(Outcome {
             centers_mm: run.centers(),
-            rsa,
+            rsa: run.rsa,
             statistics: run.statistics(end, edmd_s),
             distance_mm: run.distance_mm(&frame),
             volume_fraction: run.volume_fraction(&frame),
-            curve: std::mem::take(&mut run.curve),
-            rsa_s,
+            distance_curve: match maximize {
+                Some(_) => growth_curve.iter().filter_map(distance_of).collect(),
+                None => Vec::new(),
+            },
+            growth_curve,
+            rsa_s: run.rsa_s,
             edmd_s,
         })
     }

@@ -17,10 +17,13 @@ const LOOSE: f64 = 40.0;
 const SLOW: f64 = 0.12;
 /// How steeply the product rises with the room there is.
 const ROOM_EXPONENT: i32 = 8;
-/// Fewer grains than this have fewer ways to rearrange: they grow more slowly, in proportion and, while
-/// loose, by its square.
+/// Fewer grains than this have fewer ways to rearrange: they grow more slowly in proportion, and by its
+/// square while they are loose and without a target, for it is then that they order;
 const MANY_GRAINS: f64 = 500.0;
-/// Share of the loose pace at which equal grains grow to the largest distance.
+/// down to so few.
+const FEW_GRAINS: f64 = 27.0;
+/// Share of the loose pace at which equal grains grow to the largest distance: they have nothing to
+/// exchange, and order is all that makes them denser.
 const EQUAL_GRAINS: f64 = 0.02;
 /// Pressure past which the structure is taken as it is,
 const FROZEN: f64 = 1500.0;
@@ -36,16 +39,15 @@ pub(crate) struct Pace {
 }
 
 impl Pace {
-    /// The pace of so many grains, `loose` while they are loose.
+    /// The pace of so many grains towards a target, `loose` while they are loose.
     pub(crate) fn new(loose: f64, grains: usize) -> Self {
-        let few = (grains as f64 / MANY_GRAINS).min(1.0);
-        Self { loose: loose * few * few, slow: SLOW * few, frozen: false }
+        Self { loose, slow: SLOW * few(grains), frozen: false }
     }
 
-    /// The pace of grains that have nothing to exchange and no target: order is all that makes them
-    /// denser, and it forms while they are loose.
-    pub(crate) fn for_equal_grains(self) -> Self {
-        Self { loose: self.loose * EQUAL_GRAINS, ..self }
+    /// The pace towards the largest distance, of grains that may be all equal.
+    pub(crate) fn without_target(self, grains: usize, equal: bool) -> Self {
+        let few = few(grains).powi(2);
+        Self { loose: self.loose * if equal { few.min(EQUAL_GRAINS) } else { few }, ..self }
     }
 
     /// The same pace for a structure that was, or was not, found frozen before.
@@ -67,6 +69,11 @@ impl Pace {
         let slow = self.slow * room.max(1.0).powi(ROOM_EXPONENT) / reduced_pressure;
         self.loose.min(if self.frozen { slow.max(CLOSING_PACE) } else { slow })
     }
+}
+
+/// What few grains grow more slowly by.
+fn few(grains: usize) -> f64 {
+    ((grains as f64).max(FEW_GRAINS) / MANY_GRAINS).min(1.0)
 }
 
 /// Volume fraction at which a packing jams as it is: near jamming at `phi_j` it has
@@ -111,7 +118,7 @@ mod tests {
         assert_eq!(pace.next(1000.0, 1e9), 0.1);
         assert_eq!(pace.next(1e4, 1.0), CLOSING_PACE);
         assert!(pace.is_frozen());
-        assert!(Pace::new(0.1, 50).next(2.0, 1.0) < 0.0011);
+        assert!(Pace::new(0.1, 50).without_target(50, false).next(2.0, 1.0) < 0.0011);
     }
 
     #[test]

@@ -11,12 +11,12 @@ use super::container::Container;
 use super::law::Law;
 use super::pace::{LOOSE_PACE, Pace, done_share, room};
 use super::state::{Decoder, Encoder};
-use super::swap::Swaps;
+use super::swap::{Swaps, free};
 use super::system::{Cold, Counts, System};
 use crate::checkpoint::Checkpoint;
 use crate::control::{Control, Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics};
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::epoch_stream;
 
@@ -41,7 +41,7 @@ const EVENTS_PER_LOOK: u64 = 20_000;
 const EPOCHS_PER_SORT: u64 = 16;
 const LEAST_SORTED: usize = 20_000;
 /// Most points of the curve; when it is full every other one goes.
-const CURVE_POINTS: usize = 1000;
+const CURVE_POINTS: usize = 500;
 /// A grain with more than this share of an epoch's collisions is stuck.
 const STUCK_SHARE: f64 = 0.25;
 /// Fewer grains than this are few enough for any to have that share.
@@ -71,12 +71,34 @@ pub(crate) enum Ended {
     Stopped,
 }
 
+/// Sums over the diameters, from which the volume fraction follows at any distance without another
+/// look at the grains.
+pub(crate) struct Moments {
+    sums: [f64; 4],
+    specimen_volume_mm3: f64,
+}
+
+impl Moments {
+    pub(crate) fn new(diameters_mm: &[f64], specimen_volume_mm3: f64) -> Self {
+        let sums = std::array::from_fn(|power| diameters_mm.iter().map(|d| d.powi(power as i32)).sum());
+        Self { sums, specimen_volume_mm3 }
+    }
+
+    /// Volume fraction of grains whose diameters are longer by `more_mm`.
+    fn volume_fraction(&self, more_mm: f64) -> f64 {
+        let [count, first, second, third] = self.sums;
+        let cubes = third + more_mm * (3.0 * second + more_mm * (3.0 * first + more_mm * count));
+        sphere_volume(1.0) * cubes / self.specimen_volume_mm3
+    }
+}
+
 /// What stays the same in a run.
 pub(crate) struct Frame<'a> {
     pub(crate) request: &'a PackingRequest,
     pub(crate) options: EdmdOptions,
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) control: &'a dyn Control,
+    pub(crate) moments: Moments,
     /// Since the run, or its part after a checkpoint, began.
     pub(crate) started: Instant,
 }
@@ -135,9 +157,12 @@ pub(crate) struct Run {
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
+    /// The random placing that growth started from, and its time.
+    pub(crate) rsa: RsaStatistics,
+    pub(crate) rsa_s: f64,
     grow_started: Instant,
     fraction: f64,
-    pub(crate) curve: Vec<[f64; 2]>,
+    pub(crate) curve: Vec<GrowthPoint>,
     curve_stride: u64,
 }
 
@@ -156,8 +181,8 @@ impl Run {
             None => LOOSE_PACE,
         };
         let mut pace = Pace::new(pace, radii.len());
-        if stage == Stage::Length && frame.of_equal_grains() {
-            pace = pace.for_equal_grains();
+        if stage == Stage::Length {
+            pace = pace.without_target(radii.len(), frame.of_equal_grains());
         }
         let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
         Self {
@@ -178,6 +203,8 @@ impl Run {
             resumes: 0,
             simulated_s: 0.0,
             earlier_s: 0.0,
+            rsa: RsaStatistics::default(),
+            rsa_s: 0.0,
             grow_started: Instant::now(),
             fraction: 0.0,
             curve: Vec::new(),
@@ -187,10 +214,7 @@ impl Run {
 
     /// Goes over from growth by scale, done, to growth by length.
     pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, law: &Law) {
-        if frame.of_equal_grains() {
-            self.pace = self.pace.for_equal_grains();
-        }
-        self.pace = self.pace.with_frozen(false);
+        self.pace = self.pace.with_frozen(false).without_target(law.radii_mm.len(), frame.of_equal_grains());
         self.stage = Stage::Length;
         self.size = 0.0;
         self.first_size = 0.0;
@@ -250,7 +274,7 @@ impl Run {
         let mut rng = epoch_stream(frame.request.seed, self.epochs);
         if let Some(grain) = stuck {
             self.stuck_grains += 1;
-            self.swaps.free(&mut self.system, grain, FREEING_TRIES, &mut rng);
+            free(&mut self.system, grain, FREEING_TRIES, &mut rng);
         }
         if frame.options.swap != Some(false) {
             let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
@@ -265,7 +289,7 @@ impl Run {
         let mut reached;
         loop {
             let done = self.system.counts.collisions() - before.collisions();
-            reached = self.system.run((most_events - done).min(EVENTS_PER_LOOK));
+            reached = self.system.run(most_events - done, EVENTS_PER_LOOK);
             if frame.control.should_stop() {
                 return Some(Ended::Stopped);
             }
@@ -310,11 +334,12 @@ impl Run {
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
         let energy = self.system.energy();
         if reached > 0.0 {
-            // What counts is the energy while the collisions took place.
-            self.pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            // What counts is the energy while the collisions took place. Finite, for it is stored.
+            let pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            self.pressure = if pressure.is_finite() { pressure } else { f64::MAX };
             self.events_per_time = 3.0 * events / reached;
         }
-        if (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
+        if energy > 0.0 && (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
             self.system.scale_velocities((self.energy / energy).sqrt());
             self.rescalings += 1;
         }
@@ -331,7 +356,7 @@ impl Run {
         stuck.then_some(most)
     }
 
-    fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
+    pub(crate) fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
         self.earlier_s + frame.started.elapsed().as_secs_f64()
     }
 
@@ -361,21 +386,24 @@ impl Run {
     /// Volume fraction of the grains at their present size, without their distance; with it where it
     /// is what grows.
     pub(crate) fn volume_fraction(&self, frame: &Frame<'_>) -> f64 {
-        let (factor, offset) = match self.stage {
-            Stage::Scale => (self.size.min(1.0), 0.0),
-            Stage::Length => (1.0, 2.0 * self.size),
-        };
-        frame.diameters_mm.iter().map(|d| sphere_volume(factor * d + offset)).sum::<f64>()
-            / frame.request.specimen.volume_mm3()
+        match self.stage {
+            Stage::Scale => frame.moments.volume_fraction(0.0) * self.size.min(1.0).powi(3),
+            Stage::Length => frame.moments.volume_fraction(2.0 * self.size),
+        }
     }
 
     fn note_point(&mut self, frame: &Frame<'_>) {
-        if self.stage != Stage::Length || self.epochs % self.curve_stride != 0 {
+        if !self.epochs.is_multiple_of(self.curve_stride) {
             return;
         }
-        if let Some(distance) = self.distance_mm(frame) {
-            self.curve.push([self.elapsed_s(frame), distance]);
-        }
+        self.curve.push(GrowthPoint {
+            packing_time_s: self.elapsed_s(frame),
+            simulated_time_s: self.simulated_s,
+            events: self.system.counts.collisions(),
+            volume_fraction: self.volume_fraction(frame),
+            distance_mm: self.distance_mm(frame),
+            reduced_pressure: self.pressure,
+        });
         if self.curve.len() >= CURVE_POINTS {
             let mut at = 0;
             self.curve.retain(|_| {
@@ -486,6 +514,9 @@ impl Run {
             counts.list_renewals,
             counts.predictions,
             counts.stale_events,
+            self.rsa.attempts,
+            self.rsa.grains_by_subdivision,
+            self.rsa.voxels_tested,
         ] {
             out.u64(value)?;
         }
@@ -499,6 +530,7 @@ impl Run {
             self.simulated_s,
             self.fraction,
             self.elapsed_s(frame),
+            self.rsa_s,
         ] {
             out.f64(value)?;
         }
@@ -511,8 +543,17 @@ impl Run {
         let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
         out.u32s(self.system.cold.iter().map(met))?;
         out.u32s(self.system.rank.iter().copied())?;
-        out.f64s(self.curve.iter().map(|point| point[0]))?;
-        out.f64s(self.curve.iter().map(|point| point[1]))
+        out.u64(self.curve.len() as u64)?;
+        for point in &self.curve {
+            out.f64(point.packing_time_s)?;
+            out.f64(point.simulated_time_s)?;
+            out.u64(point.events)?;
+            out.f64(point.volume_fraction)?;
+            // Distances are never negative.
+            out.f64(point.distance_mm.unwrap_or(-1.0))?;
+            out.f64(point.reduced_pressure)?;
+        }
+        Ok(())
     }
 
     /// The run that a body was written by.
@@ -530,6 +571,8 @@ impl Run {
             predictions: whole()?,
             stale_events: whole()?,
         };
+        let rsa =
+            RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
         let size = input.f64()?;
         let law = &laws[usize::from(stage == Stage::Length)];
         let n = law.radii_mm.len();
@@ -542,6 +585,7 @@ impl Run {
         run.simulated_s = input.f64()?;
         run.fraction = input.f64()?;
         run.earlier_s = input.f64()?;
+        (run.rsa, run.rsa_s) = (rsa, input.f64()?);
         run.pace = run.pace.with_frozen(frozen);
         (run.epochs, run.rescalings, run.stuck_grains) = (epochs, rescalings, stuck_grains);
         (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
@@ -576,8 +620,16 @@ impl Run {
         run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
         run.system.rank = rank;
         run.set_radii(law);
-        let (times, distances) = (input.f64s()?, input.f64s()?);
-        run.curve = times.into_iter().zip(distances).map(|(t, d)| [t, d]).collect();
+        for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
+            run.curve.push(GrowthPoint {
+                packing_time_s: input.f64()?,
+                simulated_time_s: input.f64()?,
+                events: input.u64()?,
+                volume_fraction: input.f64()?,
+                distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
+                reduced_pressure: input.f64()?,
+            });
+        }
         input.finish()?;
         Ok(run)
     }

@@ -83,25 +83,17 @@ impl Swaps {
     }
 }
 
-impl Swaps {
-    /// Tries to exchange a grain for a smaller one anywhere, so that it gets free; says whether it is.
-    pub(crate) fn free(
-        &mut self,
-        system: &mut System,
-        grain: usize,
-        tries: u64,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> bool {
-        let n = system.len();
-        let radius = system.hot[grain].radius;
-        for _ in 0..tries {
-            let other = (uniform(rng) * n as f64) as usize;
-            if system.hot[other].radius < radius && exchange(system, grain, other) {
-                return true;
-            }
+/// Tries to exchange a grain for a smaller one anywhere, so that it gets free; says whether it is.
+pub(crate) fn free(system: &mut System, grain: usize, tries: u64, rng: &mut Xoshiro256PlusPlus) -> bool {
+    let n = system.len();
+    let radius = system.hot[grain].radius;
+    for _ in 0..tries {
+        let other = (uniform(rng) * n as f64) as usize;
+        if system.hot[other].radius < radius && exchange(system, grain, other) {
+            return true;
         }
-        false
     }
+    false
 }
 
 /// Lets grain `i` and the smaller `j` change places if `i` fits.

@@ -10,7 +10,7 @@ use crate::edmd::MAX_GRAINS;
 use crate::error::PlanError;
 use crate::mix::GradedMix;
 use crate::mix::sieve::sieve_classes;
-use crate::request::{FieldError, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 use crate::rsa::MAX_PLACED;
 
 /// What a run may use.
@@ -127,6 +127,7 @@ impl Plan {
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         check_list(&mix)?;
         check_largest(request, &mix, &rule)?;
+        check_maximize(request, &mix)?;
         let grains = mix.expected_grains();
         // Enlarged grains fill a region enlarged by what the walls leave of half the distance.
         let (factor, offset) = rule.enlargement(mix.d_min_mm);
@@ -204,6 +205,20 @@ fn check_largest(request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule)
                 return refuse("/specimen/height_mm", height_mm);
             }
         }
+    }
+    Ok(())
+}
+
+/// A single grain has a largest distance only where that to the walls grows with it.
+fn check_maximize(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanError> {
+    let fixed_wall = matches!(request.distance, Distance::Maximize { wall_mm: Some(_) });
+    let single = mix.list.as_ref().is_some_and(|list| list.len() < 2);
+    if fixed_wall && single && !request.specimen.is_periodic() {
+        return Err(PlanError::Invalid(vec![FieldError {
+            pointer: "/distance/wall_mm".into(),
+            detail: "a single grain has no distance to maximize but that to the walls: leave wall_mm out"
+                .into(),
+        }]));
     }
     Ok(())
 }

@@ -11,6 +11,10 @@ use super::decode::{At, Bound, Object};
 pub const MIN_INITIAL_SCALE: f64 = 0.5;
 /// Largest relative growth rate, per s.
 pub const MAX_GROWTH_RATE: f64 = 1000.0;
+/// Smallest growth rate, per s: what is slower by far than any packing needs only loses digits.
+pub const MIN_GROWTH_RATE: f64 = 1.0e-6;
+/// Smallest initial velocity, in mm/s, for the same reason.
+pub const MIN_INITIAL_VELOCITY_MM_PER_S: f64 = 1.0e-6;
 /// Largest initial velocity, in mm/s.
 pub const MAX_INITIAL_VELOCITY_MM_PER_S: f64 = 1.0e6;
 /// Longest time that packing may be given, in s: a month.
@@ -26,25 +30,23 @@ pub struct EdmdOptions {
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0.5, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_scale: Option<f64>,
-    /// Relative growth rate of the diameters while the pressure is low, per s.
-    #[cfg_attr(
-        feature = "openapi",
-        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1000)
-    )]
+    /// Relative growth rate of the diameters while the pressure is low, per s. Default: a tenth of the
+    /// mean thermal velocity over the mean contact radius.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub growth_rate: Option<f64>,
-    /// Components of the initial velocities are uniform in plus minus this, in mm/s.
-    #[cfg_attr(
-        feature = "openapi",
-        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
-    )]
+    /// Components of the initial velocities are uniform in plus minus this for the smallest grain, in
+    /// mm/s, and of the same energy for larger ones. Default: 0.5.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_velocity: Option<f64>,
-    /// Whether all grains have the same mass in a collision, whatever their size.
+    /// Whether all grains have the same mass in a collision, whatever their size. Default: false, masses
+    /// as the cube of the diameters.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub equal_mass: Option<bool>,
-    /// Whether grains of similar size exchange their places now and then.
+    /// Whether grains of similar size exchange their places now and then, by which far denser packings
+    /// are reached. Default: true.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub swap: Option<bool>,
@@ -93,11 +95,12 @@ impl EdmdStop {
 pub(super) fn read_options(object: &mut Object<'_>) -> Option<EdmdOptions> {
     let initial_scale =
         object.optional("initial_scale").map(|at| at.number(Bound::closed(MIN_INITIAL_SCALE, 1.0, "")));
-    let growth_rate =
-        object.optional("growth_rate").map(|at| at.number(Bound::positive(MAX_GROWTH_RATE, "per s")));
-    let initial_velocity = object
-        .optional("initial_velocity")
-        .map(|at| at.number(Bound::positive(MAX_INITIAL_VELOCITY_MM_PER_S, "mm/s")));
+    let growth_rate = object
+        .optional("growth_rate")
+        .map(|at| at.number(Bound::closed(MIN_GROWTH_RATE, MAX_GROWTH_RATE, "per s")));
+    let initial_velocity = object.optional("initial_velocity").map(|at| {
+        at.number(Bound::closed(MIN_INITIAL_VELOCITY_MM_PER_S, MAX_INITIAL_VELOCITY_MM_PER_S, "mm/s"))
+    });
     let equal_mass = object.optional("equal_mass").map(|at| at.boolean());
     let swap = object.optional("swap").map(|at| at.boolean());
     let stop = object.optional("stop").map(|at| read_stop(&at));

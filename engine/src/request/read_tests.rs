@@ -220,11 +220,11 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "growth_rate": 0}),
-            "/method/growth_rate: 0 is out of range: must be greater than 0 and at most 1000 per s",
+            "/method/growth_rate: 0 is out of range: must be at least 0.000001 and at most 1000 per s",
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "initial_velocity": 2e6}),
-            "/method/initial_velocity: 2000000 is out of range: must be greater than 0 and at most 1000000 mm/s",
+            "/method/initial_velocity: 2000000 is out of range: must be at least 0.000001 and at most 1000000 mm/s",
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "equal_mass": 1}),
@@ -299,8 +299,8 @@ fn edmd_options() -> impl Strategy<Value = EdmdOptions> {
         .prop_map(|(time_s, events, stall_dt_s)| EdmdStop { time_s, events, stall_dt_s });
     (
         some(edmd::MIN_INITIAL_SCALE..=1.0),
-        some(1.0e-9..=edmd::MAX_GROWTH_RATE),
-        some(1.0e-9..=edmd::MAX_INITIAL_VELOCITY_MM_PER_S),
+        some(edmd::MIN_GROWTH_RATE..=edmd::MAX_GROWTH_RATE),
+        some(edmd::MIN_INITIAL_VELOCITY_MM_PER_S..=edmd::MAX_INITIAL_VELOCITY_MM_PER_S),
         some(any::<bool>()),
         some(any::<bool>()),
         stop,

@@ -17,7 +17,7 @@ use super::{observe, request_schemas, router};
 use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
 use packstone_engine::format::EngineInfo;
-use packstone_engine::packing::{Statistics, Summary, Timings, Verification};
+use packstone_engine::packing::{GrowthPoint, Statistics, Summary, Timings, Verification};
 
 use crate::jobs::JobRequest;
 
@@ -77,8 +77,11 @@ pub(super) struct ResultDocument {
     statistics: Statistics,
     /// What the independent check found.
     verification: Verification,
-    /// Distance reached against simulated time; empty for methods that do not grow grains.
+    /// Packing time in s and distance reached in mm, where the largest distance was asked for; else empty.
     distance_curve: Vec<[f64; 2]>,
+    /// The growth of grains over the run; absent for methods that do not grow them.
+    #[schema(required = false)]
+    growth_curve: Vec<GrowthPoint>,
     /// The grains.
     spheres: SphereTable,
 }
