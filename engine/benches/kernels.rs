@@ -6,13 +6,18 @@ use std::hint::black_box;
 use std::io::Write;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use packstone_engine::edmd::Fluid;
 use packstone_engine::format::{self, EngineInfo, Format, Head};
 use packstone_engine::{Limits, Packing, PackingRequest, Plan, Unattended, pack, verify};
 use serde_json::{Value, json};
 
 fn fuller(phi: f64) -> Value {
+    fuller_in(80.0, phi)
+}
+
+fn fuller_in(size: f64, phi: f64) -> Value {
     json!({
-        "specimen": {"type": "box", "size_mm": [80, 80, 80]},
+        "specimen": {"type": "box", "size_mm": [size, size, size]},
         "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": phi, "basis": "effective"},
     })
 }
@@ -34,17 +39,38 @@ fn packed(value: &Value) -> (PackingRequest, Packing) {
 fn rsa(c: &mut Criterion) {
     let mut group = c.benchmark_group("rsa");
     group.sample_size(10);
-    for (name, value) in [
+    for (name, mut value) in [
         ("fuller 0.50", fuller(0.50)),
         ("fuller 0.60", fuller(0.60)),
         ("fuller 0.665", fuller(0.665)),
         ("b16 1e4 grains", b16(25.5)),
         ("b16 1e5 grains", b16(54.9)),
     ] {
+        value["method"] = json!({"type": "rsa"});
         let (request, packing) = packed(&value);
         group.throughput(Throughput::Elements(packing.spheres.len() as u64));
         group.bench_function(name, |b| b.iter(|| pack(black_box(&request), &Limits::default(), &Unattended)));
     }
+}
+
+/// Collisions of equal spheres, and grains that grow, each with the random placing it starts from.
+fn edmd(c: &mut Criterion) {
+    /// Collisions between two renewals of everything in the fluid.
+    const PER_GRAIN: u64 = 25;
+    let mut group = c.benchmark_group("edmd");
+    group.sample_size(10);
+    let mut fluid = Fluid::new(10_000, 0.49, 1);
+    let collisions = PER_GRAIN * 10_000;
+    fluid.run(collisions);
+    group.throughput(Throughput::Elements(collisions));
+    group.bench_function("fluid 0.49 1e4 spheres", |b| b.iter(|| fluid.run(black_box(collisions))));
+    let mut value = fuller_in(40.0, 0.65);
+    value["method"] = json!({"type": "edmd"});
+    let (request, packing) = packed(&value);
+    group.throughput(Throughput::Elements(packing.spheres.len() as u64));
+    group.bench_function("fuller 0.65 a=40", |b| {
+        b.iter(|| pack(black_box(&request), &Limits::default(), &Unattended));
+    });
 }
 
 fn check(c: &mut Criterion) {
@@ -90,5 +116,5 @@ fn plan(c: &mut Criterion) {
     c.bench_function("plan", |b| b.iter(|| Plan::new(black_box(&request), &Limits::default())));
 }
 
-criterion_group!(kernels, rsa, check, formats, plan);
+criterion_group!(kernels, rsa, edmd, check, formats, plan);
 criterion_main!(kernels);

@@ -10,6 +10,7 @@ mod artifacts;
 mod checkpoints;
 mod cli;
 mod config;
+mod cpu;
 mod hex;
 mod http_server;
 mod jobs;
@@ -20,4 +21,7 @@ mod service;
 mod strict_json;
 mod telemetry;
 
-pub use cli::main;
+/// Runs the command line of this process.
+pub fn main() -> std::process::ExitCode {
+    if cpu::is_fit() { cli::main() } else { std::process::ExitCode::FAILURE }
+}

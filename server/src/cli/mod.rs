@@ -39,7 +39,8 @@ enum Command {
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Runs the command line of this process.
-pub fn main() -> ExitCode {
+#[inline(never)] // Nothing of it may run before the processor has been looked at.
+pub(crate) fn main() -> ExitCode {
     let ended = match Cli::parse().command {
         Command::Serve(options) => serve::run(*options),
         Command::Demo(options) => demo::run(options),

@@ -1,0 +1,280 @@
+//! What is measured: problems, how often, and what they should come to.
+//!
+//! The bounds are read by people, beside what was measured; this module must never know how either
+//! is found.
+
+use serde_json::{Value, json};
+
+use super::ladder::Ladder;
+
+/// One measured problem.
+pub(super) struct Case {
+    /// Starts with its group.
+    pub(super) name: &'static str,
+    pub(super) kind: Kind,
+    pub(super) seeds: u64,
+    /// What it should come to, and what would be a triumph.
+    pub(super) at_least: &'static str,
+    pub(super) moonshot: &'static str,
+}
+
+/// What is asked of a problem.
+pub(super) enum Kind {
+    /// Packings of a request.
+    Pack { request: Value, shows: Shows },
+    /// The highest amount that half of the seeds reach, with the request for an amount.
+    Climb { ladder: Ladder, request: Box<dyn Fn(f64) -> Value> },
+    /// Collisions of the hard-sphere fluid, of so many equal spheres.
+    Fluid { spheres: usize, volume_fraction: f64, windows: u64 },
+}
+
+/// Which figure of a packing is the measured one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shows {
+    /// Time of the whole run, and how many succeed.
+    Time,
+    /// Time, and the highest resident memory of the process.
+    TimeAndMemory,
+    /// Distance reached, and the volume fraction with it.
+    Distance,
+    /// Highest volume fraction, coating included, of all seeds.
+    BestFraction,
+}
+
+/// A run that misses its target is given up after this time, which is beyond every bound.
+const MOST_TIME_S: f64 = 120.0;
+/// The same where thousands of grains jam.
+const MOST_JAMMING_S: f64 = 900.0;
+/// Volume fraction that equal spheres start from until they jam.
+const LOOSE_FRACTION: f64 = 0.1;
+/// Edge of the cube that they jam in.
+const CUBE_MM: f64 = 10.0;
+/// Volume fraction of the fluid, just below freezing.
+const FLUID_FRACTION: f64 = 0.49;
+
+/// All cases.
+pub(super) fn cases() -> Vec<Case> {
+    let mut cases = rsa();
+    cases.extend(growth_to_target());
+    cases.extend(growth_to_distance());
+    cases.extend(equal_spheres());
+    cases
+}
+
+fn rsa() -> Vec<Case> {
+    let case = |name, request: Value, seeds, at_least| Case {
+        name,
+        kind: Kind::Pack { request: with(request, "method", json!({"type": "rsa"})), shows: Shows::Time },
+        seeds,
+        at_least,
+        moonshot: "",
+    };
+    let b16 = |size| standard("B16", size, 0.5, 0.7);
+    vec![
+        case("rsa fuller 2..16 a=80 phi_eff 0.60", fuller(80.0, 0.60), 5, "0.2 s"),
+        case("rsa fuller 2..16 a=80 phi_eff 0.65", fuller(80.0, 0.65), 5, "1 s"),
+        case("rsa fuller 2..16 a=80 phi_eff 0.665", fuller(80.0, 0.665), 20, "half succeed, 5 s each"),
+        case("rsa fuller 2..16 a=80 phi_eff 0.70", fuller(80.0, 0.70), 5, ""),
+        case("rsa B16 d_min 0.5 phi_M 0.70 a=25.5", b16(25.5), 5, ""),
+        case("rsa B16 d_min 0.5 phi_M 0.70 a=54.9", b16(54.9), 5, ""),
+        case("rsa B16 d_min 0.5 phi_M 0.70 a=118", b16(118.0), 2, ""),
+        case("rsa B16 d_min 0.5 phi_M 0.70 a=150", b16(150.0), 2, "40 s, 700 MB, < 2.5 x us/grain of a=25.5"),
+    ]
+}
+
+fn growth_to_target() -> Vec<Case> {
+    let fuller_case = |name, size, phi, at_least, moonshot| {
+        time_case(name, growing(fuller(size, phi), Some(MOST_TIME_S)), at_least, moonshot)
+    };
+    let climb = |name, first, limit_s, size, at_least, moonshot| {
+        let request = move |phi| growing(fuller(size, phi), Some(limit_s));
+        climb_case(name, first, Box::new(request), at_least, moonshot)
+    };
+    vec![
+        fuller_case("edmd fuller 2..16 a=80 phi_eff 0.65", 80.0, 0.65, "0.4 s", "0.12 s"),
+        fuller_case("edmd fuller 2..16 a=80 phi_eff 0.68", 80.0, 0.68, "1.0 s", "0.4 s"),
+        fuller_case("edmd fuller 2..16 a=80 phi_eff 0.69", 80.0, 0.69, "2.5 s", "1.2 s"),
+        fuller_case(
+            "edmd fuller 2..16 a=80 phi_eff 0.70",
+            80.0,
+            0.70,
+            "8 of 10 within 120 s each",
+            "median 10 s",
+        ),
+        climb("edmd fuller 2..16 a=80 highest phi_eff in 60 s", 700, 60.0, 80.0, "0.70", "0.707"),
+        fuller_case("edmd fuller 2..16 a=150 phi_eff 0.70", 150.0, 0.70, "20 s", "7 s"),
+        climb("edmd fuller 2..16 a=150 highest phi_eff in 300 s", 710, 300.0, 150.0, "0.71", "0.72"),
+        fuller_case("edmd fuller 2..16 a=32 phi_eff 0.64", 32.0, 0.64, "9 of 10, 1 s", "0.3 s"),
+        climb("edmd fuller 2..16 a=32 highest phi_eff in 10 s", 640, 10.0, 32.0, "0.645", "0.655"),
+    ]
+}
+
+fn growth_to_distance() -> Vec<Case> {
+    let a16 = |phi, limit_s| growing(apart(standard("A16", 80.0, 2.0, phi), 1.0), Some(limit_s));
+    let maximize = |name, curve, at_least, moonshot| {
+        let mix = with(standard(curve, 150.0, 2.0, 0.7), "distance", json!({"type": "maximize"}));
+        let kind = Kind::Pack { request: growing(mix, Some(60.0)), shows: Shows::Distance };
+        Case { name, kind, seeds: 2, at_least, moonshot }
+    };
+    vec![
+        time_case(
+            "edmd A16 d_min 2 phi_M 0.535 a=80 distance 1 mm",
+            a16(0.535, MOST_TIME_S),
+            "9 of 10, 5 s",
+            "1.5 s",
+        ),
+        climb_case(
+            "edmd A16 d_min 2 a=80 distance 1 mm highest phi_M in 60 s",
+            535,
+            Box::new(move |phi| a16(phi, 60.0)),
+            "0.535",
+            "0.545 (0.706 with the coating)",
+        ),
+        maximize(
+            "edmd B16 d_min 2 phi_M 0.70 a=150 distance after 60 s",
+            "B16",
+            "1.00 mm (0.698 with the coating)",
+            "1.05 mm (0.716)",
+        ),
+        maximize(
+            "edmd A16 d_min 2 phi_M 0.70 a=150 distance after 60 s",
+            "A16",
+            "0.46 mm (0.697 with the coating)",
+            "0.51 mm (0.714)",
+        ),
+        Case {
+            name: "edmd B16 d_min 0.5 phi_M 0.70 a=150 distance 0.1 mm",
+            kind: Kind::Pack {
+                request: growing(apart(standard("B16", 150.0, 0.5, 0.7), 0.1), None),
+                shows: Shows::TimeAndMemory,
+            },
+            seeds: 1,
+            at_least: "600 s, 1000 MB",
+            moonshot: "120 s, 700 MB",
+        },
+    ]
+}
+
+fn equal_spheres() -> Vec<Case> {
+    let fluid = |name, spheres, at_least, moonshot| Case {
+        name,
+        kind: Kind::Fluid { spheres, volume_fraction: FLUID_FRACTION, windows: 5 },
+        seeds: 1,
+        at_least,
+        moonshot,
+    };
+    let jammed = |name, spheres, seeds, at_least, moonshot| Case {
+        name,
+        kind: Kind::Pack { request: jamming(spheres), shows: Shows::BestFraction },
+        seeds,
+        at_least,
+        moonshot,
+    };
+    vec![
+        fluid("edmd fluid phi 0.49 N=1e4", 10_000, "1.1e6 collisions/s", "2.0e6 collisions/s"),
+        fluid("edmd fluid phi 0.49 N=1e5", 100_000, "7.0e5 collisions/s", "1.2e6 collisions/s"),
+        fluid(
+            "edmd fluid phi 0.49 N=1e6",
+            1_000_000,
+            "6.5e5 collisions/s, 400 bytes/grain",
+            "1.2e6 collisions/s, 300 bytes/grain",
+        ),
+        jammed("edmd jammed N=1", 1, 20, "0.523599", ""),
+        jammed("edmd jammed N=2", 2, 20, "0.266835", ""),
+        jammed("edmd jammed N=3", 3, 20, "0.315744", ""),
+        jammed("edmd jammed N=4", 4, 20, "0.420995", ""),
+        jammed("edmd jammed N=8", 8, 20, "0.523599", ""),
+        jammed("edmd jammed N=27", 27, 20, "0.523599", ""),
+        jammed("edmd jammed N=1000", 1000, 2, "0.60", "0.61"),
+        jammed("edmd jammed N=8000", 8000, 1, "0.62", "0.63"),
+    ]
+}
+
+fn time_case(name: &'static str, request: Value, at_least: &'static str, moonshot: &'static str) -> Case {
+    Case { name, kind: Kind::Pack { request, shows: Shows::Time }, seeds: 10, at_least, moonshot }
+}
+
+fn climb_case(
+    name: &'static str,
+    first: u32,
+    request: Box<dyn Fn(f64) -> Value>,
+    at_least: &'static str,
+    moonshot: &'static str,
+) -> Case {
+    Case {
+        name,
+        kind: Kind::Climb { ladder: Ladder { first, step: 5 }, request },
+        seeds: 5,
+        at_least,
+        moonshot,
+    }
+}
+
+/// Fuller's curve from 2 to 16 mm in a cube.
+fn fuller(size_mm: f64, phi_eff: f64) -> Value {
+    json!({
+        "specimen": {"type": "box", "size_mm": [size_mm, size_mm, size_mm]},
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5},
+                "d_min_mm": 2, "volume_fraction": phi_eff, "basis": "effective"},
+    })
+}
+
+/// A standard curve in a cube.
+fn standard(curve: &str, size_mm: f64, d_min_mm: f64, phi_mixture: f64) -> Value {
+    json!({
+        "specimen": {"type": "box", "size_mm": [size_mm, size_mm, size_mm]},
+        "mix": {"grading": {"type": "standard", "name": curve}, "d_min_mm": d_min_mm, "volume_fraction": phi_mixture},
+    })
+}
+
+/// Equal spheres, loose in a cube, whose distance grows until they jam.
+fn jamming(spheres: usize) -> Value {
+    let volume_mm3 = LOOSE_FRACTION * CUBE_MM.powi(3) / spheres as f64;
+    let diameter_mm = (6.0 * volume_mm3 / std::f64::consts::PI).cbrt();
+    let request = json!({
+        "specimen": {"type": "box", "size_mm": [CUBE_MM, CUBE_MM, CUBE_MM]},
+        "mix": {"grading": {"type": "diameters", "mm": vec![diameter_mm; spheres]}},
+        "distance": {"type": "maximize"},
+    });
+    growing(request, Some(MOST_JAMMING_S))
+}
+
+fn apart(request: Value, distance_mm: f64) -> Value {
+    with(request, "distance", json!({"type": "constant", "mm": distance_mm}))
+}
+
+fn growing(request: Value, most_time_s: Option<f64>) -> Value {
+    let method = match most_time_s {
+        Some(time_s) => json!({"type": "edmd", "stop": {"time_s": time_s}}),
+        None => json!({"type": "edmd"}),
+    };
+    with(request, "method", method)
+}
+
+fn with(mut request: Value, field: &str, value: Value) -> Value {
+    request[field] = value;
+    request
+}
+
+#[cfg(test)]
+mod tests {
+    use packstone_engine::PackingRequest;
+
+    use super::*;
+
+    #[test]
+    fn every_case_has_a_name_of_its_own_in_a_group_and_a_request_that_is_valid() {
+        let cases = cases();
+        for (i, case) in cases.iter().enumerate() {
+            let name = case.name;
+            assert!(name.starts_with("rsa ") || name.starts_with("edmd "), "{name}");
+            assert!(cases[..i].iter().all(|other| other.name != name), "{name}");
+            let request = match &case.kind {
+                Kind::Pack { request, .. } => request.clone(),
+                Kind::Climb { ladder, request } => request(f64::from(ladder.first) / 1000.0),
+                Kind::Fluid { .. } => continue,
+            };
+            PackingRequest::from_json(&request, 1).unwrap_or_else(|faults| panic!("{name}: {faults:?}"));
+        }
+    }
+}
