@@ -179,12 +179,14 @@ fn equal_spheres() -> Vec<Case> {
             "6.5e5 collisions/s, 400 bytes/grain",
             "1.2e6 collisions/s, 300 bytes/grain",
         ),
-        jammed("edmd jammed N=1", 1, 20, "0.523599", ""),
-        jammed("edmd jammed N=2", 2, 20, "0.266835", ""),
-        jammed("edmd jammed N=3", 3, 20, "0.315744", ""),
-        jammed("edmd jammed N=4", 4, 20, "0.420995", ""),
-        jammed("edmd jammed N=8", 8, 20, "0.523599", ""),
-        jammed("edmd jammed N=27", 27, 20, "0.523599", ""),
+        // The optima: spheres of diameter m / (1 + m) in the unit cube, for m the largest least distance
+        // of as many points in it: sqrt(3) for two, sqrt(2) for three and four, 1 for eight, 1/2 for 27.
+        jammed("edmd jammed N=1", 1, 20, "0.523599 to 1e-5", ""),
+        jammed("edmd jammed N=2", 2, 20, "0.266836 to 1e-5", ""),
+        jammed("edmd jammed N=3", 3, 20, "0.315746 to 1e-5", ""),
+        jammed("edmd jammed N=4", 4, 20, "0.420995 to 1e-5", ""),
+        jammed("edmd jammed N=8", 8, 20, "0.523599 to 1e-5", ""),
+        jammed("edmd jammed N=27", 27, 20, "0.523599 to 1e-5", ""),
         jammed("edmd jammed N=1000", 1000, 2, "0.60", "0.61"),
         jammed("edmd jammed N=8000", 8000, 1, "0.62", "0.63"),
     ]

@@ -17,8 +17,8 @@ use super::{Failure, Figures};
 /// Runs that take longer are told of one by one.
 const LONG_S: f64 = 1.0;
 /// Collisions per grain that let the fluid forget how it was made, and those of a window.
-const WARM_UP_PER_GRAIN: u64 = 20;
-const WINDOW_PER_GRAIN: u64 = 25;
+const WARM_UP_PER_GRAIN: u64 = 10;
+const WINDOW_PER_GRAIN: u64 = 20;
 /// Grains from which on the memory of the program itself is no matter.
 const MANY: usize = 1_000_000;
 /// Seeds that end this close to the best one have found the same arrangement.
@@ -161,7 +161,7 @@ fn highest(ladder: Ladder, request: &dyn Fn(f64) -> Value, seeds: u64) -> Result
         let above = climb.missed().map_or(0, |rung| rung.succeeded) as usize;
         let at_top = coated(&runs.succeeded[..runs.succeeded.len() - above]);
         if let (Some(&coated), true) = (at_top.last(), request(top.fraction()).get("distance").is_some()) {
-            measured += &format!(", {coated:.4} with the coating");
+            measured = format!("{measured}, {coated:.4} with the coating");
             values.push(("volume_fraction_with_coating", coated));
         }
     }
@@ -194,7 +194,7 @@ fn fluid(spheres: usize, volume_fraction: f64, windows: u64, seeds: u64) -> Figu
     // All that is resident at the peak: the program, random placing and the growth before as well.
     let memory = peak_mb().map(|mb| mb * 1e6 / spheres as f64);
     if let Some(bytes) = memory.filter(|_| spheres >= MANY) {
-        measured += &format!(", {bytes:.0} bytes/grain");
+        measured = format!("{measured}, {bytes:.0} bytes/grain");
         values.push(("peak_bytes_per_grain", bytes));
     }
     Figures {
