@@ -176,13 +176,20 @@ fn fluid(spheres: usize, volume_fraction: f64, windows: u64, seeds: u64) -> Figu
         let mut fluid = Fluid::new(spheres, volume_fraction, seed);
         fluid.run(WARM_UP_PER_GRAIN * spheres as u64);
         eprintln!("  seed {seed} of {seeds}: grown and warm after {:.1} s", watch.taken().wall_s);
-        for _ in 0..windows {
+        for window in 1..=windows {
             let watch = Stopwatch::start();
             let figures = fluid.run(WINDOW_PER_GRAIN * spheres as u64);
-            let window = watch.taken();
-            rates.push(figures.collisions as f64 / window.cpu_s);
+            let took = watch.taken();
+            let rate = figures.collisions as f64 / took.cpu_s;
+            if took.wall_s >= LONG_S {
+                eprintln!(
+                    "  window {window} of {windows}: {:.1} s, {:.1} s CPU: {rate:.3e} collisions/s",
+                    took.wall_s, took.cpu_s
+                );
+            }
+            rates.push(rate);
             pressures.push(figures.reduced_pressure);
-            taken.push(window);
+            taken.push(took);
         }
     }
     let mut values = Vec::new();
