@@ -145,7 +145,6 @@ pub enum CheckpointError {
 /// A checkpoint read back, to go on from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Resume {
-    #[allow(dead_code)] // Placing at random keeps no state, and nothing else runs yet.
     pub(crate) body: Vec<u8>,
 }
 

@@ -43,7 +43,7 @@ pub fn pack_or_resume(
 ) -> Result<Packing, PackError> {
     let plan = Plan::new(request, limits)?;
     let start = Instant::now();
-    let control: &dyn Control = &Rising { of: control, fraction: Cell::new(0.0) };
+    let control: &dyn Control = &Share::new(control, 0.0, 1.0);
     control.report(&Progress {
         phase: Phase::Take,
         fraction: 0.0,
@@ -61,7 +61,7 @@ pub fn pack_or_resume(
     let take_s = start.elapsed().as_secs_f64();
 
     let job = Job { request, mix: &mix, diameters: &diameters };
-    let share = Share { of: control, from: 0.0, to: PLACING_SHARE };
+    let share = Share::new(control, 0.0, PLACING_SHARE);
     let placed = match route(request, &plan) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenEdmd if resume.is_none() => match job.place(None, &share) {
@@ -81,7 +81,7 @@ pub fn pack_or_resume(
         checked.distance = Distance::Constant { mm, wall_mm };
     }
     let checking = Instant::now();
-    let share = Share { of: control, from: PLACING_SHARE, to: 1.0 };
+    let share = Share::new(control, PLACING_SHARE, 1.0);
     let check = verify::verify_controlled(&spheres, &checked, &share).map_err(|fault| match fault {
         verify::Fault::Stopped => PackError::Stopped { placed: grains, grains },
         fault => PackError::CheckFailed(fault.to_string()),
@@ -267,42 +267,25 @@ fn summary(
     }
 }
 
-/// Passes progress on with a fraction that never falls, though growth may start where random placing
-/// gave up.
-struct Rising<'a> {
-    of: &'a dyn Control,
-    fraction: Cell<f64>,
-}
-
-impl Control for Rising<'_> {
-    fn report(&self, progress: &Progress) {
-        self.fraction.set(self.fraction.get().max(progress.fraction));
-        self.of.report(&Progress { fraction: self.fraction.get(), ..progress.clone() });
-    }
-
-    fn should_stop(&self) -> bool {
-        self.of.should_stop()
-    }
-
-    fn wants_checkpoint(&self) -> bool {
-        self.of.wants_checkpoint()
-    }
-
-    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        self.of.keep_checkpoint(checkpoint);
-    }
-}
-
-/// Passes progress on as a part of the whole run's.
+/// Passes progress on as a part of the whole run's, with a fraction that never falls, though growth may
+/// start where random placing gave up.
 struct Share<'a> {
     of: &'a dyn Control,
     from: f64,
     to: f64,
+    most: Cell<f64>,
+}
+
+impl<'a> Share<'a> {
+    fn new(of: &'a dyn Control, from: f64, to: f64) -> Self {
+        Self { of, from, to, most: Cell::new(0.0) }
+    }
 }
 
 impl Control for Share<'_> {
     fn report(&self, progress: &Progress) {
-        let fraction = self.from + (self.to - self.from) * progress.fraction;
+        self.most.set(self.most.get().max(progress.fraction));
+        let fraction = self.from + (self.to - self.from) * self.most.get();
         self.of.report(&Progress { fraction, ..progress.clone() });
     }
 
