@@ -1,4 +1,10 @@
-//! Packstone's binary: everything is in the library, so that tests reach it.
+//! Packstone's binary: all but its allocator is in the library, so that tests reach it.
+#![deny(unsafe_code)]
+
+mod allocator;
+
+#[global_allocator]
+static ALLOCATOR: allocator::HugePages = allocator::HugePages;
 
 fn main() -> std::process::ExitCode {
     packstone_server::main()

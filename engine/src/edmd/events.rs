@@ -11,7 +11,7 @@ use super::contact::fall_to_zero;
 use super::container::HOME;
 use super::growth::Growth;
 use super::prefetch::prefetch;
-use super::queue::READ_AHEAD;
+use super::queue::{Entry, READ_AHEAD};
 use super::system::{Hot, Next, System, unpack};
 
 /// Codes of events that are no meeting of grains, above every list entry of image 0..125.
@@ -60,7 +60,8 @@ impl System {
                 break;
             }
             let next = &self.next;
-            let Some(entry) = self.queue.pop(|e| next[e.grain as usize].time == e.time) else {
+            let is_next = |e: &Entry| next[e.grain as usize].time == e.time;
+            let Some(entry) = self.queue.pop(is_next, |grain| prefetch(next, grain as usize)) else {
                 return self.end;
             };
             now = entry.time;
@@ -90,6 +91,9 @@ impl System {
         }
         if let Some(grain) = self.queue.ahead(1) {
             self.prefetch_neighbours(grain);
+            if self.next[grain].with == LEAVES_SPHERE {
+                self.prefetch_renewal(grain);
+            }
             let partner = unpack(self.next[grain].with).0;
             if partner < self.len() {
                 self.prefetch_list(partner);

@@ -5,12 +5,15 @@
 //! centres and radii; it must never know how grains move.
 
 use super::container::{Container, HOME, image_code};
+use super::prefetch::prefetch;
 
 const NIL: u32 = u32::MAX;
 /// Edge of a cell in largest outer radii of its level.
 const EDGE: f64 = 1.6;
 /// Most cells per grain, over all levels; a finer grid would hold mostly nothing.
 const CELLS_PER_GRAIN: f64 = 3.0;
+/// Cells that are looked into together.
+const BATCH: usize = 32;
 
 #[derive(Clone, Debug)]
 struct Level {
@@ -127,24 +130,41 @@ impl Grid {
             } else {
                 let low: [i32; 3] = std::array::from_fn(|a| low[a].clamp(0, level.cells[a] - 1));
                 let high: [i32; 3] = std::array::from_fn(|a| high[a].clamp(0, level.cells[a] - 1));
+                let mut batch = Batch::new(self, &mut found);
                 for z in low[2]..=high[2] {
                     for y in low[1]..=high[1] {
                         let row =
                             level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
                         for &head in &self.heads[row + low[0] as usize..=row + high[0] as usize] {
-                            let mut at = head;
-                            while at != NIL {
-                                found(at, HOME);
-                                at = self.next[at as usize];
-                            }
+                            batch.add(head, HOME);
                         }
                     }
+                }
+                batch.flush();
+            }
+        }
+    }
+
+    /// Asks the memory for the cells that a visit at home will look into.
+    pub(crate) fn ask(&self, center: [f64; 3], outer_mm: f64) {
+        for level in self.levels.iter().filter(|level| level.grains > 0) {
+            let range = outer_mm + level.outer_mm;
+            let at = |a: usize, x: f64| ((x * level.per_edge[a]) as i32).clamp(0, level.cells[a] - 1);
+            let low: [i32; 3] = std::array::from_fn(|a| at(a, center[a] - range));
+            let high: [i32; 3] = std::array::from_fn(|a| at(a, center[a] + range));
+            for z in low[2]..=high[2] {
+                for y in low[1]..=high[1] {
+                    let row =
+                        level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
+                    prefetch(&self.heads, row + low[0] as usize);
+                    prefetch(&self.heads, row + high[0] as usize);
                 }
             }
         }
     }
 
     fn visit_images(&self, level: &Level, low: [i32; 3], high: [i32; 3], found: &mut impl FnMut(u32, u32)) {
+        let mut batch = Batch::new(self, found);
         for z in low[2]..=high[2] {
             let (iz, z) = wrapped(z, level.cells[2]);
             for y in low[1]..=high[1] {
@@ -152,18 +172,14 @@ impl Grid {
                 let row = level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
                 for x in low[0]..=high[0] {
                     let (ix, x) = wrapped(x, level.cells[0]);
-                    let mut at = self.heads[row + x as usize];
-                    if at == NIL {
-                        continue;
-                    }
-                    let code = image_code([ix, iy, iz]);
-                    while at != NIL {
-                        found(at, code);
-                        at = self.next[at as usize];
+                    let head = self.heads[row + x as usize];
+                    if head != NIL {
+                        batch.add(head, image_code([ix, iy, iz]));
                     }
                 }
             }
         }
+        batch.flush();
     }
 
     /// Levels as coarse as or coarser than that of an outer radius.
@@ -179,6 +195,44 @@ impl Grid {
     /// Whether two outer radii belong to the same level.
     pub(crate) fn same_level(&self, outer_a: f64, outer_b: f64) -> bool {
         self.level_of(outer_a) == self.level_of(outer_b)
+    }
+}
+
+/// Cells whose first grains are asked for together, before any chain is followed: with many grains
+/// each is a cache miss.
+struct Batch<'a, F> {
+    grid: &'a Grid,
+    found: &'a mut F,
+    heads: [(u32, u32); BATCH],
+    len: usize,
+}
+
+impl<'a, F: FnMut(u32, u32)> Batch<'a, F> {
+    #[inline(always)]
+    fn new(grid: &'a Grid, found: &'a mut F) -> Self {
+        Self { grid, found, heads: [(NIL, 0); BATCH], len: 0 }
+    }
+
+    /// A cell's first grain, if it has one, in an image.
+    #[inline(always)]
+    fn add(&mut self, head: u32, image: u32) {
+        if self.len == BATCH {
+            self.flush();
+        }
+        prefetch(&self.grid.next, head as usize);
+        self.heads[self.len] = (head, image);
+        self.len += usize::from(head != NIL);
+    }
+
+    fn flush(&mut self) {
+        for &(head, image) in &self.heads[..self.len] {
+            let mut at = head;
+            while at != NIL {
+                (self.found)(at, image);
+                at = self.grid.next[at as usize];
+            }
+        }
+        self.len = 0;
     }
 }
 

@@ -225,6 +225,16 @@ impl System {
         }
     }
 
+    /// Asks the memory for what a renewal of a grain reads, whose list is there.
+    #[inline(never)]
+    pub(crate) fn prefetch_renewal(&self, grain: usize) {
+        for &entry in self.list(grain) {
+            prefetch(&self.cold, unpack(entry).0);
+        }
+        let hot = &self.hot[grain];
+        self.grid.ask(hot.position_at(self.next[grain].time), self.cold[grain].outer);
+    }
+
     /// Largest contact radius of the epoch.
     #[inline(always)]
     fn last_radius(&self, grain: usize) -> f64 {

@@ -98,7 +98,7 @@ impl Both {
     /// What both say comes up next.
     fn pop(&mut self) -> (Option<Entry>, Option<Key>) {
         let next = &self.next;
-        let entry = self.queue.pop(|entry| next[entry.grain as usize] == Some(entry.time));
+        let entry = self.queue.pop(|entry| next[entry.grain as usize] == Some(entry.time), |_| ());
         let expected = std::iter::from_fn(|| self.heap.pop())
             .map(|Reverse(key)| key)
             .find(|&(time, grain)| next[grain as usize].is_some_and(|next| next.to_bits() == time));
