@@ -111,10 +111,14 @@ impl Queue {
                 self.cursor += 1;
                 std::mem::swap(&mut self.current, &mut self.bins[self.cursor]);
                 if let Some(soon) = self.bins.get(self.cursor + 1) {
-                    soon.iter().for_each(|entry| ask(entry.grain));
+                    for entry in soon {
+                        ask(entry.grain);
+                    }
                 }
                 if let Some(later) = self.bins.get(self.cursor + 2) {
-                    (0..later.len()).step_by(PER_LINE).for_each(|at| prefetch(later, at));
+                    for at in (0..later.len()).step_by(PER_LINE) {
+                        prefetch(later, at);
+                    }
                 }
                 self.current.retain(is_next);
                 if !self.current.is_empty() {

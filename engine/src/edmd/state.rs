@@ -42,8 +42,10 @@ impl Decoder<'_> {
         self.bytes().map(u64::from_le_bytes)
     }
 
+    /// A finite number: nothing in a run is anything else.
     pub(crate) fn f64(&mut self) -> io::Result<f64> {
-        self.bytes().map(f64::from_le_bytes)
+        let value = f64::from_le_bytes(self.bytes()?);
+        if value.is_finite() { Ok(value) } else { Err(io::ErrorKind::InvalidData.into()) }
     }
 
     /// A count of things of so many bytes, no more than there can be.

@@ -69,6 +69,7 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
     let grains = u64::from_le_bytes(body[HEAD_BYTES..HEAD_BYTES + 8].try_into().unwrap()) as usize;
     assert_eq!(grains, whole.spheres.len());
 
+    let measure = |index: usize| (17 + index) * 8;
     let column = |index: usize| HEAD_BYTES + index * (8 + 8 * grains);
     let with = |at: usize, bytes: &[u8]| {
         let mut body = body.clone();
@@ -87,6 +88,15 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
         ("more grains than bytes", with(column(1), &u64::MAX.to_le_bytes())),
         ("a rank of no grain", with(ranks, &(grains as u32).to_le_bytes())),
         ("a rank twice", with(ranks, &body[ranks + 4..ranks + 8])),
+        ("a size below nothing", with(measure(0), &(-1e-3_f64).to_le_bytes())),
+        ("no pressure", with(measure(2), &0_f64.to_le_bytes())),
+        ("no events", with(measure(3), &0_f64.to_le_bytes())),
+        ("another energy", with(measure(4), &1e9_f64.to_le_bytes())),
+        ("more than done", with(measure(7), &1.5_f64.to_le_bytes())),
+        ("a grain nowhere", with(column(0) + 8, &f64::NAN.to_le_bytes())),
+        ("a grain far away", with(column(0) + 8, &1e6_f64.to_le_bytes())),
+        ("a grain too fast", with(column(1) + 8, &1e200_f64.to_le_bytes())),
+        ("a reach below nothing", with(column(6) + 8, &(-1_f64).to_le_bytes())),
     ];
     for (what, body) in broken {
         let anew = gone_on_from(body);

@@ -4,21 +4,24 @@
 //! columns; a checkpoint holds them, and an epoch depends on nothing else. It knows grains, a law of
 //! growth and limits; it must never know files or clocks other than to obey a limit of time.
 
-use std::io::{self, Write};
+mod body;
+mod report;
+
+use std::io::Write;
 use std::time::Instant;
 
 use super::container::Container;
 use super::law::Law;
-use super::pace::{LOOSE_PACE, Pace, done_share, room};
-use super::state::{Decoder, Encoder};
+use super::pace::{LOOSE_PACE, Pace, room};
 use super::swap::{Swaps, free};
-use super::system::{Cold, Counts, System};
+use super::system::{Counts, System};
 use crate::checkpoint::Checkpoint;
-use crate::control::{Control, Growth as Grown, Phase, Progress};
+use crate::control::Control;
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
-use crate::request::{Distance, EdmdOptions, PackingRequest};
+use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
+use crate::request::{EdmdOptions, PackingRequest};
 use crate::rng::epoch_stream;
+pub(crate) use report::Moments;
 
 /// Grains grow to their target times this, so that the check, which rounds differently, sees no
 /// overlap at all.
@@ -69,27 +72,6 @@ pub(crate) enum Ended {
     As(EdmdEnd),
     /// The control said so.
     Stopped,
-}
-
-/// Sums over the diameters, from which the volume fraction follows at any distance without another
-/// look at the grains.
-pub(crate) struct Moments {
-    sums: [f64; 4],
-    specimen_volume_mm3: f64,
-}
-
-impl Moments {
-    pub(crate) fn new(diameters_mm: &[f64], specimen_volume_mm3: f64) -> Self {
-        let sums = std::array::from_fn(|power| diameters_mm.iter().map(|d| d.powi(power as i32)).sum());
-        Self { sums, specimen_volume_mm3 }
-    }
-
-    /// Volume fraction of grains whose diameters are longer by `more_mm`.
-    fn volume_fraction(&self, more_mm: f64) -> f64 {
-        let [count, first, second, third] = self.sums;
-        let cubes = third + more_mm * (3.0 * second + more_mm * (3.0 * first + more_mm * count));
-        sphere_volume(1.0) * cubes / self.specimen_volume_mm3
-    }
 }
 
 /// What stays the same in a run.
@@ -371,89 +353,6 @@ impl Run {
         self.out_of_time(frame).then_some(EdmdEnd::TimeLimit)
     }
 
-    /// The constant distance that the true diameters keep by now, where one is asked for.
-    pub(crate) fn distance_mm(&self, frame: &Frame<'_>) -> Option<f64> {
-        let largest = frame.diameters_mm.first().copied().unwrap_or(0.0);
-        match (self.stage, &frame.request.distance) {
-            (Stage::Length, _) => Some(2.0 * self.size * (1.0 - 1e-9)),
-            (Stage::Scale, Distance::Constant { mm, .. }) => {
-                Some((self.size.min(1.0) * (largest + mm) - largest).max(0.0))
-            }
-            _ => None,
-        }
-    }
-
-    /// Volume fraction of the grains at their present size, without their distance; with it where it
-    /// is what grows.
-    pub(crate) fn volume_fraction(&self, frame: &Frame<'_>) -> f64 {
-        match self.stage {
-            Stage::Scale => frame.moments.volume_fraction(0.0) * self.size.min(1.0).powi(3),
-            Stage::Length => frame.moments.volume_fraction(2.0 * self.size),
-        }
-    }
-
-    fn note_point(&mut self, frame: &Frame<'_>) {
-        if !self.epochs.is_multiple_of(self.curve_stride) {
-            return;
-        }
-        self.curve.push(GrowthPoint {
-            packing_time_s: self.elapsed_s(frame),
-            simulated_time_s: self.simulated_s,
-            events: self.system.counts.collisions(),
-            volume_fraction: self.volume_fraction(frame),
-            distance_mm: self.distance_mm(frame),
-            reduced_pressure: self.pressure,
-        });
-        if self.curve.len() >= CURVE_POINTS {
-            let mut at = 0;
-            self.curve.retain(|_| {
-                at += 1;
-                at % 2 == 0
-            });
-            self.curve_stride *= 2;
-        }
-    }
-
-    fn report(&mut self, frame: &Frame<'_>) {
-        let events = self.system.counts.collisions();
-        let limits = frame.options.stop;
-        let of_limits = [
-            limits.events.map(|most| events as f64 / most as f64),
-            limits.time_s.map(|most| self.elapsed_s(frame) / most),
-        ];
-        let towards = match self.stage {
-            Stage::Scale => {
-                let phi = self.target_fraction;
-                let at = |size: f64| phi * size.powi(3);
-                done_share(at(self.first_size), at(self.size), phi, self.pressure)
-            }
-            Stage::Length => None,
-        };
-        let fraction = of_limits.into_iter().flatten().chain(towards).fold(0.0, f64::max);
-        self.fraction = self.fraction.max(fraction.min(1.0));
-        let seconds = self.grow_started.elapsed().as_secs_f64().max(1e-9);
-        let per_s = self.system.counts.collisions() as f64 / seconds;
-        let volume_fraction = self.volume_fraction(frame);
-        frame.control.report(&Progress {
-            phase: Phase::Edmd,
-            fraction: self.fraction,
-            done: events,
-            total: limits.events.unwrap_or(0),
-            unit: "events",
-            message: format!(
-                "growing grains, volume fraction {volume_fraction:.4}, pressure {:.0}",
-                self.pressure
-            ),
-            growth: Some(Grown {
-                volume_fraction,
-                distance_mm: self.distance_mm(frame),
-                events,
-                events_per_s: per_s,
-                reduced_pressure: Some(self.pressure),
-            }),
-        });
-    }
-
     /// Centres by rank.
     pub(crate) fn centers(&self) -> Vec<[f64; 3]> {
         let mut centers = vec![[0.0; 3]; self.system.len()];
@@ -461,177 +360,6 @@ impl Run {
             centers[rank as usize] = self.system.container.wrap(hot.position);
         }
         centers
-    }
-
-    /// What was counted.
-    pub(crate) fn statistics(&self, stop: EdmdEnd, seconds: f64) -> EdmdStatistics {
-        let counts = self.system.counts;
-        let events = counts.collisions();
-        EdmdStatistics {
-            events,
-            grain_collisions: counts.grain_collisions,
-            wall_collisions: counts.wall_collisions,
-            cell_crossings: 0,
-            list_renewals: counts.list_renewals,
-            predictions: counts.predictions,
-            stale_events: counts.stale_events,
-            swaps_tried: self.swaps.tried,
-            swaps_accepted: self.swaps.accepted,
-            velocity_rescalings: self.rescalings,
-            epochs: self.epochs,
-            stuck_grains: self.stuck_grains,
-            resumes: self.resumes,
-            predictions_per_event: counts.predictions as f64 / events.max(1) as f64,
-            events_per_s: events as f64 / seconds.max(1e-9),
-            simulated_time_s: self.simulated_s,
-            growth_scale: match self.stage {
-                // Without the margin beyond it the target is not reached.
-                Stage::Scale if self.size < BEYOND_TARGET => self.size.min(1.0 - f64::EPSILON),
-                _ => 1.0,
-            },
-            energy: self.system.energy() / self.energy,
-            reduced_pressure: self.pressure,
-            stop,
-        }
-    }
-
-    /// The body of a checkpoint.
-    fn write(&self, frame: &Frame<'_>, out: &mut dyn Write) -> io::Result<()> {
-        let mut out = Encoder(out);
-        let counts = self.system.counts;
-        for value in [
-            u64::from(self.stage == Stage::Length),
-            u64::from(self.pace.is_frozen()),
-            self.epochs,
-            self.rescalings,
-            self.stuck_grains,
-            self.resumes,
-            self.swaps.tried,
-            self.swaps.accepted,
-            self.curve_stride,
-            counts.grain_collisions,
-            counts.wall_collisions,
-            counts.list_renewals,
-            counts.predictions,
-            counts.stale_events,
-            self.rsa.attempts,
-            self.rsa.grains_by_subdivision,
-            self.rsa.voxels_tested,
-        ] {
-            out.u64(value)?;
-        }
-        for value in [
-            self.size,
-            self.first_size,
-            self.pressure,
-            self.events_per_time,
-            self.energy,
-            self.swaps.window,
-            self.simulated_s,
-            self.fraction,
-            self.elapsed_s(frame),
-            self.rsa_s,
-        ] {
-            out.f64(value)?;
-        }
-        let hot = &self.system.hot;
-        for a in 0..3 {
-            out.f64s(hot.iter().map(|hot| hot.position[a]))?;
-            out.f64s(hot.iter().map(|hot| hot.velocity[a]))?;
-        }
-        out.f64s(self.system.cold.iter().map(|cold| cold.reach))?;
-        let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
-        out.u32s(self.system.cold.iter().map(met))?;
-        out.u32s(self.system.rank.iter().copied())?;
-        out.u64(self.curve.len() as u64)?;
-        for point in &self.curve {
-            out.f64(point.packing_time_s)?;
-            out.f64(point.simulated_time_s)?;
-            out.u64(point.events)?;
-            out.f64(point.volume_fraction)?;
-            // Distances are never negative.
-            out.f64(point.distance_mm.unwrap_or(-1.0))?;
-            out.f64(point.reduced_pressure)?;
-        }
-        Ok(())
-    }
-
-    /// The run that a body was written by.
-    pub(crate) fn read(frame: &Frame<'_>, laws: &[Law; 2], body: &[u8]) -> io::Result<Self> {
-        let mut input = Decoder(body);
-        let mut whole = || input.u64();
-        let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
-        let frozen = whole()? == 1;
-        let (epochs, rescalings, stuck_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
-        let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
-        let counts = Counts {
-            grain_collisions: whole()?,
-            wall_collisions: whole()?,
-            list_renewals: whole()?,
-            predictions: whole()?,
-            stale_events: whole()?,
-        };
-        let rsa =
-            RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
-        let size = input.f64()?;
-        let law = &laws[usize::from(stage == Stage::Length)];
-        let n = law.radii_mm.len();
-        let mut run = Self::new(frame, law, stage, size, &vec![[0.0; 3]; n]);
-        run.first_size = input.f64()?;
-        run.pressure = input.f64()?;
-        run.events_per_time = input.f64()?;
-        run.energy = input.f64()?;
-        run.swaps.window = input.f64()?;
-        run.simulated_s = input.f64()?;
-        run.fraction = input.f64()?;
-        run.earlier_s = input.f64()?;
-        (run.rsa, run.rsa_s) = (rsa, input.f64()?);
-        run.pace = run.pace.with_frozen(frozen);
-        (run.epochs, run.rescalings, run.stuck_grains) = (epochs, rescalings, stuck_grains);
-        (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
-        run.resumes = resumes + 1;
-        run.system.counts = counts;
-        let invalid = || io::Error::from(io::ErrorKind::InvalidData);
-        let same = |column: Vec<f64>| if column.len() == n { Ok(column) } else { Err(invalid()) };
-        for a in 0..3 {
-            let (positions, velocities) = (same(input.f64s()?)?, same(input.f64s()?)?);
-            for (i, hot) in run.system.hot.iter_mut().enumerate() {
-                hot.position[a] = positions[i];
-                hot.velocity[a] = velocities[i];
-            }
-        }
-        let reach = same(input.f64s()?)?;
-        let collisions = input.u32s()?;
-        let rank = input.u32s()?;
-        let mut seen = vec![false; n];
-        if collisions.len() != n || rank.len() != n {
-            return Err(invalid());
-        }
-        for &rank in &rank {
-            if rank as usize >= n || std::mem::replace(&mut seen[rank as usize], true) {
-                return Err(invalid());
-            }
-        }
-        let masses = frame.masses();
-        for (i, cold) in run.system.cold.iter_mut().enumerate() {
-            cold.reach = reach[i];
-            (cold.collisions, cold.renewals) = (collisions[i] as u16, (collisions[i] >> 16) as u16);
-        }
-        run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
-        run.system.rank = rank;
-        run.set_radii(law);
-        for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
-            run.curve.push(GrowthPoint {
-                packing_time_s: input.f64()?,
-                simulated_time_s: input.f64()?,
-                events: input.u64()?,
-                volume_fraction: input.f64()?,
-                distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
-                reduced_pressure: input.f64()?,
-            });
-        }
-        input.finish()?;
-        Ok(run)
     }
 }
 
