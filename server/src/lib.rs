@@ -19,6 +19,8 @@ mod pace;
 mod problem;
 mod service;
 mod strict_json;
+#[allow(dead_code)]
+mod studies;
 mod telemetry;
 
 /// Runs the command line of this process.

@@ -1,0 +1,169 @@
+//! Studies: many packings from one request, and the table of what became of them.
+//!
+//! A study is a list of points (a mix, a method), each packed once per replicate. The request is
+//! expanded into jobs before anything is stored or run ([`request`]); what came out is one row per point
+//! ([`table`]). The service and `packstone study` share all of it; nothing here knows HTTP, the store
+//! or how a packing is computed.
+
+#[cfg(test)]
+mod examples;
+mod expand;
+mod facts;
+mod interval;
+mod pointer;
+mod request;
+mod seeds;
+pub(crate) mod stop;
+pub(crate) mod table;
+
+use std::collections::BTreeMap;
+
+use packstone_engine::packing::EdmdEnd;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+use crate::jobs::JobRequest;
+
+pub(crate) use request::Refusal;
+pub(crate) use table::{Keys, Table};
+
+/// Most jobs of a study.
+pub(crate) const MAX_JOBS: usize = 10_000;
+/// Most bytes of JSON that the requests of all jobs of a study may come to: a grid over long lists of diameters
+/// would fill the memory otherwise.
+pub(crate) const MAX_REQUEST_BYTES: usize = 64 << 20;
+
+/// A study, expanded. Made by [`Study::read`].
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Study {
+    /// A name for people.
+    pub(crate) name: Option<String>,
+    /// Keys and values to find the study by, bounded as those of a job.
+    pub(crate) labels: BTreeMap<String, String>,
+    /// What the seeds of the jobs derive from.
+    pub(crate) seed: u64,
+    /// JSON pointers into the job that distinguish the points, in the order of the request: the grid's,
+    /// then those of `zip`. Empty for a list.
+    pub(crate) columns: Vec<String>,
+    /// The points in the order of the request; the last column varies fastest.
+    pub(crate) points: Vec<Point>,
+    /// Jobs of every point.
+    pub(crate) replicates: usize,
+    /// When a point needs no more runs.
+    pub(crate) stop_when: StopWhen,
+}
+
+/// One mix and method.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Point {
+    /// Values of the columns.
+    pub(crate) values: Vec<Value>,
+    /// Its first job. The others differ from it in their seed only.
+    pub(crate) job: JobRequest,
+    /// Seeds of its jobs, one per replicate.
+    pub(crate) seeds: Vec<u64>,
+}
+
+impl Point {
+    /// The job of a replicate.
+    pub(crate) fn replicate(&self, replicate: usize) -> JobRequest {
+        let seed = self.seeds.get(replicate).copied().unwrap_or(self.job.seed);
+        JobRequest { seed, ..self.job.clone() }
+    }
+}
+
+impl Study {
+    /// How many jobs there are.
+    pub(crate) fn jobs(&self) -> usize {
+        self.points.len() * self.replicates
+    }
+
+    /// Point and replicate of every job in the order in which they are to run: the first replicate of all
+    /// points, then the second, so that the table fills evenly.
+    pub(crate) fn order(&self) -> impl Iterator<Item = (usize, usize)> {
+        let points = self.points.len();
+        (0..self.replicates).flat_map(move |replicate| (0..points).map(move |point| (point, replicate)))
+    }
+
+    /// The first columns of the table: the study's own, or place and name in a list.
+    pub(crate) fn keys(&self) -> Keys {
+        if self.is_list() {
+            let key = |(i, point): (usize, &Point)| vec![json!(i), json!(point.job.name)];
+            return Keys {
+                columns: vec!["point".into(), "name".into()],
+                values: self.points.iter().enumerate().map(key).collect(),
+            };
+        }
+        Keys {
+            columns: self.columns.clone(),
+            values: self.points.iter().map(|point| point.values.clone()).collect(),
+        }
+    }
+
+    /// Whether the points are a list of jobs, or a template alone.
+    fn is_list(&self) -> bool {
+        self.columns.is_empty()
+    }
+}
+
+/// When a point needs no more runs; what of it still waits is cancelled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct StopWhen {
+    /// So many runs have failed, one after another in the order of their ends.
+    #[schema(required = false, minimum = 1, maximum = 10_000)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) failed_in_a_row: Option<u32>,
+    /// The 95 % interval of its success rate (Wilson 1927) is narrower than this, after five runs at least.
+    #[schema(required = false, exclusive_minimum = 0, maximum = 1)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) interval_width: Option<f64>,
+}
+
+/// How a run ended, as a study counts it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Outcome {
+    /// A packing as asked for.
+    Succeeded,
+    /// The method's answer that it could not, within its limits or those of the job.
+    NotReached,
+    /// It says nothing about the mix: cancelled, or a fault of the program or the machine.
+    Void,
+}
+
+/// What a study keeps of a run that ended, so that its table needs no look at results.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Facts {
+    /// Wall-clock time that the run took, in s: the engine's, or from lease to end where it failed.
+    pub(crate) time_s: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) grains: Option<u64>,
+    /// `phi_eff`, counted; that of the grains asked for where the run failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) volume_fraction_effective: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) volume_fraction_with_coating: Option<f64>,
+    /// Constant distance kept, or reached before the run failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) distance_mm: Option<f64>,
+    /// Events of the growth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) events: Option<u64>,
+    /// Time of the growth alone, in s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) edmd_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) end: Option<EdmdEnd>,
+}
+
+/// A run that ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Run {
+    /// Index of the point.
+    pub(crate) point: usize,
+    /// Index within the point.
+    pub(crate) replicate: usize,
+    pub(crate) outcome: Outcome,
+    pub(crate) facts: Facts,
+}
