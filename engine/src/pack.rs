@@ -18,8 +18,6 @@ use crate::verify;
 
 /// Share of a run's progress that placing takes; the rest is the check.
 const PLACING_SHARE: f64 = 0.95;
-/// `auto` places at random up to this share of what that reaches; above it growth is faster.
-const AUTO_RSA_CROWDING: f64 = 0.9;
 
 /// Computes a packing.
 ///
@@ -132,7 +130,7 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
         Method::Auto {} if matches!(request.distance, Distance::Maximize { .. }) => {
             Route::Edmd(EdmdOptions::default())
         }
-        Method::Auto {} if plan.crowding <= AUTO_RSA_CROWDING => Route::RsaThenEdmd,
+        Method::Auto {} if plan.places_first => Route::RsaThenEdmd,
         Method::Auto {} => Route::Edmd(EdmdOptions::default()),
     }
 }

@@ -16,6 +16,9 @@ use class::{Class, Law};
 /// grains follow it too and the total misses by less than one of the smallest.
 const CLASSES_PER_OCTAVE: f64 = 12.0;
 
+/// Diameters that stand for a narrow class where a whole law would be too much.
+const QUANTILES: usize = 8;
+
 /// A mix resolved against a specimen's volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GradedMix {
@@ -105,6 +108,28 @@ impl GradedMix {
     pub fn expected_enlarged_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
         let enlarged = |d: f64| sphere_volume(factor * d + offset);
         self.expected_sum(|c| c.mean_of(&enlarged) * c.grains_per_volume(), enlarged)
+    }
+
+    /// Diameters with the expected number of grains of each, from fine to coarse: quantiles of every
+    /// class, or those of an explicit list.
+    pub fn expected_sizes(&self) -> Vec<(f64, f64)> {
+        if let Some(list) = &self.list {
+            let mut sizes: Vec<(f64, f64)> = Vec::new();
+            for &d in list.iter().rev() {
+                match sizes.last_mut() {
+                    Some((last, number)) if *last == d => *number += 1.0,
+                    _ => sizes.push((d, 1.0)),
+                }
+            }
+            return sizes;
+        }
+        let mut sizes = Vec::with_capacity(self.classes.len() * QUANTILES);
+        for class in &self.classes {
+            let number = self.class_volume_mm3(class) * class.grains_per_volume() / QUANTILES as f64;
+            let quantile = |k: usize| class.diameter((k as f64 + 0.5) / QUANTILES as f64);
+            sizes.extend((0..QUANTILES).map(|k| (quantile(k), number)));
+        }
+        sizes
     }
 
     fn expected_sum(&self, per_volume: impl Fn(&Class) -> f64, of_grain: impl Fn(f64) -> f64) -> f64 {

@@ -3,6 +3,10 @@
 //! Expected counts in closed form, volume fractions, memory, and whether the mix can fit at all.
 //! It knows the mix, the specimen and the distance rule; it must never draw a random number.
 
+mod estimate;
+mod model;
+mod rods;
+
 use serde::Serialize;
 
 use crate::distance::DistanceRule;
@@ -10,8 +14,10 @@ use crate::edmd::MAX_GRAINS;
 use crate::error::PlanError;
 use crate::mix::GradedMix;
 use crate::mix::sieve::sieve_classes;
-use crate::request::{Distance, FieldError, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, Method, PackingRequest, Specimen};
 use crate::rsa::MAX_PLACED;
+use estimate::Case;
+pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
 /// What a run may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,14 +51,23 @@ pub struct Plan {
     pub volume_fraction_with_coating: f64,
     /// Memory that the run will use at its peak.
     pub memory_bytes: u64,
-    /// CPU time that the run is likely to take; a rough guess.
+    /// CPU time that the method of the request is likely to take, on a core of about 2 GHz.
     pub estimated_time_s: f64,
+    /// Probability that it reaches what is asked for.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
+    pub success_probability: f64,
+    /// What each method is likely to do.
+    pub methods: MethodEstimates,
+    /// The most that is likely to succeed.
+    pub proposal: Proposal,
+    /// In what the request lies beyond the studies that the estimates were fitted to; empty where it does not.
+    pub extrapolations: Vec<String>,
     /// Expected grains by size class, from fine to coarse.
     pub classes: Vec<ClassPlan>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
-    /// Volume fraction asked for, coating included, over what random sequential addition reaches.
-    pub(crate) crowding: f64,
+    /// Whether `auto` places at random before it grows anything.
+    pub(crate) places_first: bool,
 }
 
 /// Expected grains of one size class.
@@ -75,13 +90,18 @@ const EQUAL_SPHERES: f64 = 0.740_480_489_693_061;
 /// known packing lies. (Best of binary spheres at a ratio of 4.5: 0.8245, Hopkins et al. 2012;
 /// the curve gives 0.858.)
 const VOIDS_EXPONENT: f64 = -0.4;
+/// Ratio of diameters up to which grains may order like equal ones.
+const NEARLY_EQUAL: f64 = 1.2;
+/// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near:
+/// the densest that were seen in studies lie at 1.04.
+const BEYOND_RANDOM: f64 = 1.12;
 /// Saturation of random sequential addition of equal spheres (Torquato et al. 2006).
 const RSA_EQUAL_SPHERES: f64 = 0.384;
 /// Share of the voids that stays for random sequential addition when the ratio of diameters grows:
 /// such that Fuller's curve, 2..16 mm, ends at 0.697 as it does in 80 mm.
 const RSA_VOIDS_EXPONENT: f64 = -0.341;
 
-/// What a run costs, fitted to measured ones (`docs/performance.md`): Fuller's curve 2..16 mm from
+/// Memory that a run takes, fitted to measured ones (`docs/performance.md`): Fuller's curve 2..16 mm from
 /// 0.5 to 0.695, B16 above 0.5 mm with 1e4 to 2e6 grains, and equal spheres near saturation.
 mod cost {
     /// Bytes of the program as such.
@@ -90,23 +110,20 @@ mod cost {
     pub(super) const BYTES_PER_GRAIN: f64 = 220.0;
     /// Bytes per grain for the voxels of a crowded one.
     pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 4500.0;
-    /// Seconds per grain in a loose specimen, on a core of about 2 GHz.
-    pub(super) const SECONDS_PER_GRAIN: f64 = 3.0e-6;
-    /// Seconds per grain at the limit, for a range of diameters of three octaves.
-    pub(super) const SECONDS_PER_CROWDED_GRAIN: f64 = 1.8e-4;
+    /// Bytes per grain while grains grow.
+    pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 320.0;
 }
 
-/// Memory of a run in bytes. `crowding` is what is asked for as a share of what the method reaches.
-fn memory_bytes(grains: f64, crowding: f64) -> u64 {
+/// Memory of a run in bytes. `crowding` is what is asked for as a share of what random placing reaches;
+/// growth starts from a loose placing.
+fn memory_bytes(grains: f64, crowding: f64, grows: bool) -> u64 {
     let crowded = ((crowding.min(1.0) - 0.75) / 0.25).max(0.0).powi(2);
-    (cost::BYTES + grains * (cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * crowded)) as u64
-}
-
-/// Time of a run. `ratio` is that of the largest diameter to the smallest.
-fn time_s(grains: f64, crowding: f64, ratio: f64) -> f64 {
-    let octaves = (ratio.log2() / 3.0).max(0.1);
-    let crowded = crowding.min(1.0).powi(12);
-    grains * (cost::SECONDS_PER_GRAIN + cost::SECONDS_PER_CROWDED_GRAIN * octaves * crowded)
+    let per_grain = if grows {
+        cost::BYTES_PER_GROWING_GRAIN
+    } else {
+        cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * crowded
+    };
+    (cost::BYTES + grains * per_grain) as u64
 }
 
 /// Volume fraction at which random sequential addition ends, for a ratio of the largest contact
@@ -134,11 +151,18 @@ impl Plan {
         let enlarged = mix.expected_enlarged_volume_mm3(factor, offset);
         let room = enlarged_room(request, &rule, mix.d_max_mm);
         let ratio = (factor * mix.d_max_mm + offset) / (factor * mix.d_min_mm + offset);
-        check_feasible(request, enlarged / room, ratio, mix.volume_fraction_effective)?;
+        let case = Case::new(request, &mix, &rule, enlarged / room);
+        check_feasible(&case, ratio)?;
 
-        let rsa_limit = rsa_limit(ratio);
-        let crowding = enlarged / room / rsa_limit;
-        let memory_bytes = memory_bytes(grains, crowding);
+        let methods = case.methods();
+        let likely = case.of_request(&methods);
+        let places_first = case.places_first(&methods);
+        let grows = match request.method {
+            Method::Rsa { .. } => false,
+            Method::Edmd { .. } => true,
+            Method::Auto {} => !places_first,
+        };
+        let memory_bytes = memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows);
         check_limits(&mix, grains, memory_bytes, limits)?;
         let classes = sieve_classes(&mix)
             .iter()
@@ -156,10 +180,14 @@ impl Plan {
             volume_fraction_effective: mix.volume_fraction_effective,
             volume_fraction_with_coating: enlarged / specimen_volume_mm3,
             memory_bytes,
-            estimated_time_s: time_s(grains, crowding, ratio),
+            estimated_time_s: likely.time_s,
+            success_probability: likely.success_probability,
+            methods,
+            proposal: case.proposal(&likely),
+            extrapolations: case.extrapolations(),
             classes,
-            warnings: warnings(request, &mix, grains, enlarged / room, rsa_limit),
-            crowding,
+            warnings: warnings(&case, &likely),
+            places_first,
         })
     }
 }
@@ -261,13 +289,14 @@ fn enlarged_room(request: &PackingRequest, rule: &DistanceRule, d_max: f64) -> f
     }
 }
 
-fn check_feasible(
-    request: &PackingRequest,
-    filled: f64,
-    ratio: f64,
-    effective: f64,
-) -> Result<(), PlanError> {
-    let densest = 1.0 - (1.0 - EQUAL_SPHERES) * ratio.powf(VOIDS_EXPONENT);
+/// Refuses what no arrangement reaches: more than the densest packing known of spheres of such a range,
+/// or, where sizes follow a curve, more than random packings come near.
+fn check_feasible(case: &Case<'_>, ratio: f64) -> Result<(), PlanError> {
+    let (request, filled, effective) = (case.request, case.filled, case.mix.volume_fraction_effective);
+    let mut densest = 1.0 - (1.0 - EQUAL_SPHERES) * ratio.powf(VOIDS_EXPONENT);
+    if case.mix.list.is_none() && ratio > NEARLY_EQUAL {
+        densest = densest.min(BEYOND_RANDOM * case.features.random_close());
+    }
     if filled <= densest {
         return Ok(());
     }
@@ -291,17 +320,21 @@ fn infeasible(pointer: &str, detail: String) -> PlanError {
     PlanError::Infeasible(FieldError { pointer: pointer.into(), detail })
 }
 
-fn warnings(
-    request: &PackingRequest,
-    mix: &GradedMix,
-    grains: f64,
-    filled: f64,
-    rsa_limit: f64,
-) -> Vec<String> {
+/// A probability of success below which a request deserves a warning.
+const UNLIKELY: f64 = 0.5;
+
+fn warnings(case: &Case<'_>, likely: &MethodEstimate) -> Vec<String> {
+    let (request, mix, grains) = (case.request, case.mix, case.grains);
     let mut warnings = Vec::new();
-    if filled > 0.98 * rsa_limit {
+    if likely.success_probability < UNLIKELY {
+        let method = match request.method {
+            Method::Rsa { .. } => "random sequential addition",
+            _ => "growth",
+        };
         warnings.push(format!(
-            "random sequential addition rarely reaches a volume fraction of {filled:.3} (with coating): its limit for this mix is near {rsa_limit:.3}"
+            "{method} is unlikely to reach a volume fraction of {:.3} (with coating): for this mix and specimen it \
+             reaches about {:.3}",
+            case.filled, likely.volume_fraction_with_coating_reach
         ));
     }
     if mix.list.is_none() && grains < 10.0 {
@@ -325,3 +358,6 @@ fn warnings(
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod estimate_tests;

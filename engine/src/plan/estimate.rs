@@ -1,0 +1,194 @@
+//! What a request is likely to cost, whether it is likely to succeed, and what would.
+//!
+//! It puts requests to the [`model`](super::model); it must never know what the model is made of.
+
+use serde::Serialize;
+
+use super::model::{Features, LIKELY, bisect};
+use crate::distance::DistanceRule;
+use crate::mix::GradedMix;
+use crate::request::{Basis, Boundary, Distance, EdmdOptions, Method, PackingRequest, Specimen};
+
+/// What one method is likely to do with a mix.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MethodEstimate {
+    /// Probability that it reaches what is asked for, within the limits of the request.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
+    pub success_probability: f64,
+    /// CPU time on a core of about 2 GHz, whether it succeeds or not.
+    pub time_s: f64,
+    /// Volume fraction of the grains, coating included, up to which it succeeds with a probability of 0.9.
+    pub volume_fraction_with_coating_reach: f64,
+}
+
+/// Both methods.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MethodEstimates {
+    /// Random sequential addition.
+    pub rsa: MethodEstimate,
+    /// Event-driven molecular dynamics.
+    pub edmd: MethodEstimate,
+}
+
+/// The most that is likely to succeed (with a probability of 0.9), all else as requested.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Proposal {
+    /// `mix.volume_fraction`, in the basis of the request; `null` for explicit diameters.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub volume_fraction: Option<f64>,
+    /// A constant distance; `null` for other rules of distance, and where there is none.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub distance_mm: Option<f64>,
+}
+
+/// A request before the model.
+pub(super) struct Case<'a> {
+    pub(super) request: &'a PackingRequest,
+    pub(super) mix: &'a GradedMix,
+    pub(super) grains: f64,
+    /// Volume of the grains with their coating over the room for them.
+    pub(super) filled: f64,
+    pub(super) features: Features,
+}
+
+impl<'a> Case<'a> {
+    pub(super) fn new(
+        request: &'a PackingRequest,
+        mix: &'a GradedMix,
+        rule: &DistanceRule,
+        filled: f64,
+    ) -> Self {
+        let (factor, offset) = rule.enlargement(mix.d_min_mm);
+        let features = features(request, mix, factor, offset);
+        Self { request, mix, grains: mix.expected_grains().max(1.0), filled, features }
+    }
+
+    pub(super) fn methods(&self) -> MethodEstimates {
+        let (attempts, options) = match self.request.method {
+            Method::Rsa { attempts_per_grain } => (attempts_per_grain, EdmdOptions::default()),
+            Method::Edmd { options } => (None, options),
+            Method::Auto {} => (None, EdmdOptions::default()),
+        };
+        let (features, filled, grains) = (&self.features, self.filled, self.grains);
+        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
+        MethodEstimates {
+            rsa: MethodEstimate {
+                // It grows nothing, so it has no largest distance.
+                success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
+                time_s: features.rsa_time_s(filled, grains, attempts),
+                volume_fraction_with_coating_reach: features.rsa_reach(attempts),
+            },
+            edmd: MethodEstimate {
+                success_probability: features.growth_success(filled, grains, &options),
+                // The largest distance is looked for until growth stalls, or as long as it may.
+                time_s: features.growth_time_s(if maximize { 1.0 } else { filled }, grains, &options),
+                volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
+            },
+        }
+    }
+
+    /// Whether `auto` places at random first: that will do, and is done sooner.
+    pub(super) fn places_first(&self, methods: &MethodEstimates) -> bool {
+        let MethodEstimates { rsa, edmd } = methods;
+        rsa.success_probability >= LIKELY && rsa.time_s <= edmd.time_s
+    }
+
+    /// What the method of the request is likely to do.
+    pub(super) fn of_request(&self, methods: &MethodEstimates) -> MethodEstimate {
+        match self.request.method {
+            Method::Rsa { .. } => methods.rsa,
+            Method::Edmd { .. } => methods.edmd,
+            Method::Auto {} if self.places_first(methods) => MethodEstimate {
+                success_probability: methods.rsa.success_probability.max(methods.edmd.success_probability),
+                ..methods.rsa
+            },
+            Method::Auto {} => methods.edmd,
+        }
+    }
+
+    pub(super) fn proposal(&self, of_request: &MethodEstimate) -> Proposal {
+        let by_rsa = matches!(self.request.method, Method::Rsa { .. });
+        let reach = of_request.volume_fraction_with_coating_reach;
+        let asked = match self.request.mix.basis {
+            Basis::Mixture => self.mix.volume_fraction_mixture,
+            Basis::Effective => self.mix.volume_fraction_effective,
+        };
+        let volume_fraction = self.mix.list.is_none().then(|| round(asked * reach / self.filled).min(1.0));
+        let distance_mm = match self.request.distance {
+            Distance::None { wall_mm: None }
+            | Distance::Constant { wall_mm: None, .. }
+            | Distance::Maximize { wall_mm: None }
+                if self.grains > 1.5 =>
+            {
+                let most = self.mix.d_max_mm;
+                let reached = bisect(0.0, most, |mm| self.is_likely_at(mm, by_rsa));
+                (reached > 0.0).then(|| round(reached))
+            }
+            _ => None,
+        };
+        Proposal { volume_fraction, distance_mm }
+    }
+
+    /// Whether a constant distance is likely to be reached.
+    fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
+        let features = features(self.request, self.mix, 1.0, distance_mm);
+        let filled = self.mix.expected_enlarged_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
+        match self.request.method {
+            Method::Rsa { attempts_per_grain } if by_rsa => {
+                features.rsa_success(filled, attempts_per_grain) >= LIKELY
+            }
+            Method::Edmd { options } => features.growth_success(filled, self.grains, &options) >= LIKELY,
+            _ => features.growth_success(filled, self.grains, &EdmdOptions::default()) >= LIKELY,
+        }
+    }
+
+    /// In what the request lies beyond the studies that the model was fitted to, in words.
+    pub(super) fn extrapolations(&self) -> Vec<String> {
+        let mut beyond = self.features.beyond(self.grains);
+        if matches!(self.request.distance, Distance::SmallerDiameter { .. }) {
+            beyond.push("a distance by the smaller diameter, taken as that of the smallest grains".into());
+        }
+        let options = match self.request.method {
+            Method::Edmd { options } => options,
+            Method::Rsa { attempts_per_grain: Some(_) } => {
+                beyond.push("a number of attempts per grain".into());
+                EdmdOptions::default()
+            }
+            _ => EdmdOptions::default(),
+        };
+        let unmoved = EdmdOptions { stop: options.stop, ..EdmdOptions::default() };
+        if options != unmoved || options.stop.stall_dt_s.is_some() {
+            beyond.push("options of edmd other than the limits of time and events".into());
+        }
+        beyond
+    }
+}
+
+fn features(request: &PackingRequest, mix: &GradedMix, factor: f64, offset: f64) -> Features {
+    let mut sizes = mix.expected_sizes();
+    for (d, _) in &mut sizes {
+        *d = factor * *d + offset;
+    }
+    Features::new(&sizes, walls_per_mm(&request.specimen))
+}
+
+/// Surface of the walls over the volume.
+fn walls_per_mm(specimen: &Specimen) -> f64 {
+    match *specimen {
+        Specimen::Box { boundary: Boundary::Periodic, .. } => 0.0,
+        Specimen::Box { size_mm, .. } => size_mm.iter().map(|length| 2.0 / length).sum(),
+        Specimen::Cylinder { diameter_mm, height_mm } => 4.0 / diameter_mm + 2.0 / height_mm,
+    }
+}
+
+/// Three significant digits, rounded down: a proposal should keep what it promises.
+fn round(value: f64) -> f64 {
+    if value <= 0.0 {
+        return 0.0;
+    }
+    let step = 10.0_f64.powi(2 - value.log10().floor() as i32);
+    (value * step).floor() / step
+}

@@ -1,0 +1,248 @@
+//! What a run is likely to cost and whether it is likely to succeed, by a small model fitted to studies.
+//!
+//! Where random sequential addition ends, where grown packings jam, and how many events growth takes on
+//! the way there, from a handful of moments of the sizes. The forms, the data they were fitted to, the
+//! errors on cases left out of the fit, and how to fit anew: `docs/estimates.md`. The module knows
+//! sizes, walls and limits; it must never pack.
+
+use super::rods::random_close;
+use crate::request::EdmdOptions;
+
+/// Random sequential addition: `-ln(1 - phi)` at its end is linear in moments of the sizes.
+mod rsa {
+    /// Equal spheres.
+    pub(super) const EQUAL: f64 = 0.5012;
+    /// Per standard deviation of ln(d) by volume.
+    pub(super) const SPREAD: f64 = -0.6025;
+    /// Per mean of ln(d) by volume above that of the smallest grain.
+    pub(super) const FINES: f64 = 0.8881;
+    /// Per share of walls.
+    pub(super) const WALLS: f64 = -0.12;
+    /// Standard error of the limit on cases left out, and of single runs about it.
+    pub(super) const ERROR: f64 = 0.008;
+    /// A limited number of attempts ends sooner: by this much per power of ten below 1e7.
+    pub(super) const PER_DECADE_OF_ATTEMPTS: f64 = 0.025;
+    /// Microseconds per grain in a loose specimen,
+    pub(super) const LOOSE_US: f64 = 1.1;
+    /// at the limit for equal spheres,
+    pub(super) const CROWDED_US: f64 = 57.0;
+    /// how fast that falls off below the limit (exponent per share of it),
+    pub(super) const FALL_OFF: f64 = 12.2;
+    /// and how it rises with the spread of sizes.
+    pub(super) const CROWDED_SPREAD: f64 = 2.31;
+    /// Cost of a cache that is too small: exponent of the number of grains over [`super::CACHED`].
+    pub(super) const CACHE: f64 = 0.16;
+}
+
+/// Growth: jamming as a share of random close packing, and events per grain as a power law of the gap.
+mod growth {
+    pub(super) const BULK: f64 = 1.0867;
+    /// Per share of walls, and its square.
+    pub(super) const WALLS: f64 = -0.0896;
+    pub(super) const WALLS_SQUARED: f64 = 0.0095;
+    /// Equal grains have nothing to exchange.
+    pub(super) const EQUAL: f64 = -0.0399;
+    /// Spread of ln(d) up to which grains are as good as equal.
+    pub(super) const EQUAL_SPREAD: f64 = 0.05;
+    /// Per cube root of the number of grains.
+    pub(super) const FEW: f64 = -0.3781;
+    /// ln of events per grain: at no gap and full size,
+    pub(super) const EVENTS: f64 = 0.2444;
+    /// per ln of the gap,
+    pub(super) const GAP: f64 = -1.915;
+    /// and per ln of the volume fraction over that of jamming.
+    pub(super) const FILLED: f64 = 6.612;
+    /// Standard error of ln(events).
+    pub(super) const ERROR: f64 = 0.45;
+    /// Events per grain at which growth is usually found to have stalled.
+    pub(super) const STALL: f64 = 4000.0;
+    /// What starting costs, in events per grain.
+    pub(super) const START_EVENTS: f64 = 4.0;
+    /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
+    pub(super) const EVENT_US: f64 = 1.05;
+    pub(super) const CACHE: f64 = 0.41;
+}
+
+/// Grains that stay in the cache.
+const CACHED: f64 = 1e4;
+/// What the studies covered; beyond it an estimate extrapolates.
+mod covered {
+    pub(super) const RATIO: f64 = 16.0;
+    pub(super) const SPREAD: f64 = 0.8;
+    pub(super) const WALLS: f64 = 1.1;
+    pub(super) const GRAINS: std::ops::RangeInclusive<f64> = 300.0..=3e6;
+}
+
+/// A mix as the model sees it, with the distances as a coating, in a specimen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Features {
+    /// Volume fraction of a random close packing of these sizes, without walls.
+    random_close: f64,
+    /// Standard deviation of ln(d) by volume.
+    spread: f64,
+    /// Mean of ln(d) by volume above that of the smallest grain.
+    fines: f64,
+    /// Surface of the walls over the volume, times the ratio of the third to the second moment of the
+    /// diameters.
+    walls: f64,
+    ratio: f64,
+}
+
+impl Features {
+    /// Of diameters with their numbers from fine to coarse, and the surface of walls per volume in 1/mm.
+    pub(crate) fn new(sizes: &[(f64, f64)], walls_per_mm: f64) -> Self {
+        let moment = |of: &dyn Fn(f64) -> f64| sizes.iter().map(|&(d, number)| number * of(d)).sum::<f64>();
+        let volume = moment(&|d| d.powi(3));
+        let mean = moment(&|d| d.powi(3) * d.ln()) / volume;
+        let variance = moment(&|d| d.powi(3) * (d.ln() - mean).powi(2)) / volume;
+        let least = sizes.first().map_or(1.0, |size| size.0);
+        let largest = sizes.last().map_or(1.0, |size| size.0);
+        Self {
+            random_close: random_close(sizes),
+            spread: variance.sqrt(),
+            fines: mean - least.ln(),
+            walls: walls_per_mm * volume / moment(&|d| d * d),
+            ratio: largest / least,
+        }
+    }
+
+    /// Volume fraction of a random close packing of these sizes, without walls.
+    pub(crate) fn random_close(&self) -> f64 {
+        self.random_close
+    }
+
+    /// Volume fraction, coating included, at which random sequential addition ends.
+    pub(crate) fn rsa_limit(&self, attempts_per_grain: Option<u64>) -> f64 {
+        let voids =
+            rsa::EQUAL + rsa::SPREAD * self.spread + rsa::FINES * self.fines + rsa::WALLS * self.walls;
+        let fewer = attempts_per_grain.map_or(0.0, |attempts| (7.0 - (attempts as f64).log10()).max(0.0));
+        (1.0 - (-voids).exp() - rsa::PER_DECADE_OF_ATTEMPTS * fewer).max(0.05)
+    }
+
+    /// Volume fraction, coating included, at which so many growing grains jam.
+    pub(crate) fn jamming(&self, grains: f64) -> f64 {
+        let equal = (-(self.spread / growth::EQUAL_SPREAD).powi(2)).exp();
+        let share = growth::BULK
+            + growth::WALLS * self.walls
+            + growth::WALLS_SQUARED * self.walls.powi(2)
+            + growth::EQUAL * equal
+            + growth::FEW * grains.max(1.0).powf(-1.0 / 3.0);
+        // Of very few grains in large walls nothing is known; they are not looser than that.
+        self.random_close * share.max(0.5)
+    }
+
+    /// Events per grain that growth to a volume fraction takes; infinite where it jams before.
+    pub(crate) fn events_per_grain(&self, filled: f64, grains: f64) -> f64 {
+        let share = filled / self.jamming(grains);
+        if share >= 1.0 {
+            return f64::INFINITY;
+        }
+        (growth::EVENTS + growth::GAP * (1.0 - share).ln() + growth::FILLED * share.ln()).exp()
+    }
+
+    /// Time of random sequential addition in s, to its end or its success.
+    pub(crate) fn rsa_time_s(&self, filled: f64, grains: f64, attempts_per_grain: Option<u64>) -> f64 {
+        let crowding = (filled / self.rsa_limit(attempts_per_grain)).min(1.0);
+        let crowded =
+            rsa::CROWDED_US * (rsa::FALL_OFF * (crowding - 1.0) + rsa::CROWDED_SPREAD * self.spread).exp();
+        grains * (rsa::LOOSE_US + crowded) * 1e-6 * beyond_cache(grains, rsa::CACHE)
+    }
+
+    /// Probability that random sequential addition reaches a volume fraction.
+    pub(crate) fn rsa_success(&self, filled: f64, attempts_per_grain: Option<u64>) -> f64 {
+        normal((self.rsa_limit(attempts_per_grain) - filled) / rsa::ERROR)
+    }
+
+    /// Events per grain that the options leave growth.
+    fn events_allowed(grains: f64, options: &EdmdOptions) -> f64 {
+        let by_events = options.stop.events.map_or(f64::INFINITY, |events| events as f64 / grains);
+        let by_time = options.stop.time_s.map_or(f64::INFINITY, |seconds| {
+            (seconds / event_s(grains) / grains - growth::START_EVENTS).max(0.0)
+        });
+        growth::STALL.min(by_events).min(by_time)
+    }
+
+    /// Probability that growth reaches a volume fraction.
+    pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
+        let needed = self.events_per_grain(filled, grains);
+        let allowed = Self::events_allowed(grains, options);
+        normal((allowed / needed).ln() / growth::ERROR)
+    }
+
+    /// Time of growth in s, to its end or its success.
+    pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
+        let events = self.events_per_grain(filled, grains).min(Self::events_allowed(grains, options));
+        grains * (events + growth::START_EVENTS) * event_s(grains)
+    }
+
+    /// Volume fraction up to which growth succeeds with a probability of 90 % within the options.
+    pub(crate) fn growth_reach(&self, grains: f64, options: &EdmdOptions) -> f64 {
+        bisect(0.0, self.jamming(grains), |filled| self.growth_success(filled, grains, options) >= LIKELY)
+    }
+
+    /// The same of random sequential addition.
+    pub(crate) fn rsa_reach(&self, attempts_per_grain: Option<u64>) -> f64 {
+        bisect(0.0, 1.0, |filled| self.rsa_success(filled, attempts_per_grain) >= LIKELY)
+    }
+
+    /// In what the mix lies beyond the studies, in words.
+    pub(crate) fn beyond(&self, grains: f64) -> Vec<String> {
+        let mut beyond = Vec::new();
+        if self.ratio > covered::RATIO * 1.01 {
+            beyond.push(format!("a ratio of diameters of {:.1} (up to {:.0})", self.ratio, covered::RATIO));
+        }
+        if self.spread > covered::SPREAD {
+            beyond.push(format!(
+                "a spread of ln(d) by volume of {:.2} (up to {})",
+                self.spread,
+                covered::SPREAD
+            ));
+        }
+        if self.walls > covered::WALLS {
+            beyond.push("a specimen that is small for its grains".into());
+        }
+        if !covered::GRAINS.contains(&grains) {
+            let (from, to) = (covered::GRAINS.start(), covered::GRAINS.end());
+            beyond.push(format!("{grains:.0} grains ({from} to {to})"));
+        }
+        beyond
+    }
+}
+
+/// What counts as likely.
+pub(crate) const LIKELY: f64 = 0.9;
+
+fn event_s(grains: f64) -> f64 {
+    growth::EVENT_US * 1e-6 * beyond_cache(grains, growth::CACHE)
+}
+
+fn beyond_cache(grains: f64, exponent: f64) -> f64 {
+    (grains / CACHED).max(1.0).powf(exponent)
+}
+
+/// The largest value for which `holds`, which holds below it.
+pub(crate) fn bisect(from: f64, to: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    let (mut low, mut high) = (from, to);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+/// Distribution function of the standard normal distribution, to 1e-7 (Abramowitz and Stegun, 7.1.26).
+fn normal(x: f64) -> f64 {
+    if x.is_nan() {
+        return 0.0;
+    }
+    const COEFFICIENTS: [f64; 5] =
+        [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
+    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / std::f64::consts::SQRT_2);
+    let series = COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * t);
+    let tail = 0.5 * series * (-0.5 * x * x).exp();
+    if x >= 0.0 { 1.0 - tail } else { tail }
+}
