@@ -66,7 +66,7 @@ pub fn radial(
     options: &RadialOptions<'_>,
 ) -> Vec<PairCorrelation> {
     let classes = classes(spheres, specimen, rule, options);
-    classes.iter().map(|class| around(class, &classes, specimen, options)).collect()
+    classes.iter().map(|class| around(class, &classes, options)).collect()
 }
 
 /// One class with what is expected of its grains as partners.

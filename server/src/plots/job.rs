@@ -241,3 +241,23 @@ fn rounded(mm: f64) -> String {
     let scale = 10_f64.powi(digits);
     plain((mm * scale).round() / scale, None)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn diameters_are_told_in_three_digits() {
+        for (mm, text) in [(2.0341, "2.03"), (15.98, "16"), (0.250_01, "0.25"), (63.04, "63"), (1234.0, "1230")] {
+            assert_eq!(rounded(mm), text);
+        }
+    }
+
+    #[test]
+    fn many_classes_are_joined_from_the_coarse_end() {
+        assert_eq!(joined(&[4.0, 8.0, 16.0]), [4.0, 8.0, 16.0]);
+        let many: Vec<f64> = (1..=13).map(f64::from).collect();
+        assert_eq!(joined(&many), [1.0, 4.0, 7.0, 10.0, 13.0]);
+        assert!(joined(&[]).is_empty());
+    }
+}

@@ -1,11 +1,4 @@
-//! The plots of a study: a figure of its table against one of its     let mut columns: Vec<&str> = candidates.filter(varies).map(String::as_str).collect();
-    if x == GRAINS
-        && let Some(meant) = columns.iter().position(|column| runs_with_grains(table, column))
-    {
-        // The abscissa stands for the column that the number of grains follows.
-        columns.remove(meant);
-    }
-    columnsolumns, one series for each combination
+//! The plots of a study: a figure of its table against one of its columns, one series for each combination
 //! of the others; and the course of the distance of every run.
 //!
 //! They know the table ([`Table`]) and labelled curves; they must never know where these came from.
@@ -241,11 +234,12 @@ fn varying<'a>(table: &'a Table, x: &str) -> Vec<&'a str> {
         values.any(|value| Some(value) != first)
     };
     let candidates = table.columns.iter().filter(|column| column.starts_with('/') && column.as_str() != x);
-    let columns: Vec<&str> = candidates.filter(varies).map(String::as_str).collect();
-    if x == GRAINS {
-        // A column that gives each row a number of grains of its own is what the abscissa stands for.
-        let kept: Vec<&str> = columns.iter().copied().filter(|c| !runs_with_grains(table, c)).collect();
-        return kept;
+    let mut columns: Vec<&str> = candidates.filter(varies).map(String::as_str).collect();
+    if x == GRAINS
+        && let Some(meant) = columns.iter().position(|column| runs_with_grains(table, column))
+    {
+        // The abscissa stands for the column that the number of grains follows.
+        columns.remove(meant);
     }
     columns
 }
