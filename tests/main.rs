@@ -39,5 +39,6 @@ mod ranges;
 mod scheduling;
 mod shutdown;
 mod streaming;
+mod study_command;
 mod submission;
 mod waiting;
