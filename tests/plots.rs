@@ -67,7 +67,8 @@ async fn what_cannot_be_plotted_is_refused_with_the_reason() {
         ("?kind=grading&kind=radial", "given 2 times"),
         ("?kind=grading&colour=red", "colour"),
     ] {
-        let problem = client.get(&format!("{plot}{query}")).send().await.expect_problem(400, "validation-error");
+        let problem =
+            client.get(&format!("{plot}{query}")).send().await.expect_problem(400, "validation-error");
         let detail = problem["detail"].as_str().unwrap();
         assert!(detail.contains(says), "{detail}");
         if !query.contains('&') {
@@ -107,7 +108,8 @@ async fn run_draws_what_the_service_draws() {
     fs::write(directory.path().join("job.json"), job.to_string()).unwrap();
     let all = KINDS.join(",");
     let ended =
-        packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "csv", "--plot", &all]).await;
+        packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "csv", "--plot", &all])
+            .await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
 
     let data_dir = DataDir::new();

@@ -185,7 +185,10 @@ fn series(table: &Table, x: &str, figure: &Figure) -> Vec<Series> {
         let next = series.len();
         let number = *numbers.entry(label.clone()).or_insert(next);
         if number == next {
-            series.push(Series { label: (!columns.is_empty()).then_some(label), ..Series::marked("", number, vec![]) });
+            series.push(Series {
+                label: (!columns.is_empty()).then_some(label),
+                ..Series::marked("", number, vec![])
+            });
         }
         let Some(at) = (if x == GRAINS { row.cells.grains } else { number_in(row, x) }) else { continue };
         // A row without the figure interrupts the line: it was run, and did not get there.
@@ -217,7 +220,10 @@ fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &Stud
     let label = "packing time in s";
     Chart {
         title,
-        description: format!("Clear distance that all grains keep against packing time, {} runs.", series.len()),
+        description: format!(
+            "Clear distance that all grains keep against packing time, {} runs.",
+            series.len()
+        ),
         x: if options.log_x.unwrap_or(true) { Axis::log(label) } else { Axis::linear(label).from_zero() },
         y: Axis::linear("distance in mm").from_zero(),
         series,

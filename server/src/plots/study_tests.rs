@@ -154,7 +154,10 @@ fn names_of_columns_are_read_by_people() {
     ] {
         assert_eq!(column_label(pointer), label, "{pointer}");
     }
-    assert_eq!(value_label("/specimen/size_mm", &json!([80, 80, 160.5])), "size 80 \u{D7} 80 \u{D7} 160.5 mm");
+    assert_eq!(
+        value_label("/specimen/size_mm", &json!([80, 80, 160.5])),
+        "size 80 \u{D7} 80 \u{D7} 160.5 mm"
+    );
     assert_eq!(value_label("/method", &json!({"type": "edmd"})), "edmd");
     assert_eq!(value_label("/mix/d_min_mm", &json!(0.25)), "d min 0.25 mm");
     assert_eq!(value_label("/mix/grading/name", &json!("B16")), "B16");
