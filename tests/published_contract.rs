@@ -45,6 +45,7 @@ fn every_route_of_this_version_is_in_it_and_no_later_one() {
         "get /v1/jobs/{id}/events",
         "get /v1/jobs/{id}/result",
         "get /v1/jobs/{id}/result/summary",
+        "get /v1/jobs/{id}/plot.svg",
         "get /v1/capabilities",
         "get /healthz",
         "get /readyz",

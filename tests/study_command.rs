@@ -84,6 +84,11 @@ async fn a_study_leaves_a_table_and_the_packings_asked_for() {
     let csv = fs::read_to_string(out.join("table.csv")).unwrap();
     assert_eq!(csv.lines().count(), 5);
     assert!(csv.starts_with("/mix/volume_fraction,/method,grains,"), "{csv}");
+    for plot in ["success", "time", "event_time"] {
+        let file = format!("plot-{plot}.svg");
+        assert!(fs::read_to_string(out.join(&file)).unwrap().contains("<svg"), "{file}");
+        assert!(ended.stdout.contains(&file), "{}", ended.stdout);
+    }
     let mut kept: Vec<String> = fs::read_dir(out.join("results"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -198,6 +203,9 @@ async fn the_largest_distance_leaves_its_curve() {
     let curves: Value = serde_json::from_slice(&fs::read(out.join("curves.json")).unwrap()).unwrap();
     assert_eq!(curves.as_array().map(Vec::len), Some(1), "{curves:#}");
     assert_eq!(curves[0]["point"], 1);
+    for plot in ["distance", "curve", "volume_fraction"] {
+        assert!(out.join(format!("plot-{plot}.svg")).exists(), "{plot}");
+    }
     let curve: Vec<[f64; 2]> = serde_json::from_value(curves[0]["distance_curve"].clone()).unwrap();
     assert!(curve.len() >= 2 && curve.is_sorted_by(|a, b| a[0] <= b[0] && a[1] <= b[1]), "{curve:?}");
     let reached = table(&out)["rows"][1]["distance_mm_median"].as_f64().unwrap();

@@ -16,6 +16,7 @@ mod http_server;
 mod jobs;
 mod metrics;
 mod pace;
+mod plots;
 mod problem;
 mod service;
 mod strict_json;

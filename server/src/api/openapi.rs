@@ -129,6 +129,8 @@ problem_sets! {
         JobFailed 409, RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
+    /// Of plots.
+    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, Busy 503;
     /// Of routes that ask for nothing.
     OpenProblems: ValidationError 400;
     /// Of explanations.

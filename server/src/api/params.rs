@@ -76,6 +76,26 @@ impl Query {
         }
     }
 
+    /// A value that must be there, out of those of a list; `known` names them for the message.
+    pub(super) fn choice<T>(
+        &mut self,
+        name: &'static str,
+        from_name: impl Fn(&str) -> Option<T>,
+        known: &str,
+    ) -> Option<T> {
+        let values = self.many(name);
+        let fault = match &values[..] {
+            [value] => match from_name(value) {
+                Some(choice) => return Some(choice),
+                None => format!("{} is unknown: must be one of {known}", shown(value)),
+            },
+            [] => format!("is missing: must be one of {known}"),
+            values => format!("is given {} times: must be given once", values.len()),
+        };
+        self.fault(name, fault);
+        None
+    }
+
     /// `true` or `false`; false when absent.
     pub(super) fn flag(&mut self, name: &'static str) -> bool {
         match self.one(name).as_deref() {

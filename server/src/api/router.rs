@@ -9,7 +9,9 @@ use serde_json::Value;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::{App, job_actions, job_events, job_list, jobs, meta, observe, openapi, problem_pages, results};
+use super::{
+    App, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots, problem_pages, results,
+};
 use crate::problem::{Kind, Problem};
 
 /// The service as a router.
@@ -38,6 +40,7 @@ fn documented() -> OpenApiRouter<App> {
         .routes(routes!(job_actions::retry))
         .routes(routes!(results::get))
         .routes(routes!(results::summary))
+        .routes(routes!(plots::of_job))
         .routes(routes!(meta::capabilities))
         .routes(routes!(meta::health))
         .routes(routes!(meta::ready))

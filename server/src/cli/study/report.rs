@@ -1,15 +1,18 @@
 //! What came out of a study: the files of its table and plots, and the table for the terminal.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use packstone_engine::request::Distance;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::super::Failure;
 use super::book::{Entry, write_whole};
-use crate::studies::table::{Cells, Row, Table};
-use crate::studies::{Keys, Study};
+use crate::plots::draw;
+use crate::plots::study::{RunCurve, StudyOptions, StudyPlot, chart};
+use crate::studies::table::{Cells, Row};
+use crate::studies::{Keys, Study, Table};
 
 /// Most rows at the terminal; the files have all.
 const ROWS_SHOWN: usize = 200;
@@ -24,18 +27,55 @@ struct Curve<'a> {
     distance_curve: &'a [[f64; 2]],
 }
 
-/// Writes all files.
-pub(super) fn write(folder: &Path, study: &Study, table: &Table, entries: &[Entry]) -> Result<(), Failure> {
+/// Writes all files, and returns those for people.
+pub(super) fn write(
+    folder: &Path,
+    study: &Study,
+    table: &Table,
+    entries: &[Entry],
+) -> Result<Vec<PathBuf>, Failure> {
+    let mut written = Vec::new();
+    let mut put = |name: String, bytes: &[u8]| {
+        let file = folder.join(name);
+        write_whole(&file, bytes).map(|()| written.push(file))
+    };
     let mut json = serde_json::to_vec_pretty(table)?;
     json.push(b'\n');
-    write_whole(&folder.join("table.json"), &json)?;
-    write_whole(&folder.join("table.csv"), table.to_csv().as_bytes())?;
-    let keys = study.keys();
-    let curves = curves(&keys, entries);
+    put("table.json".into(), &json)?;
+    put("table.csv".into(), table.to_csv().as_bytes())?;
+    let curves = curves(&study.keys(), entries);
     if !curves.is_empty() {
-        write_whole(&folder.join("curves.json"), &serde_json::to_vec(&curves)?)?;
+        put("curves.json".into(), &serde_json::to_vec(&curves)?)?;
     }
-    Ok(())
+    let drawn: Vec<RunCurve> = curves
+        .iter()
+        .map(|curve| RunCurve { point: curve.point, points: curve.distance_curve.to_vec() })
+        .collect();
+    for kind in kinds(study, table) {
+        let chart = chart(kind, study.name.as_deref(), table, &drawn, &StudyOptions::default())?;
+        put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+    }
+    Ok(written)
+}
+
+/// The plots that tell something about a study.
+fn kinds(study: &Study, table: &Table) -> Vec<StudyPlot> {
+    let maximizes = |maximize: bool| {
+        study.points.iter().any(|point| matches!(point.job.distance, Distance::Maximize { .. }) == maximize)
+    };
+    let any = |figure: fn(&Cells) -> bool| table.rows.iter().any(|row| figure(&row.cells));
+    let mut kinds = vec![StudyPlot::Time];
+    if maximizes(true) {
+        kinds.extend([StudyPlot::Distance, StudyPlot::Curve, StudyPlot::VolumeFraction]);
+    }
+    if maximizes(false) {
+        // The largest distance is reached by definition.
+        kinds.insert(0, StudyPlot::Success);
+    }
+    if any(|cells| cells.event_us_median.is_some()) {
+        kinds.push(StudyPlot::EventTime);
+    }
+    kinds
 }
 
 /// The curves of first replicates, in the order of the points.
