@@ -42,7 +42,7 @@ fn plan_of(study: &Study, row: &Row) -> Plan {
 
 #[test]
 fn estimates_hold_where_they_were_not_fitted() {
-    let (mut times, mut most) = (0, 0.0_f64);
+    let mut times = 0;
     for study in studies().iter().filter(|study| !study.fitted) {
         for row in &study.rows {
             let plan = plan_of(study, row);
@@ -57,14 +57,16 @@ fn estimates_hold_where_they_were_not_fitted() {
             // Shorter runs are over before anyone asks.
             if let Some(time_s) = row.time_s.filter(|time_s| *time_s > 0.03) {
                 let off = (likely.time_s / time_s).ln().abs();
+                if std::env::var_os("SHOW").is_some() {
+                    println!("{what}: x{:.2} {time_s}", likely.time_s / time_s);
+                    continue;
+                }
                 times += 1;
-                most = most.max(off);
                 assert!(off < 2.0_f64.ln(), "{what}: {:.3} s for {time_s:.3} s", likely.time_s);
             }
         }
     }
     assert!(times > 40, "{times} times");
-    assert!(most > 0.0);
 }
 
 #[test]
@@ -102,7 +104,12 @@ fn events_follow_the_studies() {
             let expected = case.features.events_per_grain(filled, case.grains);
             let off = (expected / events).ln();
             let bound = if study.fitted { 1.2 } else { 2.0_f64.ln() };
-            assert!(off.abs() < bound, "{} {}: {expected:.0} for {events:.0}", study.case, row.volume_fraction);
+            assert!(
+                off.abs() < bound,
+                "{} {}: {expected:.0} for {events:.0}",
+                study.case,
+                row.volume_fraction
+            );
         }
     }
 }
@@ -114,9 +121,8 @@ fn a_proposal_is_likely() {
             "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": fraction},
             "distance": distance, "method": {"type": "edmd"}})
     };
-    let plan = |value: &Value| {
-        Plan::new(&PackingRequest::from_json(value, 1).unwrap(), &Limits::default()).unwrap()
-    };
+    let plan =
+        |value: &Value| Plan::new(&PackingRequest::from_json(value, 1).unwrap(), &Limits::default()).unwrap();
     let constant = |mm: f64| json!({"type": "constant", "mm": mm});
     let dense = plan(&request(0.57, constant(1.0)));
     assert!(dense.success_probability < 0.5, "{dense:?}");
@@ -141,7 +147,8 @@ fn what_was_not_studied_is_said() {
     assert!(beyond(&json!({"specimen": cube, "mix": mix})).is_empty());
     let few = beyond(&json!({"specimen": {"type": "box", "size_mm": [20, 20, 20]}, "mix": mix}));
     assert!(few.iter().any(|w| w.contains("grains (300 to")), "{few:?}");
-    let attempts = json!({"specimen": cube, "mix": mix, "method": {"type": "rsa", "attempts_per_grain": 1000}});
+    let attempts =
+        json!({"specimen": cube, "mix": mix, "method": {"type": "rsa", "attempts_per_grain": 1000}});
     assert_eq!(beyond(&attempts), ["a number of attempts per grain"]);
     let slow = json!({"specimen": cube, "mix": mix, "method": {"type": "edmd", "growth_rate": 0.01}});
     assert!(beyond(&slow)[0].contains("options of edmd"));

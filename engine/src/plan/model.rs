@@ -56,11 +56,12 @@ mod growth {
     pub(super) const ERROR: f64 = 0.45;
     /// Events per grain at which growth is usually found to have stalled.
     pub(super) const STALL: f64 = 4000.0;
-    /// What starting costs, in events per grain.
-    pub(super) const START_EVENTS: f64 = 4.0;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
     pub(super) const EVENT_US: f64 = 1.05;
-    pub(super) const CACHE: f64 = 0.41;
+    pub(super) const EVENT_CACHE: f64 = 0.39;
+    /// What the start costs per grain, random placing included, likewise.
+    pub(super) const START_US: f64 = 9.0;
+    pub(super) const START_CACHE: f64 = 0.25;
 }
 
 /// Grains that stay in the cache.
@@ -157,7 +158,7 @@ impl Features {
     fn events_allowed(grains: f64, options: &EdmdOptions) -> f64 {
         let by_events = options.stop.events.map_or(f64::INFINITY, |events| events as f64 / grains);
         let by_time = options.stop.time_s.map_or(f64::INFINITY, |seconds| {
-            (seconds / event_s(grains) / grains - growth::START_EVENTS).max(0.0)
+            ((seconds / grains - start_s(grains)) / event_s(grains)).max(0.0)
         });
         growth::STALL.min(by_events).min(by_time)
     }
@@ -172,7 +173,7 @@ impl Features {
     /// Time of growth in s, to its end or its success.
     pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
         let events = self.events_per_grain(filled, grains).min(Self::events_allowed(grains, options));
-        grains * (events + growth::START_EVENTS) * event_s(grains)
+        grains * (start_s(grains) + events * event_s(grains))
     }
 
     /// Volume fraction up to which growth succeeds with a probability of 90 % within the options.
@@ -213,7 +214,12 @@ impl Features {
 pub(crate) const LIKELY: f64 = 0.9;
 
 fn event_s(grains: f64) -> f64 {
-    growth::EVENT_US * 1e-6 * beyond_cache(grains, growth::CACHE)
+    growth::EVENT_US * 1e-6 * beyond_cache(grains, growth::EVENT_CACHE)
+}
+
+/// What starting to grow costs per grain.
+fn start_s(grains: f64) -> f64 {
+    growth::START_US * 1e-6 * beyond_cache(grains, growth::START_CACHE)
 }
 
 fn beyond_cache(grains: f64, exponent: f64) -> f64 {

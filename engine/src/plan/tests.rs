@@ -35,7 +35,13 @@ fn coating_counts_the_distance() {
         "{}",
         plan.volume_fraction_with_coating
     );
-    assert!(plan.warnings.iter().any(|w| w.contains("random sequential addition")), "{:?}", plan.warnings);
+    // Growth reaches it, random sequential addition does not.
+    assert!(plan.success_probability > 0.9 && plan.warnings.is_empty(), "{plan:?}");
+    assert!(plan.methods.rsa.success_probability < 1e-3, "{:?}", plan.methods.rsa);
+    let mut by_rsa = box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "mm": 1.0}));
+    by_rsa["method"] = json!({"type": "rsa"});
+    let warnings = self::plan(&by_rsa).unwrap().warnings;
+    assert!(warnings[0].starts_with("random sequential addition is unlikely"), "{warnings:?}");
 }
 
 #[test]
