@@ -1,67 +1,64 @@
-//! What a study keeps of a run, read off the engine's report or its error.
+//! What a study keeps of a run: taken from the engine's report, or from how far a run came that failed.
 
-use packstone_engine::packing::Report;
-use packstone_engine::{NotReached, PackError};
+use packstone_engine::{NotReached, PackError, Report};
 
 use super::{Facts, Outcome};
-use crate::problem::Kind;
 
 impl Facts {
     /// Of a packing.
-    pub(crate) fn of(report: &Report) -> Self {
-        let (summary, edmd) = (&report.summary, report.statistics.edmd);
+    pub(crate) fn of_packing(report: &Report) -> Self {
+        let (summary, timings) = (&report.summary, &report.timings_s);
+        let grown = report.statistics.edmd;
         Self {
-            time_s: report.timings_s.total,
+            // Not `total`: of a run that went on from a checkpoint it lacks what came before.
+            time_s: timings.total.max(timings.take + timings.rsa + timings.edmd + timings.verify),
             grains: Some(summary.grains),
             volume_fraction_effective: Some(summary.volume_fraction_effective),
             volume_fraction_with_coating: Some(summary.volume_fraction_with_coating),
             distance_mm: summary.distance_mm,
-            events: edmd.map(|edmd| edmd.events),
-            edmd_s: edmd.map(|_| report.timings_s.edmd),
-            end: edmd.map(|edmd| edmd.stop),
+            events: grown.map(|edmd| edmd.events),
+            edmd_s: grown.map(|_| timings.edmd),
+            end: grown.map(|edmd| edmd.stop),
         }
     }
 
-    /// Of a run that ended without one after this time. What it had reached is no packing: of its fractions
-    /// nothing is kept.
+    /// Of a run that ended without a packing after `time_s`.
     pub(crate) fn of_failure(error: &PackError, time_s: f64) -> Self {
-        let facts = Self { time_s, ..Self::default() };
         match error {
-            PackError::NotReached(NotReached::NotGrown(reached)) => Self {
+            PackError::NotReached(reached) => Self::of_not_reached(reached, time_s),
+            _ => Self { time_s, ..Self::default() },
+        }
+    }
+
+    /// Of a run whose method could not.
+    pub(crate) fn of_not_reached(reached: &NotReached, time_s: f64) -> Self {
+        match reached {
+            NotReached::NoPlace(reached) => Self {
+                time_s,
                 grains: Some(reached.grains),
+                volume_fraction_effective: Some(reached.volume_fraction_asked),
+                ..Self::default()
+            },
+            NotReached::NotGrown(reached) => Self {
+                time_s,
+                grains: Some(reached.grains),
+                volume_fraction_effective: Some(reached.volume_fraction_asked),
                 distance_mm: reached.distance_mm_reached,
                 events: Some(reached.events),
                 end: Some(reached.end),
-                ..facts
+                ..Self::default()
             },
-            PackError::NotReached(NotReached::NoPlace(reached)) => {
-                Self { grains: Some(reached.grains), ..facts }
-            }
-            _ => facts,
         }
     }
 }
 
 impl Outcome {
-    /// Of a run that ended with this problem.
-    pub(crate) fn of_failure(kind: Kind) -> Self {
-        match kind {
-            Kind::PackingNotReached | Kind::TimedOut => Self::NotReached,
-            _ => Self::Void,
+    /// How a study counts a run that ended without a packing, unless whoever stopped it knows better: past
+    /// its time it is [`Outcome::NotReached`].
+    pub(crate) fn of_failure(error: &PackError) -> Self {
+        match error {
+            PackError::NotReached(_) => Self::NotReached,
+            PackError::Plan(_) | PackError::Stopped { .. } | PackError::CheckFailed(_) => Self::Void,
         }
-    }
-
-    /// Name in the store.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Succeeded => "succeeded",
-            Self::NotReached => "not_reached",
-            Self::Void => "void",
-        }
-    }
-
-    /// The outcome of that name.
-    pub(crate) fn from_name(name: &str) -> Option<Self> {
-        [Self::Succeeded, Self::NotReached, Self::Void].into_iter().find(|o| o.name() == name)
     }
 }
