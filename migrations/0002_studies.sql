@@ -9,6 +9,8 @@ create table studies (
     seed        integer not null,
     -- JSON pointers that distinguish the points; empty for a list of jobs.
     columns     text    not null,
+    -- Names of the first columns of the table.
+    key_columns text    not null,
     points      integer not null,
     replicates  integer not null,
     stop_when   text    not null,
@@ -50,16 +52,15 @@ create index study_labels_by_study on study_labels (study);
 create table study_points (
     study         integer not null references studies (seq) on delete cascade,
     point         integer not null,
-    -- Values of the columns.
-    point_values  text    not null,
-    -- Name of the job, where the points are a list of jobs.
-    name          text,
-    -- The stop rule has called off what still waited.
+    -- Values of the table's first columns.
+    key_values    text    not null,
+    -- Jobs that the stop rule has called off.
     stopped_early integer not null default 0,
     primary key (study, point)
 ) strict, without rowid;
 
--- One row for every job of a study that is finished, or was when it was deleted: the table needs nothing else.
+-- One row for every job of a study that has run or was cancelled by a client; it outlives the job. Together with the
+-- points it is all that the table needs.
 create table study_runs (
     study     integer not null references studies (seq) on delete cascade,
     point     integer not null,
@@ -140,9 +141,11 @@ begin
     where seq = new.study;
 end;
 
--- An end that says nothing about the mix. Who knows that it does says so in the same transaction.
+-- An end that says nothing about the mix. Who knows that it does says so in the same transaction. Clients' wishes to
+-- cancel are marked in the job; what is cancelled without one was called off by the stop rule, and has not run.
 create trigger study_runs_void after update of state on jobs
-when new.study is not null and new.state in ('failed', 'cancelled') and old.state in ('queued', 'running')
+when new.study is not null and old.state in ('queued', 'running')
+    and (new.state = 'failed' or (new.state = 'cancelled' and new.cancel_requested))
 begin
     insert or replace into study_runs (study, point, replicate, outcome, facts, ended_at)
     values (
@@ -151,11 +154,17 @@ begin
     );
 end;
 
+create trigger study_points_stopped after update of state on jobs
+when new.study is not null and old.state = 'queued' and new.state = 'cancelled' and not new.cancel_requested
+begin
+    update study_points set stopped_early = stopped_early + 1 where study = new.study and point = new.point;
+end;
+
 -- What is tried again has not run.
 create trigger study_runs_retried after update of state on jobs
 when new.study is not null and new.state = 'queued' and old.state in ('failed', 'cancelled')
 begin
     delete from study_runs where study = new.study and point = new.point and replicate = new.replicate;
-    update study_points set stopped_early = 0
-    where study = new.study and point = new.point and old.state = 'cancelled';
+    update study_points set stopped_early = stopped_early - 1
+    where study = new.study and point = new.point and old.state = 'cancelled' and not old.cancel_requested;
 end;

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 
-use crate::jobs::JobId;
+use crate::ids::{JobId, StudyId};
 use crate::problem::{Fault, Problem};
 
 /// The job that a path names.
@@ -19,6 +19,21 @@ impl<S: Send + Sync> FromRequestParts<S> for JobPath {
         match Path::<String>::from_request_parts(parts, state).await {
             Ok(Path(id)) => JobId::parse(&id).map(Self).ok_or_else(|| Problem::no_job(&id)),
             Err(_) => Err(Problem::no_job(parts.uri.path())),
+        }
+    }
+}
+
+/// The study that a path names.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StudyPath(pub(super) StudyId);
+
+impl<S: Send + Sync> FromRequestParts<S> for StudyPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        match Path::<String>::from_request_parts(parts, state).await {
+            Ok(Path(id)) => StudyId::parse(&id).map(Self).ok_or_else(|| Problem::no_study(&id)),
+            Err(_) => Err(Problem::no_study(parts.uri.path())),
         }
     }
 }

@@ -181,7 +181,7 @@ impl Store {
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn fail(&self, lease: Lease, problem: &Problem, facts: Facts) -> Result<(), StoreError> {
         let document = to_json(&problem.document())?;
-        let run = (Outcome::of_failure(problem.kind), facts);
+        let run = (runs::outcome_of(problem.kind), facts);
         self.leave_running(lease, State::Failed, Some(document), Some(run)).await
     }
 

@@ -34,8 +34,9 @@ use crate::ids::StudyId;
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
 pub(crate) use studies::{
-    NewStudy, PointRecord, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy,
+    NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy,
 };
+pub(crate) use upkeep::Removed;
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.

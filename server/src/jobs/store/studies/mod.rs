@@ -13,7 +13,6 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use serde_json::Value;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
@@ -61,11 +60,6 @@ impl StudyCounts {
     pub(crate) fn finished(&self) -> u64 {
         self.succeeded + self.failed + self.cancelled
     }
-
-    /// Jobs that are left to run.
-    pub(crate) fn open(&self) -> u64 {
-        self.queued + self.running
-    }
 }
 
 /// A study as the store keeps it, but for its request and points. Times are microseconds since the Unix epoch.
@@ -77,6 +71,8 @@ pub(crate) struct StudyRecord {
     pub(crate) labels: BTreeMap<String, String>,
     pub(crate) seed: i64,
     pub(crate) columns: Vec<String>,
+    /// Names of the first columns of its table.
+    pub(crate) key_columns: Vec<String>,
     pub(crate) points: u32,
     pub(crate) replicates: u32,
     pub(crate) stop_when: StopWhen,
@@ -92,6 +88,11 @@ pub(crate) struct StudyRecord {
 }
 
 impl StudyRecord {
+    /// How many jobs there are, or were.
+    pub(crate) fn jobs(&self) -> u64 {
+        u64::from(self.points) * u64::from(self.replicates)
+    }
+
     /// Whether any job is left to run.
     pub(crate) fn state(&self) -> StudyState {
         if self.finished_at.is_none() { StudyState::Open } else { StudyState::Finished }
@@ -106,6 +107,7 @@ impl StudyRecord {
             labels: rows::json(&row.try_get::<String, _>("labels")?)?,
             seed: row.try_get("seed")?,
             columns: rows::json(&row.try_get::<String, _>("columns")?)?,
+            key_columns: rows::json(&row.try_get::<String, _>("key_columns")?)?,
             points: row.try_get("points")?,
             replicates: row.try_get("replicates")?,
             stop_when: rows::json(&row.try_get::<String, _>("stop_when")?)?,
@@ -125,15 +127,4 @@ impl StudyRecord {
             expires_at: row.try_get("expires_at")?,
         })
     }
-}
-
-/// A point of a study.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct PointRecord {
-    /// Values of the columns.
-    pub(crate) values: Vec<Value>,
-    /// Name of its job, where the points are a list of jobs.
-    pub(crate) name: Option<String>,
-    /// The stop rule has called off what still waited.
-    pub(crate) stopped_early: bool,
 }

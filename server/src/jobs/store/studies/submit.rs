@@ -1,6 +1,6 @@
 //! Taking a study in: all of its jobs or none, in one transaction.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use packstone_engine::format::EngineInfo;
 use serde_json::Value;
@@ -11,7 +11,7 @@ use super::super::{Store, StoreError, detached, now_us, turns};
 use super::{StudyRecord, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::JobRequest;
-use crate::studies::Study;
+use crate::studies::{Point, Study};
 
 /// Rows of one insert: a statement has at most 32 766 parameters.
 const ROWS_AT_ONCE: usize = 1000;
@@ -40,7 +40,8 @@ struct Row<'a> {
     point: usize,
     replicate: usize,
     turn: i64,
-    request: &'a JobRequest,
+    job: &'a JobRequest,
+    seed: u64,
 }
 
 impl Store {
@@ -61,38 +62,25 @@ impl Store {
     }
 
     async fn insert_study(&self, new: &NewStudy) -> Result<SubmittedStudy, StoreError> {
-        let jobs = in_turn(&new.study);
-        let bodies = jobs.iter().map(|(_, _, job)| to_json(job)).collect::<Result<Vec<_>, _>>()?;
+        let jobs = new.study.jobs() as u64;
         let request = to_json(&new.request)?;
         let mut writer = self.shared.writer.lock().await;
         let mut tx = writer.begin_with("begin immediate").await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(SubmittedStudy::Existing(existing));
         }
-        self.check_queue(&mut tx, jobs.len() as u64).await?;
+        self.check_queue(&mut tx, jobs).await?;
         let now = now_us();
-        let study = insert_head(&mut tx, new, &request, jobs.len(), now).await?;
+        let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
-        let rows = rows_of(&mut tx, study, jobs).await?;
+        let rows = rows_of(&mut tx, study, &new.study).await?;
         insert_jobs(&mut tx, study, &rows, now).await?;
-        insert_bodies(&mut tx, &rows, bodies).await?;
+        insert_bodies(&mut tx, &new.study, &rows).await?;
         insert_labels(&mut tx, &rows).await?;
         let record = query::by_seq(&mut tx, study).await?;
         tx.commit().await?;
         Ok(SubmittedStudy::Created(record))
     }
-}
-
-/// The jobs in the order in which they are to run: all points once before any of them twice, so that the table
-/// fills evenly.
-fn in_turn(study: &Study) -> Vec<(usize, usize, &JobRequest)> {
-    let replicates = study.points.iter().map(|point| point.jobs.len()).max().unwrap_or(0);
-    (0..replicates)
-        .flat_map(|r| {
-            let jobs = study.points.iter().enumerate();
-            jobs.filter_map(move |(p, point)| Some((p, r, point.jobs.get(r)?)))
-        })
-        .collect()
 }
 
 async fn find_key(
@@ -117,24 +105,24 @@ async fn insert_head(
     connection: &mut SqliteConnection,
     new: &NewStudy,
     request: &str,
-    jobs: usize,
     now: i64,
 ) -> Result<i64, StoreError> {
     let study = &new.study;
     let seq: i64 = sqlx::query(
-        "insert into studies (id, name, labels, seed, columns, points, replicates, stop_when, queued,
+        "insert into studies (id, name, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
              created_at, updated_at, expires_at)
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
     )
     .bind(StudyId::new().to_string())
     .bind(&study.name)
     .bind(to_json(&study.labels)?)
     .bind(study.seed.cast_signed())
     .bind(to_json(&study.columns)?)
+    .bind(to_json(&study.keys().columns)?)
     .bind(study.points.len() as i64)
-    .bind(study.points.iter().map(|point| point.jobs.len()).max().unwrap_or(0) as i64)
+    .bind(study.replicates as i64)
     .bind(to_json(&study.stop_when)?)
-    .bind(jobs as i64)
+    .bind(study.jobs() as i64)
     .bind(now)
     .bind(now)
     .bind(expires_at_us(study))
@@ -168,8 +156,8 @@ async fn insert_head(
 
 /// A study goes when the last of its jobs may go; where one of them may stay, it stays.
 fn expires_at_us(study: &Study) -> Option<i64> {
-    let jobs = study.points.iter().flat_map(|point| &point.jobs);
-    jobs.map(JobRequest::expires_at_us).collect::<Option<Vec<_>>>()?.into_iter().max()
+    let jobs = study.points.iter().map(|point| point.job.expires_at_us());
+    jobs.collect::<Option<Vec<_>>>()?.into_iter().max()
 }
 
 async fn insert_points(
@@ -177,14 +165,12 @@ async fn insert_points(
     study: i64,
     of: &Study,
 ) -> Result<(), StoreError> {
-    let points = of.points.iter().enumerate().collect::<Vec<_>>();
+    let keys = of.keys().values.iter().map(to_json).collect::<Result<Vec<_>, _>>()?;
+    let points: Vec<_> = keys.into_iter().enumerate().collect();
     for chunk in points.chunks(ROWS_AT_ONCE) {
-        let values =
-            chunk.iter().map(|(_, point)| to_json(&point.values)).collect::<Result<Vec<_>, _>>()?;
-        let mut query = QueryBuilder::<Sqlite>::new("insert into study_points (study, point, point_values, name) ");
-        query.push_values(chunk.iter().zip(values), |mut row, ((index, point), values)| {
-            let name = point.jobs.first().filter(|_| of.columns.is_empty()).and_then(|job| job.name.clone());
-            row.push_bind(study).push_bind(*index as i64).push_bind(values).push_bind(name);
+        let mut query = QueryBuilder::<Sqlite>::new("insert into study_points (study, point, key_values) ");
+        query.push_values(chunk, |mut row, (point, keys)| {
+            row.push_bind(study).push_bind(*point as i64).push_bind(keys.clone());
         });
         query.build().execute(&mut *connection).await?;
     }
@@ -195,25 +181,25 @@ async fn insert_points(
 async fn rows_of<'a>(
     connection: &mut SqliteConnection,
     study: i64,
-    jobs: Vec<(usize, usize, &'a JobRequest)>,
+    of: &'a Study,
 ) -> Result<Vec<Row<'a>>, StoreError> {
-    let last: Option<i64> =
-        sqlx::query_scalar("select seq from sqlite_sequence where name = 'jobs'").fetch_optional(&mut *connection).await?;
-    let mut by_priority: HashMap<i64, i64> = HashMap::new();
-    for (_, _, job) in &jobs {
-        *by_priority.entry(job.priority).or_default() += 1;
+    let last: Option<i64> = sqlx::query_scalar("select seq from sqlite_sequence where name = 'jobs'")
+        .fetch_optional(&mut *connection)
+        .await?;
+    let mut jobs_of: BTreeMap<i64, i64> = BTreeMap::new();
+    for point in &of.points {
+        *jobs_of.entry(point.job.priority).or_default() += of.replicates as i64;
     }
-    let mut next_turn = HashMap::new();
-    for (priority, jobs) in by_priority {
+    let mut next_turn = BTreeMap::new();
+    for (priority, jobs) in jobs_of {
         next_turn.insert(priority, turns::take(connection, study, priority, jobs).await?);
     }
-    let mut seq = last.unwrap_or(0);
-    let rows = jobs.into_iter().map(|(point, replicate, request)| {
-        seq += 1;
-        let next = next_turn.entry(request.priority).or_insert(0);
+    let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
+        let Point { job, seeds, .. } = &of.points[point];
+        let next = next_turn.entry(job.priority).or_insert(0);
         let turn = *next;
         *next += 1;
-        Row { seq, point, replicate, turn, request }
+        Row { seq, point, replicate, turn, job, seed: seeds[replicate] }
     });
     Ok(rows.collect())
 }
@@ -227,18 +213,18 @@ async fn insert_jobs(
     let engine = to_json(&EngineInfo::current())?;
     for chunk in rows.chunks(ROWS_AT_ONCE) {
         let labels =
-            chunk.iter().map(|row| to_json(&row.request.labels)).collect::<Result<Vec<_>, _>>()?;
+            chunk.iter().map(|row| to_json(&row.job.labels)).collect::<Result<Vec<_>, _>>()?;
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn) ",
         );
         query.push_values(chunk.iter().zip(labels), |mut values, (row, labels)| {
-            let request = row.request;
+            let job = row.job;
             values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
-            values.push_bind(request.name.clone()).push_bind(labels).push_bind(request.priority);
-            values.push_bind(request.seed.cast_signed()).push_bind(request.timeout_s);
-            values.push_bind(request.max_attempts).push_bind(request.max_attempts);
-            values.push_bind(now).push_bind(now).push_bind(request.expires_at_us()).push_bind(engine.clone());
+            values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
+            values.push_bind(row.seed.cast_signed()).push_bind(job.timeout_s);
+            values.push_bind(job.max_attempts).push_bind(job.max_attempts);
+            values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
             values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
             values.push_bind(row.turn);
         });
@@ -249,13 +235,14 @@ async fn insert_jobs(
 
 async fn insert_bodies(
     connection: &mut SqliteConnection,
+    study: &Study,
     rows: &[Row<'_>],
-    bodies: Vec<String>,
 ) -> Result<(), StoreError> {
-    let mut bodies = bodies.into_iter();
     for chunk in rows.chunks(ROWS_AT_ONCE) {
+        let body = |row: &Row<'_>| to_json(&study.points[row.point].replicate(row.replicate));
+        let bodies = chunk.iter().map(body).collect::<Result<Vec<_>, _>>()?;
         let mut query = QueryBuilder::<Sqlite>::new("insert into job_requests (job, body) ");
-        query.push_values(chunk.iter().zip(bodies.by_ref()), |mut values, (row, body)| {
+        query.push_values(chunk.iter().zip(bodies), |mut values, (row, body)| {
             values.push_bind(row.seq).push_bind(body);
         });
         query.build().execute(&mut *connection).await?;
@@ -266,7 +253,7 @@ async fn insert_bodies(
 async fn insert_labels(connection: &mut SqliteConnection, rows: &[Row<'_>]) -> Result<(), StoreError> {
     let labels: Vec<_> = rows
         .iter()
-        .flat_map(|row| row.request.labels.iter().map(|(key, value)| (row.seq, key, value)))
+        .flat_map(|row| row.job.labels.iter().map(|(key, value)| (row.seq, key, value)))
         .collect();
     for chunk in labels.chunks(ROWS_AT_ONCE) {
         let mut query = QueryBuilder::<Sqlite>::new("insert into job_labels (key, value, job, state) ");
