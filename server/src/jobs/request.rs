@@ -146,7 +146,8 @@ fn read_fields(
     })
 }
 
-fn read_name(at: &At<'_>) -> Option<String> {
+/// Reads a name for people.
+pub(crate) fn read_name(at: &At<'_>) -> Option<String> {
     let name = at.string()?;
     check_text(name, 1, MAX_NAME_CHARS, |fault| at.fault(fault)).then(|| name.to_owned())
 }
@@ -166,7 +167,8 @@ fn check_text(text: &str, min: usize, max: usize, fault: impl FnOnce(String)) ->
     true
 }
 
-fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>> {
+/// Reads labels, by whose keys and values things are found.
+pub(crate) fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>> {
     at.object()?;
     let map = at.value().as_object()?;
     if map.len() > MAX_LABELS {
