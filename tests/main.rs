@@ -38,5 +38,6 @@ mod ranges;
 mod scheduling;
 mod shutdown;
 mod streaming;
+mod studies;
 mod submission;
 mod waiting;

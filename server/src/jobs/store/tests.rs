@@ -10,13 +10,13 @@ use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::problem::{Kind, Problem};
 use crate::studies::Facts;
 
-const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
+pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
 
-async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
+pub(super) async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
     Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap()
 }
 
-async fn fresh() -> (TempDir, Store) {
+pub(super) async fn fresh() -> (TempDir, Store) {
     let folder = tempfile::tempdir().unwrap();
     let store = open(&folder, LIMITS).await;
     (folder, store)
@@ -31,7 +31,7 @@ fn request(extra: &serde_json::Value) -> JobRequest {
     JobRequest::read(&job, 7, None).unwrap()
 }
 
-async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobRecord {
+pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobRecord {
     let new = NewJob { request: request(&extra), idempotency_key: None };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,
@@ -39,7 +39,7 @@ async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobReco
     }
 }
 
-fn progress(fraction: f64) -> JobProgress {
+pub(super) fn progress(fraction: f64) -> JobProgress {
     JobProgress {
         fraction,
         phase: packstone_engine::Phase::Rsa,
@@ -52,7 +52,7 @@ fn progress(fraction: f64) -> JobProgress {
     }
 }
 
-fn artifact(path: &str) -> ArtifactRecord {
+pub(super) fn artifact(path: &str) -> ArtifactRecord {
     ArtifactRecord {
         path: path.into(),
         bytes: 10,
@@ -348,7 +348,7 @@ async fn every_listing_and_claim_uses_an_index() {
     assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");
 }
 
-async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
+pub(super) async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
     let rows = sqlx::query(sqlx::AssertSqlSafe(format!("explain query plan {sql}")))
         .fetch_all(store.readers())
         .await
