@@ -39,5 +39,6 @@ mod scheduling;
 mod shutdown;
 mod streaming;
 mod studies;
+mod study_command;
 mod submission;
 mod waiting;

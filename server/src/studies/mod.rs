@@ -5,6 +5,8 @@
 //! ([`table`]). The service and `packstone study` share all of it; nothing here knows HTTP, the store
 //! or how a packing is computed.
 
+#[cfg(test)]
+mod examples;
 mod expand;
 mod facts;
 mod interval;

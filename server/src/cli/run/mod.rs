@@ -44,7 +44,7 @@ pub(super) struct Options {
     checkpoint_every_s: f64,
 }
 
-fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
+pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
     PossibleValuesParser::new(Format::ALL.map(Format::name))
         .try_map(|name| Format::from_name(&name).ok_or("no such format"))
 }
@@ -138,7 +138,7 @@ fn refused(job: &Path, error: PlanError) -> String {
     }
 }
 
-fn read(job: &Path) -> Result<Vec<u8>, Failure> {
+pub(super) fn read(job: &Path) -> Result<Vec<u8>, Failure> {
     let mut text = Vec::new();
     let read = if job.as_os_str() == "-" {
         std::io::stdin().lock().read_to_end(&mut text)
@@ -149,12 +149,12 @@ fn read(job: &Path) -> Result<Vec<u8>, Failure> {
     Ok(text)
 }
 
-fn listed(job: &Path, faults: &[FieldError]) -> String {
+pub(super) fn listed(job: &Path, faults: &[FieldError]) -> String {
     let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
     format!("{} is refused:\n  {}", job.display(), lines.join("\n  "))
 }
 
-fn write(
+pub(super) fn write(
     file: &Path,
     format: Format,
     head: &Head,
