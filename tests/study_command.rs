@@ -40,7 +40,9 @@ fn table(out: &Path) -> Value {
 fn rows_without_times(out: &Path) -> Vec<Value> {
     let mut rows = table(out)["rows"].as_array().unwrap().clone();
     for row in &mut rows {
-        row.as_object_mut().unwrap().retain(|column, _| !column.contains("time_s") && column != "event_us_median");
+        row.as_object_mut()
+            .unwrap()
+            .retain(|column, _| !column.contains("time_s") && column != "event_us_median");
     }
     rows
 }
@@ -70,7 +72,11 @@ async fn a_study_leaves_a_table_and_the_packings_asked_for() {
         .collect();
     assert_eq!(keys, [(0.25, "rsa"), (0.25, "edmd"), (0.3, "rsa"), (0.3, "edmd")]);
     for row in rows {
-        assert_eq!((&row["runs"], &row["successes"], &row["waiting"]), (&json!(2), &json!(2), &json!(0)), "{row:#}");
+        assert_eq!(
+            (&row["runs"], &row["successes"], &row["waiting"]),
+            (&json!(2), &json!(2), &json!(0)),
+            "{row:#}"
+        );
         assert!(row["time_s_per_success"].as_f64() > Some(0.0), "{row:#}");
         assert_eq!(row["event_us_median"].is_null(), row["/method"]["type"] == "rsa", "{row:#}");
         assert!(ended.stdout.contains("2/2"), "{}", ended.stdout);
@@ -84,7 +90,9 @@ async fn a_study_leaves_a_table_and_the_packings_asked_for() {
         .collect();
     kept.sort();
     let expected: Vec<String> = (0..4)
-        .flat_map(|point| (0..2).flat_map(move |r| ["csv", "npy"].map(|format| format!("{point}-{r}.{format}"))))
+        .flat_map(|point| {
+            (0..2).flat_map(move |r| ["csv", "npy"].map(|format| format!("{point}-{r}.{format}")))
+        })
         .collect();
     assert_eq!(kept, expected);
 }

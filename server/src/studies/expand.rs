@@ -99,8 +99,8 @@ fn read_point(
     now: Option<Timestamp>,
     limits: &Limits,
 ) -> Result<Point, (Kind, Vec<FieldError>)> {
-    let job = JobRequest::read(job, seeds.replicate(0), now)
-        .map_err(|faults| (Kind::ValidationError, faults))?;
+    let job =
+        JobRequest::read(job, seeds.replicate(0), now).map_err(|faults| (Kind::ValidationError, faults))?;
     Plan::new(&job.packing(), limits).map_err(|error| match error {
         PlanError::Invalid(faults) => (Kind::ValidationError, faults),
         PlanError::TooLarge(fault) => (Kind::TooLarge, vec![fault]),
@@ -195,8 +195,7 @@ impl Refused {
             .into_iter()
             .find(|kind| self.faults.iter().any(|fault| fault.kind == *kind));
         let Some(kind) = gravest else { return Ok(points) };
-        let mut faults: Vec<FieldError> =
-            self.faults.into_iter().map(|fault| fault.told(named)).collect();
+        let mut faults: Vec<FieldError> = self.faults.into_iter().map(|fault| fault.told(named)).collect();
         if self.more > 0 {
             let detail = format!("and {} faults more: mend these first", self.more + 1);
             faults.push(FieldError { pointer: String::new(), detail });

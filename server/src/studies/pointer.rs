@@ -61,10 +61,9 @@ impl Pointer {
         let of = if parent.is_empty() { "the template".into() } else { parent };
         match at {
             Value::Object(_) => Ok(()),
-            Value::Array(items) if child(at, last).is_none() => Err(format!(
-                "the template has no such item: {of} has {} items, counted from 0",
-                items.len()
-            )),
+            Value::Array(items) if child(at, last).is_none() => {
+                Err(format!("the template has no such item: {of} has {} items, counted from 0", items.len()))
+            }
             Value::Array(_) => Ok(()),
             _ => Err(format!("{of} is neither an object nor an array, so that nothing can be put into it")),
         }
@@ -150,10 +149,7 @@ mod tests {
     fn values_go_where_the_pointer_says() {
         let document = json!({"a": [1, {"b/c~": 2}], "": 3});
         assert_eq!(put(document.clone(), "/a/0", json!(9)), Ok(json!({"a": [9, {"b/c~": 2}], "": 3})));
-        assert_eq!(
-            put(document.clone(), "/a/1/b~1c~0", json!(9)),
-            Ok(json!({"a": [1, {"b/c~": 9}], "": 3}))
-        );
+        assert_eq!(put(document.clone(), "/a/1/b~1c~0", json!(9)), Ok(json!({"a": [1, {"b/c~": 9}], "": 3})));
         assert_eq!(put(document.clone(), "/new", json!(9)).unwrap()["new"], 9);
         assert_eq!(put(document, "/", json!(9)).unwrap()[""], 9);
     }

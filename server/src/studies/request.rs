@@ -337,7 +337,9 @@ fn read_values<'a>(at: &At<'a>) -> Option<Values<'a>> {
         Value::Array(values) => Some(Values::List(values)),
         Value::Object(_) => read_range(at),
         _ => {
-            at.fault("must be a list of values, or a range as {\"from\": 0.55, \"to\": 0.7, \"step\": 0.005}");
+            at.fault(
+                "must be a list of values, or a range as {\"from\": 0.55, \"to\": 0.7, \"step\": 0.005}",
+            );
             None
         }
     }

@@ -186,7 +186,10 @@ fn what_contradicts_itself_is_refused() {
         (json!({"list": [job()], "grid": {}}), "/grid: a list of jobs has no places to vary"),
         (json!({"list": [job(), seeded(job())], "replicates": 2}), "/list/1/seed: with replicates"),
         (json!({"template": seeded(job())}), "/template/seed: the seeds of the jobs derive"),
-        (json!({"template": job(), "grid": {"/seed": [1]}, "replicates": 2}), "/grid/~1seed: with replicates"),
+        (
+            json!({"template": job(), "grid": {"/seed": [1]}, "replicates": 2}),
+            "/grid/~1seed: with replicates",
+        ),
         (
             json!({"template": job(), "grid": {"/mix": [{}], "/mix/d_min_mm": [1]}}),
             "/grid/~1mix~1d_min_mm: the place overlaps with that of /mix:",
@@ -247,7 +250,10 @@ fn one_point_that_cannot_be_packed_refuses_the_study() {
     let grid = |fractions: Value| json!({"template": job(), "grid": {"/mix/volume_fraction": fractions}});
     let (kind, faults) = refused(&grid(json!([0.2, 0.9, 0.3])));
     assert_eq!((kind, faults.len()), (Kind::InfeasibleMix, 1), "{faults:?}");
-    assert!(faults[0].starts_with("/grid/~1mix~1volume_fraction/1: point 1: the grains to place"), "{faults:?}");
+    assert!(
+        faults[0].starts_with("/grid/~1mix~1volume_fraction/1: point 1: the grains to place"),
+        "{faults:?}"
+    );
     // The gravest kind speaks for all.
     let (kind, faults) = refused(&grid(json!([0.9, 2])));
     assert_eq!((kind, faults.len()), (Kind::ValidationError, 2), "{faults:?}");
@@ -265,7 +271,10 @@ fn too_many_jobs_are_refused_before_they_are_made() {
             json!({"template": job(), "grid": {phi: {"from": 0.1, "to": 0.2, "step": 0.001}}, "replicates": 100}),
             "document: the study has 10100 jobs (points: 101, replicates: 100): must have at most 10000",
         ),
-        (json!({"template": job(), "grid": {phi: {"from": 0, "to": 1e300, "step": 1e-3}}}), "document: the study has"),
+        (
+            json!({"template": job(), "grid": {phi: {"from": 0, "to": 1e300, "step": 1e-3}}}),
+            "document: the study has",
+        ),
         (json!({"list": vec![job(); 101], "replicates": 100}), "document: the study has 10100 jobs"),
     ] {
         let (kind, faults) = refused(&request);

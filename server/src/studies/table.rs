@@ -59,12 +59,12 @@ pub(crate) enum Cell {
 
 /// Declares the figures of a row once, for the structure, its names, and both its forms.
 macro_rules! cells {
-    ($($(#[$meta:meta])* $name:ident: $kind:ident,)*) => {
+    ($($(#[$meta:meta])* $name:ident: [$($kind:tt)+],)*) => {
         /// What the runs of a point came to. A figure is `null` where no run has it.
         #[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
         #[schema(as = StudyTableRow)]
         pub(crate) struct Cells {
-            $($(#[$meta])* pub(crate) $name: cells!(@type $kind),)*
+            $($(#[$meta])* pub(crate) $name: $($kind)+,)*
         }
 
         impl Cells {
@@ -73,70 +73,68 @@ macro_rules! cells {
 
             /// All figures in that order.
             pub(crate) fn all(&self) -> Vec<Cell> {
-                vec![$(Cell::$kind(self.$name),)*]
+                vec![$(Cell::from(self.$name),)*]
             }
         }
     };
-    (@type Count) => { u64 };
-    (@type Number) => { Option<f64> };
 }
 
 cells! {
     /// Grains of the mix; median of the runs.
     #[schema(required)]
-    grains: Number,
+    grains: [Option<f64>],
     /// Volume fraction of the grains (`phi_eff`), counted in each run; median.
     #[schema(required)]
-    volume_fraction_effective: Number,
+    volume_fraction_effective: [Option<f64>],
     /// The same with each grain enlarged by half the distance it keeps; median of the successes.
     #[schema(required)]
-    volume_fraction_with_coating: Number,
+    volume_fraction_with_coating: [Option<f64>],
     /// Runs that succeeded or did not reach their packing.
-    runs: Count,
+    runs: [u64],
     /// Runs that ended with a packing as asked for.
-    successes: Count,
+    successes: [u64],
     /// `successes / runs`.
     #[schema(required)]
-    success_rate: Number,
+    success_rate: [Option<f64>],
     /// Lower end of the 95 % interval of the success rate (Wilson 1927).
     #[schema(required)]
-    success_rate_low: Number,
+    success_rate_low: [Option<f64>],
     /// Upper end of that interval.
     #[schema(required)]
-    success_rate_high: Number,
+    success_rate_high: [Option<f64>],
     /// Wall-clock time of all runs together.
     #[schema(required)]
-    time_s_total: Number,
+    time_s_total: [Option<f64>],
     /// `time_s_total / successes`: what a success costs, failures included.
     #[schema(required)]
-    time_s_per_success: Number,
+    time_s_per_success: [Option<f64>],
     /// Wall-clock time of a success; median.
     #[schema(required)]
-    time_s_median: Number,
+    time_s_median: [Option<f64>],
     /// Wall-clock time of the longest success.
     #[schema(required)]
-    time_s_max: Number,
+    time_s_max: [Option<f64>],
     /// Constant distance kept, or reached where the run failed; median of the runs.
     #[schema(required)]
-    distance_mm_median: Number,
+    distance_mm_median: [Option<f64>],
     /// The smallest of these.
     #[schema(required)]
-    distance_mm_min: Number,
+    distance_mm_min: [Option<f64>],
     /// The largest of these.
     #[schema(required)]
-    distance_mm_max: Number,
+    distance_mm_max: [Option<f64>],
     /// Events of the growth; median of the runs that grew grains.
     #[schema(required)]
-    events_median: Number,
+    events_median: [Option<f64>],
     /// Time of the growth per event, in us; median of the successes that grew grains.
     #[schema(required)]
-    event_us_median: Number,
+    event_us_median: [Option<f64>],
     /// Jobs that wait or are on their way.
-    waiting: Count,
+    waiting: [u64],
     /// Runs that say nothing: cancelled by a client, or a fault of the program or the machine.
-    void: Count,
+    void: [u64],
     /// Jobs that were cancelled because a stop rule was met.
-    stopped_early: Count,
+    stopped_early: [u64],
 }
 
 impl Table {
@@ -250,6 +248,18 @@ impl Serialize for Row {
             object.serialize_entry(name, &cell)?;
         }
         object.end()
+    }
+}
+
+impl From<u64> for Cell {
+    fn from(count: u64) -> Self {
+        Self::Count(count)
+    }
+}
+
+impl From<Option<f64>> for Cell {
+    fn from(number: Option<f64>) -> Self {
+        Self::Number(number)
     }
 }
 

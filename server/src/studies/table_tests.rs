@@ -97,10 +97,11 @@ fn a_point_without_success_has_no_time_per_success() {
 fn csv_quotes_what_must_be_and_tells_none_from_empty() {
     let keys = Keys {
         columns: vec!["point".into(), "a,\"b\"".into()],
-        values: vec![vec![json!(0), json!("x, \"y\"\nz")], vec![json!(1), json!("")], vec![
-            json!(2),
-            Value::Null,
-        ]],
+        values: vec![
+            vec![json!(0), json!("x, \"y\"\nz")],
+            vec![json!(1), json!("")],
+            vec![json!(2), Value::Null],
+        ],
     };
     let csv = Table::new(&keys, &[], &[]).to_csv();
     let header = format!("point,\"a,\"\"b\"\"\",{}\n", Cells::NAMES.join(","));

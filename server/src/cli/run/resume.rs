@@ -67,4 +67,3 @@ fn explain(file: &Path, error: &CheckpointError) -> String {
         }
     }
 }
-

@@ -84,12 +84,7 @@ pub(super) struct Entry {
 impl Entry {
     /// As the table counts it.
     pub(super) fn run(&self) -> Run {
-        Run {
-            point: self.point,
-            replicate: self.replicate,
-            outcome: self.outcome,
-            facts: self.facts.clone(),
-        }
+        Run { point: self.point, replicate: self.replicate, outcome: self.outcome, facts: self.facts.clone() }
     }
 }
 
@@ -107,9 +102,9 @@ impl Folder<'_> {
     pub(super) fn record(&self) -> Result<Option<Record>, Failure> {
         let path = self.0.join(STUDY);
         match fs::read(&path) {
-            Ok(text) => serde_json::from_slice(&text)
-                .map(Some)
-                .map_err(|error| format!("{} is damaged: {error}; discard it by --fresh", path.display()).into()),
+            Ok(text) => serde_json::from_slice(&text).map(Some).map_err(|error| {
+                format!("{} is damaged: {error}; discard it by --fresh", path.display()).into()
+            }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(format!("{} cannot be read: {error}", path.display()).into()),
         }
@@ -122,7 +117,8 @@ impl Folder<'_> {
         record: &Record,
         fresh: bool,
     ) -> Result<(Book, Vec<Entry>), Failure> {
-        fs::create_dir_all(self.0).map_err(|error| format!("{} cannot be made: {error}", self.0.display()))?;
+        fs::create_dir_all(self.0)
+            .map_err(|error| format!("{} cannot be made: {error}", self.0.display()))?;
         let path = self.0.join(RUNS);
         let unusable = |what: &str| format!("{}: {what}", path.display());
         let mut runs = OpenOptions::new()
@@ -173,9 +169,14 @@ fn read(text: &[u8], study: &Study) -> Result<(Vec<Entry>, usize), String> {
     let length = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
     let mut entries: Vec<Option<Entry>> = Vec::new();
     let mut places: HashMap<(usize, usize), usize> = HashMap::new();
-    for (i, line) in text[..length].split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty()) {
+    for (i, line) in
+        text[..length].split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty())
+    {
         let damaged = |what: &str| {
-            format!("line {}: {what}; remove the line, or discard all runs by --fresh instead of --resume", i + 1)
+            format!(
+                "line {}: {what}; remove the line, or discard all runs by --fresh instead of --resume",
+                i + 1
+            )
         };
         let entry: Entry = serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))?;
         let seed = study.points.get(entry.point).and_then(|point| point.seeds.get(entry.replicate));

@@ -65,7 +65,10 @@ struct Column {
 const COLUMNS: [Column; 9] = [
     Column { title: "grains", text: |cells| cells.grains.map(|x| format!("{x:.0}")) },
     Column { title: "phi_eff", text: |cells| cells.volume_fraction_effective.map(|x| format!("{x:.4}")) },
-    Column { title: "with coating", text: |cells| cells.volume_fraction_with_coating.map(|x| format!("{x:.4}")) },
+    Column {
+        title: "with coating",
+        text: |cells| cells.volume_fraction_with_coating.map(|x| format!("{x:.4}")),
+    },
     Column { title: "succeeded", text: |cells| Some(format!("{}/{}", cells.successes, cells.runs)) },
     Column {
         title: "95 % of rate",
@@ -170,7 +173,10 @@ mod tests {
     fn the_table_is_aligned_and_leaves_out_what_no_row_has() {
         let keys = Keys {
             columns: vec!["/mix/volume_fraction".into(), "/method".into()],
-            values: vec![vec![json!(0.6), json!({"type": "rsa"})], vec![json!(0.605), json!({"type": "edmd"})]],
+            values: vec![
+                vec![json!(0.6), json!({"type": "rsa"})],
+                vec![json!(0.605), json!({"type": "edmd"})],
+            ],
         };
         let facts = Facts { time_s: 0.0123, grains: Some(7965), ..Facts::default() };
         let run = Run { point: 1, replicate: 0, outcome: Outcome::Succeeded, facts };

@@ -36,10 +36,7 @@ impl Watch {
         let jobs = ended + crew.waiting() + crew.running();
         let done = ended as f64 + crew.on_the_way();
         let share = |of: f64, all: f64| if all > 0.0 { of / all } else { 1.0 };
-        let left = left(
-            self.start.elapsed(),
-            share(done - before as f64, (jobs - before.min(jobs)) as f64),
-        );
+        let left = left(self.start.elapsed(), share(done - before as f64, (jobs - before.min(jobs)) as f64));
         let message = message(ended, jobs, successes, left);
         if self.bar.is_hidden() {
             if self.told.get().elapsed() >= LINE_EVERY {
