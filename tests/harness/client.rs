@@ -144,11 +144,6 @@ impl Client {
         self.post("/v1/studies").json(study).send().await.expect(201).json()
     }
 
-    /// The study.
-    pub(crate) async fn study(&self, id: &str) -> Value {
-        self.get(&format!("/v1/studies/{id}")).send().await.expect(200).json()
-    }
-
     /// Long-polls until `reached` holds for the study.
     pub(crate) async fn study_when(&self, id: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
         self.when(&format!("/v1/studies/{id}"), what, reached).await

@@ -141,7 +141,7 @@ async fn wait_until(
     wished: impl Fn(&JobRecord) -> bool,
 ) -> Result<JobRecord, StoreError> {
     let store = &app.shared.store;
-    let read = async || store.get(id).await?.ok_or(StoreError::NoJob);
+    let read = move || async move { store.get(id).await?.ok_or(StoreError::NoJob) };
     waiting::wait_until(app, wait, store.subscribe(id), read, wished).await
 }
 

@@ -145,7 +145,7 @@ async fn wait_until(
     wished: impl Fn(&StudyRecord) -> bool,
 ) -> Result<StudyRecord, StoreError> {
     let store = &app.shared.store;
-    let read = async || store.study(id).await?.ok_or(StoreError::NoStudy);
+    let read = move || async move { store.study(id).await?.ok_or(StoreError::NoStudy) };
     waiting::wait_until(app, wait, store.subscribe_study(id), read, wished).await
 }
 

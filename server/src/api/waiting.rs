@@ -14,13 +14,17 @@ pub(super) const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("prefe
 
 /// Waits until what `read` gives is as wished, the time is over, or the server stops; what it is then.
 /// Whoever calls has subscribed before, so that no change is missed.
-pub(super) async fn wait_until<Id: Copy + Eq + Hash, T>(
+pub(super) async fn wait_until<Id, T, Reading>(
     app: &App,
     wait: Wait,
     mut changes: Subscription<Id>,
-    read: impl AsyncFn() -> Result<T, StoreError>,
+    read: impl Fn() -> Reading,
     wished: impl Fn(&T) -> bool,
-) -> Result<T, StoreError> {
+) -> Result<T, StoreError>
+where
+    Id: Copy + Eq + Hash,
+    Reading: Future<Output = Result<T, StoreError>>,
+{
     let until = Instant::now() + wait.duration();
     loop {
         let found = read().await?;

@@ -31,7 +31,7 @@ fn request(extra: &serde_json::Value) -> JobRequest {
     JobRequest::read(&job, 7, None).unwrap()
 }
 
-pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobRecord {
+pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord {
     let new = NewJob { request: request(&extra), idempotency_key: None };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,

@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::{Store, StoreError, rows};
 use super::{StudyRecord, StudyState, runs};
-use crate::ids::{JobId, StudyId};
+use crate::ids::StudyId;
 use crate::studies::table::Rest;
 use crate::studies::{Keys, Run, Table};
 
@@ -124,20 +124,6 @@ impl Store {
         reports
             .iter()
             .map(|row| Ok((row.try_get::<u32, _>("point")? as usize, rows::json(row.try_get("report")?)?)))
-            .collect()
-    }
-
-    /// The jobs of a study in one of these states, with their attempts.
-    pub(crate) async fn study_jobs(
-        &self,
-        seq: i64,
-    ) -> Result<Vec<(JobId, i64)>, StoreError> {
-        let jobs = sqlx::query("select id, attempt from jobs where study = ?")
-            .bind(seq)
-            .fetch_all(self.readers())
-            .await?;
-        jobs.iter()
-            .map(|row| Ok((rows::job_id(&row.try_get::<String, _>("id")?)?, row.try_get("attempt")?)))
             .collect()
     }
 }
