@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use serde_json::json;
 
 use super::*;
+use crate::jobs::JobRequest;
 
 /// A template that is cheap to plan.
 fn job() -> Value {

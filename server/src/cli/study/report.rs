@@ -8,6 +8,8 @@ use serde_json::Value;
 
 use super::super::Failure;
 use super::book::{Entry, write_whole};
+use crate::plots::study::RunCurve;
+use crate::plots::{self, draw};
 use crate::studies::table::{Cells, Row, Table};
 use crate::studies::{Keys, Study};
 
@@ -34,6 +36,13 @@ pub(super) fn write(folder: &Path, study: &Study, table: &Table, entries: &[Entr
     let curves = curves(&keys, entries);
     if !curves.is_empty() {
         write_whole(&folder.join("curves.json"), &serde_json::to_vec(&curves)?)?;
+    }
+    let drawn: Vec<RunCurve> = curves
+        .iter()
+        .map(|curve| RunCurve { point: curve.point, points: curve.distance_curve.to_vec() })
+        .collect();
+    for (kind, chart) in plots::study::charts(study.name.as_deref(), table, &drawn) {
+        write_whole(&folder.join(format!("plot-{}.svg", kind.name())), draw::svg(&chart)?.as_bytes())?;
     }
     Ok(())
 }
