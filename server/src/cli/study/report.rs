@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::super::Failure;
 use super::book::{Entry, write_whole};
 use crate::plots::draw;
-use crate::plots::study::{RunCurve, StudyOptions, StudyPlot, chart};
+use crate::plots::study::{RunCurve, StudyPlot, charts};
 use crate::studies::table::{Cells, Row};
 use crate::studies::{Keys, Study, Table};
 
@@ -51,27 +51,25 @@ pub(super) fn write(
         .iter()
         .map(|curve| RunCurve { point: curve.point, points: curve.distance_curve.to_vec() })
         .collect();
-    for kind in kinds(study, table) {
-        let chart = chart(kind, study.name.as_deref(), table, &drawn, &StudyOptions::default())?;
-        put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+    for (kind, chart) in charts(study.name.as_deref(), table, &drawn) {
+        if tells(study, kind) {
+            put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+        }
     }
     Ok(written)
 }
 
-/// The plots that tell something about a study.
-fn kinds(study: &Study, table: &Table) -> Vec<StudyPlot> {
+/// Whether a plot that could be drawn tells what the study did not know before.
+fn tells(study: &Study, kind: StudyPlot) -> bool {
     let maximizes = |maximize: bool| {
         study.points.iter().any(|point| matches!(point.job.distance, Distance::Maximize { .. }) == maximize)
     };
-    let any = |figure: fn(&Cells) -> bool| table.rows.iter().any(|row| figure(&row.cells));
-    let tells = |kind: &StudyPlot| match kind {
-        // The largest distance is reached by definition.
+    match kind {
+        // Whatever is reached is the largest distance, and a success.
         StudyPlot::Success => maximizes(false),
-        StudyPlot::Time => true,
         StudyPlot::Distance | StudyPlot::Curve | StudyPlot::VolumeFraction => maximizes(true),
-        StudyPlot::EventTime => any(|cells| cells.event_us_median.is_some()),
-    };
-    StudyPlot::ALL.iter().copied().filter(tells).collect()
+        StudyPlot::Time | StudyPlot::EventTime => true,
+    }
 }
 
 /// The curves of first replicates, in the order of the points.
