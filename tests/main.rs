@@ -39,6 +39,7 @@ mod ranges;
 mod scheduling;
 mod shutdown;
 mod streaming;
+mod studies;
 mod study_command;
 mod submission;
 mod waiting;

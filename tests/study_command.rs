@@ -28,7 +28,7 @@ fn write(directory: &Path, study: &Value) {
 }
 
 async fn run(directory: &Path, more: &[&str]) -> Finished {
-    let args = ["study", "study.json", "--out", "out", "--workers", "1"];
+    let args = ["study", "study.json", "--out", "out"];
     packstone(directory, &[&args, more].concat()).await
 }
 
@@ -130,7 +130,7 @@ async fn survives(signal: Signal) {
     assert!(refused.stderr.contains("/replicates is 21 in the file and 20 in the folder"), "{refused:?}");
 
     write(directory.path(), &study(20));
-    let ended = run(directory.path(), &["--resume", "--workers", "2"]).await;
+    let ended = run(directory.path(), &["--resume"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let all = runs(&out);
     assert_eq!(all.len(), 80, "a run was done twice or not at all");
@@ -171,7 +171,7 @@ async fn points_that_are_known_well_enough_need_no_more_runs() {
             "stop_when": {"failed_in_a_row": 2}
         }),
     );
-    let ended = run(directory.path(), &[]).await;
+    let ended = run(directory.path(), &["--workers", "1"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let rows = rows_without_times(&directory.path().join("out"));
     let counts = |row: &Value| {

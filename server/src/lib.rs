@@ -13,6 +13,7 @@ mod config;
 mod cpu;
 mod hex;
 mod http_server;
+mod ids;
 mod jobs;
 mod metrics;
 mod pace;

@@ -53,6 +53,14 @@ pub(crate) struct RunCurve {
     pub(crate) points: Vec<[f64; 2]>,
 }
 
+impl RunCurve {
+    /// That of a stored report; empty where it has none.
+    pub(crate) fn of_report(point: usize, report: &Value) -> Self {
+        let curve = report.get("distance_curve").cloned().unwrap_or_default();
+        Self { point, points: serde_json::from_value(curve).unwrap_or_default() }
+    }
+}
+
 /// An abscissa that a study cannot have.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{asked:?} is no abscissa of this study: must be one of {known}")]
@@ -117,6 +125,14 @@ pub(crate) fn chart(
         series,
         when_empty: figure.when_empty.into(),
     })
+}
+
+/// All plots of a study that show something, against their own abscissas.
+pub(crate) fn charts(name: Option<&str>, table: &Table, curves: &[RunCurve]) -> Vec<(StudyPlot, Chart)> {
+    let options = StudyOptions::default();
+    let made =
+        StudyPlot::ALL.iter().map(|&kind| Some((kind, chart(kind, name, table, curves, &options).ok()?)));
+    made.flatten().filter(|(_, chart)| !chart.is_empty()).collect()
 }
 
 /// What is read from a row: value and error bar.

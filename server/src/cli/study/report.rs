@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::super::Failure;
 use super::book::{Entry, write_whole};
 use crate::plots::draw;
-use crate::plots::study::{RunCurve, StudyOptions, StudyPlot, chart};
+use crate::plots::study::{RunCurve, StudyPlot, charts};
 use crate::studies::table::{Cells, Row};
 use crate::studies::{Keys, Study, Table};
 
@@ -51,31 +51,25 @@ pub(super) fn write(
         .iter()
         .map(|curve| RunCurve { point: curve.point, points: curve.distance_curve.to_vec() })
         .collect();
-    for kind in kinds(study, table) {
-        let chart = chart(kind, study.name.as_deref(), table, &drawn, &StudyOptions::default())?;
-        put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+    for (kind, chart) in charts(study.name.as_deref(), table, &drawn) {
+        if tells(study, kind) {
+            put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+        }
     }
     Ok(written)
 }
 
-/// The plots that tell something about a study.
-fn kinds(study: &Study, table: &Table) -> Vec<StudyPlot> {
+/// Whether a plot that could be drawn tells what the study did not know before.
+fn tells(study: &Study, kind: StudyPlot) -> bool {
     let maximizes = |maximize: bool| {
         study.points.iter().any(|point| matches!(point.job.distance, Distance::Maximize { .. }) == maximize)
     };
-    let any = |figure: fn(&Cells) -> bool| table.rows.iter().any(|row| figure(&row.cells));
-    let mut kinds = vec![StudyPlot::Time];
-    if maximizes(true) {
-        kinds.extend([StudyPlot::Distance, StudyPlot::Curve, StudyPlot::VolumeFraction]);
+    match kind {
+        // Whatever is reached is the largest distance, and a success.
+        StudyPlot::Success => maximizes(false),
+        StudyPlot::Distance | StudyPlot::Curve | StudyPlot::VolumeFraction => maximizes(true),
+        StudyPlot::Time | StudyPlot::EventTime => true,
     }
-    if maximizes(false) {
-        // The largest distance is reached by definition.
-        kinds.insert(0, StudyPlot::Success);
-    }
-    if any(|cells| cells.event_us_median.is_some()) {
-        kinds.push(StudyPlot::EventTime);
-    }
-    kinds
 }
 
 /// The curves of first replicates, in the order of the points.
@@ -129,6 +123,9 @@ const COLUMNS: [Column; 9] = [
     },
 ];
 
+/// Those that say nothing where grains may touch.
+const OF_DISTANCES: [&str; 2] = ["with coating", "distance mm"];
+
 fn three_digits(x: f64) -> String {
     let decimals = (2 - x.abs().max(1e-3).log10().floor() as i64).max(0) as usize;
     format!("{x:.decimals$}")
@@ -137,11 +134,15 @@ fn three_digits(x: f64) -> String {
 /// The table for people: aligned, without columns that no row has.
 pub(super) fn table(table: &Table) -> String {
     let rows = &table.rows[..table.rows.len().min(ROWS_SHOWN)];
+    // Where grains may touch, that they do is no news.
+    let apart = rows.iter().any(|row| row.cells.distance_mm_max.is_some_and(|mm| mm > 0.0))
+        || rows.iter().all(|row| row.cells.distance_mm_max.is_none());
     let keys = (0..table.columns.len()).map(|i| {
         let of = |row: &Row| row.values.get(i).map(|(_, value)| short(value)).unwrap_or_default();
         (table.columns[i].clone(), rows.iter().map(of).collect::<Vec<String>>())
     });
-    let figures = COLUMNS.iter().filter_map(|column| {
+    let told = COLUMNS.iter().filter(|column| apart || !OF_DISTANCES.contains(&column.title));
+    let figures = told.filter_map(|column| {
         let texts: Vec<Option<String>> = rows.iter().map(|row| (column.text)(&row.cells)).collect();
         let shown = texts.iter().any(Option::is_some);
         let texts = texts.into_iter().map(|text| text.unwrap_or_else(|| "-".into())).collect();
