@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,12 +13,11 @@ from live_server import LiveServer
 import packstone
 
 
-@pytest.fixture(autouse=True)
-def plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def pytest_configure() -> None:
     """What whoever runs the suite has set must not change what is tested."""
     for name in ("PACKSTONE_URL", "PACKSTONE_API_KEY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+        os.environ.pop(name, None)
+    os.environ["NO_PROXY"] = "127.0.0.1"
 
 
 @pytest.fixture(scope="session")
@@ -28,12 +28,11 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
     live.stop()
 
 
-@pytest.fixture
-def own_server(tmp_path: Path) -> Iterator[LiveServer]:
-    """A server with one worker that no other test talks to."""
-    live = LiveServer(tmp_path, "--workers", "1")
-    yield live
-    live.stop()
+@pytest.fixture(scope="session")
+def session_client(server: LiveServer) -> Iterator[packstone.Client]:
+    """A client for what several tests look at."""
+    with packstone.Client(server.url) as client:
+        yield client
 
 
 @pytest.fixture

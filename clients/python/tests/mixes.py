@@ -38,3 +38,8 @@ def unreachable() -> Json:
         "mix": {"grading": {"type": "monodisperse", "diameter_mm": 1}, "volume_fraction": 0.5},
         "method": {"type": "rsa", "attempts_per_grain": 100},
     }
+
+
+def without(job: Json, field: str) -> Json:
+    """The same job but for a field."""
+    return {name: value for name, value in job.items() if name != field}

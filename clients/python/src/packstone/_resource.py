@@ -12,7 +12,7 @@ from datetime import datetime
 from time import monotonic, sleep
 from typing import Any, TypeVar
 
-from ._transport import Transport, document
+from ._transport import Params, Transport, document
 from .errors import WaitTimeout
 
 R = TypeVar("R", bound="Resource")
@@ -69,6 +69,14 @@ class Resource(ABC):
     def progress(self) -> dict[str, Any]:
         """How far it is, in the server's words; empty before it starts."""
         return dict(self.data["progress"] or {})
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """What was asked for, with what the server has filled in."""
+        if "request" not in self.data:
+            # Listings leave it out.
+            self.refresh()
+        return dict(self.data["request"])
 
     @property
     @abstractmethod
@@ -129,9 +137,9 @@ class Resource(ABC):
         """Removes it from the server with all that came of it; it must have ended."""
         self._transport.request("DELETE", self.path)
 
-    def _act(self, action: str) -> None:
+    def _act(self, action: str, params: Params | None = None) -> None:
         """Does something to it, and takes what has become of it."""
-        response = self._transport.request("POST", f"{self.path}/{action}")
+        response = self._transport.request("POST", f"{self.path}/{action}", params=params)
         self._take(document(response), response.headers.get("etag"))
 
     def _take(self, data: dict[str, Any], etag: str | None) -> None:

@@ -12,7 +12,7 @@ from uuid import uuid4
 from ._listing import ITEMS_PER_PAGE, pages
 from ._transport import Transport, document
 from .jobs import Job, State
-from .studies import Study
+from .studies import Study, StudyState
 
 S = TypeVar("S", Job, Study)
 
@@ -96,7 +96,7 @@ class Client:
         """The jobs on the server, newest first, fetched page by page; those that fit all that is named."""
         params = {
             "state": state,
-            "label": [f"{key}:{value}" for key, value in (labels or {}).items()] or None,
+            "label": _label_params(labels),
             "study": study,
         }
         for item in pages(self._transport, "/v1/jobs", params, page_size):
@@ -151,6 +151,18 @@ class Client:
         response = self._transport.request("GET", f"/v1/studies/{id}")
         return Study(self._transport, document(response), response.headers.get("etag"))
 
+    def studies(
+        self,
+        *,
+        state: StudyState | None = None,
+        labels: Mapping[str, str] | None = None,
+        page_size: int = ITEMS_PER_PAGE,
+    ) -> Iterator[Study]:
+        """The studies on the server, newest first, fetched page by page; those that fit all that is named."""
+        params = {"state": state, "label": _label_params(labels)}
+        for item in pages(self._transport, "/v1/studies", params, page_size):
+            yield Study(self._transport, item)
+
     def capabilities(self) -> dict[str, Any]:
         """What the server can do, and how much of it."""
         return document(self._transport.request("GET", "/v1/capabilities"))
@@ -159,3 +171,7 @@ class Client:
         headers = {"idempotency-key": key or uuid4().hex}
         response = self._transport.request("POST", path, body=body, headers=headers, repeatable=True)
         return kind(self._transport, document(response), response.headers.get("etag"))
+
+
+def _label_params(labels: Mapping[str, str] | None) -> list[str] | None:
+    return [f"{key}:{value}" for key, value in (labels or {}).items()] or None

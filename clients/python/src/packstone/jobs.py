@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from ._resource import Resource
 from .errors import JobCancelled, error_of
@@ -12,6 +12,7 @@ from .svg import Svg
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 JobPlotKind = Literal["grading", "distance", "radial", "profile"]
+JOB_PLOT_KINDS: tuple[JobPlotKind, ...] = get_args(JobPlotKind)
 
 
 class Job(Resource):
@@ -32,14 +33,6 @@ class Job(Resource):
     def succeeded(self) -> bool:
         """Whether there is a packing, as last seen."""
         return self.state == "succeeded"
-
-    @property
-    def request(self) -> dict[str, Any]:
-        """What was asked for, with the defaults filled in."""
-        if "request" not in self.data:
-            # Listings leave it out.
-            self.refresh()
-        return dict(self.data["request"])
 
     @property
     def error(self) -> dict[str, Any] | None:

@@ -14,6 +14,7 @@ from .svg import Svg
 if TYPE_CHECKING:
     import pandas as pd
 
+StudyState = Literal["open", "finished"]
 StudyPlotKind = Literal["success", "time", "distance", "curve", "volume_fraction", "event_time"]
 
 
@@ -47,11 +48,6 @@ class Study(Resource):
     def columns(self) -> list[str]:
         """JSON pointers into the job that distinguish the points; empty for a list of jobs."""
         return list(self.data["columns"])
-
-    @property
-    def request(self) -> dict[str, Any]:
-        """What was asked for, with the seed that it has got."""
-        return dict(self.data["request"])
 
     def jobs(self, state: State | None = None) -> Iterator[Job]:
         """Its jobs, fetched page by page; those in one state if one is named."""
@@ -97,9 +93,9 @@ class Study(Resource):
         self._act("cancel")
         return self
 
-    def retry(self) -> Study:
-        """Puts the jobs that failed or were cancelled back into the queue."""
-        self._act("retry")
+    def retry(self, *, cancelled: bool = False) -> Study:
+        """Puts the jobs that failed back into the queue, and those that were cancelled if wished."""
+        self._act("retry", {"state": "failed,cancelled" if cancelled else "failed"})
         return self
 
     @property
