@@ -23,9 +23,8 @@ def pytest_configure() -> None:
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
     """A server with two workers, one for all tests: none may rely on being alone."""
-    live = LiveServer(tmp_path_factory.mktemp("server"), "--workers", "2")
-    yield live
-    live.stop()
+    with LiveServer(tmp_path_factory.mktemp("server"), "--workers", "2") as live:
+        yield live
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 from pathlib import Path
+from types import TracebackType
 
 import pytest
 
@@ -58,3 +59,13 @@ class LiveServer:
         status = self._process.wait(timeout=60)
         faults = [line for line in self._log.read_text().splitlines() if re.search(r"\bERROR\b|panicked", line)]
         assert status == 0 and not faults, f"the server ended with {status}: {faults}"
+
+    def __enter__(self) -> LiveServer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process.poll() is None:
+            # A test that failed has said why, and a server in whatever state would say less.
+            self.stop() if kind is None else self.kill()

@@ -21,9 +21,8 @@ def locked_server(tmp_path: Path) -> Iterator[LiveServer]:
     """A server that asks for a key."""
     keys = tmp_path / "keys.txt"
     keys.write_text(f"{hashlib.sha256(KEY.encode()).hexdigest()} lab\n")
-    live = LiveServer(tmp_path, "--api-keys-file", str(keys))
-    yield live
-    live.stop()
+    with LiveServer(tmp_path, "--api-keys-file", str(keys)) as live:
+        yield live
 
 
 def test_a_key_opens_the_server(locked_server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,17 +104,19 @@ def test_a_server_that_is_not_there() -> None:
 
 
 def test_a_wait_outlives_a_crash_of_the_server(tmp_path: Path) -> None:
-    first = LiveServer(tmp_path, "--workers", "1")
-    with packstone.Client(first.url) as client, packstone.Client(first.url) as other:
+    with (
+        LiveServer(tmp_path, "--workers", "1") as first,
+        packstone.Client(first.url) as client,
+        packstone.Client(first.url) as other,
+    ):
         job = client.submit(mixes.endless())
         waiting = Thread(target=job.wait)
         waiting.start()
         first.kill()
-        second = LiveServer(tmp_path, "--workers", "1", listen=first.address)
-        other.job(job.id).cancel()
-        waiting.join()
+        with LiveServer(tmp_path, "--workers", "1", listen=first.address):
+            other.job(job.id).cancel()
+            waiting.join(timeout=120)
     assert job.state == "cancelled"
-    second.stop()
 
 
 def test_something_else_answers(proxy: FaultyProxy) -> None:
