@@ -157,7 +157,7 @@ async fn unknown_routes_and_methods_are_problem_documents() {
     let job = client.succeed(&jobs::quick(1)).await;
     let id = id_of(&job);
     for path in
-        ["/", "/v1", "/v1/", "/v1/job", "/v2/jobs", "/v1/jobs/", "/v1/studies", "/v1/jobs/../../etc", "/%ff"]
+        ["/", "/v1", "/v1/", "/v1/job", "/v2/jobs", "/v1/jobs/", "/v1/study", "/v1/jobs/../../etc", "/%ff"]
     {
         client.get(path).send().await.expect_problem(404, "not-found");
         client.post(path).text("{}").send().await.expect_problem(404, "not-found");

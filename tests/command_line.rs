@@ -135,7 +135,7 @@ async fn help_and_version_are_told_and_nonsense_is_not() {
         (Some(0), concat!("packstone ", env!("CARGO_PKG_VERSION")))
     );
     let help = packstone(directory.path(), &["--help"]).await;
-    for command in ["serve", "run", "demo", "openapi", "key"] {
+    for command in ["serve", "run", "study", "demo", "openapi", "key"] {
         assert!(help.stdout.contains(command), "{}", help.stdout);
     }
     for nonsense in

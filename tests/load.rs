@@ -250,3 +250,107 @@ async fn termination() {
         start.elapsed().as_secs_f64()
     );
 }
+
+/// A study of so many jobs at 100 points.
+fn study_of(template: &Value, jobs: u32) -> Value {
+    let mut template = template.clone();
+    template.as_object_mut().unwrap().remove("seed");
+    let grid: Vec<u32> = (1..=100).collect();
+    json!({"seed": 1, "template": template, "grid": {"/timeout_s": grid}, "replicates": jobs / 100})
+}
+
+async fn table_times(client: &Client, id: &str, what: &str) {
+    for format in ["json", "csv"] {
+        let mut times = Vec::new();
+        for _ in 0..20 {
+            let start = Instant::now();
+            client.get(&format!("/v1/studies/{id}/table?format={format}")).send().await.expect(200);
+            times.push(start.elapsed());
+        }
+        Times::new(times).print(&format!("table as {format}, {what}"));
+    }
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn a_study_of_ten_thousand_jobs() {
+    let megabytes = |server: &Server| server.resident_bytes() as f64 / 1e6;
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    let client = server.client();
+    let mut times = Vec::new();
+    for _ in 0..5 {
+        let start = Instant::now();
+        client.submit_study(&study_of(&least_job(), 10_000)).await;
+        times.push(start.elapsed());
+    }
+    Times::new(times).print("study of 10 000 jobs accepted, a grid");
+    let list: Vec<Value> = (0..10_000).map(|seed| jobs::quick(seed)).collect();
+    let start = Instant::now();
+    let study = client.submit_study(&json!({"list": list})).await;
+    println!("| study of 10 000 jobs accepted, a list | {:.2} s |", start.elapsed().as_secs_f64());
+    table_times(&client, id_of(&study), "10 000 points that wait").await;
+    println!("| memory after 60 000 jobs came in | {:.0} MB |", megabytes(&server));
+    let start = Instant::now();
+    client.post(&format!("/v1/studies/{}/cancel", id_of(&study))).send().await.expect(200);
+    println!("| cancel of 10 000 waiting jobs | {:.2} s |", start.elapsed().as_secs_f64());
+    let start = Instant::now();
+    client.post(&format!("/v1/studies/{}/retry?state=cancelled", id_of(&study))).send().await.expect(200);
+    println!("| retry of 10 000 jobs | {:.2} s |", start.elapsed().as_secs_f64());
+    server.stop().await;
+
+    let cores = std::thread::available_parallelism().unwrap().get();
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(cores).start().await;
+    let client = server.client();
+    let start = Instant::now();
+    let study = client.submit_study(&study_of(&least_job(), 10_000)).await;
+    println!("| study of 10 000 jobs accepted by an idle server | {:.2} s |", start.elapsed().as_secs_f64());
+    let id = id_of(&study);
+    let (mut most, mut done) = (0.0_f64, 0);
+    while done < 10_000 {
+        let next = (done + 500).min(10_000);
+        let study = client
+            .study_when(id, "further", |study| study["progress"]["done"].as_u64() >= Some(next))
+            .await;
+        done = study["progress"]["done"].as_u64().unwrap();
+        most = most.max(megabytes(&server));
+    }
+    let took = start.elapsed().as_secs_f64();
+    println!("| 10 000 jobs of one grain run | {:.2} ms a job and worker |", took * 1e3 * cores as f64 / 1e4);
+    table_times(&client, id, "100 points, 10 000 runs").await;
+    println!("| memory, most | {:.0} MB |", most.max(megabytes(&server)));
+    let start = Instant::now();
+    client.delete(&format!("/v1/studies/{id}")).send().await.expect(204);
+    println!("| delete of 10 000 finished jobs | {:.2} s |", start.elapsed().as_secs_f64());
+    server.stop().await;
+}
+
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn overhead_over_the_bare_engine() {
+    let cores = std::thread::available_parallelism().unwrap().get();
+    for workers in [1, cores] {
+        for grains in [1, 15_000] {
+            let data_dir = DataDir::new();
+            let server = Launch::new(&data_dir).workers(workers).start().await;
+            let client = server.client();
+            let study = client.submit_study(&study_of(&jobs::equal_spheres(grains, 1), 400)).await;
+            let finished = client.study_finished(id_of(&study)).await;
+            assert_eq!(finished["counts"]["succeeded"], 400);
+            let moment = |text: &Value| text.as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
+            let jobs = client.jobs_of(id_of(&study)).await;
+            let first = jobs.iter().map(|job| moment(&job["started_at"])).min().unwrap();
+            let wall_s = moment(&finished["finished_at"]).duration_since(first).as_secs_f64() * workers as f64;
+            let engine_s: f64 =
+                client.table(id_of(&study)).await.iter().map(|row| row["time_s_total"].as_f64().unwrap()).sum();
+            println!(
+                "| {workers} workers, jobs of {:.1} ms | {:.2} ms a job of the service | {:.1} % |",
+                engine_s * 1e3 / 400.0,
+                (wall_s - engine_s) * 1e3 / 400.0,
+                (wall_s / engine_s - 1.0) * 100.0
+            );
+            server.stop().await;
+        }
+    }
+}

@@ -33,7 +33,7 @@ fn operations() -> Vec<(String, &'static Map<String, Value>)> {
 }
 
 #[test]
-fn every_route_of_this_version_is_in_it_and_no_later_one() {
+fn every_route_of_this_version_is_in_it() {
     let known: Vec<String> = operations().into_iter().map(|(name, _)| name).collect();
     for operation in [
         "post /v1/jobs",
@@ -45,6 +45,16 @@ fn every_route_of_this_version_is_in_it_and_no_later_one() {
         "get /v1/jobs/{id}/events",
         "get /v1/jobs/{id}/result",
         "get /v1/jobs/{id}/result/summary",
+        "get /v1/jobs/{id}/plot.svg",
+        "post /v1/studies",
+        "get /v1/studies",
+        "get /v1/studies/{id}",
+        "delete /v1/studies/{id}",
+        "get /v1/studies/{id}/jobs",
+        "get /v1/studies/{id}/table",
+        "get /v1/studies/{id}/plot.svg",
+        "post /v1/studies/{id}/cancel",
+        "post /v1/studies/{id}/retry",
         "get /v1/capabilities",
         "get /healthz",
         "get /readyz",
@@ -52,8 +62,6 @@ fn every_route_of_this_version_is_in_it_and_no_later_one() {
     ] {
         assert!(known.iter().any(|name| name == operation), "{operation} is not among {known:#?}");
     }
-    let text = contract_text().to_lowercase();
-    assert!(!text.contains("/v1/studies"), "studies are not offered yet");
 }
 
 #[test]

@@ -11,6 +11,7 @@
 //! every checkpoint of it is a state that this run passes. Files left over from such attempts go with the
 //! end of the job, or with the sweep.
 
+use std::collections::HashMap;
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -163,6 +164,16 @@ impl Checkpoints {
     /// Removes the checkpoints of a job up to those of this attempt. Later ones are another's.
     pub(crate) fn remove(&self, id: &str, until_attempt: i64) {
         self.of(id).iter().filter(|found| found.attempt <= until_attempt).for_each(removed);
+    }
+
+    /// Removes those of many jobs at once, each up to that of the attempt named.
+    pub(crate) fn remove_all(&self, until_attempt: &HashMap<String, i64>) {
+        let found = self.list().unwrap_or_else(|error| {
+            tracing::warn!(%error, "the folder of checkpoints cannot be read");
+            Vec::new()
+        });
+        let useless = |found: &&Found| until_attempt.get(&found.id).is_some_and(|until| found.attempt <= *until);
+        found.iter().filter(useless).for_each(removed);
     }
 
     /// Removes one file that was found.

@@ -20,6 +20,7 @@ const JOB_BOUNDS_S: &[f64] = &[0.1, 0.5, 1.0, 5.0, 15.0, 60.0, 300.0, 1800.0, 72
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
     submitted: AtomicU64,
+    studies_submitted: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     requests: Mutex<BTreeMap<(String, String), Requests>>,
 }
@@ -62,6 +63,7 @@ impl Histogram {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gauges {
     pub(crate) jobs: BTreeMap<State, u64>,
+    pub(crate) open_studies: u64,
     pub(crate) workers: usize,
     pub(crate) connections: usize,
     pub(crate) results_being_sent: usize,
@@ -71,6 +73,12 @@ impl Metrics {
     /// A job was taken in.
     pub(crate) fn job_submitted(&self) {
         self.submitted.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A study was taken in with so many jobs.
+    pub(crate) fn study_submitted(&self, jobs: u64) {
+        self.studies_submitted.fetch_add(1, Ordering::Relaxed);
+        self.submitted.fetch_add(jobs, Ordering::Relaxed);
     }
 
     /// A run ended after some time.
@@ -95,6 +103,8 @@ impl Metrics {
         for (state, jobs) in &gauges.jobs {
             out.line("packstone_jobs", &format!("state=\"{}\"", state.name()), jobs);
         }
+        out.head("packstone_studies_open", "gauge", "Studies with jobs left to run.");
+        out.line("packstone_studies_open", "", gauges.open_studies);
         out.head("packstone_workers", "gauge", "Jobs that may run at once.");
         out.line("packstone_workers", "", gauges.workers);
         out.head("packstone_http_connections", "gauge", "Open connections.");
@@ -103,6 +113,8 @@ impl Metrics {
         out.line("packstone_results_being_sent", "", gauges.results_being_sent);
         out.head("packstone_jobs_submitted_total", "counter", "Jobs taken in since the start.");
         out.line("packstone_jobs_submitted_total", "", self.submitted.load(Ordering::Relaxed));
+        out.head("packstone_studies_submitted_total", "counter", "Studies taken in since the start.");
+        out.line("packstone_studies_submitted_total", "", self.studies_submitted.load(Ordering::Relaxed));
         out.head("packstone_job_duration_seconds", "histogram", "Time of runs by outcome.");
         for (outcome, times) in self.ended.lock().unwrap_or_else(PoisonError::into_inner).iter() {
             let labels = format!("outcome=\"{outcome}\"");
@@ -152,13 +164,16 @@ mod tests {
     fn counts_are_rendered_cumulatively() {
         let metrics = Metrics::default();
         metrics.job_submitted();
+        metrics.study_submitted(100);
         metrics.job_ended("succeeded", Duration::from_millis(300));
         metrics.job_ended("succeeded", Duration::from_secs(3));
         metrics.request_answered("GET", "/v1/jobs/{id}", 200, Duration::from_millis(2));
         let text = metrics.render(&Gauges { workers: 2, ..Gauges::default() });
         for line in [
             "packstone_workers 2",
-            "packstone_jobs_submitted_total 1",
+            "packstone_jobs_submitted_total 101",
+            "packstone_studies_submitted_total 1",
+            "packstone_studies_open 0",
             "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"0.1\"} 0",
             "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"0.5\"} 1",
             "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"5\"} 2",

@@ -49,22 +49,22 @@ kinds! {
         "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of its bounds. `errors` lists every such fault with its place, the value found and the bound."
     InfeasibleMix "infeasible-mix" 422 "The mix cannot fit"
         "No arrangement of spheres reaches the volume fraction asked for. Lower it, shorten the distance, or raise the cut-off."
-    TooLarge "too-large" 422 "The packing is too large"
-        "More grains, or more memory, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off or take a smaller specimen."
+    TooLarge "too-large" 422 "The packing or the study is too large"
+        "More grains, more memory, or more jobs of a study, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off, take a smaller specimen, or make several studies of one."
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."
     NotFound "not-found" 404 "Not found"
-        "There is no such route or no such job; an expired job is gone too."
+        "There is no such route, job or study; what has expired is gone too."
     ResultNotReady "result-not-ready" 404 "No result yet"
         "The job has not finished. Wait for its end with `Prefer: wait=N` or its events."
     MethodNotAllowed "method-not-allowed" 405 "Method not allowed"
         "The route does not know this method; `Allow` names those it does."
     NotAcceptable "not-acceptable" 406 "Not acceptable"
-        "A result has no format that `Accept` or `?format=` asks for."
+        "A result or a table has no format that `Accept` or `?format=` asks for."
     RequestTimeout "request-timeout" 408 "The request took too long"
         "The body arrived with too long a pause, or too slowly. Send it again without pauses."
-    Conflict "conflict" 409 "The state of the job forbids it"
-        "The job is in a state in which this cannot be done: a finished job cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled one can be retried."
+    Conflict "conflict" 409 "The state of the job or study forbids it"
+        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled job can be retried."
     JobFailed "job-failed" 409 "The job has no result"
         "The job failed or was cancelled, so that there never will be a result; `job_error` says why. Retry it, or submit another."
     PayloadTooLarge "payload-too-large" 413 "The body is too large"
@@ -74,11 +74,11 @@ kinds! {
     RangeNotSatisfiable "range-not-satisfiable" 416 "The range lies beyond the end"
         "The first byte asked for does not exist; `Content-Range` tells the length."
     IdempotencyKeyReused "idempotency-key-reused" 422 "Idempotency key reused"
-        "The key was used before with another body. Take a new key for a new job."
+        "The key was used before with another body. Take a new key for a new job or study."
     QueueFull "queue-full" 429 "The queue is full"
-        "As many jobs wait as this server keeps. Try again after `Retry-After`."
+        "The jobs would be more than this server lets wait. Try again after `Retry-After`."
     Busy "busy" 503 "Busy"
-        "As many results are being sent as this server can. Try again after `Retry-After`."
+        "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     InternalError "internal-error" 500 "Internal error"
@@ -185,6 +185,12 @@ impl Problem {
     pub(crate) fn no_job(id: &str) -> Self {
         let shown: String = id.chars().take(64).collect();
         Self::new(Kind::NotFound, format!("there is no job {shown:?}"))
+    }
+
+    /// There is no such study.
+    pub(crate) fn no_study(id: &str) -> Self {
+        let shown: String = id.chars().take(64).collect();
+        Self::new(Kind::NotFound, format!("there is no study {shown:?}"))
     }
 
     /// Faulty fields of the body.

@@ -111,11 +111,15 @@ impl Client {
 
     /// Long-polls until `reached` holds for the job.
     pub(crate) async fn job_when(&self, id: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
-        let path = format!("/v1/jobs/{id}");
+        self.when(&format!("/v1/jobs/{id}"), what, reached).await
+    }
+
+    /// Long-polls until `reached` holds for what is at the path.
+    async fn when(&self, path: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
         let poll = async {
             let mut etag: Option<HeaderValue> = None;
             loop {
-                let mut request = self.get(&path);
+                let mut request = self.get(path);
                 if let Some(etag) = &etag {
                     request =
                         request.header("if-none-match", etag.to_str().unwrap()).header("prefer", "wait=20");
@@ -124,15 +128,50 @@ impl Client {
                 if reply.status == StatusCode::NOT_MODIFIED {
                     continue;
                 }
-                let job = reply.expect(200).json();
-                if reached(&job) {
-                    return job;
+                let found = reply.expect(200).json();
+                if reached(&found) {
+                    return found;
                 }
                 etag = reply.headers.get("etag").cloned();
-                assert!(etag.is_some(), "a job without an ETag");
+                assert!(etag.is_some(), "{path} without an ETag");
             }
         };
-        patiently(&format!("job {id} to be {what}"), poll).await
+        patiently(&format!("{path} to be {what}"), poll).await
+    }
+
+    /// Submits a study and returns it.
+    pub(crate) async fn submit_study(&self, study: &Value) -> Value {
+        self.post("/v1/studies").json(study).send().await.expect(201).json()
+    }
+
+    /// Long-polls until `reached` holds for the study.
+    pub(crate) async fn study_when(&self, id: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
+        self.when(&format!("/v1/studies/{id}"), what, reached).await
+    }
+
+    /// Long-polls until no job of the study is left to run.
+    pub(crate) async fn study_finished(&self, id: &str) -> Value {
+        self.study_when(id, "finished", |study| !study["finished_at"].is_null()).await
+    }
+
+    /// The rows of the study's table.
+    pub(crate) async fn table(&self, id: &str) -> Vec<Value> {
+        let table = self.get(&format!("/v1/studies/{id}/table")).send().await.expect(200).json();
+        table["rows"].as_array().expect("rows").clone()
+    }
+
+    /// All jobs of the study, newest first.
+    pub(crate) async fn jobs_of(&self, id: &str) -> Vec<Value> {
+        let (mut jobs, mut cursor) = (Vec::new(), String::new());
+        loop {
+            let page = format!("/v1/studies/{id}/jobs?limit=500{cursor}");
+            let page = self.get(&page).send().await.expect(200).json();
+            jobs.extend(page["items"].as_array().expect("items").iter().cloned());
+            match page["next_cursor"].as_str() {
+                Some(next) => cursor = format!("&cursor={next}"),
+                None => return jobs,
+            }
+        }
     }
 
     /// The result as JSON.

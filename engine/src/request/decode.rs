@@ -128,6 +128,16 @@ impl<'a> At<'a> {
         }
     }
 
+    /// The members of the object here, whose names are the user's own, or a fault.
+    pub fn members(&self) -> Option<Vec<(&'a str, At<'a>)>> {
+        match self.value {
+            Value::Object(map) => {
+                Some(map.iter().map(|(name, value)| (name.as_str(), self.child(name, value))).collect())
+            }
+            _ => self.expected("an object"),
+        }
+    }
+
     /// The items of the array here, or a fault.
     pub fn array(&self) -> Option<Vec<At<'a>>> {
         match self.value {

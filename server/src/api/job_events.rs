@@ -109,7 +109,7 @@ struct Told {
 struct Following {
     app: App,
     id: JobId,
-    changes: Subscription,
+    changes: Subscription<JobId>,
     told: Told,
     /// Events that are due, last first.
     queue: Vec<Event>,

@@ -73,6 +73,15 @@ pub(super) struct JobSummary {
     /// What computes, or computed, the result.
     #[schema(value_type = EngineInfo)]
     engine: Value,
+    /// The study that the job is part of.
+    #[schema(format = "uuid", required)]
+    study_id: Option<String>,
+    /// Index of its point in the study, from 0.
+    #[schema(required, minimum = 0)]
+    point: Option<u32>,
+    /// Index of the job in its point, from 0.
+    #[schema(required, minimum = 0)]
+    replicate: Option<u32>,
     /// Where to go from here.
     links: Links,
 }
@@ -115,6 +124,8 @@ pub(super) struct Links {
     result: String,
     /// Its result without the spheres.
     summary: String,
+    /// Its plots; which, says `kind`.
+    plot: String,
     /// Where to cancel it.
     cancel: String,
     /// Where to retry it.
@@ -144,10 +155,14 @@ impl JobSummary {
             error: job.error.clone(),
             result: job.artifact.as_ref().map(ResultView::of),
             engine: job.engine.clone(),
+            study_id: job.study.map(|place| place.id.to_string()),
+            point: job.study.map(|place| place.point),
+            replicate: job.study.map(|place| place.replicate),
             links: Links {
                 events: format!("{this}/events"),
                 result: format!("{this}/result"),
                 summary: format!("{this}/result/summary"),
+                plot: format!("{this}/plot.svg"),
                 cancel: format!("{this}/cancel"),
                 retry: format!("{this}/retry"),
                 this,
@@ -200,6 +215,7 @@ pub(super) fn path(job: &JobRecord) -> String {
     format!("/v1/jobs/{}", job.id)
 }
 
-fn time(us: i64) -> String {
+/// A moment of the store as clients see it.
+pub(super) fn time(us: i64) -> String {
     Timestamp::from_microsecond(us).unwrap_or_default().to_string()
 }

@@ -3,13 +3,12 @@
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
 use jiff::Timestamp;
 use packstone_engine::{Limits, Plan};
 use serde_json::Value;
-use tokio::time::{Instant, timeout_at};
 
 use super::conditional::{self, Wait};
 use super::job_view::{self, Job, set};
@@ -17,6 +16,7 @@ use super::observe::Caller;
 use super::openapi::{self, JobProblems, SubmitProblems};
 use super::params::{JobPath, Query};
 use super::problem::refused;
+use super::waiting::{self, PREFERENCE_APPLIED};
 use super::{App, LARGE_BODY_BYTES, body};
 use crate::hex;
 use crate::jobs::store::{IdempotencyKey, NewJob, StoreError, Submitted};
@@ -24,7 +24,6 @@ use crate::jobs::{JobId, JobRecord, JobRequest, request};
 use crate::problem::{Fault, Kind, Problem};
 use crate::strict_json;
 
-const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
 const MAX_KEY_CHARS: usize = 255;
 
 /// Submit a job, or ask what one would amount to
@@ -139,26 +138,11 @@ async fn wait_until(
     app: &App,
     id: JobId,
     wait: Wait,
-    mut wished: impl FnMut(&JobRecord) -> bool,
+    wished: impl Fn(&JobRecord) -> bool,
 ) -> Result<JobRecord, StoreError> {
     let store = &app.shared.store;
-    let until = Instant::now() + wait.duration();
-    let mut changes = store.subscribe(id);
-    loop {
-        let job = store.get(id).await?.ok_or(StoreError::NoJob)?;
-        if wait.s == 0 || wished(&job) {
-            return Ok(job);
-        }
-        let changed = async {
-            tokio::select! {
-                () = changes.changed() => true,
-                () = app.shared.shutdown.cancelled() => false,
-            }
-        };
-        if !matches!(timeout_at(until, changed).await, Ok(true)) {
-            return store.get(id).await?.ok_or(StoreError::NoJob);
-        }
-    }
+    let read = move || async move { store.get(id).await?.ok_or(StoreError::NoJob) };
+    waiting::wait_until(app, wait, store.subscribe(id), read, wished).await
 }
 
 struct Submission {
@@ -192,12 +176,13 @@ fn read_now(bytes: &[u8], limits: &Limits) -> Result<Submission, Problem> {
 }
 
 /// Digest of what a document says, whatever the order of its keys and its spaces.
-fn content_sha256(mut value: Value) -> String {
+pub(super) fn content_sha256(mut value: Value) -> String {
     value.sort_all_objects();
     hex::sha256(value.to_string().as_bytes())
 }
 
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+/// The `Idempotency-Key`, if there is one.
+pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let Some(value) = headers.get("idempotency-key") else { return Ok(None) };
     let bytes = value.as_bytes();
     let visible = bytes.iter().all(u8::is_ascii_graphic);

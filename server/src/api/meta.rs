@@ -16,6 +16,7 @@ use super::params::Query;
 use crate::jobs::request;
 use crate::metrics::Gauges;
 use crate::problem::{Kind, Problem};
+use crate::studies;
 
 /// What this server can do, and how much of it.
 #[derive(Serialize, ToSchema)]
@@ -85,6 +86,8 @@ pub(super) struct LimitsInfo {
     max_name_chars: usize,
     /// Most labels of a job.
     max_labels: usize,
+    /// Most jobs of a study.
+    max_study_jobs: usize,
     /// Longest `Prefer: wait`.
     max_wait_s: u64,
     /// Most results being sent at once.
@@ -127,6 +130,7 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             max_timeout_s: request::MAX_TIMEOUT_S,
             max_name_chars: request::MAX_NAME_CHARS,
             max_labels: request::MAX_LABELS,
+            max_study_jobs: studies::MAX_JOBS,
             max_wait_s: MAX_WAIT_S,
             max_downloads: shared.max_downloads,
         },
@@ -178,6 +182,7 @@ pub(super) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
     let shared = &app.shared;
     let gauges = Gauges {
         jobs: shared.store.counts().await?,
+        open_studies: shared.store.open_studies().await?,
         workers: shared.workers,
         connections: shared.max_connections.saturating_sub(shared.connections.available_permits()),
         results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),

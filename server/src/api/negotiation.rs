@@ -1,41 +1,80 @@
-//! Which format of a result a request wants: `?format=` first, then `Accept` (RFC 9110, 12.5.1).
+//! Which format of a result or a table a request wants: `?format=` first, then `Accept` (RFC 9110, 12.5.1).
 
 use axum::http::{HeaderMap, header};
 use packstone_engine::format::Format;
+use utoipa::ToSchema;
 
 use super::params::shown;
 use crate::problem::{Kind, Problem};
 
-/// The format, or the problem that none fits.
+/// A format of tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum TableFormat {
+    /// An object with `columns` and `rows`.
+    Json,
+    /// Comma-separated values under one header line.
+    Csv,
+}
+
+impl TableFormat {
+    const ALL: [Self; 2] = [Self::Json, Self::Csv];
+
+    /// Its name in `?format=`.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Json => "json",
+            Self::Csv => "csv",
+        }
+    }
+
+    fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv",
+        }
+    }
+}
+
+/// The format of a result, or the problem that none fits.
 pub(super) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format, Problem> {
+    negotiated(query, headers, &Format::ALL.map(|f| (f, f.name(), f.media_type())))
+}
+
+/// The format of a table, or the problem that none fits.
+pub(super) fn table_format(query: Option<&str>, headers: &HeaderMap) -> Result<TableFormat, Problem> {
+    negotiated(query, headers, &TableFormat::ALL.map(|f| (f, f.name(), f.media_type())))
+}
+
+/// A format with its name and media type.
+type Known<F> = (F, &'static str, &'static str);
+
+fn negotiated<F: Copy>(query: Option<&str>, headers: &HeaderMap, known: &[Known<F>]) -> Result<F, Problem> {
     if let Some(name) = query {
-        return Format::from_name(name)
-            .ok_or_else(|| not_acceptable(&format!("the format {} is unknown", shown(name))));
+        return known.iter().find(|(_, known, _)| *known == name).map(|(format, ..)| *format).ok_or_else(|| {
+            not_acceptable(&format!("the format {} is unknown", shown(name)), known)
+        });
     }
     let accept: Vec<&str> =
         headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
-    if accept.is_empty() {
-        return Ok(Format::Json);
-    }
-    let accept = accept.join(",");
-    best(&accept).ok_or_else(|| not_acceptable(&format!("Accept asks for {}", shown(&accept))))
+    let accept = if accept.is_empty() { "*/*".to_owned() } else { accept.join(",") };
+    best(&accept, known).ok_or_else(|| not_acceptable(&format!("Accept asks for {}", shown(&accept)), known))
 }
 
-fn not_acceptable(what: &str) -> Problem {
-    let formats: Vec<_> = Format::ALL
-        .into_iter()
-        .map(|f| serde_json::json!({"format": f.name(), "media_type": f.media_type()}))
+fn not_acceptable<F>(what: &str, known: &[Known<F>]) -> Problem {
+    let formats: Vec<_> = known
+        .iter()
+        .map(|(_, name, media_type)| serde_json::json!({"format": name, "media_type": media_type}))
         .collect();
-    let names: Vec<_> = Format::ALL.into_iter().map(Format::name).collect();
+    let names: Vec<_> = known.iter().map(|(_, name, _)| *name).collect();
     Problem::new(Kind::NotAcceptable, format!("{what}: must be one of {}", names.join(", ")))
         .with("formats", formats.into())
 }
 
-/// The format of highest quality; among equals the first of [`Format::ALL`].
-fn best(accept: &str) -> Option<Format> {
+/// The format of highest quality; among equals the first.
+fn best<F: Copy>(accept: &str, known: &[Known<F>]) -> Option<F> {
     let ranges: Vec<(&str, f32)> = accept.split(',').filter_map(media_range).collect();
-    let quality = |format: Format| {
-        let media_type = format.media_type();
+    let quality = |media_type: &str| {
         let top = media_type.split('/').next().unwrap_or_default();
         // The most specific range that covers the type decides, whatever its quality.
         let specific = |range: &str| {
@@ -54,10 +93,10 @@ fn best(accept: &str) -> Option<Format> {
             .map_or(0.0, |(_, q)| q)
     };
     let mut best = None;
-    for format in Format::ALL {
-        let q = quality(format);
+    for (format, _, media_type) in known {
+        let q = quality(media_type);
         if q > 0.0 && best.is_none_or(|(_, most)| q > most) {
-            best = Some((format, q));
+            best = Some((*format, q));
         }
     }
     best.map(|(format, _)| format)
@@ -96,7 +135,8 @@ mod tests {
             ("application/json;q=0", None),
             ("text/csv;q=high", None),
         ] {
-            assert_eq!(best(accept), format, "{accept}");
+            let known = Format::ALL.map(|f| (f, f.name(), f.media_type()));
+            assert_eq!(best(accept, &known), format, "{accept}");
         }
     }
 

@@ -32,6 +32,7 @@ are tagged by `type`; unknown fields and parameters are refused. Every error is 
     info(title = "Packstone", license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0")),
     tags(
         (name = "jobs", description = "Packings to compute"),
+        (name = "studies", description = "Many packings from one request, and what they came to"),
         (name = "results", description = "What came out"),
         (name = "service", description = "The service about itself"),
     ),
@@ -118,6 +119,12 @@ problem_sets! {
     SubmitProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
         UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422,
         IdempotencyKeyReused 422, QueueFull 429;
+    /// Of routes about one study.
+    StudyProblems: ValidationError 400, NotFound 404;
+    /// Of retries of a study.
+    StudyRetryProblems: ValidationError 400, NotFound 404, QueueFull 429;
+    /// Of tables.
+    TableProblems: ValidationError 400, NotFound 404, NotAcceptable 406;
     /// Of listings.
     ListProblems: ValidationError 400;
     /// Of actions that a job's state may forbid.
@@ -129,6 +136,10 @@ problem_sets! {
         JobFailed 409, RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
+    /// Of plots.
+    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, Busy 503;
+    /// Of plots of studies.
+    StudyPlotProblems: ValidationError 400, NotFound 404, Busy 503;
     /// Of routes that ask for nothing.
     OpenProblems: ValidationError 400;
     /// Of explanations.
@@ -173,20 +184,26 @@ pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
     yaml_serde::to_string(&router::document())
 }
 
-/// Says which routes take the id of a job that was submitted.
+/// Says which routes take the id of what was submitted.
 fn add_links(document: &mut Value) {
+    for resource in ["/v1/jobs", "/v1/studies"] {
+        document["paths"][resource]["post"]["responses"]["201"]["links"] = links(document, resource).into();
+    }
+}
+
+fn links(document: &Value, resource: &str) -> Map<String, Value> {
     let mut links = Map::new();
     for (path, item) in document["paths"].as_object().into_iter().flatten() {
         for operation in item.as_object().into_iter().flatten().map(|(_, operation)| operation) {
             if let Some(id) = operation["operationId"].as_str()
-                && path.contains("{id}")
+                && path.strip_prefix(resource).is_some_and(|rest| rest.starts_with("/{id}"))
             {
                 let link = json!({"operationId": id, "parameters": {"id": "$response.body#/id"}});
                 links.insert(id.to_owned(), link);
             }
         }
     }
-    document["paths"]["/v1/jobs"]["post"]["responses"]["201"]["links"] = links.into();
+    links
 }
 
 fn add_everywhere(document: &mut Value) {

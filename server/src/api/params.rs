@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 
-use crate::jobs::JobId;
+use crate::ids::{JobId, StudyId};
 use crate::problem::{Fault, Problem};
 
 /// The job that a path names.
@@ -19,6 +19,21 @@ impl<S: Send + Sync> FromRequestParts<S> for JobPath {
         match Path::<String>::from_request_parts(parts, state).await {
             Ok(Path(id)) => JobId::parse(&id).map(Self).ok_or_else(|| Problem::no_job(&id)),
             Err(_) => Err(Problem::no_job(parts.uri.path())),
+        }
+    }
+}
+
+/// The study that a path names.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StudyPath(pub(super) StudyId);
+
+impl<S: Send + Sync> FromRequestParts<S> for StudyPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        match Path::<String>::from_request_parts(parts, state).await {
+            Ok(Path(id)) => StudyId::parse(&id).map(Self).ok_or_else(|| Problem::no_study(&id)),
+            Err(_) => Err(Problem::no_study(parts.uri.path())),
         }
     }
 }
@@ -76,15 +91,40 @@ impl Query {
         }
     }
 
+    /// A value that must be there, out of those of a list; `known` names them for the message.
+    pub(super) fn choice<T>(
+        &mut self,
+        name: &'static str,
+        from_name: impl Fn(&str) -> Option<T>,
+        known: &str,
+    ) -> Option<T> {
+        let values = self.many(name);
+        let fault = match &values[..] {
+            [value] => match from_name(value) {
+                Some(choice) => return Some(choice),
+                None => format!("{} is unknown: must be one of {known}", shown(value)),
+            },
+            [] => format!("is missing: must be one of {known}"),
+            values => format!("is given {} times: must be given once", values.len()),
+        };
+        self.fault(name, fault);
+        None
+    }
+
     /// `true` or `false`; false when absent.
     pub(super) fn flag(&mut self, name: &'static str) -> bool {
-        match self.one(name).as_deref() {
-            None | Some("false") => false,
-            Some("true") => true,
-            Some(other) => {
+        self.optional_flag(name).unwrap_or(false)
+    }
+
+    /// `true` or `false`, where it is there.
+    pub(super) fn optional_flag(&mut self, name: &'static str) -> Option<bool> {
+        match self.one(name)?.as_str() {
+            "false" => Some(false),
+            "true" => Some(true),
+            other => {
                 let shown = shown(other);
                 self.fault(name, format!("{shown} is unknown: must be true or false"));
-                false
+                None
             }
         }
     }

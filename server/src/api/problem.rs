@@ -30,10 +30,15 @@ impl IntoResponse for Problem {
     }
 }
 
-/// What the store refused, as the client sees it; `id` is the job it asked for.
+/// What the store refused, as the client sees it; `id` is the job or study it asked for.
 pub(super) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem {
     match error {
         StoreError::NoJob => Problem::no_job(&id.to_string()),
+        StoreError::NoStudy => Problem::no_study(&id.to_string()),
+        StoreError::StudyForbidden(state) => {
+            Problem::new(Kind::Conflict, format!("the study {id} is {}, which forbids this", state.name()))
+                .with("state", state.name().into())
+        }
         StoreError::Forbidden(state) => Problem::new(
             Kind::Conflict,
             format!("the state of job {id} is {}, which forbids this", state.name()),
@@ -46,14 +51,15 @@ pub(super) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::QueueFull(most) => {
-                Self::new(Kind::QueueFull, format!("the queue holds {most} jobs, as many as it may"))
+            StoreError::QueueFull { .. } => {
+                Self::new(Kind::QueueFull, error.to_string())
                     .with_header("retry-after", "30")
             }
             StoreError::KeyReused => {
                 Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")
             }
             StoreError::NoJob => Self::new(Kind::NotFound, "there is no such job any more"),
+            StoreError::NoStudy => Self::new(Kind::NotFound, "there is no such study any more"),
             other => {
                 tracing::error!(error = %other, "the store failed");
                 Self::internal()

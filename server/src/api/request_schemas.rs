@@ -9,9 +9,21 @@ use serde_json::{Map, Value, json};
 use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS};
 
 const EXAMPLE: &str = include_str!("../../../examples/a16.json");
+const STUDY_EXAMPLE: &str = r#"{
+    "name": "A16, success against volume fraction", "seed": 1,
+    "template": {
+        "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.4}
+    },
+    "grid": {
+        "/mix/volume_fraction": {"from": 0.40, "to": 0.44, "step": 0.02},
+        "/method": [{"type": "rsa"}, {"type": "edmd"}]
+    },
+    "replicates": 2,
+    "stop_when": {"failed_in_a_row": 2}
+}"#;
 /// Schemas of which requests are made.
-const REQUEST_SCHEMAS: [&str; 8] =
-    ["JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method", "EdmdStop"];
+const REQUEST_SCHEMAS: [&str; 11] = ["StudyRequest", "StopWhen", "AxisRange", "JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method", "EdmdStop"];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
 
@@ -30,7 +42,24 @@ pub(super) fn polish(document: &mut Value) {
     {
         schema["examples"] = json!([example]);
     }
+    choose_points(schemas);
     schemas.sort_keys();
+}
+
+/// A study has a list or a template, and places to put values into only with the latter.
+fn choose_points(schemas: &mut Map<String, Value>) {
+    let Some(schema) = schemas.get_mut("StudyRequest") else { return };
+    let absent = json!({"type": "null"});
+    schema["oneOf"] = json!([
+        {
+            "required": ["list"],
+            "properties": {"list": {"type": "array"}, "template": absent, "grid": absent, "zip": absent}
+        },
+        {"required": ["template"], "properties": {"template": {"type": "object"}, "list": absent}},
+    ]);
+    if let Ok(example) = serde_json::from_str::<Value>(STUDY_EXAMPLE) {
+        schema["examples"] = json!([example]);
+    }
 }
 
 /// Puts the parameters of `edmd` beside its `type`: the derive makes an `allOf` of the two, of which
@@ -88,15 +117,22 @@ fn allow_null(property: &mut Value) {
 fn bound_items(schemas: &mut Map<String, Value>) {
     let length = json!({"type": "number", "exclusiveMinimum": 0, "maximum": MAX_LENGTH_MM});
     let passing = json!({"type": "number", "minimum": 0, "maximum": 1});
-    if let Some(labels) = at(schemas, "JobRequest", "labels") {
+    for request in ["JobRequest", "StudyRequest"] {
+        if let Some(labels) = at(schemas, request, "labels") {
         labels["maxProperties"] = json!(MAX_LABELS);
         let key = format!("^[^:{CONTROL}]{{1,{MAX_LABEL_KEY_CHARS}}}$");
         labels["propertyNames"] = json!({ "pattern": key });
         let value = format!("^[^{CONTROL}]{{0,{MAX_LABEL_VALUE_CHARS}}}$");
         labels["additionalProperties"] = json!({"type": "string", "pattern": value});
-    }
-    if let Some(name) = at(schemas, "JobRequest", "name") {
+        }
+        if let Some(name) = at(schemas, request, "name") {
         name["pattern"] = json!(format!("^[^{CONTROL}]*$"));
+        }
+    }
+    for axes in ["grid", "zip"] {
+        if let Some(axes) = at(schemas, "StudyRequest", axes) {
+            axes["propertyNames"] = json!({"pattern": "^(/([^~]|~[01])*)+$"});
+        }
     }
     if let Some(size) = at(schemas, "Specimen", "size_mm") {
         size["items"] = length.clone();

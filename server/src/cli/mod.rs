@@ -2,10 +2,13 @@
 
 mod bench;
 mod demo;
+mod differences;
 mod key;
 mod openapi;
 mod run;
 mod serve;
+mod signals;
+mod study;
 
 use std::process::ExitCode;
 
@@ -27,6 +30,8 @@ enum Command {
     Demo(demo::Options),
     /// Run one job without a service
     Run(run::Options),
+    /// Run a study without a service: many packings, and the table of what became of them
+    Study(Box<study::Options>),
     /// Print the interface as an OpenAPI document
     Openapi,
     /// Measure the engine on this machine
@@ -45,6 +50,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Serve(options) => serve::run(*options),
         Command::Demo(options) => demo::run(options),
         Command::Run(options) => run::run(&options),
+        Command::Study(options) => study::run(&options),
         Command::Openapi => openapi::run(),
         Command::Bench(options) => bench::run(&options),
         Command::Key(options) => key::run(&options),

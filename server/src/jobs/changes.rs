@@ -1,32 +1,37 @@
-//! Who waits for which job to change.
+//! Who waits for which job, or study, to change.
 //!
-//! A change is announced after its commit, and only by its job's id: the store stays the one truth,
+//! A change is announced after its commit, and only by its id: the store stays the one truth,
 //! and whoever wakes reads it there. So a waiter that subscribes before it reads misses nothing.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
-use super::JobId;
+type Waiters<Id> = Mutex<HashMap<Id, watch::Sender<()>>>;
 
-type Waiters = Mutex<HashMap<JobId, watch::Sender<()>>>;
-
-/// The waiters of all jobs.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Changes {
-    waiters: Arc<Waiters>,
+/// All who wait for something of one sort.
+#[derive(Clone, Debug)]
+pub(crate) struct Changes<Id> {
+    waiters: Arc<Waiters<Id>>,
 }
 
-impl Changes {
-    /// Starts to listen for changes of a job.
-    pub(crate) fn subscribe(&self, id: JobId) -> Subscription {
+impl<Id> Default for Changes<Id> {
+    fn default() -> Self {
+        Self { waiters: Arc::default() }
+    }
+}
+
+impl<Id: Copy + Eq + Hash> Changes<Id> {
+    /// Starts to listen for changes of what has this id.
+    pub(crate) fn subscribe(&self, id: Id) -> Subscription<Id> {
         let receiver = lock(&self.waiters).entry(id).or_insert_with(|| watch::Sender::new(())).subscribe();
         Subscription { id, receiver: Some(receiver), waiters: Arc::clone(&self.waiters) }
     }
 
-    /// Wakes all who wait for the job.
-    pub(crate) fn announce(&self, id: JobId) {
+    /// Wakes all who wait for what has this id.
+    pub(crate) fn announce(&self, id: Id) {
         if let Some(sender) = lock(&self.waiters).get(&id) {
             sender.send_replace(());
         }
@@ -35,14 +40,14 @@ impl Changes {
 
 /// One waiter.
 #[derive(Debug)]
-pub(crate) struct Subscription {
-    id: JobId,
+pub(crate) struct Subscription<Id: Copy + Eq + Hash> {
+    id: Id,
     // Always there until the drop, which must count receivers without this one.
     receiver: Option<watch::Receiver<()>>,
-    waiters: Arc<Waiters>,
+    waiters: Arc<Waiters<Id>>,
 }
 
-impl Subscription {
+impl<Id: Copy + Eq + Hash> Subscription<Id> {
     /// Waits for a change since the last call, or since the subscription.
     pub(crate) async fn changed(&mut self) {
         if let Some(receiver) = &mut self.receiver
@@ -55,7 +60,7 @@ impl Subscription {
     }
 }
 
-impl Drop for Subscription {
+impl<Id: Copy + Eq + Hash> Drop for Subscription<Id> {
     fn drop(&mut self) {
         let mut waiters = lock(&self.waiters);
         self.receiver = None;
@@ -66,13 +71,14 @@ impl Drop for Subscription {
 }
 
 /// A waiter that panicked cannot have left the map half-changed.
-fn lock(waiters: &Waiters) -> MutexGuard<'_, HashMap<JobId, watch::Sender<()>>> {
+fn lock<Id>(waiters: &Waiters<Id>) -> MutexGuard<'_, HashMap<Id, watch::Sender<()>>> {
     waiters.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ids::JobId;
 
     #[tokio::test]
     async fn a_change_before_the_wait_is_not_missed_and_nothing_is_kept() {

@@ -17,31 +17,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
-use uuid::Uuid;
 
+use crate::ids::StudyId;
+
+pub(crate) use crate::ids::JobId;
 pub(crate) use request::JobRequest;
-
-/// Name of a job; rises with time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct JobId(Uuid);
-
-impl JobId {
-    /// A fresh one.
-    pub(crate) fn new() -> Self {
-        Self(Uuid::now_v7())
-    }
-
-    /// Reads the hyphenated form, the only one that this service writes.
-    pub(crate) fn parse(text: &str) -> Option<Self> {
-        (text.len() == 36).then(|| Uuid::try_parse(text).ok()).flatten().map(Self)
-    }
-}
-
-impl std::fmt::Display for JobId {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.as_hyphenated().fmt(f)
-    }
-}
 
 /// Where a job stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
@@ -157,6 +137,18 @@ pub(crate) struct JobRecord {
     pub(crate) progress: Option<Value>,
     pub(crate) error: Option<Value>,
     pub(crate) artifact: Option<ArtifactRecord>,
+    /// Its place in a study, if it is part of one.
+    pub(crate) study: Option<StudyPlace>,
+}
+
+/// Where a job stands in its study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct StudyPlace {
+    pub(crate) id: StudyId,
+    /// Index of the point.
+    pub(crate) point: u32,
+    /// Index within the point.
+    pub(crate) replicate: u32,
 }
 
 /// The right to write about one attempt of one job.
@@ -165,6 +157,8 @@ pub(crate) struct Lease {
     pub(crate) seq: i64,
     pub(crate) id: JobId,
     pub(crate) attempt: i64,
+    /// Who else is told of what becomes of the job.
+    pub(crate) study: Option<StudyId>,
 }
 
 #[cfg(test)]
@@ -178,20 +172,5 @@ mod tests {
             assert_eq!(serde_json::json!(state), state.name());
         }
         assert_eq!(State::from_name("Queued"), None);
-    }
-
-    #[test]
-    fn only_hyphenated_ids_are_ids() {
-        let id = JobId::new();
-        assert_eq!(JobId::parse(&id.to_string()), Some(id));
-        assert_eq!(JobId::parse(&id.to_string().replace('-', "")), None);
-        assert_eq!(JobId::parse("urn:uuid:00000000-0000-0000-0000-000000000000"), None);
-        assert_eq!(JobId::parse(""), None);
-    }
-
-    #[test]
-    fn ids_rise() {
-        let ids: Vec<String> = (0..1000).map(|_| JobId::new().to_string()).collect();
-        assert!(ids.is_sorted());
     }
 }

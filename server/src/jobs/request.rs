@@ -44,7 +44,8 @@ pub(crate) struct JobRequest {
     /// Seed of the random generator; drawn at submission and recorded when absent.
     #[schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     pub(crate) seed: u64,
-    /// Jobs of higher priority run first; among equals the oldest.
+    /// Jobs of higher priority run first; among equals, studies and single jobs take turns, each in the order of its
+    /// jobs.
     #[schema(required = false, default = 0, minimum = -100, maximum = 100)]
     pub(crate) priority: i64,
     /// Longest time that one attempt may run; past it the job fails with `timed-out`.
@@ -146,7 +147,8 @@ fn read_fields(
     })
 }
 
-fn read_name(at: &At<'_>) -> Option<String> {
+/// Reads a name for people.
+pub(crate) fn read_name(at: &At<'_>) -> Option<String> {
     let name = at.string()?;
     check_text(name, 1, MAX_NAME_CHARS, |fault| at.fault(fault)).then(|| name.to_owned())
 }
@@ -166,7 +168,8 @@ fn check_text(text: &str, min: usize, max: usize, fault: impl FnOnce(String)) ->
     true
 }
 
-fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>> {
+/// Reads labels, by whose keys and values things are found.
+pub(crate) fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, String>> {
     at.object()?;
     let map = at.value().as_object()?;
     if map.len() > MAX_LABELS {

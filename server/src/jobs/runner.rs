@@ -24,6 +24,7 @@ use crate::checkpoints::Checkpoints;
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
+use crate::studies::Facts;
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -51,11 +52,24 @@ enum End {
     /// The result is on disk; its place stays claimed until the store refers to it.
     Stored {
         artifact: ArtifactRecord,
+        facts: Facts,
         grains: u64,
         _place: InFlight,
     },
     Stopped(Stop),
-    Failed(Problem),
+    Failed(Failure),
+}
+
+/// Why a run made no packing, and what a study keeps of it.
+struct Failure {
+    problem: Problem,
+    facts: Facts,
+}
+
+impl From<Problem> for Failure {
+    fn from(problem: Problem) -> Self {
+        Self { problem, facts: Facts::default() }
+    }
 }
 
 impl Runner {
@@ -104,10 +118,11 @@ impl Runner {
         };
         let end = end.unwrap_or_else(|panic| {
             tracing::error!(%panic, "the run panicked");
-            End::Failed(Problem::new(
+            let problem = Problem::new(
                 Kind::InternalError,
                 "the run came upon a defect of this program; the log has it under the job's id",
-            ))
+            );
+            End::Failed(problem.into())
         });
         self.record_end(lease, end, started.elapsed(), timeout_s).await;
     }
@@ -165,11 +180,11 @@ impl Runner {
     fn pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> End {
         match self.try_pack_and_write(claimed, control) {
             Ok(end) => end,
-            Err(problem) => control.stopped().map_or(End::Failed(problem), End::Stopped),
+            Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
         }
     }
 
-    fn try_pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> Result<End, Problem> {
+    fn try_pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> Result<End, Failure> {
         let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
             Problem::new(Kind::InternalError, "the stored request is unreadable")
@@ -186,8 +201,9 @@ impl Runner {
                 if let PackError::CheckFailed(what) = &error {
                     tracing::error!(%what, "a packing failed its check");
                 }
-                Problem::from(error)
+                Failure { facts: Facts::of_failure(&error, 0.0), problem: Problem::from(error) }
             })?;
+        let facts = Facts::of_packing(&packing.report);
         let grains = packing.spheres.len() as u64;
         control.report(&Progress {
             phase: Phase::Write,
@@ -209,7 +225,7 @@ impl Runner {
             .artifacts
             .write(&place, &head, &packing.spheres, control)
             .map_err(|error| unwritten(&error))?;
-        Ok(End::Stored { artifact, grains, _place: place })
+        Ok(End::Stored { artifact, facts, grains, _place: place })
     }
 
     /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
@@ -218,16 +234,21 @@ impl Runner {
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
-                End::Stored { artifact, grains, .. } => {
-                    ("succeeded", self.store.succeed(lease, artifact.clone(), complete(*grains)).await)
+                End::Stored { artifact, facts, grains, .. } => {
+                    let progress = complete(*grains);
+                    ("succeeded", self.store.succeed(lease, artifact.clone(), progress, facts.clone()).await)
                 }
-                End::Failed(problem) => ("failed", self.store.fail(lease, problem).await),
+                End::Failed(Failure { problem, facts }) => {
+                    let facts = Facts { time_s: took.as_secs_f64(), ..facts.clone() };
+                    ("failed", self.store.fail(lease, problem, facts).await)
+                }
                 End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
                 End::Stopped(Stop::TimedOut) => {
                     let bound = timeout_s.unwrap_or_default();
                     let detail = format!("the job ran longer than its timeout_s of {bound} s");
                     let problem = Problem::new(Kind::TimedOut, detail);
-                    ("failed", self.store.fail(lease, &problem).await)
+                    let facts = Facts { time_s: took.as_secs_f64(), ..Facts::default() };
+                    ("failed", self.store.fail(lease, &problem, facts).await)
                 }
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.give_back(lease).await),
                 End::Stopped(Stop::LeaseLost) => ("lease_lost", Err(StoreError::LeaseLost)),

@@ -9,7 +9,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
 use super::JobId;
-use super::store::{Store, StoreError};
+use super::store::{Removed, Store, StoreError};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 
@@ -69,15 +69,17 @@ pub(crate) async fn sweep(
     checkpoints: &Checkpoints,
 ) -> Result<Swept, SweepError> {
     let mut swept = Swept { reclaimed: store.reclaim_expired_leases().await?, ..Swept::default() };
+    while let Some(removed) = store.remove_expired_study().await? {
+        swept.expired += 1;
+        remove_all(artifacts, removed)?;
+    }
     loop {
         let removed = store.remove_expired().await?;
         if removed.is_empty() {
             break;
         }
         swept.expired += removed.len();
-        for path in removed.into_iter().filter_map(|job| job.artifact) {
-            artifacts.remove(&path)?;
-        }
+        remove_all(artifacts, removed)?;
     }
     let settled = tokio::task::spawn_blocking({
         let artifacts = artifacts.clone();
@@ -93,6 +95,13 @@ pub(crate) async fn sweep(
     }
     swept.files += sweep_checkpoints(store, checkpoints).await?;
     Ok(swept)
+}
+
+fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), SweepError> {
+    for path in jobs.into_iter().filter_map(|job| job.artifact) {
+        artifacts.remove(&path)?;
+    }
+    Ok(())
 }
 
 /// Removes the checkpoints of jobs that are finished or gone. Those of open jobs are left alone, of
@@ -221,6 +230,6 @@ mod tests {
             eta_s: None,
             growth: None,
         };
-        store.succeed(lease, artifact, progress).await.unwrap();
+        store.succeed(lease, artifact, progress, crate::studies::Facts::default()).await.unwrap();
     }
 }

@@ -5,19 +5,36 @@
 //! ([`table`]). The service and `packstone study` share all of it; nothing here knows HTTP, the store
 //! or how a packing is computed.
 
+#[cfg(test)]
+mod examples;
+mod expand;
+mod facts;
+mod interval;
+mod pointer;
+mod request;
+mod seeds;
+pub(crate) mod stop;
+pub(crate) mod table;
+
 use std::collections::BTreeMap;
 
 use packstone_engine::packing::EdmdEnd;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use crate::jobs::JobRequest;
 
+pub(crate) use request::Refusal;
+pub(crate) use table::{Keys, Table};
+
 /// Most jobs of a study.
 pub(crate) const MAX_JOBS: usize = 10_000;
+/// Most bytes of JSON that the requests of all jobs of a study may come to: a grid over long lists of diameters
+/// would fill the memory otherwise.
+pub(crate) const MAX_REQUEST_BYTES: usize = 64 << 20;
 
-/// A study, expanded.
+/// A study, expanded. Made by [`Study::read`].
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Study {
     /// A name for people.
@@ -31,6 +48,8 @@ pub(crate) struct Study {
     pub(crate) columns: Vec<String>,
     /// The points in the order of the request; the last column varies fastest.
     pub(crate) points: Vec<Point>,
+    /// Jobs of every point.
+    pub(crate) replicates: usize,
     /// When a point needs no more runs.
     pub(crate) stop_when: StopWhen,
 }
@@ -40,8 +59,52 @@ pub(crate) struct Study {
 pub(crate) struct Point {
     /// Values of the columns.
     pub(crate) values: Vec<Value>,
-    /// Its jobs, one per replicate, which differ in their seed only.
-    pub(crate) jobs: Vec<JobRequest>,
+    /// Its first job. The others differ from it in their seed only.
+    pub(crate) job: JobRequest,
+    /// Seeds of its jobs, one per replicate.
+    pub(crate) seeds: Vec<u64>,
+}
+
+impl Point {
+    /// The job of a replicate.
+    pub(crate) fn replicate(&self, replicate: usize) -> JobRequest {
+        let seed = self.seeds.get(replicate).copied().unwrap_or(self.job.seed);
+        JobRequest { seed, ..self.job.clone() }
+    }
+}
+
+impl Study {
+    /// How many jobs there are.
+    pub(crate) fn jobs(&self) -> usize {
+        self.points.len() * self.replicates
+    }
+
+    /// Point and replicate of every job in the order in which they are to run: the first replicate of all
+    /// points, then the second, so that the table fills evenly.
+    pub(crate) fn order(&self) -> impl Iterator<Item = (usize, usize)> {
+        let points = self.points.len();
+        (0..self.replicates).flat_map(move |replicate| (0..points).map(move |point| (point, replicate)))
+    }
+
+    /// The first columns of the table: the study's own, or place and name in a list.
+    pub(crate) fn keys(&self) -> Keys {
+        if self.is_list() {
+            let key = |(i, point): (usize, &Point)| vec![json!(i), json!(point.job.name)];
+            return Keys {
+                columns: vec!["point".into(), "name".into()],
+                values: self.points.iter().enumerate().map(key).collect(),
+            };
+        }
+        Keys {
+            columns: self.columns.clone(),
+            values: self.points.iter().map(|point| point.values.clone()).collect(),
+        }
+    }
+
+    /// Whether the points are a list of jobs, or a template alone.
+    fn is_list(&self) -> bool {
+        self.columns.is_empty()
+    }
 }
 
 /// When a point needs no more runs; what of it still waits is cancelled.
@@ -49,11 +112,11 @@ pub(crate) struct Point {
 pub(crate) struct StopWhen {
     /// So many runs have failed, one after another in the order of their ends.
     #[schema(required = false, minimum = 1, maximum = 10_000)]
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) failed_in_a_row: Option<u32>,
-    /// The 95 % interval of its success rate (Wilson 1927) is narrower than this.
-    #[schema(required = false, exclusive_minimum = 0, exclusive_maximum = 1)]
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// The 95 % interval of its success rate (Wilson 1927) is narrower than this, after five runs at least.
+    #[schema(required = false, exclusive_minimum = 0, maximum = 1)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) interval_width: Option<f64>,
 }
 
@@ -76,7 +139,7 @@ pub(crate) struct Facts {
     pub(crate) time_s: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) grains: Option<u64>,
-    /// `phi_eff`, counted.
+    /// `phi_eff`, counted; that of the grains asked for where the run failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) volume_fraction_effective: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -95,7 +158,7 @@ pub(crate) struct Facts {
 }
 
 /// A run that ended.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Run {
     /// Index of the point.
     pub(crate) point: usize,

@@ -9,15 +9,13 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
-use tokio::signal::unix::{SignalKind, signal};
 
 use super::super::Failure;
+use super::super::signals::stop_on_signals;
 use crate::checkpoints::{self, Schedule};
 use crate::pace::Pace;
 
 const STEPS: u64 = 1000;
-/// What a shell reports of a process that an interrupt ended.
-const INTERRUPTED: i32 = 130;
 
 /// Control of a run at the terminal.
 pub(super) struct Watch {
@@ -124,32 +122,6 @@ fn bar() -> ProgressBar {
         bar.set_style(style);
     }
     bar
-}
-
-/// Set by the first signal to end. The second ends the process at once: the run may be writing a result
-/// of gigabytes, and whoever asks twice means it.
-fn stop_on_signals() -> Result<Arc<AtomicBool>, Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let (mut interrupt, mut terminate) = {
-        let _context = runtime.enter();
-        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
-    };
-    let stop = Arc::new(AtomicBool::new(false));
-    let asked = Arc::clone(&stop);
-    std::thread::spawn(move || {
-        runtime.block_on(async {
-            loop {
-                tokio::select! {
-                    _ = interrupt.recv() => {}
-                    _ = terminate.recv() => {}
-                }
-                if asked.swap(true, Ordering::AcqRel) {
-                    std::process::exit(INTERRUPTED);
-                }
-            }
-        });
-    });
-    Ok(stop)
 }
 
 #[cfg(test)]

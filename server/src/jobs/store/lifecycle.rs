@@ -6,15 +6,18 @@
 use sqlx::{Connection as _, Row as _};
 
 use super::submit::to_json;
-use super::{Store, StoreError, detached, micros, now_us, rows};
+use super::studies::runs;
+use super::{Store, StoreError, detached, micros, now_us, rows, turns};
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;
+use crate::studies::{Facts, Outcome};
 
 /// The number of the job to run next. Left alone, the planner takes the index of all states and
 /// sorts the queue at every claim.
 macro_rules! next_in_queue {
     () => {
-        "select seq from jobs indexed by jobs_queue where state = 'queued' order by priority desc, seq limit 1"
+        "select seq from jobs indexed by jobs_queue where state = 'queued'
+         order by priority desc, turn, seq limit 1"
     };
 }
 #[cfg(test)]
@@ -46,7 +49,7 @@ pub(crate) enum Cancelled {
 }
 
 impl Store {
-    /// Leases the next job: the highest priority, then the oldest.
+    /// Leases the next job: the highest priority, then the one whose turn it is.
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
         detached(async move {
@@ -58,7 +61,7 @@ impl Store {
                      lease_expires_at = ?2, progress = null, error = null, engine = ?3
                  where seq = (",
                 next_in_queue!(),
-                ") returning seq",
+                ") returning seq, priority, turn",
             ))
             .bind(now)
             .bind(now.saturating_add(micros(store.limits().lease)))
@@ -66,6 +69,7 @@ impl Store {
             .fetch_optional(&mut *tx)
             .await?;
             let Some(row) = row else { return Ok(None) };
+            turns::pass(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
             let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
             let request = sqlx::query("select body from job_requests where job = ?")
                 .bind(job.seq)
@@ -74,8 +78,9 @@ impl Store {
                 .try_get("body")?;
             tx.commit().await?;
             drop(writer);
-            store.announce(job.id);
-            let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt };
+            store.announce_job(&job);
+            let study = job.study.map(|place| place.id);
+            let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
             Ok(Some(Claimed { lease, job, request }))
         })
         .await
@@ -118,7 +123,7 @@ impl Store {
         .await
     }
 
-    /// Ends a job with its result, which is on disk already.
+    /// Ends a job with its result, which is on disk already. A study keeps the facts of the run.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -127,6 +132,7 @@ impl Store {
         lease: Lease,
         artifact: ArtifactRecord,
         progress: JobProgress,
+        facts: Facts,
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
@@ -136,17 +142,15 @@ impl Store {
             let moved = sqlx::query(
                 "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
                      lease_expires_at = null, error = null, progress = ?4
-                 where seq = ?2 and attempt = ?3 and state = 'running'",
+                 where seq = ?2 and attempt = ?3 and state = 'running' returning study, point, replicate",
             )
             .bind(now)
             .bind(lease.seq)
             .bind(lease.attempt)
             .bind(to_json(&progress)?)
-            .execute(&mut *tx)
-            .await?;
-            if moved.rows_affected() == 0 {
-                return Err(StoreError::LeaseLost);
-            }
+            .fetch_optional(&mut *tx)
+            .await?
+            .ok_or(StoreError::LeaseLost)?;
             sqlx::query(
                 "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
                  values (?, ?, ?, ?, ?, ?, ?, ?)",
@@ -161,21 +165,24 @@ impl Store {
             .bind(to_json(&artifact.format_lengths)?)
             .execute(&mut *tx)
             .await?;
+            let called_off = runs::record(&mut tx, &moved, Outcome::Succeeded, &facts, now).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce(lease.id);
+            store.announce_lease(lease);
+            store.announce_all(&called_off);
             Ok(())
         })
         .await
     }
 
-    /// Ends a job without a result.
+    /// Ends a job without a result. A study keeps the facts of the run.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
-    pub(crate) async fn fail(&self, lease: Lease, problem: &Problem) -> Result<(), StoreError> {
+    pub(crate) async fn fail(&self, lease: Lease, problem: &Problem, facts: Facts) -> Result<(), StoreError> {
         let document = to_json(&problem.document())?;
-        self.leave_running(lease, State::Failed, Some(document)).await
+        let run = (runs::outcome_of(problem.kind), facts);
+        self.leave_running(lease, State::Failed, Some(document), Some(run)).await
     }
 
     /// Ends a job as its client wished.
@@ -183,7 +190,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn finish_cancelled(&self, lease: Lease) -> Result<(), StoreError> {
-        self.leave_running(lease, State::Cancelled, None).await
+        self.leave_running(lease, State::Cancelled, None, None).await
     }
 
     /// Gives a job back whose run was broken off by no fault of its own; the attempt does not count.
@@ -191,13 +198,20 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn give_back(&self, lease: Lease) -> Result<(), StoreError> {
-        self.leave_running(lease, State::Queued, None).await
+        self.leave_running(lease, State::Queued, None, None).await
     }
 
-    async fn leave_running(&self, lease: Lease, to: State, error: Option<String>) -> Result<(), StoreError> {
+    async fn leave_running(
+        &self,
+        lease: Lease,
+        to: State,
+        error: Option<String>,
+        run: Option<(Outcome, Facts)>,
+    ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
             let now = now_us();
             let moved = sqlx::query(
                 "update jobs set state = ?1, version = version + 1, updated_at = ?2, lease_expires_at = null,
@@ -205,20 +219,24 @@ impl Store {
                      finished_at = iif(?1 = 'queued', null, ?2),
                      started_at = iif(?1 = 'queued', null, started_at),
                      progress = iif(?1 = 'queued', null, progress)
-                 where seq = ?4 and attempt = ?5 and state = 'running'",
+                 where seq = ?4 and attempt = ?5 and state = 'running' returning study, point, replicate",
             )
             .bind(to.name())
             .bind(now)
             .bind(error)
             .bind(lease.seq)
             .bind(lease.attempt)
-            .execute(&mut *writer)
-            .await?;
+            .fetch_optional(&mut *tx)
+            .await?
+            .ok_or(StoreError::LeaseLost)?;
+            let called_off = match run {
+                Some((outcome, facts)) => runs::record(&mut tx, &moved, outcome, &facts, now).await?,
+                None => Vec::new(),
+            };
+            tx.commit().await?;
             drop(writer);
-            if moved.rows_affected() == 0 {
-                return Err(StoreError::LeaseLost);
-            }
-            store.announce(lease.id);
+            store.announce_lease(lease);
+            store.announce_all(&called_off);
             if to == State::Queued {
                 store.wake_worker();
             }
@@ -254,7 +272,7 @@ impl Store {
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce(id);
+            store.announce_job(&job);
             Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
         })
         .await
@@ -273,21 +291,24 @@ impl Store {
             if !before.state.may_retry() {
                 return Err(StoreError::Forbidden(before.state));
             }
-            store.check_queue(&mut tx).await?;
+            store.check_queue(&mut tx, 1).await?;
+            let flow = runs::flow_of(&mut tx, before.seq).await?;
+            let turn = turns::take(&mut tx, flow, before.priority, 1).await?;
             sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
-                     started_at = null, finished_at = null, progress = null, error = null
+                     started_at = null, finished_at = null, progress = null, error = null, turn = ?3
                  where seq = ?1",
             )
             .bind(before.seq)
             .bind(now_us())
+            .bind(turn)
             .execute(&mut *tx)
             .await?;
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce(id);
+            store.announce_job(&job);
             store.wake_worker();
             Ok(job)
         })

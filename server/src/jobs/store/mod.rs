@@ -1,4 +1,4 @@
-//! The store of jobs: one SQLite file.
+//! The store of jobs and studies: one SQLite file.
 //!
 //! Who may write: one connection behind a lock, each write in its own `BEGIN IMMEDIATE`, so that no
 //! write ever meets another; readers are a separate read-only pool and never wait for it. Writes run
@@ -11,9 +11,11 @@
 mod lifecycle;
 mod query;
 mod rows;
+mod studies;
 mod submit;
 #[cfg(test)]
 mod tests;
+mod turns;
 mod upkeep;
 
 use std::path::Path;
@@ -26,10 +28,15 @@ use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{Mutex, Notify};
 
 use super::changes::{Changes, Subscription};
-use super::{JobId, State};
+use super::{JobId, JobRecord, Lease, State};
+use crate::ids::StudyId;
 
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
+pub(crate) use studies::{
+    NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy,
+};
+pub(crate) use upkeep::Removed;
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
@@ -62,9 +69,15 @@ pub(crate) enum StoreError {
     /// Another attempt holds the job, or none does.
     #[error("the lease of the job was lost")]
     LeaseLost,
-    /// As many jobs wait as may.
-    #[error("the queue holds {0} jobs, as many as it may")]
-    QueueFull(u64),
+    /// There is no such study.
+    #[error("there is no such study")]
+    NoStudy,
+    /// The study's state forbids it.
+    #[error("the study is {}", .0.name())]
+    StudyForbidden(StudyState),
+    /// So many jobs wait that there is no room for more.
+    #[error("the queue holds {queued} jobs of at most {most}, without room for {more} more")]
+    QueueFull { queued: u64, more: u64, most: u64 },
     /// The key came with another body before.
     #[error("the idempotency key was used with another body")]
     KeyReused,
@@ -89,7 +102,8 @@ pub(crate) struct Store {
 struct Shared {
     writer: Mutex<SqliteConnection>,
     readers: SqlitePool,
-    changes: Changes,
+    changes: Changes<JobId>,
+    study_changes: Changes<StudyId>,
     queue: Notify,
     limits: StoreLimits,
 }
@@ -125,6 +139,7 @@ impl Store {
                 writer: Mutex::new(writer),
                 readers,
                 changes: Changes::default(),
+                study_changes: Changes::default(),
                 queue: Notify::new(),
                 limits,
             }),
@@ -132,8 +147,13 @@ impl Store {
     }
 
     /// Starts to listen for changes of a job. Subscribe first, then read.
-    pub(crate) fn subscribe(&self, id: JobId) -> Subscription {
+    pub(crate) fn subscribe(&self, id: JobId) -> Subscription<JobId> {
         self.shared.changes.subscribe(id)
+    }
+
+    /// Starts to listen for changes of a study. Subscribe first, then read.
+    pub(crate) fn subscribe_study(&self, id: StudyId) -> Subscription<StudyId> {
+        self.shared.study_changes.subscribe(id)
     }
 
     /// Waits until a job may have come into the queue.
@@ -167,6 +187,32 @@ impl Store {
     /// After a commit that changed what clients see of the job.
     fn announce(&self, id: JobId) {
         self.shared.changes.announce(id);
+    }
+
+    /// After a commit that changed what clients see of these jobs.
+    fn announce_all(&self, ids: &[JobId]) {
+        ids.iter().for_each(|id| self.announce(*id));
+    }
+
+    /// After a commit that moved the job to another state.
+    fn announce_job(&self, job: &JobRecord) {
+        self.announce(job.id);
+        if let Some(place) = job.study {
+            self.announce_study(place.id);
+        }
+    }
+
+    /// The same for a job that was leased.
+    fn announce_lease(&self, lease: Lease) {
+        self.announce(lease.id);
+        if let Some(study) = lease.study {
+            self.announce_study(study);
+        }
+    }
+
+    /// After a commit that changed what clients see of the study.
+    fn announce_study(&self, id: StudyId) {
+        self.shared.study_changes.announce(id);
     }
 
     /// After a commit that put a job into the queue.

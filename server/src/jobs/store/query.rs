@@ -8,6 +8,7 @@ use sqlx::{QueryBuilder, Row as _, Sqlite};
 use super::rows::select_jobs;
 use super::submit::to_json;
 use super::{Store, StoreError, detached, rows};
+use crate::ids::StudyId;
 use crate::jobs::{JobId, JobRecord, State};
 
 /// Which jobs a listing wants.
@@ -16,6 +17,8 @@ pub(crate) struct Filter {
     pub(crate) state: Option<State>,
     /// Keys and values that a job must all have.
     pub(crate) labels: Vec<(String, String)>,
+    /// Only jobs of this study.
+    pub(crate) study: Option<StudyId>,
 }
 
 /// One page of a listing, newest job first.
@@ -102,6 +105,9 @@ impl Store {
 }
 
 fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
+    if let Some(study) = filter.study {
+        return list_of_study(study, filter, before, limit);
+    }
     let Some(((key, value), others)) = filter.labels.split_first() else {
         let mut query = QueryBuilder::new(select_jobs!("where jobs.seq < "));
         query.push_bind(before);
@@ -114,9 +120,10 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
     // `cross join` keeps the planner from leaving the labels' index, which the order relies on.
     let mut query = QueryBuilder::new(
         "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report,
-             artifacts.format_revision, artifacts.format_lengths
+             artifacts.format_revision, artifacts.format_lengths, studies.id as study_id
          from job_labels cross join jobs on jobs.seq = job_labels.job
              left join artifacts on artifacts.job = jobs.seq
+             left join studies on studies.seq = jobs.study
          where job_labels.key = ",
     );
     query.push_bind(key.clone()).push(" and job_labels.value = ").push_bind(value.clone());
@@ -130,6 +137,23 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
         query.push(" and other.job = job_labels.job)");
     }
     query.push(" order by job_labels.job desc limit ").push_bind(limit);
+    query
+}
+
+/// A study has its own index; labels are looked up for each of its jobs, of which there are not many.
+fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
+    let mut query =
+        QueryBuilder::new(select_jobs!("where jobs.study = (select known.seq from studies as known where known.id = "));
+    query.push_bind(study.to_string()).push(") and jobs.seq < ").push_bind(before);
+    if let Some(state) = filter.state {
+        query.push(" and jobs.state = ").push_bind(state.name());
+    }
+    for (key, value) in &filter.labels {
+        query.push(" and exists (select 1 from job_labels as other where other.key = ");
+        query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
+        query.push(" and other.job = jobs.seq)");
+    }
+    query.push(" order by jobs.seq desc limit ").push_bind(limit);
     query
 }
 

@@ -4,15 +4,17 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::StoreError;
-use crate::jobs::{ArtifactRecord, JobId, JobRecord, State};
+use crate::ids::StudyId;
+use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StudyPlace};
 
 /// A query for jobs with their artifacts; `$tail` holds what follows the joins.
 macro_rules! select_jobs {
     ($tail:literal) => {
         concat!(
             "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report, ",
-            "artifacts.format_revision, artifacts.format_lengths ",
+            "artifacts.format_revision, artifacts.format_lengths, studies.id as study_id ",
             "from jobs left join artifacts on artifacts.job = jobs.seq ",
+            "left join studies on studies.seq = jobs.study ",
             $tail
         )
     };
@@ -30,6 +32,14 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
             report: json(&row.try_get::<String, _>("report")?)?,
             format_revision: row.try_get("format_revision")?,
             format_lengths: json(&row.try_get::<String, _>("format_lengths")?)?,
+        }),
+    };
+    let study = match row.try_get::<Option<String>, _>("study_id")? {
+        None => None,
+        Some(id) => Some(StudyPlace {
+            id: study_id(&id)?,
+            point: row.try_get("point")?,
+            replicate: row.try_get("replicate")?,
         }),
     };
     let optional_json = |column| -> Result<_, StoreError> {
@@ -57,6 +67,7 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         progress: optional_json("progress")?,
         error: optional_json("error")?,
         artifact,
+        study,
     })
 }
 
@@ -84,6 +95,10 @@ pub(super) fn job_id(text: &str) -> Result<JobId, StoreError> {
     JobId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no job id")))
 }
 
-fn json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, StoreError> {
+pub(super) fn study_id(text: &str) -> Result<StudyId, StoreError> {
+    StudyId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no study id")))
+}
+
+pub(super) fn json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, StoreError> {
     serde_json::from_str(text).map_err(|error| StoreError::Row(error.to_string()))
 }

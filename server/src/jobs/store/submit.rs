@@ -6,7 +6,7 @@
 use packstone_engine::format::EngineInfo;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 
-use super::{Store, StoreError, detached, now_us, rows};
+use super::{Store, StoreError, detached, now_us, rows, turns};
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
 /// A key that makes a repeated submission harmless.
@@ -64,12 +64,13 @@ impl Store {
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
         }
-        self.check_queue(&mut tx).await?;
+        self.check_queue(&mut tx, 1).await?;
+        let turn = turns::take(&mut tx, turns::SINGLE_JOBS, request.priority, 1).await?;
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 attempt_budget, created_at, updated_at, expires_at, engine, turn)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -83,6 +84,7 @@ impl Store {
         .bind(now)
         .bind(request.expires_at_us())
         .bind(engine)
+        .bind(turn)
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;
@@ -113,14 +115,18 @@ impl Store {
         Ok(Submitted::Created(record))
     }
 
-    /// Refuses where the queue holds as many jobs as it may.
-    pub(super) async fn check_queue(&self, connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    /// Refuses where the queue has no room for so many jobs more.
+    pub(super) async fn check_queue(
+        &self,
+        connection: &mut SqliteConnection,
+        more: u64,
+    ) -> Result<(), StoreError> {
         let queued: i64 = sqlx::query("select jobs from job_counts where state = 'queued'")
             .fetch_one(&mut *connection)
             .await?
             .try_get("jobs")?;
-        let most = self.limits().max_queued;
-        if queued as u64 >= most { Err(StoreError::QueueFull(most)) } else { Ok(()) }
+        let (queued, most) = (queued as u64, self.limits().max_queued);
+        if queued + more > most { Err(StoreError::QueueFull { queued, more, most }) } else { Ok(()) }
     }
 }
 

@@ -8,14 +8,15 @@ use tempfile::TempDir;
 use super::*;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::problem::{Kind, Problem};
+use crate::studies::Facts;
 
-const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
+pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
 
-async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
+pub(super) async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
     Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap()
 }
 
-async fn fresh() -> (TempDir, Store) {
+pub(super) async fn fresh() -> (TempDir, Store) {
     let folder = tempfile::tempdir().unwrap();
     let store = open(&folder, LIMITS).await;
     (folder, store)
@@ -30,7 +31,7 @@ fn request(extra: &serde_json::Value) -> JobRequest {
     JobRequest::read(&job, 7, None).unwrap()
 }
 
-async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobRecord {
+pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord {
     let new = NewJob { request: request(&extra), idempotency_key: None };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,
@@ -38,7 +39,7 @@ async fn submit(store: &Store, extra: serde_json::Value) -> crate::jobs::JobReco
     }
 }
 
-fn progress(fraction: f64) -> JobProgress {
+pub(super) fn progress(fraction: f64) -> JobProgress {
     JobProgress {
         fraction,
         phase: packstone_engine::Phase::Rsa,
@@ -51,7 +52,7 @@ fn progress(fraction: f64) -> JobProgress {
     }
 }
 
-fn artifact(path: &str) -> ArtifactRecord {
+pub(super) fn artifact(path: &str) -> ArtifactRecord {
     ArtifactRecord {
         path: path.into(),
         bytes: 10,
@@ -64,7 +65,7 @@ fn artifact(path: &str) -> ArtifactRecord {
 
 async fn succeed(store: &Store, lease: Lease) {
     let path = format!("{}.{}", lease.id, lease.attempt);
-    store.succeed(lease, artifact(&path), progress(1.0)).await.unwrap();
+    store.succeed(lease, artifact(&path), progress(1.0), Facts::default()).await.unwrap();
 }
 
 #[tokio::test]
@@ -122,13 +123,13 @@ async fn only_the_holder_of_the_lease_may_write() {
     assert_eq!((new.id, new.attempt), (old.id, old.attempt + 1));
     let problem = Problem::internal();
     assert!(matches!(store.heartbeat(old, Some(progress(0.1))).await, Err(StoreError::LeaseLost)));
-    assert!(matches!(store.succeed(old, artifact("x"), progress(1.0)).await, Err(StoreError::LeaseLost)));
-    assert!(matches!(store.fail(old, &problem).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.succeed(old, artifact("x"), progress(1.0), Facts::default()).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.fail(old, &problem, Facts::default()).await, Err(StoreError::LeaseLost)));
     assert!(matches!(store.finish_cancelled(old).await, Err(StoreError::LeaseLost)));
     assert!(matches!(store.give_back(old).await, Err(StoreError::LeaseLost)));
     assert!(!store.refers_to("x").await.unwrap());
     succeed(&store, new).await;
-    assert!(matches!(store.fail(new, &problem).await, Err(StoreError::LeaseLost)), "it ended already");
+    assert!(matches!(store.fail(new, &problem, Facts::default()).await, Err(StoreError::LeaseLost)), "it ended already");
 }
 
 #[tokio::test]
@@ -253,10 +254,10 @@ async fn the_queue_is_bounded() {
     let first = submit(&store, json!({})).await.id;
     submit(&store, json!({})).await;
     let third = NewJob { request: request(&json!({})), idempotency_key: None };
-    assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull(2))));
+    assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull { most: 2, .. })));
     store.cancel(first).await.unwrap();
     assert!(matches!(store.submit(third).await.unwrap(), Submitted::Created(_)));
-    assert!(matches!(store.retry(first).await, Err(StoreError::QueueFull(2))));
+    assert!(matches!(store.retry(first).await, Err(StoreError::QueueFull { most: 2, .. })));
     let counts = store.counts().await.unwrap();
     assert_eq!((counts[&State::Queued], counts[&State::Cancelled]), (2, 1));
 }
@@ -275,7 +276,7 @@ async fn pages_neither_repeat_nor_skip_while_jobs_come_in() {
         }
     }
     let label = |key: &str, value: &str| (key.to_owned(), value.to_owned());
-    let odd = Filter { state: None, labels: vec![label("all", "x"), label("parity", "1")] };
+    let odd = Filter { labels: vec![label("all", "x"), label("parity", "1")], ..Filter::default() };
     let (mut seen, mut before) = (Vec::new(), None);
     loop {
         let page = store.list(&odd, before, 5).await.unwrap();
@@ -290,9 +291,9 @@ async fn pages_neither_repeat_nor_skip_while_jobs_come_in() {
     assert_eq!(seen, expected);
     let cancelled = Filter { state: Some(State::Cancelled), ..odd.clone() };
     assert_eq!(store.list(&cancelled, None, 500).await.unwrap().jobs.len(), 6);
-    let cancelled = Filter { state: Some(State::Cancelled), labels: Vec::new() };
+    let cancelled = Filter { state: Some(State::Cancelled), ..Filter::default() };
     assert_eq!(store.list(&cancelled, None, 500).await.unwrap().jobs.len(), 6);
-    let none = Filter { state: None, labels: vec![label("parity", "2")] };
+    let none = Filter { labels: vec![label("parity", "2")], ..Filter::default() };
     assert_eq!(store.list(&none, None, 500).await.unwrap().jobs, []);
     assert_eq!(store.list(&Filter::default(), None, 500).await.unwrap().jobs.len(), 28);
 }
@@ -337,7 +338,7 @@ async fn every_listing_and_claim_uses_an_index() {
         (None, vec![label("a")]),
         (Some(State::Queued), vec![label("a"), label("b")]),
     ] {
-        let plan = plan_of(&store, &query::list_sql(&Filter { state, labels })).await;
+        let plan = plan_of(&store, &query::list_sql(&Filter { state, labels, study: None })).await;
         assert!(
             plan.iter().all(|step| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE")),
             "{plan:?}"
@@ -347,7 +348,7 @@ async fn every_listing_and_claim_uses_an_index() {
     assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");
 }
 
-async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
+pub(super) async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
     let rows = sqlx::query(sqlx::AssertSqlSafe(format!("explain query plan {sql}")))
         .fetch_all(store.readers())
         .await

@@ -51,7 +51,7 @@ impl Store {
                      attempt = iif(attempt >= max_attempts or cancel_requested, attempt, attempt + 1),
                      progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
                  where state = 'running' and lease_expires_at <= ?2
-                 returning id",
+                 returning id, (select studies.id from studies where studies.seq = jobs.study) as study_id",
             )
             .bind(now_us())
             .bind(leases_until)
@@ -62,6 +62,9 @@ impl Store {
             drop(writer);
             for row in &moved {
                 store.announce(rows::job_id(&row.try_get::<String, _>("id")?)?);
+                if let Some(study) = row.try_get::<Option<String>, _>("study_id")? {
+                    store.announce_study(rows::study_id(&study)?);
+                }
                 store.wake_worker();
             }
             Ok(moved.len())
@@ -70,7 +73,7 @@ impl Store {
     }
 
     /// Removes finished jobs past their `expires_at`, a bounded number at a time; an empty answer
-    /// means that none is left.
+    /// means that none is left. Those of a study stay until it is finished.
     pub(crate) async fn remove_expired(&self) -> Result<Vec<Removed>, StoreError> {
         let store = self.clone();
         detached(async move {
@@ -80,6 +83,9 @@ impl Store {
                 "select jobs.seq, jobs.id, artifacts.path
                  from jobs left join artifacts on artifacts.job = jobs.seq
                  where jobs.expires_at <= ? and jobs.state in ('succeeded', 'failed', 'cancelled')
+                     and not exists (
+                         select 1 from studies where studies.seq = jobs.study and studies.finished_at is null
+                     )
                  order by jobs.expires_at limit ?",
             )
             .bind(now_us())
@@ -92,7 +98,7 @@ impl Store {
             }
             tx.commit().await?;
             drop(writer);
-            let removed: Result<Vec<_>, StoreError> = expired.iter().map(removed).collect();
+            let removed: Result<Vec<_>, StoreError> = expired.iter().map(Removed::read).collect();
             for job in removed.iter().flatten() {
                 store.announce(job.id);
             }
@@ -132,6 +138,8 @@ impl Store {
     }
 }
 
-fn removed(row: &SqliteRow) -> Result<Removed, StoreError> {
-    Ok(Removed { id: rows::job_id(&row.try_get::<String, _>("id")?)?, artifact: row.try_get("path")? })
+impl Removed {
+    pub(super) fn read(row: &SqliteRow) -> Result<Self, StoreError> {
+        Ok(Self { id: rows::job_id(&row.try_get::<String, _>("id")?)?, artifact: row.try_get("path")? })
+    }
 }

@@ -1,0 +1,175 @@
+//! Submitting a study, and asking how it is.
+
+use axum::Extension;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
+use jiff::Timestamp;
+use packstone_engine::Limits;
+use serde_json::Value;
+
+use super::conditional::{self, Wait};
+use super::job_view::set;
+use super::jobs::{content_sha256, idempotency_key};
+use super::observe::Caller;
+use super::openapi::{StudyProblems, SubmitProblems};
+use super::params::{Query, StudyPath};
+use super::problem::refused;
+use super::study_schemas::StudyRequest;
+use super::study_view::{self, Study as StudyView};
+use super::waiting::{self, PREFERENCE_APPLIED};
+use super::{App, body};
+use crate::ids::StudyId;
+use crate::jobs::request;
+use crate::jobs::store::{IdempotencyKey, NewStudy, StoreError, StudyRecord, StudyState, SubmittedStudy};
+use crate::problem::Problem;
+use crate::strict_json;
+use crate::studies::Study;
+
+/// Submit a study: many jobs at once
+///
+/// Either a `list` of jobs, or a `template` with a `grid` of values for some of its fields, of which every
+/// combination is a point, and a `zip` of values that run together; each point is packed `replicates` times. All jobs
+/// are taken in or none, and the answer comes once they are safe on disk. A fault points to the entry of the request
+/// that brought it, and names the point.
+///
+/// Seeds: the job of replicate `r` of a point has as seed the first 53 bits of the SHA-256 of the UTF-8 text made of
+/// one line each for the study's `seed`, then for every column that is not at or below `/method`, in order, its
+/// pointer, `=` and its value as compact JSON, and last `r` (without an end of line). For a list the job's index stands
+/// for the columns, and a job that names its own seed keeps it while `replicates` is 1. So points that differ in their
+/// method pack the same grains, and a study that is refined keeps the packings it had.
+#[utoipa::path(
+    post, path = "/v1/studies", tag = "studies", operation_id = "submit_study",
+    params(
+        ("Idempotency-Key" = Option<String>, Header, pattern = "^[!-~]{1,255}$", description = "1 to 255 visible ASCII characters. The same key and body give the same study, however often they are sent; the key lives as long as its study. Keys of jobs are others"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the study is finished, or after N s (at most 60)"),
+    ),
+    request_body(content = StudyRequest, content_type = "application/json"),
+    responses(
+        (status = 201, description = "The study was taken in; or, after a wait, it is finished", body = StudyView,
+            headers(("Location" = String, description = "Path of the study"), ("ETag" = String, description = "Tag of the study"))),
+        (status = 200, description = "The study that the same Idempotency-Key brought before", body = StudyView),
+        SubmitProblems
+    )
+)]
+pub(super) async fn submit(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    query: Query,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let key = idempotency_key(&headers)?;
+    let wait = Wait::of(&headers);
+    let bytes = body::json_bytes(&app, &headers, body).await?;
+    let Submission { study, request, body_sha256 } = read(&app, bytes).await?;
+    let idempotency_key = key.map(|key| IdempotencyKey { scope: caller.0, key, body_sha256 });
+    let submitted = app.shared.store.submit_study(NewStudy { study, request, idempotency_key }).await?;
+    let (mut record, status) = match submitted {
+        SubmittedStudy::Created(record) => {
+            tracing::info!(study_id = %record.id, jobs = record.jobs(), "taken in");
+            app.shared.metrics.study_submitted(record.jobs());
+            (record, StatusCode::CREATED)
+        }
+        SubmittedStudy::Existing(record) => (record, StatusCode::OK),
+    };
+    let id = record.id;
+    let answered = async {
+        if let Some(wait) = wait {
+            record = wait_until(&app, id, wait, |study| study.state() == StudyState::Finished).await?;
+        }
+        study_view::response(&app, status, &record).await
+    };
+    let mut response = answered.await.map_err(|error| refused(error, id))?;
+    set(&mut response, header::LOCATION, &study_view::path(id));
+    if let Some(wait) = wait {
+        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
+    }
+    Ok(response)
+}
+
+/// Ask how a study is
+///
+/// With `Prefer: wait=N` the answer is held back for at most N s: until the study differs from
+/// `If-None-Match` (304 if it never does), or without that field until the study is finished.
+#[utoipa::path(
+    get, path = "/v1/studies/{id}", tag = "studies", operation_id = "get_study",
+    params(
+        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("If-None-Match" = Option<String>, Header, description = "Tag of the study as known"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
+    ),
+    responses(
+        (status = 200, description = "The study", body = StudyView,
+            headers(("ETag" = String, description = "Tag of the study"))),
+        (status = 304, description = "The study is as known"),
+        StudyProblems
+    )
+)]
+pub(super) async fn get(
+    State(app): State<App>,
+    StudyPath(id): StudyPath,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let wait = Wait::of(&headers);
+    let conditional = conditional::has_if_none_match(&headers);
+    let known = |study: &StudyRecord| conditional::none_match_fails(&headers, &study_view::etag(study));
+    let settled =
+        |study: &StudyRecord| if conditional { !known(study) } else { study.state() == StudyState::Finished };
+    let record = wait_until(&app, id, wait.unwrap_or(Wait { s: 0 }), settled)
+        .await
+        .map_err(|error| refused(error, id))?;
+    let mut response = if known(&record) {
+        let mut response = StatusCode::NOT_MODIFIED.into_response();
+        set(&mut response, header::ETAG, &study_view::etag(&record));
+        response
+    } else {
+        study_view::response(&app, StatusCode::OK, &record).await.map_err(|error| refused(error, id))?
+    };
+    if let Some(wait) = wait {
+        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
+    }
+    Ok(response)
+}
+
+/// Waits until a study is as wished, the time is over, or the server stops; the study as it is then.
+async fn wait_until(
+    app: &App,
+    id: StudyId,
+    wait: Wait,
+    wished: impl Fn(&StudyRecord) -> bool,
+) -> Result<StudyRecord, StoreError> {
+    let store = &app.shared.store;
+    let read = move || async move { store.study(id).await?.ok_or(StoreError::NoStudy) };
+    waiting::wait_until(app, wait, store.subscribe_study(id), read, wished).await
+}
+
+struct Submission {
+    study: Study,
+    request: Value,
+    body_sha256: String,
+}
+
+/// Reads and expands a submission: off the threads that answer and few at a time, for a short request may
+/// stand for ten thousand jobs.
+async fn read(app: &App, bytes: Bytes) -> Result<Submission, Problem> {
+    let limits = app.shared.limits;
+    let Ok(_turn) = app.shared.large_bodies.acquire().await else {
+        return Err(Problem::internal());
+    };
+    tokio::task::spawn_blocking(move || read_now(&bytes, &limits)).await.unwrap_or_else(|error| {
+        tracing::error!(%error, "a submission was not read to its end");
+        Err(Problem::internal())
+    })
+}
+
+fn read_now(bytes: &[u8], limits: &Limits) -> Result<Submission, Problem> {
+    let value = strict_json::parse(bytes)?;
+    let study = Study::read(&value, request::draw_seed(), Some(Timestamp::now()), limits)?;
+    Ok(Submission { request: study.recorded(&value), study, body_sha256: content_sha256(value) })
+}

@@ -1,0 +1,255 @@
+//! `packstone study`: a study without a service, its table and plots as files.
+//!
+//! `crew` runs the jobs on as many threads as there are workers, `book` keeps every run that ended, `watch` tells
+//! the person at the terminal how far the study is, `report` writes and prints what came out. What the study is
+//! and what its table says is `crate::studies`' matter.
+
+mod book;
+mod crew;
+mod report;
+mod watch;
+
+use std::collections::VecDeque;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
+
+use clap::Args;
+use packstone_engine::Limits;
+use packstone_engine::format::Format;
+
+use super::run::{format_parser, listed, read};
+use super::signals::stop_on_signals;
+use super::{Failure, print};
+use crate::checkpoints::Checkpoints;
+use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
+use crate::jobs::request::draw_seed;
+use crate::strict_json;
+use crate::studies::stop::Tally;
+use crate::studies::table::{Rest, Table};
+use crate::studies::{Run, Study};
+use book::{Book, Entry, Folder, Record};
+use crew::{Crew, Ended};
+use watch::Watch;
+
+/// How often the bar moves while no run ends.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// Options of `packstone study`.
+#[derive(Args)]
+pub(super) struct Options {
+    /// The study as JSON, as it would be submitted; `-` reads standard input
+    study: PathBuf,
+    /// Folder for the runs, the table and the plots; made where it is missing
+    #[arg(long)]
+    out: PathBuf,
+    /// Packings at once [default: the number of cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    workers: Option<u16>,
+    /// Formats in which every packing is kept below `results`; none is when absent
+    #[arg(long, alias = "format", value_delimiter = ',', value_parser = format_parser())]
+    formats: Vec<Format>,
+    /// Most grains of one packing
+    #[arg(long, default_value_t = Limits::default().max_grains)]
+    max_grains: u64,
+    /// Go on with a study that was stopped or killed; its runs lie in the folder
+    #[arg(long)]
+    resume: bool,
+    /// Discard the runs of an earlier study in the folder
+    #[arg(long, conflicts_with = "resume")]
+    fresh: bool,
+    /// Seconds between two checkpoints of a long run; 0 keeps one at every opportunity
+    #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
+    checkpoint_every_s: f64,
+}
+
+impl Options {
+    fn workers(&self) -> usize {
+        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        self.workers.map_or_else(cores, usize::from)
+    }
+}
+
+pub(super) fn run(options: &Options) -> Result<(), Failure> {
+    let request = strict_json::parse(&read(&options.study)?)
+        .map_err(|problem| format!("{} is refused: {}", options.study.display(), problem.detail))?;
+    let folder = Folder(&options.out);
+    let stored = if options.fresh { None } else { folder.record()? };
+    match (&stored, options.resume) {
+        (Some(_), false) => {
+            return Err(format!(
+                "{} holds the runs of a study: go on with it by --resume, or discard them by --fresh",
+                options.out.display()
+            )
+            .into());
+        }
+        (None, true) => {
+            return Err(format!(
+                "there is no study in {} to go on with: leave --resume out, or name its folder by --out",
+                options.out.display()
+            )
+            .into());
+        }
+        _ => {}
+    }
+    let workers = options.workers();
+    let limits = Limits { max_grains: options.max_grains, max_memory_bytes: default_memory_bytes(workers) };
+    // A study that was started without a seed goes on with the one that was drawn for it.
+    let seed = stored.as_ref().and_then(Record::seed).unwrap_or_else(draw_seed);
+    let study = Study::read(&request, seed, None, &limits)
+        .map_err(|refusal| listed(&options.study, &refusal.faults))?;
+    let record = Record::new(&study, &request)?;
+    if let Some(stored) = &stored {
+        stored.check(&record, &options.out, &options.study)?;
+    }
+    let (book, entries) = folder.open(&study, &record, options.fresh)?;
+    let mut done = Done::new(&study, book, entries);
+    let ended = done.run_rest(options, workers.min(study.jobs()), limits);
+    // What was done is kept and told, whatever ended it.
+    done.book.sync()?;
+    let table = done.table();
+    report::write(&options.out, &study, &table, &done.entries)?;
+    let stopped = ended?;
+    print(&report::table(&table))?;
+    let waiting: u64 = table.rows.iter().map(|row| row.cells.waiting).sum();
+    if stopped && waiting > 0 {
+        return Err(format!(
+            "stopped on request with {waiting} of {} jobs not done; go on by --resume",
+            study.jobs()
+        )
+        .into());
+    }
+    Ok(())
+}
+
+/// A study with the runs of it that have ended.
+struct Done<'a> {
+    study: &'a Study,
+    book: Book,
+    /// In the order in which they ended.
+    entries: Vec<Entry>,
+    tallies: Vec<Tally>,
+}
+
+impl<'a> Done<'a> {
+    fn new(study: &'a Study, book: Book, mut entries: Vec<Entry>) -> Self {
+        // What says nothing is tried again.
+        entries.retain(|entry| entry.outcome != crate::studies::Outcome::Void);
+        let mut tallies = vec![Tally::default(); study.points.len()];
+        for entry in &entries {
+            tallies[entry.point].ended(entry.outcome, &study.stop_when);
+        }
+        Self { study, book, entries, tallies }
+    }
+
+    /// The jobs that are still to run, in their order.
+    fn queue(&self) -> VecDeque<(usize, usize)> {
+        let ended: std::collections::HashSet<(usize, usize)> =
+            self.entries.iter().map(|entry| (entry.point, entry.replicate)).collect();
+        let waits = |job: &(usize, usize)| !ended.contains(job) && !self.tallies[job.0].stopped;
+        self.study.order().filter(waits).collect()
+    }
+
+    /// Runs what is left. Returns whether a signal stopped it.
+    fn run_rest(&mut self, options: &Options, workers: usize, limits: Limits) -> Result<bool, Failure> {
+        let queue = self.queue();
+        if queue.is_empty() {
+            return Ok(false);
+        }
+        let (results, checkpoints) = (options.out.join("results"), options.out.join("checkpoints"));
+        if !options.formats.is_empty() {
+            crew::make_folder(&results)?;
+        }
+        let stop = stop_on_signals()?;
+        let crew = Crew {
+            study: self.study,
+            limits,
+            queue: Mutex::new(queue),
+            running: AtomicUsize::new(0),
+            stop: &stop,
+            fractions: (0..workers).map(|_| AtomicU64::default()).collect(),
+            checkpoints: Checkpoints::open(
+                checkpoints.clone(),
+                Duration::from_secs_f64(options.checkpoint_every_s),
+            )?,
+            results,
+            formats: &options.formats,
+        };
+        let received = self.supervise(&crew, workers, &stop);
+        // Holds something where runs were stopped on their way.
+        let _ = std::fs::remove_dir(checkpoints);
+        received?;
+        Ok(stop.load(Ordering::Acquire))
+    }
+
+    /// Starts the threads and takes in what they send until the last one has ended.
+    fn supervise(&mut self, crew: &Crew<'_>, workers: usize, stop: &AtomicBool) -> io::Result<()> {
+        let watch = Watch::new(self.entries.len());
+        let (sender, receiver) = mpsc::channel();
+        let mut result = Ok(());
+        std::thread::scope(|scope| {
+            for thread in 0..workers {
+                let sender = sender.clone();
+                scope.spawn(move || crew.work(thread, &sender));
+            }
+            drop(sender);
+            loop {
+                let received = match receiver.recv_timeout(LOOK_EVERY) {
+                    Ok(received) => received.and_then(|ended| self.take_in(ended, crew, &watch)),
+                    Err(RecvTimeoutError::Timeout) => Ok(()),
+                    Err(RecvTimeoutError::Disconnected) => break,
+                };
+                if let Err(error) = received
+                    && result.is_ok()
+                {
+                    // Whatever else ends could not be kept either.
+                    stop.store(true, Ordering::Release);
+                    result = Err(error);
+                }
+                watch.show(self.entries.len(), self.successes(), crew);
+            }
+        });
+        watch.finish();
+        result
+    }
+
+    fn take_in(&mut self, ended: Ended, crew: &Crew<'_>, watch: &Watch) -> io::Result<()> {
+        let Ended { entry, fault } = ended;
+        if let Some(fault) = fault {
+            watch.say(&format!(
+                "warning: point {}, replicate {} says nothing: {fault}",
+                entry.point, entry.replicate
+            ));
+        }
+        self.book.add(&entry)?;
+        if self.tallies[entry.point].ended(entry.outcome, &self.study.stop_when) {
+            crew.give_up(entry.point);
+        }
+        self.entries.push(entry);
+        Ok(())
+    }
+
+    fn successes(&self) -> u64 {
+        self.tallies.iter().map(|tally| tally.successes).sum()
+    }
+
+    fn table(&self) -> Table {
+        let runs: Vec<Run> = self.entries.iter().map(Entry::run).collect();
+        let mut ended = vec![0; self.study.points.len()];
+        for run in &runs {
+            ended[run.point] += 1;
+        }
+        let rest = ended.iter().zip(&self.tallies).map(|(ended, tally)| {
+            let left = self.study.replicates as u64 - ended;
+            if tally.stopped {
+                Rest { waiting: 0, stopped_early: left }
+            } else {
+                Rest { waiting: left, stopped_early: 0 }
+            }
+        });
+        Table::new(&self.study.keys(), &runs, &rest.collect::<Vec<_>>())
+    }
+}

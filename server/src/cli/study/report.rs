@@ -1,0 +1,205 @@
+//! What came out of a study: the files of its table and plots, and the table for the terminal.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::super::Failure;
+use super::book::{Entry, write_whole};
+use crate::plots::study::RunCurve;
+use crate::plots::{self, draw};
+use crate::studies::table::{Cells, Row, Table};
+use crate::studies::{Keys, Study};
+
+/// Most rows at the terminal; the files have all.
+const ROWS_SHOWN: usize = 200;
+
+/// The curve of one point in `curves.json`.
+#[derive(Serialize)]
+struct Curve<'a> {
+    point: usize,
+    /// Names and values of the point's columns.
+    values: serde_json::Map<String, Value>,
+    /// Packing time in s and distance in mm of the first replicate.
+    distance_curve: &'a [[f64; 2]],
+}
+
+/// Writes all files.
+pub(super) fn write(folder: &Path, study: &Study, table: &Table, entries: &[Entry]) -> Result<(), Failure> {
+    let mut json = serde_json::to_vec_pretty(table)?;
+    json.push(b'\n');
+    write_whole(&folder.join("table.json"), &json)?;
+    write_whole(&folder.join("table.csv"), table.to_csv().as_bytes())?;
+    let keys = study.keys();
+    let curves = curves(&keys, entries);
+    if !curves.is_empty() {
+        write_whole(&folder.join("curves.json"), &serde_json::to_vec(&curves)?)?;
+    }
+    let drawn: Vec<RunCurve> = curves
+        .iter()
+        .map(|curve| RunCurve { point: curve.point, points: curve.distance_curve.to_vec() })
+        .collect();
+    for (kind, chart) in plots::study::charts(study.name.as_deref(), table, &drawn) {
+        write_whole(&folder.join(format!("plot-{}.svg", kind.name())), draw::svg(&chart)?.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// The curves of first replicates, in the order of the points.
+fn curves<'a>(keys: &Keys, entries: &'a [Entry]) -> Vec<Curve<'a>> {
+    let mut curves: Vec<Curve<'a>> = entries
+        .iter()
+        .filter(|entry| !entry.distance_curve.is_empty())
+        .filter_map(|entry| {
+            let values = keys.values.get(entry.point)?;
+            Some(Curve {
+                point: entry.point,
+                values: keys.columns.iter().cloned().zip(values.iter().cloned()).collect(),
+                distance_curve: &entry.distance_curve,
+            })
+        })
+        .collect();
+    curves.sort_by_key(|curve| curve.point);
+    curves
+}
+
+/// A column at the terminal: its title and how it shows a row, or nothing where the row has none.
+struct Column {
+    title: &'static str,
+    text: fn(&Cells) -> Option<String>,
+}
+
+const COLUMNS: [Column; 9] = [
+    Column { title: "grains", text: |cells| cells.grains.map(|x| format!("{x:.0}")) },
+    Column { title: "phi_eff", text: |cells| cells.volume_fraction_effective.map(|x| format!("{x:.4}")) },
+    Column {
+        title: "with coating",
+        text: |cells| cells.volume_fraction_with_coating.map(|x| format!("{x:.4}")),
+    },
+    Column { title: "succeeded", text: |cells| Some(format!("{}/{}", cells.successes, cells.runs)) },
+    Column {
+        title: "95 % of rate",
+        text: |cells| {
+            let (low, high) = (cells.success_rate_low?, cells.success_rate_high?);
+            Some(format!("{:.0}..{:.0} %", low * 100.0, high * 100.0))
+        },
+    },
+    Column { title: "s per success", text: |cells| cells.time_s_per_success.map(three_digits) },
+    Column { title: "distance mm", text: |cells| cells.distance_mm_median.map(|x| format!("{x:.4}")) },
+    Column { title: "us per event", text: |cells| cells.event_us_median.map(three_digits) },
+    Column {
+        title: "not run",
+        text: |cells| match cells.waiting + cells.void + cells.stopped_early {
+            0 => None,
+            n => Some(n.to_string()),
+        },
+    },
+];
+
+fn three_digits(x: f64) -> String {
+    let decimals = (2 - x.abs().max(1e-3).log10().floor() as i64).max(0) as usize;
+    format!("{x:.decimals$}")
+}
+
+/// The table for people: aligned, without columns that no row has.
+pub(super) fn table(table: &Table) -> String {
+    let rows = &table.rows[..table.rows.len().min(ROWS_SHOWN)];
+    let keys = (0..table.columns.len()).map(|i| {
+        let of = |row: &Row| row.values.get(i).map(|(_, value)| short(value)).unwrap_or_default();
+        (table.columns[i].clone(), rows.iter().map(of).collect::<Vec<String>>())
+    });
+    let figures = COLUMNS.iter().filter_map(|column| {
+        let texts: Vec<Option<String>> = rows.iter().map(|row| (column.text)(&row.cells)).collect();
+        let shown = texts.iter().any(Option::is_some);
+        let texts = texts.into_iter().map(|text| text.unwrap_or_else(|| "-".into())).collect();
+        shown.then(|| (column.title.to_owned(), texts))
+    });
+    let columns: Vec<(String, Vec<String>)> = keys.chain(figures).collect();
+    let widths: Vec<usize> = columns
+        .iter()
+        .map(|(title, texts)| texts.iter().chain([title]).map(|text| text.chars().count()).max().unwrap_or(0))
+        .collect();
+    let mut out = String::new();
+    let mut line = |cells: Vec<&str>| {
+        let cells: Vec<String> =
+            cells.iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}")).collect();
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{}", cells.join("  "));
+    };
+    line(columns.iter().map(|(title, _)| title.as_str()).collect());
+    for i in 0..rows.len() {
+        line(columns.iter().map(|(_, texts)| texts[i].as_str()).collect());
+    }
+    if table.rows.len() > rows.len() {
+        let _ = writeln!(out, "and {} rows more in table.csv", table.rows.len() - rows.len());
+    }
+    out
+}
+
+/// A value of a column on little room: `rsa attempts_per_grain=1000` for the method that says so.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Object(members) => {
+            let part = |(name, value): (&String, &Value)| match value {
+                Value::String(text) if name == "type" => text.clone(),
+                Value::Object(_) => format!("{name}=({})", short(value)),
+                other => format!("{name}={}", short(other)),
+            };
+            members.iter().map(part).collect::<Vec<_>>().join(" ")
+        }
+        Value::Array(items) if items.len() > 3 => format!("{} items", items.len()),
+        Value::Array(items) => items.iter().map(short).collect::<Vec<_>>().join("x"),
+        Value::String(text) => text.chars().filter(|c| !c.is_control()).take(60).collect(),
+        Value::Null => "-".into(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::studies::{Facts, Outcome, Run};
+
+    #[test]
+    fn values_are_short() {
+        for (value, text) in [
+            (json!({"type": "rsa", "attempts_per_grain": 1000}), "rsa attempts_per_grain=1000"),
+            (json!({"type": "edmd", "stop": {"time_s": 60}}), "edmd stop=(time_s=60)"),
+            (json!([80, 80, 80]), "80x80x80"),
+            (json!([1, 2, 3, 4]), "4 items"),
+            (json!(0.585), "0.585"),
+            (json!(null), "-"),
+        ] {
+            assert_eq!(short(&value), text);
+        }
+    }
+
+    #[test]
+    fn the_table_is_aligned_and_leaves_out_what_no_row_has() {
+        let keys = Keys {
+            columns: vec!["/mix/volume_fraction".into(), "/method".into()],
+            values: vec![
+                vec![json!(0.6), json!({"type": "rsa"})],
+                vec![json!(0.605), json!({"type": "edmd"})],
+            ],
+        };
+        let facts = Facts { time_s: 0.0123, grains: Some(7965), ..Facts::default() };
+        let run = Run { point: 1, replicate: 0, outcome: Outcome::Succeeded, facts };
+        let shown = table(&Table::new(&keys, &[run], &[]));
+        assert_eq!(
+            shown,
+            "/mix/volume_fraction  /method  grains  succeeded  95 % of rate  s per success\n\
+             \x20                0.6      rsa       -        0/0             -              -\n\
+             \x20              0.605     edmd    7965        1/1     21..100 %         0.0123\n"
+        );
+    }
+
+    #[test]
+    fn times_have_three_digits() {
+        assert_eq!([0.012_34, 1.234, 123.4, 12_345.0].map(three_digits), ["0.0123", "1.23", "123", "12345"]);
+    }
+}

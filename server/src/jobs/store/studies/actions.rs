@@ -1,0 +1,185 @@
+//! What a client may do to a study as a whole, and its end by time.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Connection as _, Row as _, SqliteConnection};
+
+use super::super::upkeep::Removed;
+use super::super::{Store, StoreError, detached, now_us, rows, turns};
+use super::{StudyRecord, StudyState, query};
+use crate::ids::{JobId, StudyId};
+use crate::jobs::State;
+
+impl Store {
+    /// Cancels what waits of a study, and asks the workers of what runs to stop.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStudy`], [`StoreError::StudyForbidden`] where it is finished, or the database's.
+    pub(crate) async fn cancel_study(&self, id: StudyId) -> Result<StudyRecord, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let before = query::by_id(&mut tx, id).await?;
+            if before.state() == StudyState::Finished {
+                return Err(StoreError::StudyForbidden(before.state()));
+            }
+            let asked = sqlx::query(
+                "update jobs set cancel_requested = 1, version = version + 1, updated_at = ?2,
+                     finished_at = iif(state = 'queued', ?2, finished_at),
+                     state = iif(state = 'queued', 'cancelled', state)
+                 where study = ?1 and (state = 'queued' or (state = 'running' and not cancel_requested))
+                 returning id",
+            )
+            .bind(before.seq)
+            .bind(now_us())
+            .fetch_all(&mut *tx)
+            .await?;
+            let study = query::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce_all(&ids(&asked)?);
+            store.announce_study(id);
+            Ok(study)
+        })
+        .await
+    }
+
+    /// Sends the jobs of a study in these states, failed or cancelled ones, back to the queue, with their
+    /// attempts renewed. Returns the study, and the jobs with the attempts that come next.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStudy`], [`StoreError::QueueFull`], or the database's.
+    pub(crate) async fn retry_study(
+        &self,
+        id: StudyId,
+        states: Vec<State>,
+    ) -> Result<(StudyRecord, Vec<(JobId, i64)>), StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let seq = query::by_id(&mut tx, id).await?.seq;
+            let mut retried = Vec::new();
+            for state in states.into_iter().filter(|state| state.may_retry()) {
+                retried.extend(store.retry_all(&mut tx, seq, state).await?);
+            }
+            let study = query::by_seq(&mut tx, seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            for (job, _) in &retried {
+                store.announce(*job);
+            }
+            store.announce_study(id);
+            store.wake_worker();
+            Ok((study, retried))
+        })
+        .await
+    }
+
+    async fn retry_all(
+        &self,
+        connection: &mut SqliteConnection,
+        study: i64,
+        state: State,
+    ) -> Result<Vec<(JobId, i64)>, StoreError> {
+        let waiting = sqlx::query(
+            "select priority, count(*) as jobs from jobs where study = ? and state = ? group by priority",
+        )
+        .bind(study)
+        .bind(state.name())
+        .fetch_all(&mut *connection)
+        .await?;
+        let mut retried = Vec::new();
+        for row in waiting {
+            let (priority, jobs): (i64, i64) = (row.try_get("priority")?, row.try_get("jobs")?);
+            self.check_queue(connection, jobs as u64).await?;
+            let turn = turns::take(connection, study, priority, jobs).await?;
+            let rows = sqlx::query(
+                "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
+                     max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
+                     started_at = null, finished_at = null, progress = null, error = null,
+                     turn = ?2 + ranked.place
+                 from (
+                     select seq, row_number() over (order by seq) - 1 as place from jobs
+                     where study = ?3 and state = ?4 and priority = ?5
+                 ) as ranked
+                 where jobs.seq = ranked.seq returning jobs.id, jobs.attempt",
+            )
+            .bind(now_us())
+            .bind(turn)
+            .bind(study)
+            .bind(state.name())
+            .bind(priority)
+            .fetch_all(&mut *connection)
+            .await?;
+            for row in &rows {
+                retried.push((rows::job_id(&row.try_get::<String, _>("id")?)?, row.try_get("attempt")?));
+            }
+        }
+        Ok(retried)
+    }
+
+    /// Removes a finished study with its jobs, and tells what jobs and artifacts those were.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStudy`], [`StoreError::StudyForbidden`] where it is not finished, or the database's.
+    pub(crate) async fn delete_study(&self, id: StudyId) -> Result<Vec<Removed>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let study = query::by_id(&mut tx, id).await?;
+            if study.state() != StudyState::Finished {
+                return Err(StoreError::StudyForbidden(study.state()));
+            }
+            let removed = remove(&mut tx, study.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            removed.iter().for_each(|job| store.announce(job.id));
+            store.announce_study(id);
+            Ok(removed)
+        })
+        .await
+    }
+
+    /// Removes one finished study past its time with its jobs; `None` when no such study is left.
+    pub(crate) async fn remove_expired_study(&self) -> Result<Option<Vec<Removed>>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let expired = sqlx::query(
+                "select seq, id from studies where expires_at <= ? and finished_at is not null
+                 order by expires_at limit 1",
+            )
+            .bind(now_us())
+            .fetch_optional(&mut *tx)
+            .await?;
+            let Some(expired) = expired else { return Ok(None) };
+            let removed = remove(&mut tx, expired.try_get("seq")?).await?;
+            tx.commit().await?;
+            drop(writer);
+            removed.iter().for_each(|job| store.announce(job.id));
+            store.announce_study(rows::study_id(&expired.try_get::<String, _>("id")?)?);
+            Ok(Some(removed))
+        })
+        .await
+    }
+}
+
+async fn remove(connection: &mut SqliteConnection, study: i64) -> Result<Vec<Removed>, StoreError> {
+    let jobs = sqlx::query(
+        "select jobs.id, artifacts.path from jobs left join artifacts on artifacts.job = jobs.seq
+         where jobs.study = ?",
+    )
+    .bind(study)
+    .fetch_all(&mut *connection)
+    .await?;
+    // The jobs and all else that belongs to it follow.
+    sqlx::query("delete from studies where seq = ?").bind(study).execute(connection).await?;
+    jobs.iter().map(Removed::read).collect()
+}
+
+fn ids(jobs: &[SqliteRow]) -> Result<Vec<JobId>, StoreError> {
+    jobs.iter().map(|row| rows::job_id(&row.try_get::<String, _>("id")?)).collect()
+}

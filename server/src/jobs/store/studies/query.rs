@@ -1,0 +1,192 @@
+//! Reading studies, and what their tables are made of.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
+
+use super::super::{Store, StoreError, rows};
+use super::{StudyRecord, StudyState, runs};
+use crate::ids::StudyId;
+use crate::studies::table::Rest;
+use crate::studies::{Keys, Run, Table};
+
+/// Which studies a listing wants.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct StudyFilter {
+    pub(crate) state: Option<StudyState>,
+    /// Keys and values that a study must all have.
+    pub(crate) labels: Vec<(String, String)>,
+}
+
+/// One page of a listing, newest study first.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct StudyPage {
+    pub(crate) studies: Vec<StudyRecord>,
+    /// Studies below this number follow; `None` on the last page.
+    pub(crate) next_before: Option<i64>,
+}
+
+impl Store {
+    /// The study, or `None` where there is none (any more).
+    pub(crate) async fn study(&self, id: StudyId) -> Result<Option<StudyRecord>, StoreError> {
+        let row = sqlx::query("select * from studies where id = ?")
+            .bind(id.to_string())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(StudyRecord::read).transpose()
+    }
+
+    /// The request of a study as submitted, with its seed. It never changes.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStudy`], or the database's.
+    pub(crate) async fn study_request(&self, seq: i64) -> Result<Value, StoreError> {
+        let row = sqlx::query("select body from study_requests where study = ?")
+            .bind(seq)
+            .fetch_optional(self.readers())
+            .await?
+            .ok_or(StoreError::NoStudy)?;
+        rows::json(row.try_get("body")?)
+    }
+
+    /// A page of at most `limit` studies below number `before`.
+    pub(crate) async fn list_studies(
+        &self,
+        filter: &StudyFilter,
+        before: Option<i64>,
+        limit: u32,
+    ) -> Result<StudyPage, StoreError> {
+        let mut query = list_query(filter, before.unwrap_or(i64::MAX), i64::from(limit) + 1);
+        let rows = query.build().fetch_all(self.readers()).await?;
+        let mut studies = rows.iter().map(StudyRecord::read).collect::<Result<Vec<_>, _>>()?;
+        let more = studies.len() > limit as usize;
+        studies.truncate(limit as usize);
+        let next_before = studies.last().filter(|_| more).map(|study| study.seq);
+        Ok(StudyPage { studies, next_before })
+    }
+
+    /// How many studies have jobs left to run.
+    pub(crate) async fn open_studies(&self) -> Result<u64, StoreError> {
+        let row = sqlx::query("select count(*) as open from studies where finished_at is null")
+            .fetch_one(self.readers())
+            .await?;
+        Ok(row.try_get::<i64, _>("open")? as u64)
+    }
+
+    /// What the runs of a study came to so far.
+    pub(crate) async fn study_table(&self, study: &StudyRecord) -> Result<Table, StoreError> {
+        // One snapshot for both: a run must not be missing because it ended between them.
+        let mut tx = self.readers().begin().await?;
+        let points = sqlx::query(
+            "select key_values, stopped_early from study_points where study = ? order by point",
+        )
+        .bind(study.seq)
+        .fetch_all(&mut *tx)
+        .await?;
+        let ended = sqlx::query("select point, replicate, outcome, facts from study_runs where study = ?")
+            .bind(study.seq)
+            .fetch_all(&mut *tx)
+            .await?;
+        tx.commit().await?;
+        let key_columns = study.key_columns.clone();
+        let replicates = u64::from(study.replicates);
+        let table = tokio::task::spawn_blocking(move || {
+            let runs = ended.iter().map(run).collect::<Result<Vec<_>, _>>()?;
+            let mut keys = Keys { columns: key_columns, values: Vec::with_capacity(points.len()) };
+            let mut rest = Vec::with_capacity(points.len());
+            let mut ended = vec![0; points.len()];
+            for run in &runs {
+                if let Some(ended) = ended.get_mut(run.point) {
+                    *ended += 1;
+                }
+            }
+            for (row, ended) in points.iter().zip(ended) {
+                keys.values.push(rows::json(row.try_get("key_values")?)?);
+                let stopped_early = row.try_get::<i64, _>("stopped_early")? as u64;
+                rest.push(Rest { waiting: replicates.saturating_sub(ended + stopped_early), stopped_early });
+            }
+            Ok::<_, StoreError>(Table::new(&keys, &runs, &rest))
+        });
+        table.await?
+    }
+
+    /// The engine's reports on the first replicate of each point that has one, by point.
+    pub(crate) async fn study_reports(&self, seq: i64) -> Result<BTreeMap<usize, Value>, StoreError> {
+        let reports = sqlx::query(
+            "select jobs.point, artifacts.report from jobs indexed by jobs_by_point
+                 join artifacts on artifacts.job = jobs.seq
+             where jobs.study = ? and jobs.replicate = 0",
+        )
+        .bind(seq)
+        .fetch_all(self.readers())
+        .await?;
+        reports
+            .iter()
+            .map(|row| Ok((row.try_get::<u32, _>("point")? as usize, rows::json(row.try_get("report")?)?)))
+            .collect()
+    }
+}
+
+fn run(row: &sqlx::sqlite::SqliteRow) -> Result<Run, StoreError> {
+    Ok(Run {
+        point: row.try_get::<u32, _>("point")? as usize,
+        replicate: row.try_get::<u32, _>("replicate")? as usize,
+        outcome: runs::outcome(row.try_get("outcome")?)?,
+        facts: rows::json(row.try_get("facts")?)?,
+    })
+}
+
+/// The study of that number, which the caller knows to exist.
+pub(super) async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<StudyRecord, StoreError> {
+    let row = sqlx::query("select * from studies where seq = ?").bind(seq).fetch_optional(connection).await?;
+    StudyRecord::read(&row.ok_or(StoreError::NoStudy)?)
+}
+
+/// The study of that id.
+pub(super) async fn by_id(connection: &mut SqliteConnection, id: StudyId) -> Result<StudyRecord, StoreError> {
+    let row = sqlx::query("select * from studies where id = ?")
+        .bind(id.to_string())
+        .fetch_optional(connection)
+        .await?;
+    StudyRecord::read(&row.ok_or(StoreError::NoStudy)?)
+}
+
+/// Each is the range of one index; what of it a further filter drops is few: studies are.
+fn list_query(filter: &StudyFilter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new("select studies.* from ");
+    match filter.labels.split_first() {
+        None => query.push("studies where studies.seq < ").push_bind(before),
+        Some(((key, value), _)) => query
+            .push("study_labels cross join studies on studies.seq = study_labels.study where study_labels.key = ")
+            .push_bind(key.clone())
+            .push(" and study_labels.value = ")
+            .push_bind(value.clone())
+            .push(" and study_labels.study < ")
+            .push_bind(before),
+    };
+    match filter.state {
+        None => {}
+        Some(StudyState::Open) => {
+            query.push(" and studies.finished_at is null");
+        }
+        Some(StudyState::Finished) => {
+            query.push(" and studies.finished_at is not null");
+        }
+    }
+    for (key, value) in filter.labels.iter().skip(1) {
+        query.push(" and exists (select 1 from study_labels as other where other.key = ");
+        query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
+        query.push(" and other.study = studies.seq)");
+    }
+    let order = if filter.labels.is_empty() { "studies.seq" } else { "study_labels.study" };
+    query.push(" order by ").push(order).push(" desc limit ").push_bind(limit);
+    query
+}
+
+/// The statement behind a listing, for a look at its plan.
+#[cfg(test)]
+pub(super) fn list_sql(filter: &StudyFilter) -> String {
+    use sqlx::Execute as _;
+    list_query(filter, i64::MAX, 1).build().sql().as_str().to_owned()
+}

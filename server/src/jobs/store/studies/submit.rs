@@ -1,0 +1,266 @@
+//! Taking a study in: all of its jobs or none, in one transaction.
+
+use std::collections::BTreeMap;
+
+use packstone_engine::format::EngineInfo;
+use serde_json::Value;
+use sqlx::{Connection as _, QueryBuilder, Row as _, Sqlite, SqliteConnection};
+
+use super::super::submit::{IdempotencyKey, to_json};
+use super::super::{Store, StoreError, detached, now_us, turns};
+use super::{StudyRecord, query};
+use crate::ids::{JobId, StudyId};
+use crate::jobs::JobRequest;
+use crate::studies::{Point, Study};
+
+/// Rows of one insert: a statement has at most 32 766 parameters.
+const ROWS_AT_ONCE: usize = 1000;
+
+/// A study to take in.
+#[derive(Clone, Debug)]
+pub(crate) struct NewStudy {
+    pub(crate) study: Study,
+    /// The request as submitted, with its seed.
+    pub(crate) request: Value,
+    pub(crate) idempotency_key: Option<IdempotencyKey>,
+}
+
+/// What became of a submission.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum SubmittedStudy {
+    /// The study was taken in.
+    Created(StudyRecord),
+    /// The same key brought this study before.
+    Existing(StudyRecord),
+}
+
+/// A job as it is written.
+struct Row<'a> {
+    seq: i64,
+    point: usize,
+    replicate: usize,
+    turn: i64,
+    job: &'a JobRequest,
+    seed: u64,
+}
+
+impl Store {
+    /// Takes a study in with all its jobs; they are safe on disk when this returns.
+    ///
+    /// # Errors
+    /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
+    pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let submitted = store.insert_study(&new).await?;
+            if let SubmittedStudy::Created(_) = submitted {
+                store.wake_worker();
+            }
+            Ok(submitted)
+        })
+        .await
+    }
+
+    async fn insert_study(&self, new: &NewStudy) -> Result<SubmittedStudy, StoreError> {
+        let jobs = new.study.jobs() as u64;
+        let request = to_json(&new.request)?;
+        let mut writer = self.shared.writer.lock().await;
+        let mut tx = writer.begin_with("begin immediate").await?;
+        if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
+            return Ok(SubmittedStudy::Existing(existing));
+        }
+        self.check_queue(&mut tx, jobs).await?;
+        let now = now_us();
+        let study = insert_head(&mut tx, new, &request, now).await?;
+        insert_points(&mut tx, study, &new.study).await?;
+        let rows = rows_of(&mut tx, study, &new.study).await?;
+        insert_jobs(&mut tx, study, &rows, now).await?;
+        insert_bodies(&mut tx, &new.study, &rows).await?;
+        insert_labels(&mut tx, &rows).await?;
+        let record = query::by_seq(&mut tx, study).await?;
+        tx.commit().await?;
+        Ok(SubmittedStudy::Created(record))
+    }
+}
+
+async fn find_key(
+    connection: &mut SqliteConnection,
+    key: Option<&IdempotencyKey>,
+) -> Result<Option<StudyRecord>, StoreError> {
+    let Some(key) = key else { return Ok(None) };
+    let row = sqlx::query("select body_sha256, study from study_keys where scope = ? and key = ?")
+        .bind(&key.scope)
+        .bind(&key.key)
+        .fetch_optional(&mut *connection)
+        .await?;
+    let Some(row) = row else { return Ok(None) };
+    if row.try_get::<String, _>("body_sha256")? != key.body_sha256 {
+        return Err(StoreError::KeyReused);
+    }
+    query::by_seq(connection, row.try_get("study")?).await.map(Some)
+}
+
+/// Writes all that there is of a study but its points and jobs, and returns its number.
+async fn insert_head(
+    connection: &mut SqliteConnection,
+    new: &NewStudy,
+    request: &str,
+    now: i64,
+) -> Result<i64, StoreError> {
+    let study = &new.study;
+    let seq: i64 = sqlx::query(
+        "insert into studies (id, name, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
+             created_at, updated_at, expires_at)
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+    )
+    .bind(StudyId::new().to_string())
+    .bind(&study.name)
+    .bind(to_json(&study.labels)?)
+    .bind(study.seed.cast_signed())
+    .bind(to_json(&study.columns)?)
+    .bind(to_json(&study.keys().columns)?)
+    .bind(study.points.len() as i64)
+    .bind(study.replicates as i64)
+    .bind(to_json(&study.stop_when)?)
+    .bind(study.jobs() as i64)
+    .bind(now)
+    .bind(now)
+    .bind(expires_at_us(study))
+    .fetch_one(&mut *connection)
+    .await?
+    .try_get("seq")?;
+    sqlx::query("insert into study_requests (study, body) values (?, ?)")
+        .bind(seq)
+        .bind(request)
+        .execute(&mut *connection)
+        .await?;
+    for (key, value) in &study.labels {
+        sqlx::query("insert into study_labels (key, value, study) values (?, ?, ?)")
+            .bind(key)
+            .bind(value)
+            .bind(seq)
+            .execute(&mut *connection)
+            .await?;
+    }
+    if let Some(key) = &new.idempotency_key {
+        sqlx::query("insert into study_keys (scope, key, body_sha256, study) values (?, ?, ?, ?)")
+            .bind(&key.scope)
+            .bind(&key.key)
+            .bind(&key.body_sha256)
+            .bind(seq)
+            .execute(&mut *connection)
+            .await?;
+    }
+    Ok(seq)
+}
+
+/// A study goes when the last of its jobs may go; where one of them may stay, it stays.
+fn expires_at_us(study: &Study) -> Option<i64> {
+    let jobs = study.points.iter().map(|point| point.job.expires_at_us());
+    jobs.collect::<Option<Vec<_>>>()?.into_iter().max()
+}
+
+async fn insert_points(
+    connection: &mut SqliteConnection,
+    study: i64,
+    of: &Study,
+) -> Result<(), StoreError> {
+    let keys = of.keys().values.iter().map(to_json).collect::<Result<Vec<_>, _>>()?;
+    let points: Vec<_> = keys.into_iter().enumerate().collect();
+    for chunk in points.chunks(ROWS_AT_ONCE) {
+        let mut query = QueryBuilder::<Sqlite>::new("insert into study_points (study, point, key_values) ");
+        query.push_values(chunk, |mut row, (point, keys)| {
+            row.push_bind(study).push_bind(*point as i64).push_bind(keys.clone());
+        });
+        query.build().execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+/// Gives every job its number and its turn.
+async fn rows_of<'a>(
+    connection: &mut SqliteConnection,
+    study: i64,
+    of: &'a Study,
+) -> Result<Vec<Row<'a>>, StoreError> {
+    let last: Option<i64> = sqlx::query_scalar("select seq from sqlite_sequence where name = 'jobs'")
+        .fetch_optional(&mut *connection)
+        .await?;
+    let mut jobs_of: BTreeMap<i64, i64> = BTreeMap::new();
+    for point in &of.points {
+        *jobs_of.entry(point.job.priority).or_default() += of.replicates as i64;
+    }
+    let mut next_turn = BTreeMap::new();
+    for (priority, jobs) in jobs_of {
+        next_turn.insert(priority, turns::take(connection, study, priority, jobs).await?);
+    }
+    let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
+        let Point { job, seeds, .. } = &of.points[point];
+        let next = next_turn.entry(job.priority).or_insert(0);
+        let turn = *next;
+        *next += 1;
+        Row { seq, point, replicate, turn, job, seed: seeds[replicate] }
+    });
+    Ok(rows.collect())
+}
+
+async fn insert_jobs(
+    connection: &mut SqliteConnection,
+    study: i64,
+    rows: &[Row<'_>],
+    now: i64,
+) -> Result<(), StoreError> {
+    let engine = to_json(&EngineInfo::current())?;
+    for chunk in rows.chunks(ROWS_AT_ONCE) {
+        let labels =
+            chunk.iter().map(|row| to_json(&row.job.labels)).collect::<Result<Vec<_>, _>>()?;
+        let mut query = QueryBuilder::<Sqlite>::new(
+            "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
+                 attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn) ",
+        );
+        query.push_values(chunk.iter().zip(labels), |mut values, (row, labels)| {
+            let job = row.job;
+            values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
+            values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
+            values.push_bind(row.seed.cast_signed()).push_bind(job.timeout_s);
+            values.push_bind(job.max_attempts).push_bind(job.max_attempts);
+            values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
+            values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
+            values.push_bind(row.turn);
+        });
+        query.build().execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+async fn insert_bodies(
+    connection: &mut SqliteConnection,
+    study: &Study,
+    rows: &[Row<'_>],
+) -> Result<(), StoreError> {
+    for chunk in rows.chunks(ROWS_AT_ONCE) {
+        let body = |row: &Row<'_>| to_json(&study.points[row.point].replicate(row.replicate));
+        let bodies = chunk.iter().map(body).collect::<Result<Vec<_>, _>>()?;
+        let mut query = QueryBuilder::<Sqlite>::new("insert into job_requests (job, body) ");
+        query.push_values(chunk.iter().zip(bodies), |mut values, (row, body)| {
+            values.push_bind(row.seq).push_bind(body);
+        });
+        query.build().execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+async fn insert_labels(connection: &mut SqliteConnection, rows: &[Row<'_>]) -> Result<(), StoreError> {
+    let labels: Vec<_> = rows
+        .iter()
+        .flat_map(|row| row.job.labels.iter().map(|(key, value)| (row.seq, key, value)))
+        .collect();
+    for chunk in labels.chunks(ROWS_AT_ONCE) {
+        let mut query = QueryBuilder::<Sqlite>::new("insert into job_labels (key, value, job, state) ");
+        query.push_values(chunk, |mut values, (job, key, value)| {
+            values.push_bind((*key).clone()).push_bind((*value).clone()).push_bind(*job).push_bind("queued");
+        });
+        query.build().execute(&mut *connection).await?;
+    }
+    Ok(())
+}

@@ -1,0 +1,64 @@
+//! What a study keeps of a run: taken from the engine's report, or from how far a run came that failed.
+
+use packstone_engine::{NotReached, PackError, Report};
+
+use super::{Facts, Outcome};
+
+impl Facts {
+    /// Of a packing.
+    pub(crate) fn of_packing(report: &Report) -> Self {
+        let (summary, timings) = (&report.summary, &report.timings_s);
+        let grown = report.statistics.edmd;
+        Self {
+            // Not `total`: of a run that went on from a checkpoint it lacks what came before.
+            time_s: timings.total.max(timings.take + timings.rsa + timings.edmd + timings.verify),
+            grains: Some(summary.grains),
+            volume_fraction_effective: Some(summary.volume_fraction_effective),
+            volume_fraction_with_coating: Some(summary.volume_fraction_with_coating),
+            distance_mm: summary.distance_mm,
+            events: grown.map(|edmd| edmd.events),
+            edmd_s: grown.map(|_| timings.edmd),
+            end: grown.map(|edmd| edmd.stop),
+        }
+    }
+
+    /// Of a run that ended without a packing after `time_s`.
+    pub(crate) fn of_failure(error: &PackError, time_s: f64) -> Self {
+        match error {
+            PackError::NotReached(reached) => Self::of_not_reached(reached, time_s),
+            _ => Self { time_s, ..Self::default() },
+        }
+    }
+
+    /// Of a run whose method could not.
+    pub(crate) fn of_not_reached(reached: &NotReached, time_s: f64) -> Self {
+        match reached {
+            NotReached::NoPlace(reached) => Self {
+                time_s,
+                grains: Some(reached.grains),
+                volume_fraction_effective: Some(reached.volume_fraction_asked),
+                ..Self::default()
+            },
+            NotReached::NotGrown(reached) => Self {
+                time_s,
+                grains: Some(reached.grains),
+                volume_fraction_effective: Some(reached.volume_fraction_asked),
+                distance_mm: reached.distance_mm_reached,
+                events: Some(reached.events),
+                end: Some(reached.end),
+                ..Self::default()
+            },
+        }
+    }
+}
+
+impl Outcome {
+    /// How a study counts a run that ended without a packing, unless whoever stopped it knows better: past
+    /// its time it is [`Outcome::NotReached`].
+    pub(crate) fn of_failure(error: &PackError) -> Self {
+        match error {
+            PackError::NotReached(_) => Self::NotReached,
+            PackError::Plan(_) | PackError::Stopped { .. } | PackError::CheckFailed(_) => Self::Void,
+        }
+    }
+}

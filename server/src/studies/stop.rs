@@ -1,0 +1,86 @@
+//! When a point of a study needs no more runs.
+//!
+//! A pure function of how its runs ended, one after another: whoever ends them feeds a [`Tally`], and
+//! cancels what still waits of the point once it says so. Runs on their way go on, and count.
+
+use serde::{Deserialize, Serialize};
+
+use super::interval::wilson;
+use super::{Outcome, StopWhen};
+
+/// Fewer runs than this say little about a rate, however narrow its interval.
+const LEAST_RUNS_OF_A_RATE: u64 = 5;
+
+/// How the runs of one point have ended so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Tally {
+    /// Runs that say something about the mix.
+    pub(crate) runs: u64,
+    pub(crate) successes: u64,
+    /// Runs that did not reach their packing since the last success.
+    pub(crate) failed_in_a_row: u64,
+    /// The rule has been met; nothing takes that back.
+    pub(crate) stopped: bool,
+}
+
+impl Tally {
+    /// Counts a run that ended, and says whether the point needs no more.
+    pub(crate) fn ended(&mut self, outcome: Outcome, rule: &StopWhen) -> bool {
+        match outcome {
+            Outcome::Succeeded => {
+                self.runs += 1;
+                self.successes += 1;
+                self.failed_in_a_row = 0;
+            }
+            Outcome::NotReached => {
+                self.runs += 1;
+                self.failed_in_a_row += 1;
+            }
+            Outcome::Void => return self.stopped,
+        }
+        let failed = rule.failed_in_a_row.is_some_and(|most| self.failed_in_a_row >= u64::from(most));
+        let known = self.runs >= LEAST_RUNS_OF_A_RATE
+            && rule.interval_width.is_some_and(|width| {
+                wilson(self.successes, self.runs).is_some_and(|[low, high]| high - low < width)
+            });
+        self.stopped |= failed || known;
+        self.stopped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use Outcome::{NotReached, Succeeded, Void};
+
+    use super::*;
+
+    fn after(outcomes: &[Outcome], rule: &StopWhen) -> Vec<bool> {
+        let mut tally = Tally::default();
+        outcomes.iter().map(|outcome| tally.ended(*outcome, rule)).collect()
+    }
+
+    #[test]
+    fn failures_count_in_a_row_and_void_runs_neither_add_nor_break_it() {
+        let rule = StopWhen { failed_in_a_row: Some(2), interval_width: None };
+        assert_eq!(
+            after(&[NotReached, Succeeded, NotReached, Void, NotReached, Succeeded], &rule),
+            [false, false, false, false, true, true]
+        );
+        assert_eq!(after(&[Void; 10], &rule), [false; 10]);
+    }
+
+    #[test]
+    fn a_narrow_interval_is_believed_from_five_runs_on() {
+        let wide = StopWhen { failed_in_a_row: None, interval_width: Some(1.0) };
+        assert_eq!(after(&[Succeeded; 5], &wide), [false, false, false, false, true]);
+        // Of n successes only, the interval's width is z^2 / (n + z^2): below 0.2 from 16 on.
+        let narrow = StopWhen { failed_in_a_row: None, interval_width: Some(0.2) };
+        let met = after(&[Succeeded; 20], &narrow).iter().position(|stopped| *stopped);
+        assert_eq!(met, Some(15));
+    }
+
+    #[test]
+    fn without_a_rule_nothing_stops() {
+        assert_eq!(after(&[NotReached; 100], &StopWhen::default()), [false; 100]);
+    }
+}

@@ -1,0 +1,296 @@
+//! The table of a study: one row per point, with what its runs came to.
+//!
+//! Computed from what was kept of the runs ([`Facts`]) whenever it is asked for; `docs/studies.md` defines
+//! every column. It knows points and ended runs; it must never know where they are kept.
+
+use std::io::{self, Write};
+
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use super::interval::wilson;
+use super::{Facts, Outcome, Run};
+
+/// What tells the points apart in a table: names of the first columns, and their values per point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Keys {
+    /// JSON pointers into the job; `point` and `name` for a list.
+    pub(crate) columns: Vec<String>,
+    /// One row per point, as long as `columns`.
+    pub(crate) values: Vec<Vec<Value>>,
+}
+
+/// Jobs of a point that have not run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Rest {
+    /// Those that wait or are on their way.
+    pub(crate) waiting: u64,
+    /// Those that a stop rule cancelled.
+    pub(crate) stopped_early: u64,
+}
+
+/// All rows.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Table {
+    /// Names of the columns that tell the points apart: the keys of [`Row::values`].
+    pub(crate) columns: Vec<String>,
+    /// One per point, in the order of the study.
+    pub(crate) rows: Vec<Row>,
+}
+
+/// A point and what its runs came to. As JSON one flat object, the columns first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Row {
+    /// Name and value of each column.
+    pub(crate) values: Vec<(String, Value)>,
+    pub(crate) cells: Cells,
+}
+
+/// A figure of a row.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub(crate) enum Cell {
+    Count(u64),
+    /// Nothing where no run has it.
+    Number(Option<f64>),
+}
+
+/// Declares the figures of a row once, for the structure, its names, and both its forms.
+macro_rules! cells {
+    ($($(#[$meta:meta])* $name:ident: [$($kind:tt)+],)*) => {
+        /// What the runs of a point came to. A figure is `null` where no run has it.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
+        #[schema(as = StudyTableRow)]
+        pub(crate) struct Cells {
+            $($(#[$meta])* pub(crate) $name: $($kind)+,)*
+        }
+
+        impl Cells {
+            /// Names in the order of the columns.
+            pub(crate) const NAMES: &[&'static str] = &[$(stringify!($name),)*];
+
+            /// All figures in that order.
+            pub(crate) fn all(&self) -> Vec<Cell> {
+                vec![$(Cell::from(self.$name),)*]
+            }
+        }
+    };
+}
+
+cells! {
+    /// Grains of the mix; median of the runs.
+    #[schema(required)]
+    grains: [Option<f64>],
+    /// Volume fraction of the grains (`phi_eff`), counted in each run; median.
+    #[schema(required)]
+    volume_fraction_effective: [Option<f64>],
+    /// The same with each grain enlarged by half the distance it keeps; median of the successes.
+    #[schema(required)]
+    volume_fraction_with_coating: [Option<f64>],
+    /// Runs that succeeded or did not reach their packing.
+    runs: [u64],
+    /// Runs that ended with a packing as asked for.
+    successes: [u64],
+    /// `successes / runs`.
+    #[schema(required)]
+    success_rate: [Option<f64>],
+    /// Lower end of the 95 % interval of the success rate (Wilson 1927).
+    #[schema(required)]
+    success_rate_low: [Option<f64>],
+    /// Upper end of that interval.
+    #[schema(required)]
+    success_rate_high: [Option<f64>],
+    /// Wall-clock time of all runs together.
+    #[schema(required)]
+    time_s_total: [Option<f64>],
+    /// `time_s_total / successes`: what a success costs, failures included.
+    #[schema(required)]
+    time_s_per_success: [Option<f64>],
+    /// Wall-clock time of a success; median.
+    #[schema(required)]
+    time_s_median: [Option<f64>],
+    /// Wall-clock time of the longest success.
+    #[schema(required)]
+    time_s_max: [Option<f64>],
+    /// Constant distance kept, or reached where the run failed; median of the runs.
+    #[schema(required)]
+    distance_mm_median: [Option<f64>],
+    /// The smallest of these.
+    #[schema(required)]
+    distance_mm_min: [Option<f64>],
+    /// The largest of these.
+    #[schema(required)]
+    distance_mm_max: [Option<f64>],
+    /// Events of the growth; median of the runs that grew grains.
+    #[schema(required)]
+    events_median: [Option<f64>],
+    /// Time of the growth per event, in us; median of the successes that grew grains.
+    #[schema(required)]
+    event_us_median: [Option<f64>],
+    /// Jobs that wait or are on their way.
+    waiting: [u64],
+    /// Runs that say nothing: cancelled by a client, or a fault of the program or the machine.
+    void: [u64],
+    /// Jobs that were cancelled because a stop rule was met.
+    stopped_early: [u64],
+}
+
+impl Table {
+    /// The table of these runs. `rest` has one entry per point, or is empty where all has ended. Runs of
+    /// points that there are not are left out.
+    pub(crate) fn new(keys: &Keys, runs: &[Run], rest: &[Rest]) -> Self {
+        let mut by_point: Vec<Vec<&Run>> = vec![Vec::new(); keys.values.len()];
+        for run in runs {
+            if let Some(runs) = by_point.get_mut(run.point) {
+                runs.push(run);
+            }
+        }
+        let rows = keys.values.iter().zip(by_point).enumerate().map(|(point, (values, mut runs))| {
+            // Sums must not depend on the order in which the runs ended.
+            runs.sort_by_key(|run| run.replicate);
+            Row {
+                values: keys.columns.iter().cloned().zip(values.iter().cloned()).collect(),
+                cells: Cells::new(&runs, rest.get(point).copied().unwrap_or_default()),
+            }
+        });
+        Self { columns: keys.columns.clone(), rows: rows.collect() }
+    }
+
+    /// Writes the table as CSV (RFC 4180 but for the line ends, which are plain): one header line; text is
+    /// quoted where it must be, values that are lists or objects are JSON, `null` is an empty field.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub(crate) fn write_csv(&self, out: &mut dyn Write) -> io::Result<()> {
+        let names = self.columns.iter().map(String::as_str).chain(Cells::NAMES.iter().copied());
+        let header: Vec<String> = names.map(quoted).collect();
+        writeln!(out, "{}", header.join(","))?;
+        for row in &self.rows {
+            let mut fields: Vec<String> = row.values.iter().map(|(_, value)| field(value)).collect();
+            fields.extend(row.cells.all().into_iter().map(Cell::text));
+            writeln!(out, "{}", fields.join(","))?;
+        }
+        Ok(())
+    }
+
+    /// The same as text.
+    pub(crate) fn to_csv(&self) -> String {
+        let mut text = Vec::new();
+        // Writing to memory cannot fail.
+        let _ = self.write_csv(&mut text);
+        String::from_utf8_lossy(&text).into_owned()
+    }
+}
+
+impl Cells {
+    fn new(runs: &[&Run], rest: Rest) -> Self {
+        let counted: Vec<&Run> = runs.iter().copied().filter(|run| run.outcome != Outcome::Void).collect();
+        let succeeded: Vec<&Run> =
+            counted.iter().copied().filter(|run| run.outcome == Outcome::Succeeded).collect();
+        let (runs_counted, successes) = (counted.len() as u64, succeeded.len() as u64);
+        let interval = wilson(successes, runs_counted);
+        let time_s_total =
+            (runs_counted > 0).then(|| counted.iter().map(|run| run.facts.time_s).sum::<f64>());
+        let times = sorted(&succeeded, |facts| Some(facts.time_s));
+        let distances = sorted(&counted, |facts| facts.distance_mm);
+        let median_of = |runs: &[&Run], figure: &dyn Fn(&Facts) -> Option<f64>| median(&sorted(runs, figure));
+        Self {
+            grains: median_of(&counted, &|facts| facts.grains.map(|n| n as f64)),
+            volume_fraction_effective: median_of(&counted, &|facts| facts.volume_fraction_effective),
+            volume_fraction_with_coating: median_of(&succeeded, &|facts| facts.volume_fraction_with_coating),
+            runs: runs_counted,
+            successes,
+            success_rate: (runs_counted > 0).then(|| successes as f64 / runs_counted as f64),
+            success_rate_low: interval.map(|[low, _]| low),
+            success_rate_high: interval.map(|[_, high]| high),
+            time_s_total,
+            time_s_per_success: time_s_total.filter(|_| successes > 0).map(|total| total / successes as f64),
+            time_s_median: median(&times),
+            time_s_max: times.last().copied(),
+            distance_mm_median: median(&distances),
+            distance_mm_min: distances.first().copied(),
+            distance_mm_max: distances.last().copied(),
+            events_median: median_of(&counted, &|facts| facts.events.map(|n| n as f64)),
+            event_us_median: median_of(&succeeded, &|facts| {
+                let events = facts.events.filter(|n| *n > 0)?;
+                Some(facts.edmd_s? * 1e6 / events as f64)
+            }),
+            waiting: rest.waiting,
+            void: (runs.len() - counted.len()) as u64,
+            stopped_early: rest.stopped_early,
+        }
+    }
+}
+
+/// A figure of the runs that have it, in rising order.
+fn sorted(runs: &[&Run], figure: impl Fn(&Facts) -> Option<f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = runs.iter().filter_map(|run| figure(&run.facts)).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values
+}
+
+/// Of values in rising order: the middle one, or the mean of the middle two.
+fn median(sorted: &[f64]) -> Option<f64> {
+    let middle = sorted.len() / 2;
+    let high = *sorted.get(middle)?;
+    Some(if sorted.len().is_multiple_of(2) { f64::midpoint(sorted[middle - 1], high) } else { high })
+}
+
+impl Serialize for Row {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serializer.serialize_map(Some(self.values.len() + Cells::NAMES.len()))?;
+        for (column, value) in &self.values {
+            object.serialize_entry(column, value)?;
+        }
+        for (name, cell) in Cells::NAMES.iter().zip(self.cells.all()) {
+            object.serialize_entry(name, &cell)?;
+        }
+        object.end()
+    }
+}
+
+impl From<u64> for Cell {
+    fn from(count: u64) -> Self {
+        Self::Count(count)
+    }
+}
+
+impl From<Option<f64>> for Cell {
+    fn from(number: Option<f64>) -> Self {
+        Self::Number(number)
+    }
+}
+
+impl Cell {
+    /// The shortest text that reads back as the same number.
+    fn text(self) -> String {
+        match self {
+            Self::Count(count) => count.to_string(),
+            Self::Number(number) => number.map(|x| Value::from(x).to_string()).unwrap_or_default(),
+        }
+    }
+}
+
+/// A value of a column as a field of CSV.
+fn field(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) => quoted(text),
+        other => quoted(&other.to_string()),
+    }
+}
+
+/// Text as a field of CSV. An empty one is quoted, so that it differs from none.
+fn quoted(text: &str) -> String {
+    if text.is_empty() || text.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+#[path = "table_tests.rs"]
+mod tests;
