@@ -10,30 +10,34 @@ set -euo pipefail
 url=${PACKSTONE_URL:-http://127.0.0.1:8080}
 out=${1:-.}
 
-# On an error the server's explanation goes to standard error, and the script ends.
+answer=$(mktemp)
+trap 'rm -f "$answer"' EXIT
+
+# Prints what the server answers. On an error its explanation goes to standard error, and the script ends.
 api() {
     local fields=()
     if [ -n "${PACKSTONE_API_KEY:-}" ]; then
         fields=(--header "authorization: Bearer $PACKSTONE_API_KEY")
     fi
     # Seven attempts, with growing pauses or those that a busy server asks for.
-    curl --silent --show-error --fail-with-body --retry 6 --retry-connrefused "${fields[@]}" "$@" || {
-        local status=$?
-        echo "study.sh: the request failed: $*" >&2
-        return "$status"
-    }
+    if ! curl --silent --show-error --fail-with-body --retry 6 --retry-connrefused --output "$answer" "${fields[@]}" "$@"; then
+        cat "$answer" >&2
+        echo >&2
+        return 1
+    fi
+    cat "$answer"
 }
 
 request='{
   "name": "A16 by two methods", "seed": 1,
   "template": {
     "specimen": {"type": "box", "size_mm": [60, 60, 60]},
-    "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.5},
+    "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.65},
     "distance": {"type": "constant", "mm": 0.5},
     "method": {"type": "auto"}
   },
   "grid": {
-    "/mix/volume_fraction": [0.45, 0.55, 0.65],
+    "/mix/volume_fraction": [0.55, 0.65, 0.75],
     "/method/type": ["rsa", "edmd"]
   },
   "replicates": 5
@@ -51,15 +55,15 @@ while [ "$(jq --raw-output .finished_at <<<"$study")" = null ]; do
     jq --raw-output '"\(.counts.succeeded) succeeded, \(.counts.failed) failed, of \(.jobs)"' <<<"$study"
 done
 
-api "$url$path/table?format=csv" --output "$out/table.csv"
-api "$url$path/plot.svg?kind=success" --output "$out/success.svg"
+api "$url$path/table?format=csv" >"$out/table.csv"
+api "$url$path/plot.svg?kind=success" >"$out/success.svg"
 # The table for people.
 jq --raw-output '.rows[] | "phi \(.["/mix/volume_fraction"])  \(.["/method/type"])\t\(.successes) of \(.runs)"' \
     <<<"$(api "$url$path/table?format=json")"
 
 # One packing, as four arrays of as many grains, largest first.
 job=$(api "$url$path/jobs?state=succeeded&limit=1" | jq --raw-output '.items[0].links.self')
-api "$url$job/result?format=csv" --output "$out/packing.csv"
+api "$url$job/result?format=csv" >"$out/packing.csv"
 x=() y=() z=() d=()
 {
     read -r _ # x_mm,y_mm,z_mm,d_mm

@@ -19,14 +19,14 @@ end
 job.specimen = struct('type', 'box', 'size_mm', [60 60 60]);
 job.mix.grading = struct('type', 'standard', 'name', 'A16');
 job.mix.d_min_mm = 4;
-job.mix.volume_fraction = 0.5;
+job.mix.volume_fraction = 0.65;
 job.distance = struct('type', 'constant', 'mm', 0.5);
 job.method.type = 'auto';
 
 % JSON pointers are no names of struct fields, so the grid is a map. A list of one value has to be a cell array,
 % {0.5}, since jsonencode writes [0.5] as a number.
 grid_values = containers.Map();
-grid_values('/mix/volume_fraction') = [0.45 0.55 0.65];
+grid_values('/mix/volume_fraction') = [0.55 0.65 0.75];
 grid_values('/method/type') = {'rsa', 'edmd'};
 
 request.name = 'A16 by two methods';

@@ -44,8 +44,8 @@ study = client.study(
 print(study.id)  # client.open_study(...) finds it again, from another day or another machine
 
 # %%
-study.wait(progress=lambda seen: print(f"\r{seen}", end="", flush=True))
-print()
+study.wait(progress=lambda seen: print(f"\r{seen.progress['fraction']:4.0%}", end="", flush=True))
+print("\r" + str(study))
 
 # %% [markdown]
 # ## The table

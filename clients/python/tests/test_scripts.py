@@ -36,7 +36,7 @@ def test_the_script_for_the_shell(server: LiveServer, tmp_path: Path) -> None:
     (tmp_path / "files").mkdir()
     said = run(server, tmp_path, REPOSITORY / "clients/curl/study.sh", "files")
     assert re.search(r"^\d+ succeeded, \d+ failed, of 30$", said, re.MULTILINE)
-    assert "phi 0.45  rsa\t5 of 5" in said
+    assert "phi 0.55  rsa\t5 of 5" in said
     with (tmp_path / "files/table.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
     assert len(rows) == 6 and all(row["runs"] == "5" for row in rows)

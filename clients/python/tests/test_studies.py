@@ -121,6 +121,17 @@ def test_progress_cancel_retry_and_delete(client: packstone.Client) -> None:
         client.job(jobs[0])
 
 
+def test_news_of_quick_jobs_is_gathered(client: packstone.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("packstone._resource.sleep", pauses.append)
+    told: list[int] = []
+    study = client.study(template=TEMPLATE, grid=GRID, replicates=5)
+    study.wait(progress=lambda seen: told.append(seen.progress["done"]))
+    assert told == sorted(told) and told[-1] == 30
+    # Between any two questions, of which the first brings the news that were told second.
+    assert len(pauses) == len(told) - 2 and all(0 <= pause <= 0.25 for pause in pauses)
+
+
 def test_faults_name_the_place_in_the_study(client: packstone.Client) -> None:
     with pytest.raises(packstone.PackstoneError) as refused:
         client.study(template=TEMPLATE, grid={PHI: [0.2, 1.5]})
@@ -136,7 +147,6 @@ def test_a_study_whose_answer_is_lost_is_one_study(
     series = uuid4().hex
     proxy.faults.append(AnswerLost())
     with packstone.Client(proxy.url) as unlucky:
-        study = unlucky.study(labels={"series": series}, template=TEMPLATE, grid=GRID)
+        study = unlucky.study(labels={"series": series}, template=TEMPLATE, grid=GRID).wait()
     assert [found.id for found in client.studies(labels={"series": series})] == [study.id]
     assert len(pauses) == 1
-    study.wait()

@@ -19,6 +19,8 @@ R = TypeVar("R", bound="Resource")
 
 # Longest that the server holds an answer back.
 LONGEST_POLL_S = 60
+# Least time between two questions, for a study of quick jobs has news all the time.
+NEWS_EVERY_S = 0.25
 # A server that is about to stop answers at once, and so does a proxy that drops `Prefer`: then this long a
 # pause keeps the loop from spinning.
 PAUSE_S = 1.0
@@ -115,7 +117,12 @@ class Resource(ABC):
             news = self._poll(poll_s, until_end=progress is None)
             if news and progress is not None:
                 progress(self)
-            if not news and monotonic() - asked_at < min(PAUSE_S, poll_s / 2):
+            if self.finished:
+                break
+            took_s = monotonic() - asked_at
+            if news:
+                sleep(max(0.0, NEWS_EVERY_S - took_s))
+            elif took_s < min(PAUSE_S, poll_s / 2):
                 sleep(PAUSE_S)
         return self
 
