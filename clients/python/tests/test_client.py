@@ -40,6 +40,13 @@ def test_a_key_opens_the_server(locked_server: LiveServer, monkeypatch: pytest.M
         assert client.submit(mixes.quick()).result().to_numpy().shape[1] == 4
 
 
+def test_an_id_is_one_segment_of_the_path(proxy: FaultyProxy) -> None:
+    with packstone.Client(proxy.url) as client, pytest.raises(packstone.PackstoneError) as refused:
+        client.job("../capabilities?")
+    assert refused.value.kind == "not-found"
+    assert proxy.seen[0].path == "/v1/jobs/..%2Fcapabilities%3F"
+
+
 def test_without_an_address_the_server_is_that_of_this_machine() -> None:
     with packstone.Client() as client:
         assert repr(client) == "<Client of http://127.0.0.1:8080>"

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from types import TracebackType
 from typing import Any, TypeVar
+from urllib.parse import quote
 from uuid import uuid4
 
 from ._listing import ITEMS_PER_PAGE, pages
@@ -82,7 +83,7 @@ class Client:
 
     def job(self, id: str) -> Job:
         """The job of that id."""
-        response = self._transport.request("GET", f"/v1/jobs/{id}")
+        response = self._transport.request("GET", f"/v1/jobs/{quote(id, safe='')}")
         return Job(self._transport, document(response), response.headers.get("etag"))
 
     def jobs(
@@ -148,7 +149,7 @@ class Client:
 
     def open_study(self, id: str) -> Study:
         """The study of that id, submitted earlier."""
-        response = self._transport.request("GET", f"/v1/studies/{id}")
+        response = self._transport.request("GET", f"/v1/studies/{quote(id, safe='')}")
         return Study(self._transport, document(response), response.headers.get("etag"))
 
     def studies(
