@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# A lab script: three volume fractions, two methods, five seeds; waits, writes the table and a plot, and reads one of the
+# packings into arrays. Needs bash, curl 7.76 or later, and jq.
+#
+#   study.sh [DIRECTORY]                where the files go; here when left out
+#   PACKSTONE_URL=http://lab:8080       the server; that of this machine when left out
+#   PACKSTONE_API_KEY=packstone_...     the key, where the server asks for one
+set -euo pipefail
+
+url=${PACKSTONE_URL:-http://127.0.0.1:8080}
+out=${1:-.}
+
+answer=$(mktemp)
+trap 'rm -f "$answer"' EXIT
+
+# Prints what the server answers. On an error its explanation goes to standard error, and the script ends.
+api() {
+    local fields=()
+    if [ -n "${PACKSTONE_API_KEY:-}" ]; then
+        fields=(--header "authorization: Bearer $PACKSTONE_API_KEY")
+    fi
+    # Seven attempts, with growing pauses or those that a busy server asks for.
+    if ! curl --silent --show-error --fail-with-body --retry 6 --retry-connrefused --output "$answer" "${fields[@]}" "$@"; then
+        cat "$answer" >&2
+        echo >&2
+        return 1
+    fi
+    cat "$answer"
+}
+
+request='{
+  "name": "A16 by two methods", "seed": 1,
+  "template": {
+    "specimen": {"type": "box", "size_mm": [60, 60, 60]},
+    "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.65},
+    "distance": {"type": "constant", "mm": 0.5},
+    "method": {"type": "auto"}
+  },
+  "grid": {
+    "/mix/volume_fraction": [0.55, 0.65, 0.75],
+    "/method/type": ["rsa", "edmd"]
+  },
+  "replicates": 5
+}'
+
+# The key makes a repeated submission safe: the same key and body are the same study.
+study=$(api "$url/v1/studies" --header 'content-type: application/json' \
+    --header "idempotency-key: study.sh-$(date +%s)-$$" --data "$request")
+path=$(jq --raw-output .links.self <<<"$study")
+echo "submitted as $path"
+
+# Each answer is held back until the study has ended, or for a minute.
+while [ "$(jq --raw-output .finished_at <<<"$study")" = null ]; do
+    study=$(api "$url$path" --header 'prefer: wait=60')
+    jq --raw-output '"\(.counts.succeeded) succeeded, \(.counts.failed) failed, of \(.jobs)"' <<<"$study"
+done
+
+api "$url$path/table?format=csv" >"$out/table.csv"
+api "$url$path/plot.svg?kind=success" >"$out/success.svg"
+# The table for people.
+jq --raw-output '.rows[] | "phi \(.["/mix/volume_fraction"])  \(.["/method/type"])\t\(.successes) of \(.runs)"' \
+    <<<"$(api "$url$path/table?format=json")"
+
+# One packing, as four arrays of as many grains, largest first.
+job=$(api "$url$path/jobs?state=succeeded&limit=1" | jq --raw-output '.items[0].links.self')
+api "$url$job/result?format=csv" >"$out/packing.csv"
+x=() y=() z=() d=()
+{
+    read -r _ # x_mm,y_mm,z_mm,d_mm
+    while IFS=, read -r x_mm y_mm z_mm d_mm; do
+        x+=("$x_mm") y+=("$y_mm") z+=("$z_mm") d+=("$d_mm")
+    done
+} <"$out/packing.csv"
+echo "${#d[@]} grains; the largest, of ${d[0]} mm, lies at (${x[0]}, ${y[0]}, ${z[0]}) mm"

@@ -1,0 +1,70 @@
+% A lab script: three volume fractions, two methods, five seeds; waits, reads the table, and reads one of the
+% packings into arrays. MATLAB R2020b or later, no toolbox.
+%
+% The server and the key, where it asks for one, are those of the environment variables PACKSTONE_URL and
+% PACKSTONE_API_KEY. When a request is refused MATLAB shows the status only; clients/curl/study.sh shows the
+% server's explanation, which names the field and the bound.
+
+url = getenv('PACKSTONE_URL');
+if isempty(url)
+    url = 'http://127.0.0.1:8080';
+end
+fields = {'Accept', '*/*'};
+key = getenv('PACKSTONE_API_KEY');
+if ~isempty(key)
+    fields = [fields; {'Authorization', ['Bearer ' key]}];
+end
+
+%% Submit
+job.specimen = struct('type', 'box', 'size_mm', [60 60 60]);
+job.mix.grading = struct('type', 'standard', 'name', 'A16');
+job.mix.d_min_mm = 4;
+job.mix.volume_fraction = 0.65;
+job.distance = struct('type', 'constant', 'mm', 0.5);
+job.method.type = 'auto';
+
+% JSON pointers are no names of struct fields, so the grid is a map. A list of one value has to be a cell array,
+% {0.5}, since jsonencode writes [0.5] as a number.
+grid_values = containers.Map();
+grid_values('/mix/volume_fraction') = [0.55 0.65 0.75];
+grid_values('/method/type') = {'rsa', 'edmd'};
+
+request.name = 'A16 by two methods';
+request.seed = 1;
+request.template = job;
+request.grid = grid_values;
+request.replicates = 5;
+
+% Encoded here, as webwrite sends text as it is.
+post_options = weboptions('RequestMethod', 'post', 'MediaType', 'application/json', 'ContentType', 'json', ...
+    'HeaderFields', fields, 'Timeout', 60);
+study = webwrite([url '/v1/studies'], jsonencode(request), post_options);
+study_url = [url study.links.self];
+fprintf('submitted as %s\n', study.links.self);
+
+%% Wait
+% Each answer is held back until the study has ended, or for a minute.
+wait_options = weboptions('ContentType', 'json', 'HeaderFields', [fields; {'Prefer', 'wait=60'}], 'Timeout', 90);
+while isempty(study.finished_at)
+    study = webread(study_url, wait_options);
+    fprintf('%d succeeded, %d failed, of %d\n', study.counts.succeeded, study.counts.failed, study.jobs);
+end
+
+%% The table
+% One row per volume fraction and method. From a file, since readtable can keep the names of its columns.
+file_options = weboptions('HeaderFields', fields, 'Timeout', 60);
+websave('table.csv', [study_url '/table?format=csv'], file_options);
+rows = readtable('table.csv', 'Delimiter', ',', 'VariableNamingRule', 'preserve');
+disp(rows(:, {'/mix/volume_fraction', '/method/type', 'runs', 'successes', 'success_rate', 'time_s_median'}));
+websave('success.svg', [study_url '/plot.svg?kind=success'], file_options);
+
+%% One packing, as arrays
+json_options = weboptions('ContentType', 'json', 'HeaderFields', fields, 'Timeout', 60);
+page = webread([study_url '/jobs?state=succeeded&limit=1'], json_options);
+websave('packing.csv', [url page.items(1).links.self '/result?format=csv'], file_options);
+spheres = readmatrix('packing.csv');
+x = spheres(:, 1);
+y = spheres(:, 2);
+z = spheres(:, 3);
+d = spheres(:, 4);
+fprintf('%d grains; the largest, of %.3f mm, lies at (%.3f, %.3f, %.3f) mm\n', numel(d), d(1), x(1), y(1), z(1));

@@ -1,0 +1,57 @@
+"""The server that the tests talk to, and ways to it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from faulty_proxy import FaultyProxy
+from live_server import LiveServer
+
+import packstone
+
+
+def pytest_configure() -> None:
+    """What whoever runs the suite has set must not change what is tested."""
+    for name in ("PACKSTONE_URL", "PACKSTONE_API_KEY"):
+        os.environ.pop(name, None)
+    os.environ["NO_PROXY"] = "127.0.0.1"
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
+    """A server with two workers, one for all tests: none may rely on being alone."""
+    with LiveServer(tmp_path_factory.mktemp("server"), "--workers", "2") as live:
+        yield live
+
+
+@pytest.fixture(scope="session")
+def session_client(server: LiveServer) -> Iterator[packstone.Client]:
+    """A client for what several tests look at."""
+    with packstone.Client(server.url) as client:
+        yield client
+
+
+@pytest.fixture
+def client(server: LiveServer) -> Iterator[packstone.Client]:
+    """A client of the server."""
+    with packstone.Client(server.url) as client:
+        yield client
+
+
+@pytest.fixture
+def proxy(server: LiveServer) -> Iterator[FaultyProxy]:
+    """A proxy to the server that breaks what it is told to."""
+    proxy = FaultyProxy(server.address)
+    yield proxy
+    proxy.stop()
+
+
+@pytest.fixture
+def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The pauses between attempts, which are noted instead of made."""
+    noted: list[float] = []
+    monkeypatch.setattr("packstone._transport.sleep", noted.append)
+    return noted

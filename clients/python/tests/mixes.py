@@ -1,0 +1,45 @@
+"""Jobs to send: named by what a test needs of them, not by their numbers."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any
+
+Json = dict[str, Any]
+
+
+def quick(seed: int = 1) -> Json:
+    """Some hundred grains of A16 in a 40 mm cube: done in a blink."""
+    return {
+        "seed": seed,
+        "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.3},
+        "distance": {"type": "constant", "mm": 0.2},
+    }
+
+
+def endless() -> Json:
+    """Grows until it is stopped, as far as a test is concerned."""
+    return {
+        "name": "endless",
+        "seed": 7,
+        "specimen": {"type": "box", "size_mm": [80, 80, 80]},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": 0.535},
+        "distance": {"type": "maximize"},
+        "method": {"type": "edmd", "stop": {"stall_dt_s": 1e-300}},
+    }
+
+
+def unreachable() -> Json:
+    """Ends soon as `packing-not-reached`: equal spheres added at random jam near 0.384."""
+    return {
+        "seed": 1,
+        "specimen": {"type": "box", "size_mm": [(1000 * pi / 6 / 0.5) ** (1 / 3)] * 3, "boundary": "periodic"},
+        "mix": {"grading": {"type": "monodisperse", "diameter_mm": 1}, "volume_fraction": 0.5},
+        "method": {"type": "rsa", "attempts_per_grain": 100},
+    }
+
+
+def without(job: Json, field: str) -> Json:
+    """The same job but for a field."""
+    return {name: value for name, value in job.items() if name != field}

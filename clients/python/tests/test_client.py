@@ -1,0 +1,75 @@
+"""Where the server is and who may talk to it; the package itself."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+from collections.abc import Iterator
+from pathlib import Path
+
+import mixes
+import packstone
+import pytest
+from faulty_proxy import FaultyProxy
+from live_server import REPOSITORY, LiveServer
+
+KEY = "packstone_" + 64 * "0"
+
+
+@pytest.fixture
+def locked_server(tmp_path: Path) -> Iterator[LiveServer]:
+    """A server that asks for a key."""
+    keys = tmp_path / "keys.txt"
+    keys.write_text(f"{hashlib.sha256(KEY.encode()).hexdigest()} lab\n")
+    with LiveServer(tmp_path, "--api-keys-file", str(keys)) as live:
+        yield live
+
+
+def test_a_key_opens_the_server(locked_server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    for wrong in (None, "packstone_wrong"):
+        with packstone.Client(locked_server.url, wrong) as client:
+            with pytest.raises(packstone.PackstoneError) as refused:
+                client.capabilities()
+            assert refused.value.kind == "unauthorized"
+    with packstone.Client(locked_server.url, KEY + "\n") as client:
+        assert client.capabilities()["limits"]["workers"] >= 1
+        assert KEY not in repr(client)
+    monkeypatch.setenv("PACKSTONE_URL", locked_server.url)
+    monkeypatch.setenv("PACKSTONE_API_KEY", KEY)
+    with packstone.Client() as client:
+        assert client.submit(mixes.quick()).result().to_numpy().shape[1] == 4
+
+
+def test_an_id_is_one_segment_of_the_path(proxy: FaultyProxy) -> None:
+    with packstone.Client(proxy.url) as client, pytest.raises(packstone.PackstoneError) as refused:
+        client.job("../capabilities?")
+    assert refused.value.kind == "not-found"
+    assert proxy.seen[0].path == "/v1/jobs/..%2Fcapabilities%3F"
+
+
+def test_without_an_address_the_server_is_that_of_this_machine() -> None:
+    with packstone.Client() as client:
+        assert repr(client) == "<Client of http://127.0.0.1:8080>"
+
+
+@pytest.mark.parametrize("url", ["localhost:8080", "ftp://lab", "http://"])
+def test_what_is_no_address_is_refused(url: str) -> None:
+    with pytest.raises(ValueError, match="must be like http://localhost:8080"):
+        packstone.Client(url)
+
+
+def test_a_server_below_a_path_is_found(proxy: FaultyProxy) -> None:
+    with packstone.Client(f"{proxy.url}/lab/") as client, pytest.raises(packstone.PackstoneError):
+        client.capabilities()
+    assert proxy.seen[0].path == "/lab/v1/capabilities"
+    version = importlib.metadata.version("packstone-client")
+    assert proxy.seen[0].headers["user-agent"] == f"packstone-client/{version}"
+    assert packstone.__version__ == version
+
+
+def test_the_package_is_installed_with_its_types() -> None:
+    assert packstone.__file__ is not None
+    package = Path(packstone.__file__).parent
+    assert not package.is_relative_to(REPOSITORY / "clients"), "the tests must run against an installation"
+    assert (package / "py.typed").exists()
+    assert set(packstone.__all__) <= set(dir(packstone))

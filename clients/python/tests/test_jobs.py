@@ -1,0 +1,137 @@
+"""Submitting jobs, waiting for them, finding them again."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from uuid import uuid4
+
+import mixes
+import numpy as np
+import packstone
+import pytest
+from faulty_proxy import FaultyProxy
+from live_server import LiveServer
+
+
+def test_a_job_is_submitted_waited_for_and_found_again(client: packstone.Client) -> None:
+    job = client.submit(mixes.quick(), name="first", labels={"series": "TB-7"})
+    assert (job.name, job.labels, job.seed) == ("first", {"series": "TB-7"}, 1)
+    assert job.wait() is job
+    assert job.succeeded and job.finished and job.error is None
+    assert job.finished_at is not None and job.created_at < job.finished_at
+    again = client.job(job.id)
+    assert again.data == job.data
+    assert again.request["mix"]["volume_fraction"] == 0.3
+    assert str(again) == f"job 'first' ({job.id}): succeeded"
+
+
+def test_fields_by_name_replace_those_of_the_mapping(client: packstone.Client) -> None:
+    job = client.submit(mixes.quick(seed=1), seed=2)
+    assert job.seed == 2
+    by_name = client.submit(specimen=mixes.quick()["specimen"], mix=mixes.quick()["mix"], seed=3)
+    assert by_name.request["specimen"]["size_mm"] == [40, 40, 40]
+
+
+def test_numbers_and_arrays_of_numpy_are_taken(client: packstone.Client) -> None:
+    job = client.submit(
+        seed=np.int64(5),
+        specimen=MappingProxyType({"type": "box", "size_mm": np.full(3, 40.0)}),
+        mix={"grading": {"type": "diameters", "mm": np.array([12.5, 10.0])}},
+    )
+    assert job.seed == 5
+    assert job.request["mix"]["grading"]["mm"] == [12.5, 10]
+    with pytest.raises(ValueError, match="JSON"):
+        client.submit(mixes.quick(), timeout_s=float("nan"))
+    with pytest.raises(TypeError, match="has no form in JSON"):
+        client.submit(mixes.quick(), name=object())
+
+
+def test_a_dry_run_plans_and_stores_nothing(client: packstone.Client) -> None:
+    series = uuid4().hex
+    plan = client.dry_run(mixes.quick(), labels={"series": series})
+    assert plan["grains"] > 10 and plan["volume_fraction_effective"] < 0.3
+    assert list(client.jobs(labels={"series": series})) == []
+
+
+def test_listings_go_on_from_page_to_page(client: packstone.Client) -> None:
+    series = uuid4().hex
+    submitted = [client.submit(mixes.quick(seed), labels={"series": series}).id for seed in range(5)]
+    listed = client.jobs(labels={"series": series}, page_size=2)
+    assert [job.id for job in listed] == submitted[::-1]
+    first = next(client.jobs(labels={"series": series}))
+    assert first.request["seed"] == 4, "a listing leaves the request out; it is fetched when asked for"
+    first.wait()
+    finished = client.jobs(labels={"series": series}, state="succeeded")
+    assert first.id in [job.id for job in finished]
+
+
+def test_progress_is_told_to_the_end(client: packstone.Client) -> None:
+    job = client.submit(mixes.endless())
+    told: list[tuple[packstone.jobs.State, float]] = []
+
+    def note(seen: packstone.Job) -> None:
+        told.append((seen.state, seen.progress.get("fraction", 0.0)))
+        if seen.state == "running" and len(told) > 3 and not seen.data["cancel_requested"]:
+            assert "running" in str(seen)
+            seen.cancel()
+
+    job.wait(progress=note)
+    states = [state for state, _ in told]
+    assert states[-1] == "cancelled" and "running" in states
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions)
+
+
+def test_a_job_that_has_ended_is_told_once(client: packstone.Client) -> None:
+    job = client.submit(mixes.quick()).wait()
+    told: list[str] = []
+    job.wait(progress=lambda seen: told.append(seen.state))
+    assert told == ["succeeded"]
+
+
+def test_a_wait_may_be_limited_and_the_job_goes_on(client: packstone.Client) -> None:
+    job = client.submit(mixes.endless())
+    with pytest.raises(packstone.WaitTimeout, match="has not ended within 0.01 s"):
+        job.wait(0.01)
+    with pytest.raises(TimeoutError):
+        job.result(timeout=0.01)
+    assert not job.refresh().finished
+    job.cancel().wait()
+    with pytest.raises(packstone.JobCancelled, match="endless"):
+        job.result()
+
+
+def test_retry_and_delete(client: packstone.Client) -> None:
+    job = client.submit(mixes.endless())
+    job.cancel().wait()
+    assert job.retry().state == "queued" and job.data["attempt"] > 1
+    job.cancel().wait().delete()
+    with pytest.raises(packstone.PackstoneError) as gone:
+        client.job(job.id)
+    assert gone.value.kind == "not-found" and gone.value.status == 404
+
+
+def test_waiting_is_one_request_that_is_held_back(proxy: FaultyProxy) -> None:
+    with packstone.Client(proxy.url) as client:
+        job = client.submit(mixes.quick()).wait()
+    assert job.succeeded
+    assert [seen.method for seen in proxy.seen] == ["POST", "GET"]
+    assert proxy.seen[1].headers["prefer"] == "wait=60"
+
+
+def test_waiting_does_not_spin_where_no_answer_is_held_back(
+    server: LiveServer, proxy: FaultyProxy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    proxy.dropped_fields = {"prefer"}
+    pauses: list[float] = []
+    with packstone.Client(server.url) as direct, packstone.Client(proxy.url) as client:
+        job = client.submit(mixes.endless())
+
+        def pause(duration_s: float) -> None:
+            pauses.append(duration_s)
+            if len(pauses) == 3:
+                direct.job(job.id).cancel().wait()
+
+        monkeypatch.setattr("packstone._resource.sleep", pause)
+        job.wait()
+    assert job.state == "cancelled" and pauses == [1.0, 1.0, 1.0]

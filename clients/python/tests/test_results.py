@@ -1,0 +1,77 @@
+"""Packings as arrays, tables and files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mixes
+import numpy as np
+import packstone
+import pytest
+from faulty_proxy import CutAfter, FaultyProxy
+from packstone.results import Format
+
+
+@pytest.fixture
+def result(client: packstone.Client) -> packstone.Result:
+    return client.submit(mixes.quick()).result()
+
+
+def test_arrays_tables_and_files_agree(result: packstone.Result, tmp_path: Path) -> None:
+    spheres = result.to_numpy()
+    assert spheres.shape == (result.summary["grains"], 4) and spheres.dtype == np.float64
+    assert (np.diff(spheres[:, 3]) <= 0).all(), "largest first"
+    written = json.loads(result.save(tmp_path / "packing.json").read_text())
+    assert np.array_equal(spheres, np.array(written["spheres"]["rows"]))
+    assert written["summary"] == result.summary == result.report["summary"]
+    table = result.to_dataframe()
+    assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "d_mm"]
+    assert np.array_equal(table.to_numpy(), spheres)
+
+
+@pytest.mark.parametrize(
+    ("name", "format", "head"),
+    [
+        ("a.csv", None, b"x_mm,y_mm,z_mm,d_mm"),
+        ("a.VTP", None, b"<?xml"),
+        ("a.vtk", None, b"# vtk DataFile"),
+        ("a.npy", None, b"\x93NUMPY"),
+        ("a.txt", "csv", b"x_mm"),
+    ],
+)
+def test_files_in_every_format(
+    result: packstone.Result, tmp_path: Path, name: str, format: Format | None, head: bytes
+) -> None:
+    saved = result.save(tmp_path / name, format)
+    assert saved == tmp_path / name
+    assert saved.read_bytes().startswith(head)
+
+
+def test_an_unknown_suffix_is_refused(result: packstone.Result, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="'stl' is no format of results: must be one of json, csv"):
+        result.save(tmp_path / "a.stl")
+
+
+def test_a_file_is_replaced_as_a_whole_or_not_at_all(client: packstone.Client, tmp_path: Path) -> None:
+    job = client.submit(mixes.quick())
+    result = job.result()
+    path = tmp_path / "a.csv"
+    path.write_text("of last week")
+    job.delete()
+    with pytest.raises(packstone.PackstoneError):
+        result.save(path)
+    assert path.read_text() == "of last week"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_broken_download_goes_on_where_it_was(proxy: FaultyProxy, pauses: list[float]) -> None:
+    with packstone.Client(proxy.url) as client:
+        result = client.submit(mixes.quick()).result()
+        whole = result.to_numpy()
+        proxy.seen.clear()
+        proxy.faults.extend([CutAfter(100), CutAfter(50)])
+        assert np.array_equal(result.to_numpy(), whole)
+    ranges = [seen.headers["range"] for seen in proxy.seen]
+    assert ranges == [None, "bytes=100-", "bytes=150-"]
+    assert len(pauses) == 2
