@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 
-use super::submit::to_json;
 use super::studies::runs;
+use super::submit::to_json;
 use super::{Store, StoreError, detached, micros, now_us, rows, turns};
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;
@@ -354,4 +354,3 @@ async fn claim(writer: &mut SqliteConnection, lease: Duration) -> Result<Option<
     let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
     Ok(Some(Claimed { lease, job, request }))
 }
-

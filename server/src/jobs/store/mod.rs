@@ -33,11 +33,9 @@ use crate::ids::StudyId;
 
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
-pub(crate) use studies::{
-    NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy,
-};
-pub(crate) use upkeep::Removed;
+pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
+pub(crate) use upkeep::Removed;
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;
@@ -121,6 +119,8 @@ impl Store {
             // A 201 promises that the job survives a power cut.
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
+            // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
+            .pragma("temp_store", "memory")
             .busy_timeout(WAIT);
         let mut writer = SqliteConnection::connect_with(&options).await?;
         sqlx::migrate!("../migrations").run(&mut writer).await?;
