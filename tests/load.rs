@@ -310,9 +310,8 @@ async fn a_study_of_ten_thousand_jobs() {
     let (mut most, mut done) = (0.0_f64, 0);
     while done < 10_000 {
         let next = (done + 500).min(10_000);
-        let study = client
-            .study_when(id, "further", |study| study["progress"]["done"].as_u64() >= Some(next))
-            .await;
+        let study =
+            client.study_when(id, "further", |study| study["progress"]["done"].as_u64() >= Some(next)).await;
         done = study["progress"]["done"].as_u64().unwrap();
         most = most.max(megabytes(&server));
     }
@@ -341,9 +340,14 @@ async fn overhead_over_the_bare_engine() {
             let moment = |text: &Value| text.as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
             let jobs = client.jobs_of(id_of(&study)).await;
             let first = jobs.iter().map(|job| moment(&job["started_at"])).min().unwrap();
-            let wall_s = moment(&finished["finished_at"]).duration_since(first).as_secs_f64() * workers as f64;
-            let engine_s: f64 =
-                client.table(id_of(&study)).await.iter().map(|row| row["time_s_total"].as_f64().unwrap()).sum();
+            let wall_s =
+                moment(&finished["finished_at"]).duration_since(first).as_secs_f64() * workers as f64;
+            let engine_s: f64 = client
+                .table(id_of(&study))
+                .await
+                .iter()
+                .map(|row| row["time_s_total"].as_f64().unwrap())
+                .sum();
             println!(
                 "| {workers} workers, jobs of {:.1} ms | {:.2} ms a job of the service | {:.1} % |",
                 engine_s * 1e3 / 400.0,

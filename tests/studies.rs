@@ -106,9 +106,24 @@ async fn faults_point_to_the_job_and_the_field_and_nothing_is_taken_in() {
     for (study, status, slug, pointer) in [
         (with("/replicates", json!(0)), 422, "validation-error", "/replicates"),
         (with("/colour", json!("red")), 422, "validation-error", "/colour"),
-        (with("/template/specimen/size_mm", json!([0, 1, 1])), 422, "validation-error", "/template/specimen/size_mm/0"),
-        (with("/grid/~1mix~1volume_fraction", json!([0.3, 2])), 422, "validation-error", "/grid/~1mix~1volume_fraction/1"),
-        (with("/grid/~1mix~1volume_fraction", json!([0.3, 0.99])), 422, "infeasible-mix", "/grid/~1mix~1volume_fraction/1"),
+        (
+            with("/template/specimen/size_mm", json!([0, 1, 1])),
+            422,
+            "validation-error",
+            "/template/specimen/size_mm/0",
+        ),
+        (
+            with("/grid/~1mix~1volume_fraction", json!([0.3, 2])),
+            422,
+            "validation-error",
+            "/grid/~1mix~1volume_fraction/1",
+        ),
+        (
+            with("/grid/~1mix~1volume_fraction", json!([0.3, 0.99])),
+            422,
+            "infeasible-mix",
+            "/grid/~1mix~1volume_fraction/1",
+        ),
         (with("/replicates", json!(5000)), 422, "too-large", ""),
         (list, 422, "validation-error", "/list/1/priority"),
     ] {
@@ -161,7 +176,8 @@ async fn a_single_job_starts_before_the_backlog_of_a_study() {
     let holding = client.study_when(id_of(&study), "running", |study| count(study, "running") == 1).await;
     assert_eq!(count(&holding, "queued"), 200);
     let single = client.submit(&jobs::quick(1)).await;
-    let running = client.get(&format!("/v1/studies/{}/jobs?state=running", id_of(&study))).send().await.json();
+    let running =
+        client.get(&format!("/v1/studies/{}/jobs?state=running", id_of(&study))).send().await.json();
     let held = id_of(&running["items"][0]).to_owned();
     client.post(&format!("/v1/jobs/{held}/cancel")).send().await.expect(202);
     let single = client.finished(id_of(&single)).await;
@@ -222,7 +238,11 @@ async fn a_study_is_cancelled_retried_and_deleted_as_a_whole() {
 
     let retried = client.post(&format!("{path}/retry")).send().await.expect(200).json();
     assert_eq!((count(&retried, "failed"), count(&retried, "cancelled")), (0, 6));
-    assert_eq!(count(&client.study_finished(&id).await, "failed"), 1, "what cannot be reached cannot be reached");
+    assert_eq!(
+        count(&client.study_finished(&id).await, "failed"),
+        1,
+        "what cannot be reached cannot be reached"
+    );
     let problem = client.post(&format!("{path}/retry?state=running")).send().await;
     problem.expect_problem(400, "validation-error");
     // All but the endless one, which is in the way of none now.

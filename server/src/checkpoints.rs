@@ -172,7 +172,8 @@ impl Checkpoints {
             tracing::warn!(%error, "the folder of checkpoints cannot be read");
             Vec::new()
         });
-        let useless = |found: &&Found| until_attempt.get(&found.id).is_some_and(|until| found.attempt <= *until);
+        let useless =
+            |found: &&Found| until_attempt.get(&found.id).is_some_and(|until| found.attempt <= *until);
         found.iter().filter(useless).for_each(removed);
     }
 

@@ -47,9 +47,8 @@ impl Grid {
     }
 
     fn cell_of(&self, grain: &Grain) -> usize {
-        let [x, y, z] = std::array::from_fn(|a| {
-            ((grain[a] * self.per_mm[a]).max(0.0) as usize).min(self.counts[a] - 1)
-        });
+        let [x, y, z] =
+            std::array::from_fn(|a| ((grain[a] * self.per_mm[a]).max(0.0) as usize).min(self.counts[a] - 1));
         (z * self.counts[1] + y) * self.counts[0] + x
     }
 

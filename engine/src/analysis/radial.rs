@@ -163,7 +163,8 @@ impl Class {
 fn around(class: &Class, partners: &[Class], options: &RadialOptions<'_>) -> PairCorrelation {
     let bins = options.bins.max(1);
     let width = options.max_gap_mm / bins as f64;
-    let reach_of = |grain: &Grain| partners.iter().map(|p| p.reach_mm(grain)).fold(f64::NEG_INFINITY, f64::max);
+    let reach_of =
+        |grain: &Grain| partners.iter().map(|p| p.reach_mm(grain)).fold(f64::NEG_INFINITY, f64::max);
     let usable: Vec<&Grain> = class.grains.iter().filter(|grain| reach_of(grain) >= width).collect();
     let references = evenly(&usable, options.max_references);
     let (mut pairs, mut expected) = (vec![0_u64; bins], vec![0.0; bins]);

@@ -25,9 +25,8 @@ fn ideal_gas(specimen: &Specimen, d_mm: &[f64], seed: u64) -> Spheres {
     for &d in d_mm {
         let region = specimen.center_region(d / 2.0).unwrap();
         let center = loop {
-            let p = std::array::from_fn(|a| {
-                region.low[a] + uniform(&mut rng) * (region.high[a] - region.low[a])
-            });
+            let p =
+                std::array::from_fn(|a| region.low[a] + uniform(&mut rng) * (region.high[a] - region.low[a]));
             if region.contains(p) {
                 break p;
             }
@@ -253,7 +252,8 @@ fn the_target_is_the_standard_and_the_grains_drawn_follow_it() {
     for point in &found.curve {
         assert!((point.target - point.achieved).abs() < 0.01, "{point:?}");
     }
-    let rising = |value: fn(&GradingPoint) -> f64| found.curve.windows(2).all(|w| value(&w[0]) <= value(&w[1]));
+    let rising =
+        |value: fn(&GradingPoint) -> f64| found.curve.windows(2).all(|w| value(&w[0]) <= value(&w[1]));
     assert!(rising(|p| p.d_mm) && rising(|p| p.target) && rising(|p| p.achieved));
     // Between the sieves the standard is linear in the logarithm.
     let middle = found.curve.iter().min_by_key(|p| ((p.d_mm / 32.0_f64.sqrt()).ln().abs() * 1e9) as u64);

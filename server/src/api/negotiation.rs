@@ -51,9 +51,11 @@ type Known<F> = (F, &'static str, &'static str);
 
 fn negotiated<F: Copy>(query: Option<&str>, headers: &HeaderMap, known: &[Known<F>]) -> Result<F, Problem> {
     if let Some(name) = query {
-        return known.iter().find(|(_, known, _)| *known == name).map(|(format, ..)| *format).ok_or_else(|| {
-            not_acceptable(&format!("the format {} is unknown", shown(name)), known)
-        });
+        return known
+            .iter()
+            .find(|(_, known, _)| *known == name)
+            .map(|(format, ..)| *format)
+            .ok_or_else(|| not_acceptable(&format!("the format {} is unknown", shown(name)), known));
     }
     let accept: Vec<&str> =
         headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();

@@ -52,8 +52,7 @@ impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::QueueFull { .. } => {
-                Self::new(Kind::QueueFull, error.to_string())
-                    .with_header("retry-after", "30")
+                Self::new(Kind::QueueFull, error.to_string()).with_header("retry-after", "30")
             }
             StoreError::KeyReused => {
                 Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")

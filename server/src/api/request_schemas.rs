@@ -23,7 +23,19 @@ const STUDY_EXAMPLE: &str = r#"{
     "stop_when": {"failed_in_a_row": 2}
 }"#;
 /// Schemas of which requests are made.
-const REQUEST_SCHEMAS: [&str; 11] = ["StudyRequest", "StopWhen", "AxisRange", "JobRequest", "Mix", "SizeClass", "Specimen", "Grading", "Distance", "Method", "EdmdStop"];
+const REQUEST_SCHEMAS: [&str; 11] = [
+    "StudyRequest",
+    "StopWhen",
+    "AxisRange",
+    "JobRequest",
+    "Mix",
+    "SizeClass",
+    "Specimen",
+    "Grading",
+    "Distance",
+    "Method",
+    "EdmdStop",
+];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
 
@@ -119,14 +131,14 @@ fn bound_items(schemas: &mut Map<String, Value>) {
     let passing = json!({"type": "number", "minimum": 0, "maximum": 1});
     for request in ["JobRequest", "StudyRequest"] {
         if let Some(labels) = at(schemas, request, "labels") {
-        labels["maxProperties"] = json!(MAX_LABELS);
-        let key = format!("^[^:{CONTROL}]{{1,{MAX_LABEL_KEY_CHARS}}}$");
-        labels["propertyNames"] = json!({ "pattern": key });
-        let value = format!("^[^{CONTROL}]{{0,{MAX_LABEL_VALUE_CHARS}}}$");
-        labels["additionalProperties"] = json!({"type": "string", "pattern": value});
+            labels["maxProperties"] = json!(MAX_LABELS);
+            let key = format!("^[^:{CONTROL}]{{1,{MAX_LABEL_KEY_CHARS}}}$");
+            labels["propertyNames"] = json!({ "pattern": key });
+            let value = format!("^[^{CONTROL}]{{0,{MAX_LABEL_VALUE_CHARS}}}$");
+            labels["additionalProperties"] = json!({"type": "string", "pattern": value});
         }
         if let Some(name) = at(schemas, request, "name") {
-        name["pattern"] = json!(format!("^[^{CONTROL}]*$"));
+            name["pattern"] = json!(format!("^[^{CONTROL}]*$"));
         }
     }
     for axes in ["grid", "zip"] {

@@ -9,6 +9,8 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 /// Ticks of a linear axis are at most so many steps.
 const MOST_STEPS: f64 = 8.0;
+/// Larger values have no place on an axis: what is computed of them must not overflow.
+const LARGEST: f64 = 1.0e290;
 /// Room beyond the extreme values, as a share of the axis.
 const MARGIN: f64 = 0.03;
 
@@ -65,7 +67,8 @@ impl Axis {
 
     /// Whether a value has a place on the axis.
     pub(crate) fn holds(&self, value: f64) -> bool {
-        value.is_finite() && (self.scale == Scale::Linear || value > 0.0)
+        let smallest = if self.scale == Scale::Log { 1.0 / LARGEST } else { -LARGEST };
+        (smallest..=LARGEST).contains(&value)
     }
 
     /// The axis for these values.
@@ -214,11 +217,8 @@ fn log_ticks(low: f64, high: f64) -> (Vec<Tick>, Vec<f64>) {
         multiples(&[1]).into_iter().step_by(every.max(1)).collect()
     };
     let minor = if decades < 8.0 { multiples(&[1, 2, 3, 4, 5, 6, 7, 8, 9]) } else { Vec::new() };
-    let ticks = labelled
-        .into_iter()
-        .filter(inside)
-        .map(|value| Tick { value, text: log_text(value) })
-        .collect();
+    let ticks =
+        labelled.into_iter().filter(inside).map(|value| Tick { value, text: log_text(value) }).collect();
     (ticks, minor.into_iter().filter(inside).collect())
 }
 
@@ -230,11 +230,12 @@ fn power_of_ten(multiple: u8, power: i32) -> f64 {
 
 /// Decimals that a multiple of `step` needs.
 fn decimals_of(step: f64) -> usize {
-    (0..12).find(|&n| {
-        let scaled = step * 10_f64.powi(n as i32);
-        (scaled - scaled.round()).abs() < 1.0e-6 * scaled
-    })
-    .unwrap_or(12)
+    (0..12)
+        .find(|&n| {
+            let scaled = step * 10_f64.powi(n as i32);
+            (scaled - scaled.round()).abs() < 1.0e-6 * scaled
+        })
+        .unwrap_or(12)
 }
 
 /// A number as people write it: with so many decimals, or as many as it needs; thousands apart.
@@ -308,10 +309,7 @@ mod tests {
             texts(&Axis::linear(""), &[0.55, 0.70]),
             ["0.56", "0.58", "0.60", "0.62", "0.64", "0.66", "0.68", "0.70"]
         );
-        assert_eq!(
-            texts(&Axis::linear("").between(0.0, 100.0), &[]),
-            ["0", "20", "40", "60", "80", "100"]
-        );
+        assert_eq!(texts(&Axis::linear("").between(0.0, 100.0), &[]), ["0", "20", "40", "60", "80", "100"]);
         assert_eq!(texts(&Axis::linear("").from_zero(), &[3.0, 4.1]), ["0", "1", "2", "3", "4"]);
         assert_eq!(texts(&Axis::linear(""), &[-2.0, 2.0]), ["\u{2212}2", "\u{2212}1", "0", "1", "2"]);
         assert_eq!(
@@ -341,9 +339,15 @@ mod tests {
     #[test]
     fn every_axis_has_ends_whatever_the_values() {
         for axis in [Axis::linear(""), Axis::log(""), Axis::linear("").from_zero()] {
-            for values in
-                [&[][..], &[0.0], &[-3.0], &[7.0, 7.0], &[f64::NAN, 5.0, f64::INFINITY], &[1e-300, 1e300]]
-            {
+            for values in [
+                &[][..],
+                &[0.0],
+                &[-3.0],
+                &[7.0, 7.0],
+                &[f64::NAN, 5.0, f64::INFINITY],
+                &[1e-280, 1e280],
+                &[1e300],
+            ] {
                 let settled = axis.settled(values.iter().copied());
                 assert!(settled.low < settled.high, "{axis:?} {values:?}");
                 assert!(settled.low.is_finite() && settled.high.is_finite(), "{axis:?} {values:?}");

@@ -25,7 +25,10 @@ fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
 #[test]
 fn a_chart_has_its_size_on_paper_and_its_words() {
     let drawn = svg(&chart(vec![Series::marked("rsa", 0, points(&[(1.0, 0.1), (2.0, 20.0)]))])).unwrap();
-    assert!(drawn.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"160mm\" height=\""), "{drawn}");
+    assert!(
+        drawn.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"160mm\" height=\""),
+        "{drawn}"
+    );
     for said in ["<title id=\"title\">Time</title>", "<desc id=\"desc\">Time against size.</desc>"] {
         assert!(drawn.contains(said), "{said}");
     }
@@ -38,7 +41,9 @@ fn a_chart_has_its_size_on_paper_and_its_words() {
 
 #[test]
 fn the_same_chart_is_the_same_bytes() {
-    let make = || chart((0..40).map(|n| Series::marked(format!("{n}"), n, points(&[(1.0, 0.1 + n as f64)]))).collect());
+    let make = || {
+        chart((0..40).map(|n| Series::marked(format!("{n}"), n, points(&[(1.0, 0.1 + n as f64)]))).collect())
+    };
     assert_eq!(svg(&make()).unwrap(), svg(&make()).unwrap());
 }
 
@@ -101,7 +106,10 @@ fn a_value_without_a_place_interrupts_the_line() {
     let whole = points(&[(1.0, 1.0), (2.0, 2.0), (4.0, 4.0), (5.0, 5.0)]);
     let lines = |data| {
         let drawn = svg(&chart(vec![Series { label: None, ..Series::line("", 0, data) }])).unwrap();
-        attributes(&drawn, "stroke-width").iter().filter(|width| **width == stroke(LINE_MM).to_string()).count()
+        attributes(&drawn, "stroke-width")
+            .iter()
+            .filter(|width| **width == stroke(LINE_MM).to_string())
+            .count()
     };
     assert_eq!((lines(whole), lines(broken)), (1, 2));
 }
@@ -113,13 +121,15 @@ fn a_legend_grows_with_its_entries_to_a_bound_and_never_beyond_the_page() {
         let drawn = svg(&chart(series.collect())).unwrap();
         attributes(&drawn, "height")[0].trim_end_matches("mm").parse().unwrap()
     };
-    let long = "a label as long as the names that people give to their mixes when nobody stops them, and on ".repeat(3);
+    let long = "a label as long as the names that people give to their mixes when nobody stops them, and on "
+        .repeat(3);
     assert!(height(12, &long) > height(12, "s"), "long entries need a row each");
     assert_eq!(height(24, &long), height(500, &long));
     let repeated = (0..9).map(|_| Series::line("run", 0, points(&[(1.0, 1.0), (2.0, 3.0)])));
     let drawn = svg(&chart(repeated.collect())).unwrap();
     assert_eq!(drawn.matches("\nrun\n").count(), 1, "runs of one name share an entry");
-    let drawn = svg(&chart((0..30).map(|n| Series::marked(format!("s{n}"), n, points(&[(1.0, 1.0)]))).collect()));
+    let drawn =
+        svg(&chart((0..30).map(|n| Series::marked(format!("s{n}"), n, points(&[(1.0, 1.0)]))).collect()));
     assert!(drawn.unwrap().contains("and 7 more"));
 }
 

@@ -5,8 +5,8 @@
 
 use sqlx::{Connection as _, Row as _};
 
-use super::submit::to_json;
 use super::studies::runs;
+use super::submit::to_json;
 use super::{Store, StoreError, detached, micros, now_us, rows, turns};
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;

@@ -33,11 +33,9 @@ use crate::ids::StudyId;
 
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
-pub(crate) use studies::{
-    NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy,
-};
-pub(crate) use upkeep::Removed;
+pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
+pub(crate) use upkeep::Removed;
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;

@@ -142,8 +142,9 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
 
 /// A study has its own index; labels are looked up for each of its jobs, of which there are not many.
 fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
-    let mut query =
-        QueryBuilder::new(select_jobs!("where jobs.study = (select known.seq from studies as known where known.id = "));
+    let mut query = QueryBuilder::new(select_jobs!(
+        "where jobs.study = (select known.seq from studies as known where known.id = "
+    ));
     query.push_bind(study.to_string()).push(") and jobs.seq < ").push_bind(before);
     if let Some(state) = filter.state {
         query.push(" and jobs.state = ").push_bind(state.name());

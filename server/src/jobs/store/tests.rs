@@ -123,13 +123,19 @@ async fn only_the_holder_of_the_lease_may_write() {
     assert_eq!((new.id, new.attempt), (old.id, old.attempt + 1));
     let problem = Problem::internal();
     assert!(matches!(store.heartbeat(old, Some(progress(0.1))).await, Err(StoreError::LeaseLost)));
-    assert!(matches!(store.succeed(old, artifact("x"), progress(1.0), Facts::default()).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(
+        store.succeed(old, artifact("x"), progress(1.0), Facts::default()).await,
+        Err(StoreError::LeaseLost)
+    ));
     assert!(matches!(store.fail(old, &problem, Facts::default()).await, Err(StoreError::LeaseLost)));
     assert!(matches!(store.finish_cancelled(old).await, Err(StoreError::LeaseLost)));
     assert!(matches!(store.give_back(old).await, Err(StoreError::LeaseLost)));
     assert!(!store.refers_to("x").await.unwrap());
     succeed(&store, new).await;
-    assert!(matches!(store.fail(new, &problem, Facts::default()).await, Err(StoreError::LeaseLost)), "it ended already");
+    assert!(
+        matches!(store.fail(new, &problem, Facts::default()).await, Err(StoreError::LeaseLost)),
+        "it ended already"
+    );
 }
 
 #[tokio::test]

@@ -78,12 +78,11 @@ impl Store {
     pub(crate) async fn study_table(&self, study: &StudyRecord) -> Result<Table, StoreError> {
         // One snapshot for both: a run must not be missing because it ended between them.
         let mut tx = self.readers().begin().await?;
-        let points = sqlx::query(
-            "select key_values, stopped_early from study_points where study = ? order by point",
-        )
-        .bind(study.seq)
-        .fetch_all(&mut *tx)
-        .await?;
+        let points =
+            sqlx::query("select key_values, stopped_early from study_points where study = ? order by point")
+                .bind(study.seq)
+                .fetch_all(&mut *tx)
+                .await?;
         let ended = sqlx::query("select point, replicate, outcome, facts from study_runs where study = ?")
             .bind(study.seq)
             .fetch_all(&mut *tx)

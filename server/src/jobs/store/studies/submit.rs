@@ -160,11 +160,7 @@ fn expires_at_us(study: &Study) -> Option<i64> {
     jobs.collect::<Option<Vec<_>>>()?.into_iter().max()
 }
 
-async fn insert_points(
-    connection: &mut SqliteConnection,
-    study: i64,
-    of: &Study,
-) -> Result<(), StoreError> {
+async fn insert_points(connection: &mut SqliteConnection, study: i64, of: &Study) -> Result<(), StoreError> {
     let keys = of.keys().values.iter().map(to_json).collect::<Result<Vec<_>, _>>()?;
     let points: Vec<_> = keys.into_iter().enumerate().collect();
     for chunk in points.chunks(ROWS_AT_ONCE) {
@@ -212,8 +208,7 @@ async fn insert_jobs(
 ) -> Result<(), StoreError> {
     let engine = to_json(&EngineInfo::current())?;
     for chunk in rows.chunks(ROWS_AT_ONCE) {
-        let labels =
-            chunk.iter().map(|row| to_json(&row.job.labels)).collect::<Result<Vec<_>, _>>()?;
+        let labels = chunk.iter().map(|row| to_json(&row.job.labels)).collect::<Result<Vec<_>, _>>()?;
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn) ",
@@ -251,10 +246,8 @@ async fn insert_bodies(
 }
 
 async fn insert_labels(connection: &mut SqliteConnection, rows: &[Row<'_>]) -> Result<(), StoreError> {
-    let labels: Vec<_> = rows
-        .iter()
-        .flat_map(|row| row.job.labels.iter().map(|(key, value)| (row.seq, key, value)))
-        .collect();
+    let labels: Vec<_> =
+        rows.iter().flat_map(|row| row.job.labels.iter().map(|(key, value)| (row.seq, key, value))).collect();
     for chunk in labels.chunks(ROWS_AT_ONCE) {
         let mut query = QueryBuilder::<Sqlite>::new("insert into job_labels (key, value, job, state) ");
         query.push_values(chunk, |mut values, (job, key, value)| {

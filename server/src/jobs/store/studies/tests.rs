@@ -377,14 +377,13 @@ async fn listings_are_filtered_and_use_their_indexes() {
     let rest = store.list_studies(&StudyFilter::default(), first.next_before, 2).await.unwrap();
     assert_eq!((rest.studies[0].id, rest.next_before), (ids[2], None));
 
-    for (state, labels) in [
-        (None, vec![]),
-        (Some(StudyState::Open), vec![]),
-        (Some(StudyState::Finished), label("a")),
-    ] {
+    for (state, labels) in
+        [(None, vec![]), (Some(StudyState::Open), vec![]), (Some(StudyState::Finished), label("a"))]
+    {
         assert_indexed(&plan_of(&store, &query::list_sql(&StudyFilter { state, labels })).await);
     }
-    for (state, labels) in [(None, vec![]), (Some(State::Queued), vec![]), (Some(State::Failed), label("a"))] {
+    for (state, labels) in [(None, vec![]), (Some(State::Queued), vec![]), (Some(State::Failed), label("a"))]
+    {
         let filter = Filter { state, labels, study: Some(ids[0]) };
         let plan = plan_of(&store, &super::super::query::list_sql(&filter)).await;
         assert_indexed(&plan);
