@@ -67,6 +67,13 @@ LONG = {
 }
 
 
+STUDY = {
+    "template": {key: value for key, value in SMALL.items() if key != "seed"},
+    "grid": {"/mix/volume_fraction": {"from": 0.2, "to": 0.3, "step": 0.05}},
+    "replicates": 2,
+}
+
+
 def start(binary, data_dir, log):
     """Starts the server and returns it with its base URL, as soon as it says where it listens."""
     command = [binary, "serve", "--listen", "127.0.0.1:0", "--data-dir", data_dir, "--workers", "1"]
@@ -81,10 +88,10 @@ def start(binary, data_dir, log):
     return server, found.group()
 
 
-def submit(base, job):
-    """Submits a job, waits for it a little, and returns its id."""
+def submit(base, job, resource="jobs"):
+    """Submits a job or a study, waits for it a little, and returns its id."""
     request = urllib.request.Request(
-        f"{base}/v1/jobs", json.dumps(job).encode(), {"content-type": "application/json", "prefer": "wait=2"}
+        f"{base}/v1/{resource}", json.dumps(job).encode(), {"content-type": "application/json", "prefer": "wait=2"}
     )
     with urllib.request.urlopen(request, timeout=60) as answer:
         return json.load(answer)["id"]
@@ -117,6 +124,7 @@ def main():
             try:
                 # More finished jobs than one, since generated requests delete and cancel.
                 ids = [submit(base, SMALL | {"seed": seed}) for seed in range(20)]
+                ids += [submit(base, STUDY | {"seed": seed}, "studies") for seed in range(10)]
                 ids += [submit(base, LONG) for _ in range(3)]
                 config = Path(directory, "schemathesis.toml")
                 config.write_text(CONFIG.format(seed=options.seed, examples=options.examples, ids=json.dumps(ids)))

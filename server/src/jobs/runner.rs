@@ -1,7 +1,7 @@
 //! Workers: each leases a job, runs the engine on a thread of the blocking pool, and writes down
 //! how it ended.
 //!
-//! There are as many workers as jobs may run at once, so the pool is bounded by them. A worker
+//! There are as many workers as jobs may be packed at once, so the pool is bounded by them. A worker
 //! watches its run from outside: it records progress at most twice a second, renews the lease, and
 //! passes on a client's wish to cancel, the job's time limit and the server's stop. It alone
 //! decides what the end of a run means; the engine only ends.
@@ -12,6 +12,8 @@ use std::time::Duration;
 
 use packstone_engine::format::{EngineInfo, Head};
 use packstone_engine::{Control as _, Limits, PackError, Phase, Progress};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
@@ -73,13 +75,19 @@ impl From<Problem> for Failure {
 }
 
 impl Runner {
-    /// Runs jobs until the server stops.
+    /// Runs jobs until the server stops. While the result of one is written, which is waiting for the disk, the
+    /// next is packed; one result at a time, so that a slow disk does not pile them up in memory.
     pub(crate) async fn work(self) {
+        let mut writing: Option<JoinHandle<()>> = None;
         while !self.shutdown.is_cancelled() {
             match self.store.claim().await {
                 Ok(Some(claimed)) => {
                     let span = tracing::info_span!("job", job_id = %claimed.lease.id, attempt = claimed.lease.attempt);
-                    self.run(claimed).instrument(span).await;
+                    let (packing, has_packed) = oneshot::channel();
+                    let run = tokio::spawn(self.clone().run(claimed, packing).instrument(span));
+                    // Nothing is ever sent: the sender goes when the engine is done, however it ends.
+                    let _ = has_packed.await;
+                    end_of(writing.replace(run)).await;
                 }
                 Ok(None) => {
                     tokio::select! {
@@ -96,9 +104,11 @@ impl Runner {
                 }
             }
         }
+        end_of(writing).await;
     }
 
-    async fn run(&self, claimed: Claimed) {
+    /// Runs a job to its end; `packing` is dropped when only its result is left to be written.
+    async fn run(self, claimed: Claimed, packing: oneshot::Sender<()>) {
         let started = Instant::now();
         let lease = claimed.lease;
         // Another worker may take the next job of a burst that woke only this one.
@@ -108,12 +118,12 @@ impl Runner {
         let control = Arc::new(RunControl::keeping(keeper));
         let timeout_s = claimed.job.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
-        let mut packing = tokio::task::spawn_blocking({
+        let mut running = tokio::task::spawn_blocking({
             let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
-            move || span.in_scope(|| runner.pack_and_write(&claimed, &control))
+            move || span.in_scope(|| runner.pack_and_write(&claimed, &control, packing))
         });
         let end = tokio::select! {
-            end = &mut packing => end,
+            end = &mut running => end,
             never = self.watch(lease, &control, started, deadline) => match never {},
         };
         let end = end.unwrap_or_else(|panic| {
@@ -177,14 +187,19 @@ impl Runner {
     }
 
     /// The run itself, on a thread that may block.
-    fn pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> End {
-        match self.try_pack_and_write(claimed, control) {
+    fn pack_and_write(&self, claimed: &Claimed, control: &RunControl, packing: oneshot::Sender<()>) -> End {
+        match self.try_pack_and_write(claimed, control, packing) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
         }
     }
 
-    fn try_pack_and_write(&self, claimed: &Claimed, control: &RunControl) -> Result<End, Failure> {
+    fn try_pack_and_write(
+        &self,
+        claimed: &Claimed,
+        control: &RunControl,
+        packing: oneshot::Sender<()>,
+    ) -> Result<End, Failure> {
         let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
             Problem::new(Kind::InternalError, "the stored request is unreadable")
@@ -196,15 +211,16 @@ impl Runner {
         if resume.is_some() {
             control.resumed();
         }
-        let packing =
+        let packed =
             packstone_engine::pack_or_resume(&request, &self.limits, resume, control).map_err(|error| {
                 if let PackError::CheckFailed(what) = &error {
                     tracing::error!(%what, "a packing failed its check");
                 }
                 Failure { facts: Facts::of_failure(&error, 0.0), problem: Problem::from(error) }
             })?;
-        let facts = Facts::of_packing(&packing.report);
-        let grains = packing.spheres.len() as u64;
+        drop(packing);
+        let facts = Facts::of_packing(&packed.report);
+        let grains = packed.spheres.len() as u64;
         control.report(&Progress {
             phase: Phase::Write,
             fraction: 1.0,
@@ -218,12 +234,12 @@ impl Runner {
             job_id: Some(claimed.lease.id.to_string()),
             request: stored,
             engine: EngineInfo::current(),
-            report: packing.report,
+            report: packed.report,
         };
         let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
         let artifact = self
             .artifacts
-            .write(&place, &head, &packing.spheres, control)
+            .write(&place, &head, &packed.spheres, control)
             .map_err(|error| unwritten(&error))?;
         Ok(End::Stored { artifact, facts, grains, _place: place })
     }
@@ -293,6 +309,15 @@ impl Runner {
         if let Err(error) = removed.await {
             tracing::warn!(%error, "checkpoints are left to the sweeper");
         }
+    }
+}
+
+/// Waits for the end of a run, if there is one.
+async fn end_of(run: Option<JoinHandle<()>>) {
+    if let Some(run) = run
+        && let Err(error) = run.await
+    {
+        tracing::error!(%error, "a run ended by a defect of this program; its lease will run out");
     }
 }
 

@@ -3,7 +3,9 @@
 //! Each is one transaction whose update names the state it leaves; those of a running job also name
 //! the attempt, so that a worker that lost its lease changes nothing.
 
-use sqlx::{Connection as _, Row as _};
+use std::time::Duration;
+
+use sqlx::{Connection as _, Row as _, SqliteConnection};
 
 use super::studies::runs;
 use super::submit::to_json;
@@ -50,38 +52,22 @@ pub(crate) enum Cancelled {
 
 impl Store {
     /// Leases the next job: the highest priority, then the one whose turn it is.
+    ///
+    /// The worker does not wait for the disk: of a claim that a power cut undoes, the job waits as before, and
+    /// what its attempt left is swept. What is written next takes the claim to the disk with it.
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
-            let now = now_us();
-            let row = sqlx::query(concat!(
-                "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                     lease_expires_at = ?2, progress = null, error = null, engine = ?3
-                 where seq = (",
-                next_in_queue!(),
-                ") returning seq, priority, turn",
-            ))
-            .bind(now)
-            .bind(now.saturating_add(micros(store.limits().lease)))
-            .bind(to_json(&packstone_engine::format::EngineInfo::current())?)
-            .fetch_optional(&mut *tx)
-            .await?;
-            let Some(row) = row else { return Ok(None) };
-            turns::pass(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
-            let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
-            let request = sqlx::query("select body from job_requests where job = ?")
-                .bind(job.seq)
-                .fetch_one(&mut *tx)
-                .await?
-                .try_get("body")?;
-            tx.commit().await?;
+            sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
+            let claimed = claim(&mut writer, store.limits().lease).await;
+            sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
             drop(writer);
-            store.announce_job(&job);
-            let study = job.study.map(|place| place.id);
-            let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
-            Ok(Some(Claimed { lease, job, request }))
+            let claimed = claimed?;
+            if let Some(claimed) = &claimed {
+                store.announce_job(&claimed.job);
+            }
+            Ok(claimed)
         })
         .await
     }
@@ -337,3 +323,35 @@ impl Store {
         .await
     }
 }
+async fn claim(writer: &mut SqliteConnection, lease: Duration) -> Result<Option<Claimed>, StoreError> {
+    let mut tx = writer.begin_with("begin immediate").await?;
+    let now = now_us();
+    let row = sqlx::query(concat!(
+        "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+             lease_expires_at = ?2, progress = null, error = null, engine = ?3
+         where seq = (",
+        next_in_queue!(),
+        ") returning seq, priority, turn",
+    ))
+    .bind(now)
+    .bind(now.saturating_add(micros(lease)))
+    .bind(to_json(&packstone_engine::format::EngineInfo::current())?)
+    .fetch_optional(&mut *tx)
+    .await?;
+    let Some(row) = row else {
+        tx.rollback().await?;
+        return Ok(None);
+    };
+    turns::pass(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
+    let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
+    let request = sqlx::query("select body from job_requests where job = ?")
+        .bind(job.seq)
+        .fetch_one(&mut *tx)
+        .await?
+        .try_get("body")?;
+    tx.commit().await?;
+    let study = job.study.map(|place| place.id);
+    let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
+    Ok(Some(Claimed { lease, job, request }))
+}
+

@@ -410,7 +410,7 @@ async fn old_file(folder: &TempDir) -> Vec<String> {
         sqlx::query(
             "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
                  engine, lease_expires_at)
-             values (?, ?, '{}', ?, 1, 3, 3, 0, 0, '{}', iif(?2 = 'running', 0, null))",
+             values (?1, ?2, '{}', ?3, 1, 3, 3, 0, 0, '{}', iif(?2 = 'running', 0, null))",
         )
         .bind(&id)
         .bind(*state)
