@@ -32,6 +32,7 @@ mod load;
 mod operations;
 mod packings;
 mod planning;
+mod plots;
 mod published_contract;
 mod python_readers;
 mod ranges;

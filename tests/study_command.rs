@@ -28,7 +28,7 @@ fn write(directory: &Path, study: &Value) {
 }
 
 async fn run(directory: &Path, more: &[&str]) -> Finished {
-    let args = ["study", "study.json", "--out", "out", "--workers", "1"];
+    let args = ["study", "study.json", "--out", "out"];
     packstone(directory, &[&args, more].concat()).await
 }
 
@@ -84,6 +84,11 @@ async fn a_study_leaves_a_table_and_the_packings_asked_for() {
     let csv = fs::read_to_string(out.join("table.csv")).unwrap();
     assert_eq!(csv.lines().count(), 5);
     assert!(csv.starts_with("/mix/volume_fraction,/method,grains,"), "{csv}");
+    for plot in ["success", "time", "event_time"] {
+        let file = format!("plot-{plot}.svg");
+        assert!(fs::read_to_string(out.join(&file)).unwrap().contains("<svg"), "{file}");
+        assert!(ended.stdout.contains(&file), "{}", ended.stdout);
+    }
     let mut kept: Vec<String> = fs::read_dir(out.join("results"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -125,7 +130,7 @@ async fn survives(signal: Signal) {
     assert!(refused.stderr.contains("/replicates is 21 in the file and 20 in the folder"), "{refused:?}");
 
     write(directory.path(), &study(20));
-    let ended = run(directory.path(), &["--resume", "--workers", "2"]).await;
+    let ended = run(directory.path(), &["--resume"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let all = runs(&out);
     assert_eq!(all.len(), 80, "a run was done twice or not at all");
@@ -166,7 +171,7 @@ async fn points_that_are_known_well_enough_need_no_more_runs() {
             "stop_when": {"failed_in_a_row": 2}
         }),
     );
-    let ended = run(directory.path(), &[]).await;
+    let ended = run(directory.path(), &["--workers", "1"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let rows = rows_without_times(&directory.path().join("out"));
     let counts = |row: &Value| {
@@ -198,6 +203,9 @@ async fn the_largest_distance_leaves_its_curve() {
     let curves: Value = serde_json::from_slice(&fs::read(out.join("curves.json")).unwrap()).unwrap();
     assert_eq!(curves.as_array().map(Vec::len), Some(1), "{curves:#}");
     assert_eq!(curves[0]["point"], 1);
+    for plot in ["distance", "curve", "volume_fraction"] {
+        assert!(out.join(format!("plot-{plot}.svg")).exists(), "{plot}");
+    }
     let curve: Vec<[f64; 2]> = serde_json::from_value(curves[0]["distance_curve"].clone()).unwrap();
     assert!(curve.len() >= 2 && curve.is_sorted_by(|a, b| a[0] <= b[0] && a[1] <= b[1]), "{curve:?}");
     let reached = table(&out)["rows"][1]["distance_mm_median"].as_f64().unwrap();

@@ -7,6 +7,7 @@
 // Allowed in `edmd::prefetch` alone.
 #![deny(unsafe_code)]
 
+pub mod analysis;
 pub mod checkpoint;
 pub mod control;
 pub mod distance;

@@ -17,6 +17,7 @@ mod ids;
 mod jobs;
 mod metrics;
 mod pace;
+mod plots;
 mod problem;
 mod service;
 mod strict_json;

@@ -78,7 +78,7 @@ kinds! {
     QueueFull "queue-full" 429 "The queue is full"
         "The jobs would be more than this server lets wait. Try again after `Retry-After`."
     Busy "busy" 503 "Busy"
-        "As many results are being sent as this server can. Try again after `Retry-After`."
+        "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     InternalError "internal-error" 500 "Internal error"

@@ -124,6 +124,8 @@ pub(super) struct Links {
     result: String,
     /// Its result without the spheres.
     summary: String,
+    /// Its plots; which, says `kind`.
+    plot: String,
     /// Where to cancel it.
     cancel: String,
     /// Where to retry it.
@@ -160,6 +162,7 @@ impl JobSummary {
                 events: format!("{this}/events"),
                 result: format!("{this}/result"),
                 summary: format!("{this}/result/summary"),
+                plot: format!("{this}/plot.svg"),
                 cancel: format!("{this}/cancel"),
                 retry: format!("{this}/retry"),
                 this,

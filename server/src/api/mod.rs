@@ -18,6 +18,7 @@ mod observe;
 pub(crate) mod openapi;
 mod pages;
 mod params;
+mod plots;
 mod problem;
 mod problem_pages;
 mod ranges;
@@ -52,6 +53,8 @@ pub(crate) use router::router;
 const LARGE_BODY_BYTES: usize = 1 << 18;
 /// Large bodies at once: parsed JSON takes up to thirty times the room of its text.
 const LARGE_BODIES: usize = 2;
+/// Plots drawn at once: each may hold all spheres of a result, and take a core for a second or two.
+const PLOTS: usize = 2;
 
 /// What handlers share.
 #[derive(Clone, Debug)]
@@ -76,6 +79,8 @@ struct Shared {
     /// One permit per result being sent.
     downloads: Arc<Semaphore>,
     max_downloads: usize,
+    /// One permit per plot being drawn.
+    plots: Arc<Semaphore>,
     large_bodies: Semaphore,
     ready: AtomicBool,
     shutdown: CancellationToken,
@@ -104,6 +109,7 @@ impl App {
                 max_connections: options.max_connections,
                 downloads: Arc::new(Semaphore::new(options.max_downloads)),
                 max_downloads: options.max_downloads,
+                plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Semaphore::new(LARGE_BODIES),
                 ready: AtomicBool::new(false),
                 shutdown: runner.shutdown.clone(),

@@ -136,6 +136,10 @@ problem_sets! {
         JobFailed 409, RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
+    /// Of plots.
+    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, Busy 503;
+    /// Of plots of studies.
+    StudyPlotProblems: ValidationError 400, NotFound 404, Busy 503;
     /// Of routes that ask for nothing.
     OpenProblems: ValidationError 400;
     /// Of explanations.

@@ -91,15 +91,40 @@ impl Query {
         }
     }
 
+    /// A value that must be there, out of those of a list; `known` names them for the message.
+    pub(super) fn choice<T>(
+        &mut self,
+        name: &'static str,
+        from_name: impl Fn(&str) -> Option<T>,
+        known: &str,
+    ) -> Option<T> {
+        let values = self.many(name);
+        let fault = match &values[..] {
+            [value] => match from_name(value) {
+                Some(choice) => return Some(choice),
+                None => format!("{} is unknown: must be one of {known}", shown(value)),
+            },
+            [] => format!("is missing: must be one of {known}"),
+            values => format!("is given {} times: must be given once", values.len()),
+        };
+        self.fault(name, fault);
+        None
+    }
+
     /// `true` or `false`; false when absent.
     pub(super) fn flag(&mut self, name: &'static str) -> bool {
-        match self.one(name).as_deref() {
-            None | Some("false") => false,
-            Some("true") => true,
-            Some(other) => {
+        self.optional_flag(name).unwrap_or(false)
+    }
+
+    /// `true` or `false`, where it is there.
+    pub(super) fn optional_flag(&mut self, name: &'static str) -> Option<bool> {
+        match self.one(name)?.as_str() {
+            "false" => Some(false),
+            "true" => Some(true),
+            other => {
                 let shown = shown(other);
                 self.fault(name, format!("{shown} is unknown: must be true or false"));
-                false
+                None
             }
         }
     }

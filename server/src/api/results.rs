@@ -183,7 +183,7 @@ fn content_type(format: Format) -> HeaderValue {
 }
 
 /// A job that succeeded and its artifact, or the problem that it did not.
-async fn finished(app: &App, id: JobId) -> Result<(JobRecord, ArtifactRecord), Problem> {
+pub(super) async fn finished(app: &App, id: JobId) -> Result<(JobRecord, ArtifactRecord), Problem> {
     let job = app.shared.store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));
     let job = job.map_err(|error| refused(error, id))?;
     match (job.state, &job.artifact) {
@@ -256,7 +256,7 @@ async fn send(
 }
 
 /// Reads from disk without holding up others. What fails here is this server's fault, or its disk's.
-async fn blocking<T: Send + 'static>(
+pub(super) async fn blocking<T: Send + 'static>(
     what: impl std::fmt::Display,
     read: impl FnOnce() -> io::Result<T> + Send + 'static,
 ) -> Result<T, Problem> {

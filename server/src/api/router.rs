@@ -10,8 +10,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::{
-    App, job_actions, job_events, job_list, jobs, meta, observe, openapi, problem_pages, results, studies,
-    study_actions, study_list, study_table,
+    App, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots, problem_pages, results,
+    studies, study_actions, study_list, study_table,
 };
 use crate::problem::{Kind, Problem};
 
@@ -41,10 +41,12 @@ fn documented() -> OpenApiRouter<App> {
         .routes(routes!(job_actions::retry))
         .routes(routes!(results::get))
         .routes(routes!(results::summary))
+        .routes(routes!(plots::of_job))
         .routes(routes!(studies::submit, study_list::list))
         .routes(routes!(studies::get, study_actions::delete))
         .routes(routes!(job_list::list_of_study))
         .routes(routes!(study_table::get))
+        .routes(routes!(plots::of_study))
         .routes(routes!(study_actions::cancel))
         .routes(routes!(study_actions::retry))
         .routes(routes!(meta::capabilities))

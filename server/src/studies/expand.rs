@@ -173,13 +173,14 @@ struct Fault {
 
 impl Refused {
     fn add(&mut self, kind: Kind, pointer: String, detail: String, point: usize) {
-        let key = (pointer, detail);
+        // What does not fit, or is too much, says so with other numbers at every point.
+        let wording = if kind == Kind::ValidationError { detail.clone() } else { String::new() };
+        let key = (pointer.clone(), wording);
         if let Some(known) = self.known.get(&key) {
             self.faults[*known].others += 1;
         } else if self.faults.len() == MAX_FAULTS {
             self.more += 1;
         } else {
-            let (pointer, detail) = key.clone();
             self.known.insert(key, self.faults.len());
             self.faults.push(Fault { kind, pointer, detail, point, others: 0 });
         }

@@ -25,7 +25,6 @@ use utoipa::ToSchema;
 
 use crate::jobs::JobRequest;
 
-pub(crate) use request::Refusal;
 pub(crate) use table::{Keys, Table};
 
 /// Most jobs of a study.

@@ -258,6 +258,9 @@ fn one_point_that_cannot_be_packed_refuses_the_study() {
     // The gravest kind speaks for all.
     let (kind, faults) = refused(&grid(json!([0.9, 2])));
     assert_eq!((kind, faults.len()), (Kind::ValidationError, 2), "{faults:?}");
+    let (_, faults) = refused(&grid(json!({"from": 0.7, "to": 0.95, "step": 0.05})));
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    assert!(faults[0].starts_with("/grid/~1mix~1volume_fraction: point 1 and 4 more: "), "{faults:?}");
     let request = json!({"template": job(), "grid": {"/specimen/size_mm": [[50, 50, 50], [1e5, 1e5, 1e5]]}});
     let (kind, faults) = refused(&request);
     assert_eq!(kind, Kind::TooLarge, "{faults:?}");

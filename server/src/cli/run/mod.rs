@@ -16,6 +16,8 @@ use super::{Failure, print};
 use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
 use crate::jobs::{JobRequest, request};
+use crate::plots::draw;
+use crate::plots::job::{self, JobPlot, JobResult};
 use crate::strict_json;
 use watch::Watch;
 
@@ -30,6 +32,9 @@ pub(super) struct Options {
     /// Formats of the result
     #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
     format: Vec<Format>,
+    /// Plots of the result, as SVG
+    #[arg(long, value_delimiter = ',', value_parser = plot_parser())]
+    plot: Vec<JobPlot>,
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
@@ -47,6 +52,11 @@ pub(super) struct Options {
 pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
     PossibleValuesParser::new(Format::ALL.map(Format::name))
         .try_map(|name| Format::from_name(&name).ok_or("no such format"))
+}
+
+fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
+    PossibleValuesParser::new(JobPlot::ALL.iter().map(|kind| kind.name()))
+        .try_map(|name| JobPlot::from_name(&name).ok_or("no such plot"))
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
@@ -115,6 +125,13 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
         print(&format!("{}\n", file.display()))?;
     }
+    for kind in &options.plot {
+        let file = options.out.join(format!("plot-{}.svg", kind.name()));
+        let result = JobResult { head: &head, spheres: &packing.spheres };
+        plot(*kind, &result, &file)
+            .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
+        print(&format!("{}\n", file.display()))?;
+    }
     discard(&checkpoint)
 }
 
@@ -163,4 +180,9 @@ pub(super) fn write(
     let mut out = BufWriter::with_capacity(1 << 18, File::create(file)?);
     format::write(format, head, spheres, &mut out)?;
     out.flush()
+}
+
+fn plot(kind: JobPlot, result: &JobResult<'_>, file: &Path) -> std::io::Result<()> {
+    let chart = job::chart(kind, result)?;
+    std::fs::write(file, draw::svg(&chart).map_err(std::io::Error::other)?)
 }

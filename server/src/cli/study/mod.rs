@@ -11,7 +11,7 @@ mod watch;
 
 use std::collections::VecDeque;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -29,8 +29,8 @@ use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or
 use crate::jobs::request::draw_seed;
 use crate::strict_json;
 use crate::studies::stop::Tally;
-use crate::studies::table::{Rest, Table};
-use crate::studies::{Run, Study};
+use crate::studies::table::Rest;
+use crate::studies::{Outcome, Run, Study, Table};
 use book::{Book, Entry, Folder, Record};
 use crew::{Crew, Ended};
 use watch::Watch;
@@ -67,6 +67,10 @@ pub(super) struct Options {
 }
 
 impl Options {
+    fn checkpoints(&self) -> PathBuf {
+        self.out.join("checkpoints")
+    }
+
     fn workers(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.workers.map_or_else(cores, usize::from)
@@ -105,15 +109,21 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     if let Some(stored) = &stored {
         stored.check(&record, &options.out, &options.study)?;
     }
+    if options.fresh {
+        discard_checkpoints(&options.checkpoints())?;
+    }
     let (book, entries) = folder.open(&study, &record, options.fresh)?;
     let mut done = Done::new(&study, book, entries);
     let ended = done.run_rest(options, workers.min(study.jobs()), limits);
     // What was done is kept and told, whatever ended it.
     done.book.sync()?;
     let table = done.table();
-    report::write(&options.out, &study, &table, &done.entries)?;
+    let written = report::write(&options.out, &study, &table, &done.entries)?;
     let stopped = ended?;
     print(&report::table(&table))?;
+    for file in written {
+        print(&format!("{}\n", file.display()))?;
+    }
     let waiting: u64 = table.rows.iter().map(|row| row.cells.waiting).sum();
     if stopped && waiting > 0 {
         return Err(format!(
@@ -121,6 +131,16 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             study.jobs()
         )
         .into());
+    }
+    Ok(())
+}
+
+/// Removes what runs of another study were at. Nothing else in the folder is touched.
+fn discard_checkpoints(folder: &Path) -> io::Result<()> {
+    if folder.exists() {
+        for found in Checkpoints::open(folder.to_owned(), Duration::ZERO)?.list()? {
+            Checkpoints::remove_found(&found)?;
+        }
     }
     Ok(())
 }
@@ -137,7 +157,7 @@ struct Done<'a> {
 impl<'a> Done<'a> {
     fn new(study: &'a Study, book: Book, mut entries: Vec<Entry>) -> Self {
         // What says nothing is tried again.
-        entries.retain(|entry| entry.outcome != crate::studies::Outcome::Void);
+        entries.retain(|entry| entry.outcome != Outcome::Void);
         let mut tallies = vec![Tally::default(); study.points.len()];
         for entry in &entries {
             tallies[entry.point].ended(entry.outcome, &study.stop_when);
@@ -159,7 +179,7 @@ impl<'a> Done<'a> {
         if queue.is_empty() {
             return Ok(false);
         }
-        let (results, checkpoints) = (options.out.join("results"), options.out.join("checkpoints"));
+        let (results, checkpoints) = (options.out.join("results"), options.checkpoints());
         if !options.formats.is_empty() {
             crew::make_folder(&results)?;
         }

@@ -1,15 +1,18 @@
 //! What came out of a study: the files of its table and plots, and the table for the terminal.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use packstone_engine::request::Distance;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::super::Failure;
 use super::book::{Entry, write_whole};
-use crate::studies::table::{Cells, Row, Table};
-use crate::studies::{Keys, Study};
+use crate::plots::draw;
+use crate::plots::study::{RunCurve, StudyPlot, charts};
+use crate::studies::table::{Cells, Row};
+use crate::studies::{Keys, Study, Table};
 
 /// Most rows at the terminal; the files have all.
 const ROWS_SHOWN: usize = 200;
@@ -24,18 +27,49 @@ struct Curve<'a> {
     distance_curve: &'a [[f64; 2]],
 }
 
-/// Writes all files.
-pub(super) fn write(folder: &Path, study: &Study, table: &Table, entries: &[Entry]) -> Result<(), Failure> {
+/// Writes all files, and returns those for people.
+pub(super) fn write(
+    folder: &Path,
+    study: &Study,
+    table: &Table,
+    entries: &[Entry],
+) -> Result<Vec<PathBuf>, Failure> {
+    let mut written = Vec::new();
+    let mut put = |name: String, bytes: &[u8]| {
+        let file = folder.join(name);
+        write_whole(&file, bytes).map(|()| written.push(file))
+    };
     let mut json = serde_json::to_vec_pretty(table)?;
     json.push(b'\n');
-    write_whole(&folder.join("table.json"), &json)?;
-    write_whole(&folder.join("table.csv"), table.to_csv().as_bytes())?;
-    let keys = study.keys();
-    let curves = curves(&keys, entries);
+    put("table.json".into(), &json)?;
+    put("table.csv".into(), table.to_csv().as_bytes())?;
+    let curves = curves(&study.keys(), entries);
     if !curves.is_empty() {
-        write_whole(&folder.join("curves.json"), &serde_json::to_vec(&curves)?)?;
+        put("curves.json".into(), &serde_json::to_vec(&curves)?)?;
     }
-    Ok(())
+    let drawn: Vec<RunCurve> = curves
+        .iter()
+        .map(|curve| RunCurve { point: curve.point, points: curve.distance_curve.to_vec() })
+        .collect();
+    for (kind, chart) in charts(study.name.as_deref(), table, &drawn) {
+        if tells(study, kind) {
+            put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+        }
+    }
+    Ok(written)
+}
+
+/// Whether a plot that could be drawn tells what the study did not know before.
+fn tells(study: &Study, kind: StudyPlot) -> bool {
+    let maximizes = |maximize: bool| {
+        study.points.iter().any(|point| matches!(point.job.distance, Distance::Maximize { .. }) == maximize)
+    };
+    match kind {
+        // Whatever is reached is the largest distance, and a success.
+        StudyPlot::Success => maximizes(false),
+        StudyPlot::Distance | StudyPlot::Curve | StudyPlot::VolumeFraction => maximizes(true),
+        StudyPlot::Time | StudyPlot::EventTime => true,
+    }
 }
 
 /// The curves of first replicates, in the order of the points.
@@ -89,6 +123,9 @@ const COLUMNS: [Column; 9] = [
     },
 ];
 
+/// Those that say nothing where grains may touch.
+const OF_DISTANCES: [&str; 2] = ["with coating", "distance mm"];
+
 fn three_digits(x: f64) -> String {
     let decimals = (2 - x.abs().max(1e-3).log10().floor() as i64).max(0) as usize;
     format!("{x:.decimals$}")
@@ -97,11 +134,15 @@ fn three_digits(x: f64) -> String {
 /// The table for people: aligned, without columns that no row has.
 pub(super) fn table(table: &Table) -> String {
     let rows = &table.rows[..table.rows.len().min(ROWS_SHOWN)];
+    // Where grains may touch, that they do is no news.
+    let apart = rows.iter().any(|row| row.cells.distance_mm_max.is_some_and(|mm| mm > 0.0))
+        || rows.iter().all(|row| row.cells.distance_mm_max.is_none());
     let keys = (0..table.columns.len()).map(|i| {
         let of = |row: &Row| row.values.get(i).map(|(_, value)| short(value)).unwrap_or_default();
         (table.columns[i].clone(), rows.iter().map(of).collect::<Vec<String>>())
     });
-    let figures = COLUMNS.iter().filter_map(|column| {
+    let told = COLUMNS.iter().filter(|column| apart || !OF_DISTANCES.contains(&column.title));
+    let figures = told.filter_map(|column| {
         let texts: Vec<Option<String>> = rows.iter().map(|row| (column.text)(&row.cells)).collect();
         let shown = texts.iter().any(Option::is_some);
         let texts = texts.into_iter().map(|text| text.unwrap_or_else(|| "-".into())).collect();

@@ -1,0 +1,123 @@
+//! The grading curve that was asked for beside the one of the grains placed.
+//!
+//! Both are the mass fraction of the whole aggregate that passes a sieve. Grains below the cut-off are
+//! not placed, but counted as passing in both, so that a curve of a standard looks as in the standard.
+
+use crate::mix::class::Law;
+use crate::mix::{GradedMix, sphere_volume};
+use crate::packing::Spheres;
+
+/// Diameters per curve, evenly spaced in the logarithm; the sieves come on top.
+const POINTS: usize = 160;
+/// How far beyond the extreme grains the curves reach, as a factor: so far that steps there are seen.
+const MARGIN: f64 = 1.12;
+
+/// Target and achieved grading.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GradingCurve {
+    /// Values at the bounds of the sieve classes, from fine to coarse.
+    pub sieves: Vec<GradingPoint>,
+    /// Values at the sieves and between, from fine to coarse.
+    pub curve: Vec<GradingPoint>,
+}
+
+/// One diameter of the curves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GradingPoint {
+    /// Diameter of the sieve, or between two.
+    pub d_mm: f64,
+    /// Mass fraction that the mix wants to pass.
+    pub target: f64,
+    /// Mass fraction that passes in the packing.
+    pub achieved: f64,
+}
+
+/// The grading of `spheres` beside that of the mix they were drawn from.
+pub fn grading(spheres: &Spheres, mix: &GradedMix) -> GradingCurve {
+    let mut edges: Vec<f64> = mix.sieve_classes.iter().flat_map(|c| [c.low_mm, c.high_mm]).collect();
+    edges.sort_unstable_by(f64::total_cmp);
+    edges.dedup();
+    let target = Target::new(mix);
+    let achieved = Cumulative::new(&spheres.d_mm);
+    // Volume of all aggregate of the mix, the part that is not placed included.
+    let all_mm3 = mix.volume_fraction_mixture * mix.specimen_volume_mm3;
+    let at = |d_mm: f64| GradingPoint {
+        d_mm,
+        target: target.passing(d_mm, all_mm3),
+        achieved: if all_mm3 > 0.0 { (1.0 - achieved.above_mm3(d_mm) / all_mm3).max(0.0) } else { 0.0 },
+    };
+    let mut diameters = edges.clone();
+    let (from, to) = (mix.d_min_mm / MARGIN, mix.d_max_mm * MARGIN);
+    if from > 0.0 {
+        diameters.extend((0..POINTS).map(|i| from * (to / from).powf(i as f64 / (POINTS - 1) as f64)));
+        // Equal grains make a step: the curve has to stand below it too.
+        diameters.extend(edges.iter().map(|d| d * (1.0 - 1.0e-9)));
+    }
+    diameters.sort_unstable_by(f64::total_cmp);
+    diameters.dedup();
+    GradingCurve {
+        sieves: edges.into_iter().map(at).collect(),
+        curve: diameters.into_iter().map(at).collect(),
+    }
+}
+
+/// The mix's own curve.
+enum Target<'a> {
+    Classes(&'a GradedMix),
+    List(Cumulative),
+}
+
+impl<'a> Target<'a> {
+    fn new(mix: &'a GradedMix) -> Self {
+        match &mix.list {
+            Some(list) => Self::List(Cumulative::new(list)),
+            None => Self::Classes(mix),
+        }
+    }
+
+    fn passing(&self, d: f64, all_mm3: f64) -> f64 {
+        let retained = match self {
+            Self::List(list) if all_mm3 > 0.0 => list.above_mm3(d) / all_mm3,
+            Self::List(_) => 0.0,
+            Self::Classes(mix) => mix
+                .sieve_classes
+                .iter()
+                .map(|class| {
+                    let share = if d >= class.high_mm {
+                        0.0
+                    } else if d < class.low_mm || class.law == Law::Single {
+                        1.0
+                    } else {
+                        class.mass_share(d, class.high_mm)
+                    };
+                    class.mass_fraction * share
+                })
+                .sum(),
+        };
+        (1.0 - retained).max(0.0)
+    }
+}
+
+/// Grains from fine to coarse with the volume of all that are coarser.
+struct Cumulative {
+    d_mm: Vec<f64>,
+    /// `above_mm3[i]`: volume of the grains from `i` on.
+    above_mm3: Vec<f64>,
+}
+
+impl Cumulative {
+    fn new(diameters: &[f64]) -> Self {
+        let mut d_mm = diameters.to_vec();
+        d_mm.sort_unstable_by(f64::total_cmp);
+        let mut above_mm3 = vec![0.0; d_mm.len() + 1];
+        for i in (0..d_mm.len()).rev() {
+            above_mm3[i] = above_mm3[i + 1] + sphere_volume(d_mm[i]);
+        }
+        Self { d_mm, above_mm3 }
+    }
+
+    /// Volume of the grains that a sieve of this size retains.
+    fn above_mm3(&self, d: f64) -> f64 {
+        self.above_mm3[self.d_mm.partition_point(|&x| x <= d)]
+    }
+}

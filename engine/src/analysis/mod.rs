@@ -1,0 +1,18 @@
+//! What engineers look for in a packing beyond its check: the grading it came out with, how close grains
+//! stand, and how a wall thins them out.
+//!
+//! Pure functions over [`Spheres`](crate::packing::Spheres) and a [`Specimen`](crate::request::Specimen),
+//! for whoever draws or tabulates them. They judge nothing: whether a packing is valid is
+//! [`crate::verify`]'s question. They must never know how a packing was computed, nor how a curve is drawn.
+
+pub mod depth_profile;
+pub mod grading;
+mod neighbors;
+pub mod radial;
+
+pub use depth_profile::{DepthProfile, Surface, depth_profiles};
+pub use grading::{GradingCurve, GradingPoint, grading};
+pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
+
+#[cfg(test)]
+mod tests;

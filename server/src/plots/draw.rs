@@ -1,0 +1,409 @@
+//! Draws a chart as SVG: one size for a column of print, told apart by colour, dash and marker at once, so
+//! that it survives a grey copy and an eye that sees colours otherwise. The legend stands below the data.
+//!
+//! Lengths are in units of the drawing, [`PER_MM`] to the mm: plotters knows whole units only. The bytes
+//! depend on the chart alone. plotters draws mesh, axes and shapes; how lines are dashed and where the
+//! legend goes is decided here.
+
+use plotters::backend::SVGBackend;
+use plotters::chart::{ChartBuilder, ChartContext};
+use plotters::coord::Shift;
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea as _};
+use plotters::element::{Circle, PathElement, Polygon};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{BLACK, Color as _, IntoFont as _, RGBColor, ShapeStyle, TextStyle, WHITE};
+
+use super::axis::Settled;
+use super::chart::{Chart, Look, Marks, Point, Series};
+use super::look::{self, Marker};
+use super::text::{FAMILY, cut, escaped, printable, width_em};
+
+/// Units of the drawing per mm.
+pub(super) const PER_MM: f64 = 20.0;
+/// Counts the changes of a drawing's bytes; part of an `ETag`.
+pub(crate) const REVISION: u32 = 1;
+
+const WIDTH_MM: f64 = 160.0;
+/// Of the data alone.
+const PLOT_HEIGHT_MM: f64 = 82.0;
+const EDGE_MM: f64 = 2.0;
+/// Room for half of the last label of an axis.
+const RIGHT_MM: f64 = 6.0;
+const TITLE_MM: f64 = 9.0;
+const X_LABELS_MM: f64 = 11.5;
+const LEGEND_ROW_MM: f64 = 5.0;
+/// Line and gap before the text of an entry.
+const LEGEND_LINE_MM: f64 = 11.0;
+const LEGEND_GAP_MM: f64 = 5.0;
+/// Entries that are listed; of more it is said that there are.
+const MOST_ENTRIES: usize = 24;
+
+const TITLE_SIZE_MM: f64 = 4.2;
+const LABEL_SIZE_MM: f64 = 3.5;
+const TICK_SIZE_MM: f64 = 3.2;
+const LINE_MM: f64 = 0.5;
+const THIN_MM: f64 = 0.25;
+const TICK_MARK_MM: f64 = 0.8;
+/// Points of a line that are nearer to the last one are left out: nobody sees them.
+const NEAR_MM: f64 = 0.15;
+/// Between error bars at the same place, and all of them together.
+const ASIDE_MM: f64 = 1.0;
+const MOST_ASIDE_MM: f64 = 5.0;
+/// Units of a font's size in plotters per unit in the drawing.
+const FONT_UNITS: f64 = 1.24;
+
+const GRID: RGBColor = RGBColor(224, 224, 224);
+const FINE_GRID: RGBColor = RGBColor(240, 240, 240);
+const REFERENCE: RGBColor = RGBColor(110, 110, 110);
+
+type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Failure = DrawingAreaErrorKind<std::io::Error>;
+type Px = (i32, i32);
+
+/// Draws a chart.
+///
+/// # Errors
+/// What plotters cannot lay out; no chart is known for which it cannot.
+pub(crate) fn svg(chart: &Chart) -> Result<String, Failure> {
+    let legend = Legend::of(chart);
+    let below_mm = if chart.is_empty() { EDGE_MM } else { X_LABELS_MM + legend.height_mm() + EDGE_MM };
+    let height_mm = EDGE_MM + TITLE_MM + PLOT_HEIGHT_MM + below_mm;
+    let size = (units(WIDTH_MM) as u32, units(height_mm) as u32);
+    let mut text = String::new();
+    {
+        let canvas = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        canvas.fill(&WHITE)?;
+        let title = cut(&printable(&chart.title), (WIDTH_MM - 2.0 * EDGE_MM) / TITLE_SIZE_MM);
+        let style = font(TITLE_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center));
+        canvas.draw_text(&title, &style, (units(WIDTH_MM / 2.0), units(EDGE_MM + TITLE_MM / 2.0)))?;
+        if chart.is_empty() {
+            draw_nothing(&canvas, chart)?;
+        } else {
+            draw_data(&canvas, chart, height_mm)?;
+            legend.draw(&canvas, height_mm)?;
+        }
+        canvas.present()?;
+    }
+    Ok(headed(&text, chart, height_mm))
+}
+
+/// The drawing with its size in mm, and with a title and a description for those who hear it.
+fn headed(text: &str, chart: &Chart, height_mm: f64) -> String {
+    let body = text.split_once('>').map_or("", |(_, body)| body);
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH_MM}mm\" height=\"{height_mm}mm\" \
+         viewBox=\"0 0 {} {}\" role=\"img\" aria-labelledby=\"title desc\">\n\
+         <title id=\"title\">{}</title>\n<desc id=\"desc\">{}</desc>{body}",
+        units(WIDTH_MM),
+        units(height_mm),
+        escaped(&chart.title),
+        escaped(&chart.description),
+    )
+}
+
+/// A frame with the reason why it holds nothing.
+fn draw_nothing(canvas: &Canvas<'_>, chart: &Chart) -> Result<(), Failure> {
+    let (top, bottom) = (EDGE_MM + TITLE_MM, EDGE_MM + TITLE_MM + PLOT_HEIGHT_MM);
+    let (left, right) = (EDGE_MM + RIGHT_MM, WIDTH_MM - EDGE_MM - RIGHT_MM);
+    outline(canvas, (units(left), units(top)), (units(right), units(bottom)))?;
+    let style = font(LABEL_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center));
+    let said = cut(&printable(&chart.when_empty), (right - left) / LABEL_SIZE_MM);
+    canvas.draw_text(&said, &style, (units(WIDTH_MM / 2.0), units(f64::midpoint(top, bottom))))
+}
+
+fn draw_data(canvas: &Canvas<'_>, chart: &Chart, height_mm: f64) -> Result<(), Failure> {
+    let shown = || chart.series.iter().flat_map(|s| &s.points).filter(|point| chart.shows(point));
+    let ends = |point: &Point| {
+        let interval = point.interval.unwrap_or([point.y; 2]);
+        [point.y, interval[0], interval[1]]
+    };
+    let mut x = chart.x.settled(shown().map(|point| point.x));
+    let y = chart.y.settled(shown().flat_map(ends));
+    let widest = y.major.iter().map(|tick| width_em(&tick.text)).fold(0.0, f64::max) * TICK_SIZE_MM;
+    let left_mm = LABEL_SIZE_MM * 1.5 + widest + 2.0 * TICK_MARK_MM + 1.0;
+    thin_out(&mut x, WIDTH_MM - EDGE_MM - left_mm - RIGHT_MM);
+    let below_mm = height_mm - EDGE_MM - TITLE_MM - PLOT_HEIGHT_MM - X_LABELS_MM;
+    let mut context = ChartBuilder::on(canvas)
+        .margin_top(units(EDGE_MM + TITLE_MM))
+        .margin_bottom(units(below_mm))
+        .margin_left(units(EDGE_MM))
+        .margin_right(units(RIGHT_MM))
+        .x_label_area_size(units(X_LABELS_MM))
+        .y_label_area_size(units(left_mm))
+        .build_cartesian_2d(x, y)?;
+    context
+        .configure_mesh()
+        .label_style(font(TICK_SIZE_MM))
+        .axis_desc_style(font(LABEL_SIZE_MM))
+        .bold_line_style(GRID.stroke_width(stroke(THIN_MM)))
+        .light_line_style(FINE_GRID.stroke_width(stroke(THIN_MM)))
+        .axis_style(BLACK.stroke_width(stroke(THIN_MM)))
+        .set_all_tick_mark_size(units(TICK_MARK_MM))
+        .x_desc(printable(&chart.x.label))
+        .y_desc(printable(&chart.y.label))
+        .draw()?;
+    let (across, down) = context.plotting_area().get_pixel_range();
+    outline(canvas, (across.start, down.start), (across.end - 1, down.end - 1))?;
+    // What the data are compared with lies below them.
+    let is_reference = |series: &&Series| series.look == Look::Reference;
+    for series in chart.series.iter().filter(is_reference) {
+        draw_series(canvas, &context, chart, series)?;
+    }
+    for series in chart.series.iter().filter(|series| !is_reference(series)) {
+        draw_series(canvas, &context, chart, series)?;
+    }
+    Ok(())
+}
+
+/// Drops labels of the abscissa that would run into the one before.
+fn thin_out(axis: &mut Settled, width_mm: f64) {
+    let mut end = f64::NEG_INFINITY;
+    let ticks = std::mem::take(&mut axis.major);
+    for tick in ticks {
+        let half = width_em(&tick.text) * TICK_SIZE_MM / 2.0;
+        let at = axis.share(tick.value) * width_mm;
+        if at - half > end {
+            end = at + half + 0.8;
+            axis.major.push(tick);
+        }
+    }
+}
+
+fn draw_series(
+    canvas: &Canvas<'_>,
+    context: &ChartContext<'_, SVGBackend<'_>, Cartesian2d<Settled, Settled>>,
+    chart: &Chart,
+    series: &Series,
+) -> Result<(), Failure> {
+    let place = |x: f64, y: f64| context.plotting_area().map_coordinate(&(x, y));
+    let pen = Pen::of(series.look);
+    if series.marks != Marks::Points {
+        for run in series.points.split(|point| !chart.shows(point)) {
+            let path: Vec<Px> = run.iter().map(|point| place(point.x, point.y)).collect();
+            pen.line(canvas, &spaced(&path))?;
+        }
+    }
+    let aside = units(aside_mm(chart, series.look));
+    for point in series.points.iter().filter(|point| chart.shows(point)) {
+        if let Some([low, high]) = point.interval {
+            // An end that has no place on a logarithmic axis lies below all that have.
+            let low = if chart.y.holds(low) { low } else { f64::MIN_POSITIVE };
+            if chart.y.holds(high) {
+                let [low, high] = [low, high].map(|end| place(point.x, end));
+                pen.error_bar(canvas, (low.0 + aside, low.1), (high.0 + aside, high.1))?;
+            }
+        }
+    }
+    if series.marks != Marks::Line {
+        for point in series.points.iter().filter(|point| chart.shows(point)) {
+            pen.marker(canvas, place(point.x, point.y))?;
+        }
+    }
+    Ok(())
+}
+
+/// How far beside their points the error bars of a series stand, so that those of others at the same place
+/// are seen too.
+fn aside_mm(chart: &Chart, look: Look) -> f64 {
+    let has_bars = |series: &&Series| series.points.iter().any(|point| point.interval.is_some());
+    let mut looks: Vec<Look> = Vec::new();
+    for series in chart.series.iter().filter(has_bars) {
+        if !looks.contains(&series.look) {
+            looks.push(series.look);
+        }
+    }
+    let index = looks.iter().position(|other| *other == look).unwrap_or(0);
+    let step = ASIDE_MM.min(MOST_ASIDE_MM / looks.len().max(1) as f64);
+    (index as f64 - looks.len().saturating_sub(1) as f64 / 2.0) * step
+}
+
+/// The points of a path without those that nobody would see; the first and the last are kept.
+fn spaced(path: &[Px]) -> Vec<Px> {
+    let near = units(NEAR_MM);
+    let mut kept: Vec<Px> = Vec::new();
+    for (i, &at) in path.iter().enumerate() {
+        let far = kept.last().is_none_or(|last| (at.0 - last.0).abs() + (at.1 - last.1).abs() > near);
+        if far || i + 1 == path.len() {
+            kept.push(at);
+        }
+    }
+    kept
+}
+
+/// How a series is drawn.
+struct Pen {
+    color: RGBColor,
+    width_mm: f64,
+    /// Lengths of dashes and gaps in turn, in mm; a whole line where empty.
+    dashes: &'static [f64],
+    marker: Marker,
+}
+
+impl Pen {
+    fn of(look: Look) -> Self {
+        match look {
+            Look::Reference => {
+                Self { color: REFERENCE, width_mm: THIN_MM, dashes: &[1.5, 1.0], marker: Marker::Dot }
+            }
+            Look::Numbered(number) => Self {
+                color: look::color(number),
+                width_mm: LINE_MM,
+                dashes: look::dashes(number),
+                marker: look::marker(number),
+            },
+        }
+    }
+
+    fn stroke(&self, width_mm: f64) -> ShapeStyle {
+        self.color.stroke_width(stroke(width_mm))
+    }
+
+    fn line(&self, canvas: &Canvas<'_>, path: &[Px]) -> Result<(), Failure> {
+        let dashes: Vec<f64> = self.dashes.iter().map(|mm| mm * PER_MM).collect();
+        for piece in look::dashed(path, &dashes) {
+            canvas.draw(&PathElement::new(piece, self.stroke(self.width_mm)))?;
+        }
+        Ok(())
+    }
+
+    fn error_bar(&self, canvas: &Canvas<'_>, low: Px, high: Px) -> Result<(), Failure> {
+        let cap = units(0.9);
+        for piece in [
+            vec![low, high],
+            vec![(low.0 - cap, low.1), (low.0 + cap, low.1)],
+            vec![(high.0 - cap, high.1), (high.0 + cap, high.1)],
+        ] {
+            canvas.draw(&PathElement::new(piece, self.stroke(THIN_MM)))?;
+        }
+        Ok(())
+    }
+
+    fn marker(&self, canvas: &Canvas<'_>, (x, y): Px) -> Result<(), Failure> {
+        let size = units(self.marker.radius_mm());
+        let fill = if self.marker.is_open() { WHITE } else { self.color };
+        match self.marker.corners() {
+            None => {
+                canvas.draw(&Circle::new((x, y), size, fill.filled()))?;
+                if self.marker.is_open() {
+                    canvas.draw(&Circle::new((x, y), size, self.stroke(0.35)))?;
+                }
+            }
+            Some(corners) => {
+                let at = |&(dx, dy): &(f64, f64)| {
+                    (x + (dx * f64::from(size)).round() as i32, y + (dy * f64::from(size)).round() as i32)
+                };
+                let mut path: Vec<Px> = corners.iter().map(at).collect();
+                canvas.draw(&Polygon::new(path.clone(), fill.filled()))?;
+                if self.marker.is_open() {
+                    // Over the first corner again, so that its two lines meet.
+                    path.extend_from_within(..2);
+                    canvas.draw(&PathElement::new(path, self.stroke(0.35)))?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The names of the series, in columns below the data.
+struct Legend {
+    entries: Vec<(Option<(Look, Marks)>, String)>,
+    columns: usize,
+}
+
+impl Legend {
+    fn of(chart: &Chart) -> Self {
+        let mut entries: Vec<(Option<(Look, Marks)>, String)> = Vec::new();
+        if !chart.is_empty() {
+            for series in &chart.series {
+                let Some(label) = &series.label else { continue };
+                let entry = (Some((series.look, series.marks)), printable(label));
+                if series.points.iter().any(|point| chart.shows(point)) && !entries.contains(&entry) {
+                    entries.push(entry);
+                }
+            }
+        }
+        if entries.len() > MOST_ENTRIES {
+            let more = entries.len() - (MOST_ENTRIES - 1);
+            entries.truncate(MOST_ENTRIES - 1);
+            entries.push((None, format!("and {more} more")));
+        }
+        let widest = entries.iter().map(|(_, text)| entry_mm(text)).fold(1.0, f64::max);
+        let fit = ((room_mm() + LEGEND_GAP_MM) / (widest + LEGEND_GAP_MM)) as usize;
+        Self { columns: fit.clamp(1, entries.len().max(1)), entries }
+    }
+
+    fn rows(&self) -> usize {
+        self.entries.len().div_ceil(self.columns)
+    }
+
+    fn height_mm(&self) -> f64 {
+        if self.entries.is_empty() { 0.0 } else { self.rows() as f64 * LEGEND_ROW_MM + 1.5 }
+    }
+
+    /// Column by column, so that entries in their order stand below one another.
+    fn draw(&self, canvas: &Canvas<'_>, height_mm: f64) -> Result<(), Failure> {
+        let rows = self.rows().max(1);
+        let columns: Vec<&[(Option<(Look, Marks)>, String)]> = self.entries.chunks(rows).collect();
+        let widths: Vec<f64> = columns
+            .iter()
+            .map(|column| column.iter().map(|(_, text)| entry_mm(text)).fold(0.0, f64::max))
+            .collect();
+        let all: f64 = widths.iter().sum::<f64>() + LEGEND_GAP_MM * widths.len().saturating_sub(1) as f64;
+        let mut left = f64::midpoint(WIDTH_MM, -all.min(room_mm()));
+        let top = height_mm - EDGE_MM - rows as f64 * LEGEND_ROW_MM;
+        for (column, width) in columns.iter().zip(&widths) {
+            for (row, (look, text)) in column.iter().enumerate() {
+                let middle = units(top + (row as f64 + 0.5) * LEGEND_ROW_MM);
+                if let Some((look, marks)) = look {
+                    let pen = Pen::of(*look);
+                    let (from, to) = (units(left), units(left + LEGEND_LINE_MM - 2.0));
+                    if *marks != Marks::Points {
+                        pen.line(canvas, &[(from, middle), (to, middle)])?;
+                    }
+                    if *marks != Marks::Line {
+                        pen.marker(canvas, (i32::midpoint(from, to), middle))?;
+                    }
+                }
+                let text = cut(text, (room_mm() - LEGEND_LINE_MM) / TICK_SIZE_MM);
+                let style = font(TICK_SIZE_MM).pos(Pos::new(HPos::Left, VPos::Center));
+                canvas.draw_text(&text, &style, (units(left + LEGEND_LINE_MM), middle))?;
+            }
+            left += width + LEGEND_GAP_MM;
+        }
+        Ok(())
+    }
+}
+
+/// Width of an entry of the legend.
+fn entry_mm(text: &str) -> f64 {
+    (LEGEND_LINE_MM + width_em(text) * TICK_SIZE_MM).min(room_mm())
+}
+
+fn room_mm() -> f64 {
+    WIDTH_MM - 2.0 * EDGE_MM
+}
+
+/// A rectangle's edge.
+fn outline(canvas: &Canvas<'_>, (x0, y0): Px, (x1, y1): Px) -> Result<(), Failure> {
+    let corners = vec![(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)];
+    canvas.draw(&PathElement::new(corners, BLACK.stroke_width(stroke(THIN_MM))))
+}
+
+fn font(size_mm: f64) -> TextStyle<'static> {
+    (FAMILY, size_mm * PER_MM * FONT_UNITS).into_font().into()
+}
+
+fn units(mm: f64) -> i32 {
+    (mm * PER_MM).round() as i32
+}
+
+fn stroke(mm: f64) -> u32 {
+    (mm * PER_MM).round().max(1.0) as u32
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "draw_tests.rs"]
+mod tests;

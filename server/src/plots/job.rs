@@ -1,0 +1,277 @@
+//! The plots of a job's result: its grading, the course of its distance, how close its grains stand, and
+//! what its walls do to them.
+
+use std::io;
+
+use packstone_engine::Spheres;
+use packstone_engine::analysis::{self, RadialOptions, SizeRange, Surface};
+use packstone_engine::distance::DistanceRule;
+use packstone_engine::format::{Column, Head, SphereSource};
+use packstone_engine::mix::GradedMix;
+use packstone_engine::request::{Distance, PackingRequest, Specimen};
+
+use super::axis::{Axis, plain};
+use super::chart::{Chart, Look, Marks, Point, Series};
+use crate::jobs::JobRequest;
+
+super::kinds! {
+    /// What a plot of a job's result shows.
+    JobPlot {
+        /// Target and achieved grading curve: mass passing each diameter.
+        Grading "grading",
+        /// Distance against packing time, where the largest distance was asked for.
+        Distance "distance",
+        /// Pair correlation against the clear distance between grains, by size class.
+        Radial "radial",
+        /// Volume fraction against depth from the walls.
+        Profile "profile",
+    }
+}
+
+/// Bins of a pair correlation.
+const BINS: usize = 60;
+/// Clear distances are shown up to so many median diameters.
+const GAP_DIAMETERS: f64 = 2.0;
+/// Reference grains per class: enough for one percent, and a second or two at two million grains.
+const MAX_REFERENCES: usize = 20_000;
+/// Bins in which fewer pairs are expected say nothing: their error is above a fifth.
+const FEWEST_PAIRS: f64 = 25.0;
+/// Classes of the mix shown at most; neighbours are joined where there are more.
+const MOST_CLASSES: usize = 6;
+/// Depths of a profile, and how many largest diameters deep it goes: walls are felt for two or three.
+const DEPTHS: usize = 240;
+const DEPTH_DIAMETERS: f64 = 4.0;
+const PERCENT: f64 = 100.0;
+
+/// A result as plots need it.
+pub(crate) struct JobResult<'a> {
+    pub(crate) head: &'a Head,
+    pub(crate) spheres: &'a dyn SphereSource,
+}
+
+/// Makes a plot of a result.
+///
+/// # Errors
+/// Those of the source of the spheres; `InvalidData` where the stored request cannot be read.
+pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> {
+    let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
+    let request = JobRequest::read(&result.head.request, 0, None).map_err(|faults| {
+        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        invalid(format!("the request of the result cannot be read: {}", faults.join("; ")))
+    })?;
+    let name = request.name.clone();
+    let packing = request.packing();
+    Ok(match kind {
+        JobPlot::Grading => grading(&packing, &diameters(result.spheres)?, name.as_deref()),
+        JobPlot::Distance => distance(result.head, name.as_deref()),
+        JobPlot::Radial => radial(result.head, &packing, &all(result.spheres)?, name.as_deref()),
+        JobPlot::Profile => profile(result.head, &packing, &all(result.spheres)?, name.as_deref()),
+    })
+}
+
+/// The title of a plot: what it shows, and of which job.
+fn title(what: &str, name: Option<&str>) -> String {
+    name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"))
+}
+
+fn column(spheres: &dyn SphereSource, column: Column) -> io::Result<Vec<f64>> {
+    let mut values = vec![0.0; spheres.len()];
+    spheres.read(column, 0, &mut values)?;
+    Ok(values)
+}
+
+/// The spheres without their places.
+fn diameters(spheres: &dyn SphereSource) -> io::Result<Spheres> {
+    Ok(Spheres { d_mm: column(spheres, Column::Diameter)?, ..Spheres::default() })
+}
+
+fn all(spheres: &dyn SphereSource) -> io::Result<Spheres> {
+    Ok(Spheres {
+        x_mm: column(spheres, Column::X)?,
+        y_mm: column(spheres, Column::Y)?,
+        z_mm: column(spheres, Column::Z)?,
+        d_mm: column(spheres, Column::Diameter)?,
+    })
+}
+
+fn grading(request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
+    let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+    let found = analysis::grading(spheres, &mix);
+    let target = |p: &analysis::GradingPoint| Point::new(p.d_mm, PERCENT * p.target);
+    let achieved = |p: &analysis::GradingPoint| Point::new(p.d_mm, PERCENT * p.achieved);
+    let sieves: Vec<f64> = found.sieves.iter().map(|p| p.d_mm).collect();
+    let missed = found.sieves.iter().map(|p| (p.target - p.achieved).abs()).fold(0.0, f64::max);
+    Chart {
+        title: title("Grading curve", name),
+        description: format!(
+            "Mass passing against grain diameter, as asked for and as packed with {} grains; at the sieves the two \
+             differ by at most {} percentage points.",
+            spheres.len(),
+            plain(PERCENT * missed, Some(2))
+        ),
+        x: Axis { ticks: sieves, ..Axis::log("grain diameter in mm") },
+        y: Axis::linear("passing by mass in %").between(0.0, PERCENT),
+        series: vec![
+            Series::line("target", 0, found.curve.iter().map(target).collect()),
+            Series::line("achieved", 1, found.curve.iter().map(achieved).collect()),
+            Series {
+                label: Some("achieved at the sieves".into()),
+                look: Look::Numbered(1),
+                marks: Marks::Points,
+                points: found.sieves.iter().map(achieved).collect(),
+            },
+        ],
+        when_empty: "the packing has no grains".into(),
+    }
+}
+
+fn distance(head: &Head, name: Option<&str>) -> Chart {
+    let curve = &head.report.distance_curve;
+    let points: Vec<Point> = curve.iter().map(|&[time_s, mm]| Point::new(time_s, mm)).collect();
+    let reached = curve.last().map_or_else(String::new, |&[time_s, mm]| {
+        format!(" It reaches {} mm after {} s.", plain(mm, Some(3)), plain(time_s, Some(1)))
+    });
+    Chart {
+        title: title("Distance between grains", name),
+        description: format!("Clear distance that all grains keep against packing time.{reached}"),
+        x: Axis::linear("packing time in s").from_zero(),
+        y: Axis::linear("distance in mm").from_zero(),
+        series: vec![Series { label: None, ..Series::line("", 0, points) }],
+        when_empty: "no distance curve: this job prescribed its distance instead of maximizing it".into(),
+    }
+}
+
+fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
+    let summary = &head.report.summary;
+    let mut distance = request.distance;
+    if let (Distance::Maximize { wall_mm }, Some(mm)) = (distance, summary.distance_mm) {
+        distance = Distance::Constant { mm, wall_mm };
+    }
+    let rule = DistanceRule::new(&distance, &request.specimen);
+    // Largest first, so the middle one is the median.
+    let median = spheres.d_mm.get(spheres.len() / 2).copied().unwrap_or(1.0);
+    let nearest = head.report.verification.min_clearance_mm.unwrap_or(0.0);
+    let upper: Vec<f64> = summary.classes.iter().map(|class| class.d_max_mm).collect();
+    let upper = joined(&upper);
+    let options = RadialOptions {
+        upper_mm: &upper,
+        max_gap_mm: nearest + GAP_DIAMETERS * median,
+        bins: BINS,
+        max_references: MAX_REFERENCES,
+    };
+    let found = analysis::radial(spheres, &request.specimen, &rule, &options);
+    let mut series = vec![Series::reference("placed at random", 1.0, 0.0, options.max_gap_mm)];
+    for (number, class) in found.iter().enumerate() {
+        let values = class.gap_mm.iter().zip(&class.correlation).zip(&class.expected);
+        let points = values
+            .map(|((&gap, &g), &expected)| match g {
+                Some(g) if expected >= FEWEST_PAIRS => Point::new(gap, g),
+                _ => Point::new(gap, f64::NAN),
+            })
+            .collect();
+        series.push(Series::line(class_label(class.class, &upper, summary.d_min_mm), number, points));
+    }
+    Chart {
+        title: title("Pair correlation by size class", name),
+        description: format!(
+            "How often another grain, of any size, stands at a clear distance from one of a class, over how often it \
+             would if grains lay at random; {} classes.",
+            found.len()
+        ),
+        x: Axis::linear("clear distance between grains in mm").between(0.0, options.max_gap_mm),
+        y: Axis::linear("pair correlation g").from_zero(),
+        series,
+        when_empty: "too few grains, or too near the walls, for a pair correlation".into(),
+    }
+}
+
+/// The class by its bounds, or by its one diameter.
+fn class_label(found: SizeRange, upper_mm: &[f64], finest_mm: f64) -> String {
+    if found.d_min_mm == found.d_max_mm {
+        return format!("grains of {} mm", rounded(found.d_min_mm));
+    }
+    let class = upper_mm.iter().position(|upper| found.d_max_mm <= *upper);
+    let high = class.map_or(found.d_max_mm, |class| upper_mm[class]);
+    let low = class.filter(|class| *class > 0).map_or(finest_mm, |class| upper_mm[class - 1]);
+    format!("grains of {} to {} mm", rounded(low), rounded(high))
+}
+
+/// Upper bounds of at most [`MOST_CLASSES`] classes, made of neighbours.
+fn joined(upper_mm: &[f64]) -> Vec<f64> {
+    let together = upper_mm.len().div_ceil(MOST_CLASSES).max(1);
+    // From the coarse end, so that the coarsest bound is kept.
+    let mut bounds: Vec<f64> = upper_mm.iter().rev().step_by(together).copied().collect();
+    bounds.reverse();
+    bounds
+}
+
+fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
+    let summary = &head.report.summary;
+    let depth_mm = DEPTH_DIAMETERS * summary.d_max_mm;
+    let found = analysis::depth_profiles(spheres, &request.specimen, depth_mm, DEPTHS);
+    let mean = PERCENT * summary.volume_fraction_effective;
+    let deepest = found.iter().filter_map(|p| p.depth_mm.last()).copied().fold(0.0, f64::max);
+    // Nearer to the axis than a grain is wide, one grain decides what the surface shows.
+    let [width_mm, ..] = request.specimen.bounds_mm();
+    let axis_mm = width_mm / 2.0 - summary.d_max_mm / 2.0;
+    let mut series = vec![Series::reference("mean of the specimen", mean, 0.0, deepest)];
+    for (number, profile) in found.iter().enumerate() {
+        let label = match profile.surface {
+            Surface::Faces => "mean of the six faces",
+            Surface::Ends => "mean of the two ends",
+            Surface::Mantle => "mantle",
+        };
+        let values = profile.depth_mm.iter().zip(&profile.volume_fraction);
+        let points = values
+            .map(|(&depth, &share)| Point::new(depth, PERCENT * share))
+            .filter(|point| profile.surface != Surface::Mantle || point.x < axis_mm)
+            .collect();
+        series.push(Series::line(label, number, points));
+    }
+    Chart {
+        title: title("Volume fraction near the walls", name),
+        description: format!(
+            "Volume fraction of the grains on surfaces parallel to the walls against their depth; the mean of the specimen \
+             is {} %.",
+            plain(mean, Some(1))
+        ),
+        x: Axis::linear("depth from the wall in mm").between(0.0, if deepest > 0.0 { deepest } else { 1.0 }),
+        y: Axis::linear("volume fraction in %").from_zero(),
+        series,
+        when_empty: match request.specimen {
+            Specimen::Box { .. } if request.specimen.is_periodic() => {
+                "a periodic box has no walls to measure a depth from".into()
+            }
+            _ => "the packing has no grains".into(),
+        },
+    }
+}
+
+/// A diameter in three digits.
+fn rounded(mm: f64) -> String {
+    let digits = 2 - mm.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
+    let scale = 10_f64.powi(digits);
+    plain((mm * scale).round() / scale, None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn diameters_are_told_in_three_digits() {
+        for (mm, text) in
+            [(2.0341, "2.03"), (15.98, "16"), (0.250_01, "0.25"), (63.04, "63"), (1234.0, "1230")]
+        {
+            assert_eq!(rounded(mm), text);
+        }
+    }
+
+    #[test]
+    fn many_classes_are_joined_from_the_coarse_end() {
+        assert_eq!(joined(&[4.0, 8.0, 16.0]), [4.0, 8.0, 16.0]);
+        let many: Vec<f64> = (1..=13).map(f64::from).collect();
+        assert_eq!(joined(&many), [1.0, 4.0, 7.0, 10.0, 13.0]);
+        assert!(joined(&[]).is_empty());
+    }
+}

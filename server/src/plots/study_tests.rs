@@ -1,0 +1,191 @@
+use serde_json::json;
+
+use super::*;
+use crate::plots::axis::{Extent, Scale};
+
+/// A table of rows with values and cells.
+fn table(columns: &[&str], rows: Vec<(Vec<Value>, Cells)>) -> Table {
+    let columns: Vec<String> = columns.iter().map(ToString::to_string).collect();
+    let rows = rows
+        .into_iter()
+        .map(|(values, cells)| Row { values: columns.iter().cloned().zip(values).collect(), cells })
+        .collect();
+    Table { columns, rows }
+}
+
+fn rate(rate: f64) -> Cells {
+    Cells {
+        runs: 10,
+        successes: (10.0 * rate) as u64,
+        success_rate: Some(rate),
+        success_rate_low: Some((rate - 0.2).max(0.0)),
+        success_rate_high: Some((rate + 0.2).min(1.0)),
+        time_s_per_success: (rate > 0.0).then(|| 1.0 / rate),
+        ..Cells::default()
+    }
+}
+
+fn by_method() -> Table {
+    table(
+        &["/mix/volume_fraction", "/method", "/mix/d_min_mm"],
+        vec![
+            (vec![json!(0.6), json!({"type": "rsa", "attempts_per_grain": 1000}), json!(2)], rate(0.9)),
+            (vec![json!(0.6), json!({"type": "edmd"}), json!(2)], rate(1.0)),
+            (vec![json!(0.55), json!({"type": "rsa", "attempts_per_grain": 1000}), json!(2)], rate(1.0)),
+            (vec![json!(0.65), json!({"type": "rsa", "attempts_per_grain": 1000}), json!(2)], rate(0.0)),
+            (vec![json!(0.65), json!({"type": "edmd"}), json!(2)], Cells::default()),
+        ],
+    )
+}
+
+fn drawn(kind: StudyPlot, table: &Table, options: &StudyOptions) -> Chart {
+    chart(kind, Some("TB-7"), table, &[], options).unwrap()
+}
+
+fn labels(chart: &Chart) -> Vec<&str> {
+    chart.series.iter().map(|series| series.label.as_deref().unwrap_or("-")).collect()
+}
+
+#[test]
+fn series_are_what_varies_but_for_the_abscissa() {
+    let chart = drawn(StudyPlot::Success, &by_method(), &StudyOptions::default());
+    assert_eq!(chart.title, "Success rate: TB-7");
+    assert_eq!(chart.x.label, "volume fraction");
+    assert_eq!(labels(&chart), ["rsa attempts per grain 1000", "edmd"]);
+    let rsa: Vec<(f64, f64)> = chart.series[0].points.iter().map(|p| (p.x, p.y)).collect();
+    assert_eq!(rsa, [(0.55, 100.0), (0.6, 90.0), (0.65, 0.0)], "in the order of the abscissa");
+    let [low, high] = chart.series[0].points[1].interval.unwrap();
+    assert!((low - 70.0).abs() < 1e-9 && (high - 100.0).abs() < 1e-9, "{low} to {high}");
+    assert_eq!(chart.y.extent, Extent::Fixed(-3.0, 103.0));
+    let edmd = &chart.series[1].points;
+    assert!(edmd.len() == 2 && edmd[1].y.is_nan(), "what has not run has no rate: {edmd:?}");
+}
+
+#[test]
+fn time_is_logarithmic_and_missing_where_nothing_succeeded() {
+    let chart = drawn(StudyPlot::Time, &by_method(), &StudyOptions::default());
+    assert_eq!(chart.y.scale, Scale::Log);
+    assert!(chart.series[0].points[2].y.is_nan());
+    assert!((chart.series[0].points[1].y - 1.0 / 0.9).abs() < 1e-12);
+}
+
+#[test]
+fn the_abscissa_is_a_column_of_numbers_or_the_grains() {
+    let table = by_method();
+    assert_eq!(abscissas(&table), ["/mix/volume_fraction", "/mix/d_min_mm", "grains"]);
+    let options = |x: &str| StudyOptions { x: Some(x.into()), log_x: None };
+    let refused = chart(StudyPlot::Time, None, &table, &[], &options("/method")).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "\"/method\" is no abscissa of this study: must be one of /mix/volume_fraction, /mix/d_min_mm, grains"
+    );
+    let chosen = drawn(StudyPlot::Success, &table, &options("/mix/d_min_mm"));
+    assert_eq!(chosen.x.label, "d_min in mm");
+    assert_eq!(
+        labels(&chosen)[..2],
+        ["volume fraction 0.6, rsa attempts per grain 1000", "volume fraction 0.6, edmd"]
+    );
+}
+
+#[test]
+fn grains_stand_for_the_column_that_they_follow() {
+    let row = |size: f64, method: &str, grains: f64| {
+        let cells = Cells { grains: Some(grains), event_us_median: Some(grains.log10()), ..Cells::default() };
+        (vec![json!([size, size, size]), json!(method)], cells)
+    };
+    let table = table(
+        &["/specimen/size_mm", "/method/type"],
+        vec![
+            row(10.0, "rsa", 100.0),
+            row(10.0, "edmd", 100.0),
+            row(40.0, "rsa", 6400.0),
+            row(40.0, "edmd", 6400.0),
+        ],
+    );
+    let chart = drawn(StudyPlot::EventTime, &table, &StudyOptions::default());
+    assert_eq!(chart.x.label, "number of grains N");
+    assert_eq!(chart.x.scale, Scale::Log, "by itself, from 100 to 6400");
+    assert_eq!(labels(&chart), ["rsa", "edmd"]);
+    let linear = StudyOptions { log_x: Some(false), ..StudyOptions::default() };
+    assert_eq!(drawn(StudyPlot::EventTime, &table, &linear).x.scale, Scale::Linear);
+    let by_size = StudyOptions { x: None, log_x: None };
+    assert_eq!(drawn(StudyPlot::Success, &table, &by_size).series.len(), 2);
+}
+
+#[test]
+fn a_list_is_one_series() {
+    let table = table(
+        &["point", "name"],
+        vec![(vec![json!(0), json!("A16")], rate(1.0)), (vec![json!(1), json!("B16")], rate(0.5))],
+    );
+    let numbered = drawn(StudyPlot::Success, &table, &StudyOptions { x: Some("point".into()), log_x: None });
+    assert_eq!(labels(&numbered), ["-"]);
+    assert_eq!(numbered.series[0].points.len(), 2);
+    let by_grains = drawn(StudyPlot::Success, &table, &StudyOptions::default());
+    assert!(by_grains.is_empty(), "no run said how many grains it had");
+}
+
+#[test]
+fn what_says_nothing_is_not_among_the_plots_of_a_study() {
+    let kinds = |cells: Cells, curves: &[RunCurve]| -> Vec<&str> {
+        let row =
+            |phi: f64| (vec![json!(phi)], Cells { volume_fraction_effective: Some(phi), ..cells.clone() });
+        let table = table(&["/mix/volume_fraction"], vec![row(0.4), row(0.5)]);
+        charts(None, &table, curves).into_iter().map(|(kind, _)| kind.name()).collect()
+    };
+    assert!(kinds(Cells::default(), &[]).is_empty());
+    let touching = Cells {
+        grains: Some(100.0),
+        volume_fraction_with_coating: Some(0.4),
+        distance_mm_median: Some(0.0),
+        ..rate(1.0)
+    };
+    assert_eq!(kinds(touching.clone(), &[]), ["success", "time"]);
+    let apart = Cells {
+        volume_fraction_with_coating: Some(0.6),
+        distance_mm_median: Some(0.5),
+        event_us_median: Some(2.0),
+        ..touching
+    };
+    let curve = RunCurve { point: 0, points: vec![[0.1, 0.2], [1.0, 0.5]] };
+    let all: Vec<&str> = StudyPlot::ALL.iter().map(|kind| kind.name()).collect();
+    assert_eq!(kinds(apart, &[curve]), all);
+}
+
+#[test]
+fn curves_of_a_point_share_a_look_and_a_name() {
+    let table = table(
+        &["/mix/d_min_mm"],
+        vec![(vec![json!(2)], Cells::default()), (vec![json!(0.5)], Cells::default())],
+    );
+    let curve = |point, end| RunCurve { point, points: vec![[0.1, 0.2], [end, 0.9]] };
+    let curves = [curve(0, 5.0), curve(1, 9.0), curve(0, 6.0), curve(7, 1.0), RunCurve::default()];
+    let chart = chart(StudyPlot::Curve, None, &table, &curves, &StudyOptions::default()).unwrap();
+    assert_eq!(labels(&chart), ["d_min 2 mm", "d_min 0.5 mm", "d_min 2 mm"]);
+    assert_eq!(chart.series[0].look, chart.series[2].look);
+    assert_ne!(chart.series[0].look, chart.series[1].look);
+    let none = super::chart(StudyPlot::Curve, None, &table, &[], &StudyOptions::default()).unwrap();
+    assert!(none.is_empty() && none.when_empty.contains("maximize"));
+}
+
+#[test]
+fn names_of_columns_are_read_by_people() {
+    for (pointer, label) in [
+        ("/mix/volume_fraction", "volume fraction"),
+        ("/mix/grading/d_max_mm", "d_max in mm"),
+        ("/distance/mm", "distance in mm"),
+        ("/distance/factor", "distance factor"),
+        ("/specimen/size_mm/0", "size in mm"),
+        ("/method/stop/time_s", "time in s"),
+        ("/labels/a~1b", "a/b"),
+    ] {
+        assert_eq!(column_label(pointer), label, "{pointer}");
+    }
+    assert_eq!(
+        value_label("/specimen/size_mm", &json!([80, 80, 160.5])),
+        "size 80 \u{D7} 80 \u{D7} 160.5 mm"
+    );
+    assert_eq!(value_label("/method", &json!({"type": "edmd"})), "edmd");
+    assert_eq!(value_label("/mix/d_min_mm", &json!(0.25)), "d_min 0.25 mm");
+    assert_eq!(value_label("/mix/grading/name", &json!("B16")), "B16");
+}
