@@ -191,7 +191,9 @@ impl Store {
 
     /// After a commit that changed what clients see of these jobs.
     fn announce_all(&self, ids: &[JobId]) {
-        ids.iter().for_each(|id| self.announce(*id));
+        for id in ids {
+            self.announce(*id);
+        }
     }
 
     /// After a commit that moved the job to another state.
