@@ -128,3 +128,59 @@ async fn run_draws_what_the_service_draws() {
     let refused = packstone(directory.path(), &["run", "job.json", "--plot", "pie"]).await;
     assert!(refused.code != Some(0) && refused.stderr.contains("pie") && refused.stderr.contains("radial"));
 }
+
+#[tokio::test]
+async fn a_study_is_drawn_against_its_columns() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let mut template = jobs::quick(1);
+    template.as_object_mut().unwrap().remove("seed");
+    let study = client
+        .submit_study(&json!({
+            "name": "<TB-7>", "seed": 7, "template": template,
+            "grid": {"/mix/volume_fraction": [0.30, 0.35], "/method": [{"type": "rsa"}, {"type": "edmd"}]}
+        }))
+        .await;
+    let id = id_of(&study).to_owned();
+    client.study_finished(&id).await;
+    let plot = study["links"]["plot"].as_str().unwrap();
+    let get = async |query: &str| client.get(&format!("{plot}?{query}")).send().await;
+
+    for (query, says) in [
+        ("kind=success", "success rate in %, with its 95 % interval"),
+        ("kind=time", "time of all runs per success in s"),
+        ("kind=distance", "distance in mm"),
+        ("kind=curve", "only those that maximize the distance"),
+        ("kind=volume_fraction", "volume fraction with the coating in %"),
+        ("kind=event_time", "time per event in \u{3BC}s"),
+        ("kind=success&x=grains&log_x=true", "number of grains N"),
+    ] {
+        let reply = get(query).await;
+        assert_eq!(reply.expect(200).header("content-type"), "image/svg+xml");
+        let drawn = text_of(&reply.body);
+        assert!(drawn.contains(says), "{query} does not say {says:?}:\n{drawn}");
+        assert!(drawn.contains("&lt;TB-7&gt;") && !drawn.contains("<TB-7>"), "{drawn}");
+        if !query.contains("curve") {
+            assert!(
+                drawn.contains("\nrsa\n") && drawn.contains("\nedmd\n"),
+                "{query} has no series of methods"
+            );
+        }
+        let etag = reply.header("etag");
+        let known = client.get(&format!("{plot}?{query}")).header("if-none-match", etag).send().await;
+        assert!(known.expect(304).body.is_empty());
+    }
+    for (query, says) in [
+        ("kind=pie", "event_time"),
+        ("x=grains", "is missing"),
+        ("kind=success&x=/method", "/mix/volume_fraction, grains"),
+        ("kind=success&log_x=maybe", "true or false"),
+    ] {
+        let problem = get(query).await.expect_problem(400, "validation-error");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(says), "{query}: {detail}");
+    }
+    client.get("/v1/studies/none/plot.svg?kind=success").send().await.expect_problem(404, "not-found");
+    server.stop().await;
+}

@@ -94,7 +94,7 @@ pub(super) async fn of_job(
     params(
         ("id" = String, Path, format = "uuid", description = "Name of the study"),
         ("kind" = StudyPlot, Query, description = "What is shown"),
-        ("x" = Option<String>, Query, example = "/mix/volume_fraction", description = "The abscissa: a column of the table that has numbers only, or `grains`. The first such pointer when absent, else `grains`. `curve` has none but the time"),
+        ("x" = Option<String>, Query, example = "/mix/volume_fraction", description = "The abscissa: a column of the table that has numbers only, or `grains`. When absent the first such pointer, or `grains` where there is none and for `volume_fraction` and `event_time`. `curve` has none but the time"),
         ("log_x" = Option<bool>, Query, description = "Whether the abscissa is logarithmic; decided by its values when absent"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),

@@ -9,6 +9,8 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 /// Ticks of a linear axis are at most so many steps.
 const MOST_STEPS: f64 = 8.0;
+/// Larger values have no place on an axis: what is computed of them must not overflow.
+const LARGEST: f64 = 1.0e290;
 /// Room beyond the extreme values, as a share of the axis.
 const MARGIN: f64 = 0.03;
 
@@ -65,7 +67,8 @@ impl Axis {
 
     /// Whether a value has a place on the axis.
     pub(crate) fn holds(&self, value: f64) -> bool {
-        value.is_finite() && (self.scale == Scale::Linear || value > 0.0)
+        let smallest = if self.scale == Scale::Log { 1.0 / LARGEST } else { -LARGEST };
+        (smallest..=LARGEST).contains(&value)
     }
 
     /// The axis for these values.
@@ -336,9 +339,15 @@ mod tests {
     #[test]
     fn every_axis_has_ends_whatever_the_values() {
         for axis in [Axis::linear(""), Axis::log(""), Axis::linear("").from_zero()] {
-            for values in
-                [&[][..], &[0.0], &[-3.0], &[7.0, 7.0], &[f64::NAN, 5.0, f64::INFINITY], &[1e-300, 1e300]]
-            {
+            for values in [
+                &[][..],
+                &[0.0],
+                &[-3.0],
+                &[7.0, 7.0],
+                &[f64::NAN, 5.0, f64::INFINITY],
+                &[1e-280, 1e280],
+                &[1e300],
+            ] {
                 let settled = axis.settled(values.iter().copied());
                 assert!(settled.low < settled.high, "{axis:?} {values:?}");
                 assert!(settled.low.is_finite() && settled.high.is_finite(), "{axis:?} {values:?}");

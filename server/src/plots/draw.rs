@@ -47,6 +47,9 @@ const THIN_MM: f64 = 0.25;
 const TICK_MARK_MM: f64 = 0.8;
 /// Points of a line that are nearer to the last one are left out: nobody sees them.
 const NEAR_MM: f64 = 0.15;
+/// Between error bars at the same place, and all of them together.
+const ASIDE_MM: f64 = 1.0;
+const MOST_ASIDE_MM: f64 = 5.0;
 /// Units of a font's size in plotters per unit in the drawing.
 const FONT_UNITS: f64 = 1.24;
 
@@ -64,7 +67,8 @@ type Px = (i32, i32);
 /// What plotters cannot lay out; no chart is known for which it cannot.
 pub(crate) fn svg(chart: &Chart) -> Result<String, Failure> {
     let legend = Legend::of(chart);
-    let height_mm = EDGE_MM + TITLE_MM + PLOT_HEIGHT_MM + X_LABELS_MM + legend.height_mm() + EDGE_MM;
+    let below_mm = if chart.is_empty() { EDGE_MM } else { X_LABELS_MM + legend.height_mm() + EDGE_MM };
+    let height_mm = EDGE_MM + TITLE_MM + PLOT_HEIGHT_MM + below_mm;
     let size = (units(WIDTH_MM) as u32, units(height_mm) as u32);
     let mut text = String::new();
     {
@@ -180,12 +184,14 @@ fn draw_series(
             pen.line(canvas, &spaced(&path))?;
         }
     }
+    let aside = units(aside_mm(chart, series.look));
     for point in series.points.iter().filter(|point| chart.shows(point)) {
         if let Some([low, high]) = point.interval {
             // An end that has no place on a logarithmic axis lies below all that have.
             let low = if chart.y.holds(low) { low } else { f64::MIN_POSITIVE };
             if chart.y.holds(high) {
-                pen.error_bar(canvas, place(point.x, low), place(point.x, high))?;
+                let [low, high] = [low, high].map(|end| place(point.x, end));
+                pen.error_bar(canvas, (low.0 + aside, low.1), (high.0 + aside, high.1))?;
             }
         }
     }
@@ -195,6 +201,21 @@ fn draw_series(
         }
     }
     Ok(())
+}
+
+/// How far beside their points the error bars of a series stand, so that those of others at the same place
+/// are seen too.
+fn aside_mm(chart: &Chart, look: Look) -> f64 {
+    let has_bars = |series: &&Series| series.points.iter().any(|point| point.interval.is_some());
+    let mut looks: Vec<Look> = Vec::new();
+    for series in chart.series.iter().filter(has_bars) {
+        if !looks.contains(&series.look) {
+            looks.push(series.look);
+        }
+    }
+    let index = looks.iter().position(|other| *other == look).unwrap_or(0);
+    let step = ASIDE_MM.min(MOST_ASIDE_MM / looks.len().max(1) as f64);
+    (index as f64 - looks.len().saturating_sub(1) as f64 / 2.0) * step
 }
 
 /// The points of a path without those that nobody would see; the first and the last are kept.

@@ -4,7 +4,7 @@
 use std::io;
 
 use packstone_engine::Spheres;
-use packstone_engine::analysis::{self, RadialOptions, Surface};
+use packstone_engine::analysis::{self, RadialOptions, SizeRange, Surface};
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::format::{Column, Head, SphereSource};
 use packstone_engine::mix::GradedMix;
@@ -152,8 +152,9 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
     let median = spheres.d_mm.get(spheres.len() / 2).copied().unwrap_or(1.0);
     let nearest = head.report.verification.min_clearance_mm.unwrap_or(0.0);
     let upper: Vec<f64> = summary.classes.iter().map(|class| class.d_max_mm).collect();
+    let upper = joined(&upper);
     let options = RadialOptions {
-        upper_mm: &joined(&upper),
+        upper_mm: &upper,
         max_gap_mm: nearest + GAP_DIAMETERS * median,
         bins: BINS,
         max_references: MAX_REFERENCES,
@@ -168,13 +169,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
                 _ => Point::new(gap, f64::NAN),
             })
             .collect();
-        let range = class.class;
-        let label = if range.d_min_mm == range.d_max_mm {
-            format!("grains of {} mm", rounded(range.d_min_mm))
-        } else {
-            format!("grains of {} to {} mm", rounded(range.d_min_mm), rounded(range.d_max_mm))
-        };
-        series.push(Series::line(label, number, points));
+        series.push(Series::line(class_label(class.class, &upper, summary.d_min_mm), number, points));
     }
     Chart {
         title: title("Pair correlation by size class", name),
@@ -188,6 +183,17 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
         series,
         when_empty: "too few grains, or too near the walls, for a pair correlation".into(),
     }
+}
+
+/// The class by its bounds, or by its one diameter.
+fn class_label(found: SizeRange, upper_mm: &[f64], finest_mm: f64) -> String {
+    if found.d_min_mm == found.d_max_mm {
+        return format!("grains of {} mm", rounded(found.d_min_mm));
+    }
+    let class = upper_mm.iter().position(|upper| found.d_max_mm <= *upper);
+    let high = class.map_or(found.d_max_mm, |class| upper_mm[class]);
+    let low = class.filter(|class| *class > 0).map_or(finest_mm, |class| upper_mm[class - 1]);
+    format!("grains of {} to {} mm", rounded(low), rounded(high))
 }
 
 /// Upper bounds of at most [`MOST_CLASSES`] classes, made of neighbours.
@@ -205,6 +211,9 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
     let found = analysis::depth_profiles(spheres, &request.specimen, depth_mm, DEPTHS);
     let mean = PERCENT * summary.volume_fraction_effective;
     let deepest = found.iter().filter_map(|p| p.depth_mm.last()).copied().fold(0.0, f64::max);
+    // Nearer to the axis than a grain is wide, one grain decides what the surface shows.
+    let [width_mm, ..] = request.specimen.bounds_mm();
+    let axis_mm = width_mm / 2.0 - summary.d_max_mm / 2.0;
     let mut series = vec![Series::reference("mean of the specimen", mean, 0.0, deepest)];
     for (number, profile) in found.iter().enumerate() {
         let label = match profile.surface {
@@ -213,7 +222,10 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
             Surface::Mantle => "mantle",
         };
         let values = profile.depth_mm.iter().zip(&profile.volume_fraction);
-        let points = values.map(|(&depth, &share)| Point::new(depth, PERCENT * share)).collect();
+        let points = values
+            .map(|(&depth, &share)| Point::new(depth, PERCENT * share))
+            .filter(|point| profile.surface != Surface::Mantle || point.x < axis_mm)
+            .collect();
         series.push(Series::line(label, number, points));
     }
     Chart {
@@ -223,7 +235,7 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
              is {} %.",
             plain(mean, Some(1))
         ),
-        x: Axis::linear("depth from the wall in mm").from_zero(),
+        x: Axis::linear("depth from the wall in mm").between(0.0, if deepest > 0.0 { deepest } else { 1.0 }),
         y: Axis::linear("volume fraction in %").from_zero(),
         series,
         when_empty: match request.specimen {

@@ -95,7 +95,9 @@ pub(crate) fn chart(
             return Err(NoSuchAbscissa { asked: asked.clone(), known: known.join(", ") });
         }
         Some(asked) => asked.as_str(),
-        // The number of a point in a list says nothing about it: pointers come first.
+        // What growth costs and how far it comes is asked of the number of grains.
+        None if matches!(kind, StudyPlot::EventTime | StudyPlot::VolumeFraction) => GRAINS,
+        // The number of a point in a list says nothing about it.
         None => known.iter().find(|column| column.starts_with('/')).copied().unwrap_or(GRAINS),
     };
     let title = |what: &str| name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"));
@@ -132,7 +134,12 @@ pub(crate) fn charts(name: Option<&str>, table: &Table, curves: &[RunCurve]) -> 
     let options = StudyOptions::default();
     let made =
         StudyPlot::ALL.iter().map(|&kind| Some((kind, chart(kind, name, table, curves, &options).ok()?)));
-    made.flatten().filter(|(_, chart)| !chart.is_empty()).collect()
+    // Without a distance it would say again what was asked for.
+    let coated = |cells: &Cells| cells.volume_fraction_with_coating > cells.volume_fraction_effective;
+    let coating = table.rows.iter().any(|row| coated(&row.cells));
+    made.flatten()
+        .filter(|(kind, chart)| !chart.is_empty() && (coating || *kind != StudyPlot::VolumeFraction))
+        .collect()
 }
 
 /// What is read from a row: value and error bar.
@@ -151,7 +158,8 @@ impl Figure {
         match kind {
             StudyPlot::Success => Self {
                 title: "Success rate",
-                axis: Axis::linear("success rate in %, with its 95 % interval").between(0.0, PERCENT),
+                // Points at 0 and at 100 stand clear of the frame.
+                axis: Axis::linear("success rate in %, with its 95 % interval").between(-3.0, PERCENT + 3.0),
                 read: |cells| {
                     let interval = cells.success_rate_low.zip(cells.success_rate_high);
                     let interval = interval.map(|(low, high)| [PERCENT * low, PERCENT * high]);
@@ -171,9 +179,9 @@ impl Figure {
                 read: |cells| {
                     let ends = cells.distance_mm_min.zip(cells.distance_mm_max);
                     let ends = ends.filter(|(low, high)| low < high).map(|(low, high)| [low, high]);
-                    Some((cells.distance_mm_median?, ends))
+                    Some((cells.distance_mm_median.filter(|mm| *mm > 0.0)?, ends))
                 },
-                when_empty: "no run has reached a distance that is the same for all pairs",
+                when_empty: "no run has kept a distance that is the same for all pairs",
             },
             StudyPlot::VolumeFraction => Self {
                 title: "Volume fraction reached",
@@ -326,7 +334,9 @@ fn name_and_unit(pointer: &str) -> (String, &'static str) {
         .into_iter()
         .find_map(|(suffix, unit)| Some((name.strip_suffix(suffix)?.to_owned(), unit)))
         .unwrap_or((name, ""));
-    (name.replace('_', " "), unit)
+    // These two are read as symbols.
+    let name = if ["d_min", "d_max"].contains(&name.as_str()) { name } else { name.replace('_', " ") };
+    (name, unit)
 }
 
 /// A column's value with as much of its name as it needs.

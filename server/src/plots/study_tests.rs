@@ -56,7 +56,7 @@ fn series_are_what_varies_but_for_the_abscissa() {
     assert_eq!(rsa, [(0.55, 100.0), (0.6, 90.0), (0.65, 0.0)], "in the order of the abscissa");
     let [low, high] = chart.series[0].points[1].interval.unwrap();
     assert!((low - 70.0).abs() < 1e-9 && (high - 100.0).abs() < 1e-9, "{low} to {high}");
-    assert_eq!(chart.y.extent, Extent::Fixed(0.0, 100.0));
+    assert_eq!(chart.y.extent, Extent::Fixed(-3.0, 103.0));
     let edmd = &chart.series[1].points;
     assert!(edmd.len() == 2 && edmd[1].y.is_nan(), "what has not run has no rate: {edmd:?}");
 }
@@ -80,7 +80,7 @@ fn the_abscissa_is_a_column_of_numbers_or_the_grains() {
         "\"/method\" is no abscissa of this study: must be one of /mix/volume_fraction, /mix/d_min_mm, grains"
     );
     let chosen = drawn(StudyPlot::Success, &table, &options("/mix/d_min_mm"));
-    assert_eq!(chosen.x.label, "d min in mm");
+    assert_eq!(chosen.x.label, "d_min in mm");
     assert_eq!(
         labels(&chosen)[..2],
         ["volume fraction 0.6, rsa attempts per grain 1000", "volume fraction 0.6, edmd"]
@@ -126,6 +126,33 @@ fn a_list_is_one_series() {
 }
 
 #[test]
+fn what_says_nothing_is_not_among_the_plots_of_a_study() {
+    let kinds = |cells: Cells, curves: &[RunCurve]| -> Vec<&str> {
+        let row =
+            |phi: f64| (vec![json!(phi)], Cells { volume_fraction_effective: Some(phi), ..cells.clone() });
+        let table = table(&["/mix/volume_fraction"], vec![row(0.4), row(0.5)]);
+        charts(None, &table, curves).into_iter().map(|(kind, _)| kind.name()).collect()
+    };
+    assert!(kinds(Cells::default(), &[]).is_empty());
+    let touching = Cells {
+        grains: Some(100.0),
+        volume_fraction_with_coating: Some(0.4),
+        distance_mm_median: Some(0.0),
+        ..rate(1.0)
+    };
+    assert_eq!(kinds(touching.clone(), &[]), ["success", "time"]);
+    let apart = Cells {
+        volume_fraction_with_coating: Some(0.6),
+        distance_mm_median: Some(0.5),
+        event_us_median: Some(2.0),
+        ..touching
+    };
+    let curve = RunCurve { point: 0, points: vec![[0.1, 0.2], [1.0, 0.5]] };
+    let all: Vec<&str> = StudyPlot::ALL.iter().map(|kind| kind.name()).collect();
+    assert_eq!(kinds(apart, &[curve]), all);
+}
+
+#[test]
 fn curves_of_a_point_share_a_look_and_a_name() {
     let table = table(
         &["/mix/d_min_mm"],
@@ -134,7 +161,7 @@ fn curves_of_a_point_share_a_look_and_a_name() {
     let curve = |point, end| RunCurve { point, points: vec![[0.1, 0.2], [end, 0.9]] };
     let curves = [curve(0, 5.0), curve(1, 9.0), curve(0, 6.0), curve(7, 1.0), RunCurve::default()];
     let chart = chart(StudyPlot::Curve, None, &table, &curves, &StudyOptions::default()).unwrap();
-    assert_eq!(labels(&chart), ["d min 2 mm", "d min 0.5 mm", "d min 2 mm"]);
+    assert_eq!(labels(&chart), ["d_min 2 mm", "d_min 0.5 mm", "d_min 2 mm"]);
     assert_eq!(chart.series[0].look, chart.series[2].look);
     assert_ne!(chart.series[0].look, chart.series[1].look);
     let none = super::chart(StudyPlot::Curve, None, &table, &[], &StudyOptions::default()).unwrap();
@@ -145,7 +172,7 @@ fn curves_of_a_point_share_a_look_and_a_name() {
 fn names_of_columns_are_read_by_people() {
     for (pointer, label) in [
         ("/mix/volume_fraction", "volume fraction"),
-        ("/mix/grading/d_max_mm", "d max in mm"),
+        ("/mix/grading/d_max_mm", "d_max in mm"),
         ("/distance/mm", "distance in mm"),
         ("/distance/factor", "distance factor"),
         ("/specimen/size_mm/0", "size in mm"),
@@ -159,6 +186,6 @@ fn names_of_columns_are_read_by_people() {
         "size 80 \u{D7} 80 \u{D7} 160.5 mm"
     );
     assert_eq!(value_label("/method", &json!({"type": "edmd"})), "edmd");
-    assert_eq!(value_label("/mix/d_min_mm", &json!(0.25)), "d min 0.25 mm");
+    assert_eq!(value_label("/mix/d_min_mm", &json!(0.25)), "d_min 0.25 mm");
     assert_eq!(value_label("/mix/grading/name", &json!("B16")), "B16");
 }
