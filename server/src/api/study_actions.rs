@@ -87,6 +87,8 @@ fn read_states(query: &mut Query) -> Vec<jobs::State> {
 }
 
 /// Delete a finished study with its jobs and their results
+///
+/// The answer does not wait until the files of ten thousand results have left the disk.
 #[utoipa::path(
     delete, path = "/v1/studies/{id}", tag = "studies", operation_id = "delete_study",
     params(("id" = String, Path, format = "uuid", description = "Name of the study")),
@@ -102,16 +104,14 @@ pub(super) async fn delete(
     tracing::info!(study_id = %id, jobs = removed.len(), "deleted");
     remove_checkpoints(&app, removed.iter().map(|job| (job.id.to_string(), i64::MAX)).collect()).await;
     let artifacts = app.shared.artifacts.clone();
-    let files = tokio::task::spawn_blocking(move || {
+    // Nothing refers to them any more: should the server stop meanwhile, the rest is swept at the next start.
+    tokio::task::spawn_blocking(move || {
         for path in removed.into_iter().filter_map(|job| job.artifact) {
             if let Err(error) = artifacts.remove(&path) {
                 tracing::warn!(%error, path, "a result is left to the sweeper");
             }
         }
     });
-    if let Err(error) = files.await {
-        tracing::warn!(%error, "results are left to the sweeper");
-    }
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 

@@ -64,13 +64,13 @@ enum End {
 
 /// Why a run made no packing, and what a study keeps of it.
 struct Failure {
-    problem: Problem,
+    problem: Box<Problem>,
     facts: Facts,
 }
 
 impl From<Problem> for Failure {
     fn from(problem: Problem) -> Self {
-        Self { problem, facts: Facts::default() }
+        Self { problem: Box::new(problem), facts: Facts::default() }
     }
 }
 
@@ -216,7 +216,7 @@ impl Runner {
                 if let PackError::CheckFailed(what) = &error {
                     tracing::error!(%what, "a packing failed its check");
                 }
-                Failure { facts: Facts::of_failure(&error, 0.0), problem: Problem::from(error) }
+                Failure { facts: Facts::of_failure(&error, 0.0), problem: Box::new(Problem::from(error)) }
             })?;
         drop(packing);
         let facts = Facts::of_packing(&packed.report);

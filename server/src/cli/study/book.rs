@@ -47,7 +47,8 @@ impl Record {
     /// Warns where another program made the runs, and fails where they are of another study.
     pub(super) fn check(&self, ours: &Self, folder: &Path, study: &Path) -> Result<(), Failure> {
         // As text: the order of a grid's entries is that of its points.
-        if self.request.to_string() != ours.request.to_string() {
+        let text = |record: &Self| record.request.to_string();
+        if text(self) != text(ours) {
             let mut lines = differences(&ours.request, "the file", &self.request, "the folder");
             if lines.is_empty() {
                 lines.push("the order of their fields".into());

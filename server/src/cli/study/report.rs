@@ -19,7 +19,7 @@ const ROWS_SHOWN: usize = 200;
 
 /// The curve of one point in `curves.json`.
 #[derive(Serialize)]
-struct Curve<'a> {
+struct OfPoint<'a> {
     point: usize,
     /// Names and values of the point's columns.
     values: serde_json::Map<String, Value>,
@@ -73,13 +73,13 @@ fn tells(study: &Study, kind: StudyPlot) -> bool {
 }
 
 /// The curves of first replicates, in the order of the points.
-fn curves<'a>(keys: &Keys, entries: &'a [Entry]) -> Vec<Curve<'a>> {
-    let mut curves: Vec<Curve<'a>> = entries
+fn curves<'a>(keys: &Keys, entries: &'a [Entry]) -> Vec<OfPoint<'a>> {
+    let mut curves: Vec<OfPoint<'a>> = entries
         .iter()
         .filter(|entry| !entry.distance_curve.is_empty())
         .filter_map(|entry| {
             let values = keys.values.get(entry.point)?;
-            Some(Curve {
+            Some(OfPoint {
                 point: entry.point,
                 values: keys.columns.iter().cloned().zip(values.iter().cloned()).collect(),
                 distance_curve: &entry.distance_curve,

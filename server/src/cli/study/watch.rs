@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn the_time_left_waits_for_a_basis() {
-        let minute = Duration::from_secs(60);
+        let minute = Duration::from_mins(1);
         assert_eq!(left(minute, 0.0), None);
         assert_eq!(left(minute, 0.019), None);
         assert_eq!(left(minute, 0.25), Some(3 * minute));
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn the_line_counts_runs() {
         assert_eq!(message(3, 40, 2, None), "3 of 40 runs, 2 succeeded");
-        let line = message(20, 40, 20, Some(Duration::from_secs(180)));
+        let line = message(20, 40, 20, Some(Duration::from_mins(3)));
         assert_eq!(line, "20 of 40 runs, 20 succeeded, 3 minutes left");
     }
 }

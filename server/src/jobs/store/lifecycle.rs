@@ -354,4 +354,3 @@ async fn claim(writer: &mut SqliteConnection, lease: Duration) -> Result<Option<
     let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
     Ok(Some(Claimed { lease, job, request }))
 }
-

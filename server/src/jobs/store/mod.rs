@@ -119,6 +119,8 @@ impl Store {
             // A 201 promises that the job survives a power cut.
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
+            // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
+            .pragma("temp_store", "memory")
             .busy_timeout(WAIT);
         let mut writer = SqliteConnection::connect_with(&options).await?;
         sqlx::migrate!("../migrations").run(&mut writer).await?;
@@ -189,7 +191,9 @@ impl Store {
 
     /// After a commit that changed what clients see of these jobs.
     fn announce_all(&self, ids: &[JobId]) {
-        ids.iter().for_each(|id| self.announce(*id));
+        for id in ids {
+            self.announce(*id);
+        }
     }
 
     /// After a commit that moved the job to another state.

@@ -135,7 +135,9 @@ impl Store {
             let removed = remove(&mut tx, study.seq).await?;
             tx.commit().await?;
             drop(writer);
-            removed.iter().for_each(|job| store.announce(job.id));
+            for job in &removed {
+                store.announce(job.id);
+            }
             store.announce_study(id);
             Ok(removed)
         })
@@ -159,7 +161,9 @@ impl Store {
             let removed = remove(&mut tx, expired.try_get("seq")?).await?;
             tx.commit().await?;
             drop(writer);
-            removed.iter().for_each(|job| store.announce(job.id));
+            for job in &removed {
+                store.announce(job.id);
+            }
             store.announce_study(rows::study_id(&expired.try_get::<String, _>("id")?)?);
             Ok(Some(removed))
         })

@@ -414,7 +414,7 @@ async fn old_file(folder: &TempDir) -> Vec<String> {
         )
         .bind(&id)
         .bind(*state)
-        .bind(if i == 5 { 1 } else { 0 })
+        .bind(i64::from(i == 5))
         .execute(&mut file)
         .await
         .unwrap();
