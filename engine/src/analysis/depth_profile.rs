@@ -9,9 +9,12 @@ use std::f64::consts::PI;
 use crate::packing::Spheres;
 use crate::request::{Boundary, Specimen};
 
-/// Nodes of the integral of arcs. Substituted by a sine it is smooth and periodic, so that equal steps
-/// converge fast: to 1e-6 for grains off the axis.
-const NODES: usize = 12;
+/// Nodes of the integral of arcs over half of the height. Substituted by a sine it is smooth and periodic, so
+/// that equal steps converge fast, the faster the straighter the mantle is over the width of the grain.
+const NODES: usize = 16;
+/// Nodes for grains that are further from the axis than [`FAR`] radii.
+const FEW_NODES: usize = 5;
+const FAR: f64 = 4.0;
 
 /// Volume fraction against depth from one kind of wall.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,10 +127,11 @@ impl Depths {
 fn arcs(r: f64, from_axis: f64, at: f64) -> f64 {
     let off = at - from_axis;
     let half_height = (r * r - off * off).max(0.0).sqrt();
+    let nodes = if from_axis > FAR * r { FEW_NODES } else { NODES };
     let mut sum = 0.0;
     // Half of the height only: the other half is its mirror image.
-    for k in 0..NODES {
-        let (sine, cosine) = ((k as f64 + 0.5) / NODES as f64 * PI / 2.0).sin_cos();
+    for k in 0..nodes {
+        let (sine, cosine) = ((k as f64 + 0.5) / nodes as f64 * PI / 2.0).sin_cos();
         let t = half_height * sine;
         // Radius squared of the circle at that height, and half the angle of the arc inside it.
         let s2 = r * r - t * t;
@@ -135,5 +139,5 @@ fn arcs(r: f64, from_axis: f64, at: f64) -> f64 {
         let angle = if cos_angle.is_nan() { PI } else { cos_angle.clamp(-1.0, 1.0).acos() };
         sum += 2.0 * angle * at * half_height * cosine;
     }
-    2.0 * sum * PI / 2.0 / NODES as f64
+    PI * sum / nodes as f64
 }

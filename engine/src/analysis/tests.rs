@@ -208,6 +208,27 @@ fn profiles_add_up_to_the_volume_of_the_grains() {
 }
 
 #[test]
+fn a_sphere_far_from_the_axis_is_cut_nearly_as_by_a_plane() {
+    // The arcs against an integral in ten thousand steps.
+    let (radius, from_axis, r) = (50.0, 30.0, 4.0);
+    let cylinder = Specimen::Cylinder { diameter_mm: 2.0 * radius, height_mm: 20.0 };
+    let mut spheres = Spheres::default();
+    spheres.push([radius + from_axis, radius, 10.0], 2.0 * r);
+    let mantle = &depth_profiles(&spheres, &cylinder, radius, 500)[1];
+    for (&depth, &share) in mantle.depth_mm.iter().zip(&mantle.volume_fraction) {
+        let at = radius - depth;
+        let step = 2.0 * r / 10_000.0;
+        let arc = |k: u32| {
+            let t = -r + (f64::from(k) + 0.5) * step;
+            let cosine = (at * at + from_axis * from_axis - (r * r - t * t)) / (2.0 * at * from_axis);
+            2.0 * cosine.clamp(-1.0, 1.0).acos() * at * step
+        };
+        let expected = (0..10_000).map(arc).sum::<f64>() / (2.0 * PI * at * 20.0);
+        assert!((share - expected).abs() < 1e-6, "{depth}: {share} instead of {expected}");
+    }
+}
+
+#[test]
 fn a_sphere_on_the_axis_is_cut_by_coaxial_cylinders() {
     let cylinder = Specimen::Cylinder { diameter_mm: 20.0, height_mm: 20.0 };
     let mut spheres = Spheres::default();

@@ -28,14 +28,15 @@ super::kinds! {
     }
 }
 
-/// Bins of a pair correlation.
-const BINS: usize = 60;
+/// Bins of a pair correlation: fewer for few grains, so that each counts pairs enough.
+const BINS: std::ops::RangeInclusive<usize> = 12..=60;
+const GRAINS_PER_BIN: usize = 15;
 /// Clear distances are shown up to so many median diameters.
 const GAP_DIAMETERS: f64 = 2.0;
 /// Reference grains per class: enough for one percent, and a second or two at two million grains.
 const MAX_REFERENCES: usize = 20_000;
-/// Bins in which fewer pairs are expected say nothing: their error is above a fifth.
-const FEWEST_PAIRS: f64 = 25.0;
+/// Bins in which fewer pairs are expected say nothing: their error is above a quarter.
+const FEWEST_PAIRS: f64 = 16.0;
 /// Classes of the mix shown at most; neighbours are joined where there are more.
 const MOST_CLASSES: usize = 6;
 /// Depths of a profile, and how many largest diameters deep it goes: walls are felt for two or three.
@@ -156,7 +157,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
     let options = RadialOptions {
         upper_mm: &upper,
         max_gap_mm: nearest + GAP_DIAMETERS * median,
-        bins: BINS,
+        bins: (spheres.len() / GRAINS_PER_BIN).clamp(*BINS.start(), *BINS.end()),
         max_references: MAX_REFERENCES,
     };
     let found = analysis::radial(spheres, &request.specimen, &rule, &options);
