@@ -271,7 +271,7 @@ fn the_target_is_the_standard_and_the_grains_drawn_follow_it() {
         assert!(*d == expected_d && (target - expected).abs() < 1e-12, "{sieves:?}");
     }
     for point in &found.curve {
-        assert!((point.target - point.achieved).abs() < 0.01, "{point:?}");
+        assert!((point.target - point.achieved).abs() < 0.02, "{point:?}");
     }
     let rising =
         |value: fn(&GradingPoint) -> f64| found.curve.windows(2).all(|w| value(&w[0]) <= value(&w[1]));

@@ -124,7 +124,7 @@ impl Settled {
     pub(crate) fn share(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
-            Scale::Log => (value / self.low).ln() / (self.high / self.low).ln(),
+            Scale::Log => (value.ln() - self.low.ln()) / (self.high.ln() - self.low.ln()),
         }
     }
 }
@@ -204,7 +204,7 @@ fn log_ticks(low: f64, high: f64) -> (Vec<Tick>, Vec<f64>) {
         let of = of.to_vec();
         (first..=last).flat_map(|p| of.iter().map(move |&m| power_of_ten(m, p)).collect::<Vec<_>>()).collect()
     };
-    let decades = (high / low).log10();
+    let decades = high.log10() - low.log10();
     if decades < 0.7 {
         // Less than a factor of five: round steps read better than the few multiples in it.
         let ticks = linear_ticks(low, high).into_iter().filter(|tick| inside(&tick.value)).collect();
