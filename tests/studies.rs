@@ -107,6 +107,7 @@ async fn faults_point_to_the_job_and_the_field_and_nothing_is_taken_in() {
         study["grid"]["/mix/volume_fraction"] = values;
         study
     };
+    let far_apart = with("/template/distance", json!({"type": "constant", "mm": 5}));
     let list = json!({"list": [jobs::quick(1), jobs::with(jobs::quick(2), "/priority", json!(1000))]});
     for (study, status, slug, pointer) in [
         (with("/replicates", json!(0)), 422, "validation-error", "/replicates"),
@@ -118,7 +119,7 @@ async fn faults_point_to_the_job_and_the_field_and_nothing_is_taken_in() {
             "/template/specimen/size_mm/0",
         ),
         (fractions(json!([0.3, 2])), 422, "validation-error", "/grid/~1mix~1volume_fraction/1"),
-        (fractions(json!([0.3, 0.99])), 422, "infeasible-mix", "/grid/~1mix~1volume_fraction/1"),
+        (far_apart, 422, "infeasible-mix", "/grid/~1mix~1volume_fraction/0"),
         (with("/replicates", json!(5000)), 422, "too-large", ""),
         (list, 422, "validation-error", "/list/1/priority"),
     ] {

@@ -92,9 +92,9 @@ fn join_edmd(schemas: &mut Map<String, Value>) {
     *variant = joined;
 }
 
-/// The object that a schema describes, or those of its variants.
+/// The object that a schema describes, or those of its variants where it has no fields itself.
 fn objects_of(schema: &mut Value) -> Vec<&mut Map<String, Value>> {
-    if schema.get("oneOf").is_some() {
+    if schema.get("oneOf").is_some() && schema.get("properties").is_none() {
         schema["oneOf"].as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut).collect()
     } else {
         schema.as_object_mut().into_iter().collect()

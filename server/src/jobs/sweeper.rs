@@ -71,7 +71,7 @@ pub(crate) async fn sweep(
     let mut swept = Swept { reclaimed: store.reclaim_expired_leases().await?, ..Swept::default() };
     while let Some(removed) = store.remove_expired_study().await? {
         swept.expired += 1;
-        remove_all(artifacts, removed)?;
+        remove_all(artifacts, removed).await?;
     }
     loop {
         let removed = store.remove_expired().await?;
@@ -79,7 +79,7 @@ pub(crate) async fn sweep(
             break;
         }
         swept.expired += removed.len();
-        remove_all(artifacts, removed)?;
+        remove_all(artifacts, removed).await?;
     }
     let settled = tokio::task::spawn_blocking({
         let artifacts = artifacts.clone();
@@ -97,10 +97,14 @@ pub(crate) async fn sweep(
     Ok(swept)
 }
 
-fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), SweepError> {
-    for path in jobs.into_iter().filter_map(|job| job.artifact) {
-        artifacts.remove(&path)?;
-    }
+/// Removes the results of jobs that are gone, on a thread that may block: of a study they are many.
+async fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), SweepError> {
+    let artifacts = artifacts.clone();
+    tokio::task::spawn_blocking(move || {
+        let mut paths = jobs.into_iter().filter_map(|job| job.artifact);
+        paths.try_for_each(|path| artifacts.remove(&path))
+    })
+    .await??;
     Ok(())
 }
 
