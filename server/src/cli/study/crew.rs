@@ -1,8 +1,8 @@
 //! The threads of `packstone study`: each takes the next job and runs it through the engine as
 //! `packstone run` does.
 //!
-//! They know jobs and files of results; what the end of a run means for its point is for whoever receives
-//! it to say, who also tells them which points need no more.
+//! They know jobs, files of results, and which points need no more runs; what is kept of a run that ended is for
+//! whoever receives it.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -12,7 +12,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::format::{EngineInfo, Format, Head};
@@ -22,17 +22,26 @@ use super::super::run;
 use super::book::Entry;
 use crate::checkpoints::{Checkpoints, Keeper};
 use crate::jobs::JobRequest;
+use crate::studies::stop::Tally;
 use crate::studies::{Facts, Outcome, Study};
 
 /// Name of an attempt in the names of checkpoints: there is no other.
 const ATTEMPT: i64 = 1;
 
+/// What is still to do. Whoever ends a run enters it and takes the next with nobody in between, so that a point
+/// that needs no more runs gets none.
+pub(super) struct Board {
+    /// Point and replicate of the jobs that wait, the next one first.
+    pub(super) queue: VecDeque<(usize, usize)>,
+    /// How the runs of each point have ended.
+    pub(super) tallies: Vec<Tally>,
+}
+
 /// What the threads share.
 pub(super) struct Crew<'a> {
     pub(super) study: &'a Study,
     pub(super) limits: Limits,
-    /// Point and replicate of the jobs that wait, the next one first.
-    pub(super) queue: Mutex<VecDeque<(usize, usize)>>,
+    pub(super) board: Mutex<Board>,
     /// How many are on their way.
     pub(super) running: AtomicUsize,
     /// Asked to stop: by a signal, or because nothing can be written down any more.
@@ -57,26 +66,32 @@ impl Crew<'_> {
     pub(super) fn work(&self, thread: usize, ended: &Sender<io::Result<Ended>>) {
         while let Some((point, replicate)) = self.next() {
             let sent = match self.run(thread, point, replicate) {
-                Ok(Some(run)) => ended.send(Ok(run)),
+                Ok(Some(run)) => self.enter(run, ended),
                 Ok(None) => return,
-                Err(error) => ended.send(Err(error)),
+                Err(error) => ended.send(Err(error)).is_ok(),
             };
             self.done(thread, 0.0);
             self.running.fetch_sub(1, Ordering::Relaxed);
-            if sent.is_err() {
+            if !sent {
                 return;
             }
         }
     }
 
-    /// Drops the jobs of a point that wait.
-    pub(super) fn give_up(&self, point: usize) {
-        self.queue().retain(|(of, _)| *of != point);
+    /// Counts a run, drops what waits of its point if that needs no more, and hands the run on: with the board
+    /// held, so that runs arrive in the order in which they were counted.
+    fn enter(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
+        let mut board = self.board();
+        let point = run.entry.point;
+        if board.tallies[point].ended(run.entry.outcome, &self.study.stop_when) {
+            board.queue.retain(|(of, _)| *of != point);
+        }
+        ended.send(Ok(run)).is_ok()
     }
 
     /// How many jobs wait.
     pub(super) fn waiting(&self) -> usize {
-        self.queue().len()
+        self.board().queue.len()
     }
 
     /// How many are on their way.
@@ -89,17 +104,17 @@ impl Crew<'_> {
         self.fractions.iter().map(|done| f64::from_bits(done.load(Ordering::Relaxed))).sum()
     }
 
-    fn queue(&self) -> std::sync::MutexGuard<'_, VecDeque<(usize, usize)>> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    fn board(&self) -> MutexGuard<'_, Board> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn next(&self) -> Option<(usize, usize)> {
-        let mut queue = self.queue();
+        let mut board = self.board();
         if self.stop.load(Ordering::Acquire) {
             return None;
         }
         // With the lock held, so that no job is neither waiting nor on its way.
-        queue.pop_front().inspect(|_| {
+        board.queue.pop_front().inspect(|_| {
             self.running.fetch_add(1, Ordering::Relaxed);
         })
     }

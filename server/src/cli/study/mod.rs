@@ -32,7 +32,7 @@ use crate::studies::stop::Tally;
 use crate::studies::table::Rest;
 use crate::studies::{Outcome, Run, Study, Table};
 use book::{Book, Entry, Folder, Record};
-use crew::{Crew, Ended};
+use crew::{Board, Crew, Ended};
 use watch::Watch;
 
 /// How often the bar moves while no run ends.
@@ -187,7 +187,7 @@ impl<'a> Done<'a> {
         let crew = Crew {
             study: self.study,
             limits,
-            queue: Mutex::new(queue),
+            board: Mutex::new(Board { queue, tallies: self.tallies.clone() }),
             running: AtomicUsize::new(0),
             stop: &stop,
             fractions: (0..workers).map(|_| AtomicU64::default()).collect(),
@@ -218,7 +218,7 @@ impl<'a> Done<'a> {
             drop(sender);
             loop {
                 let received = match receiver.recv_timeout(LOOK_EVERY) {
-                    Ok(received) => received.and_then(|ended| self.take_in(ended, crew, &watch)),
+                    Ok(received) => received.and_then(|ended| self.take_in(ended, &watch)),
                     Err(RecvTimeoutError::Timeout) => Ok(()),
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
@@ -236,7 +236,7 @@ impl<'a> Done<'a> {
         result
     }
 
-    fn take_in(&mut self, ended: Ended, crew: &Crew<'_>, watch: &Watch) -> io::Result<()> {
+    fn take_in(&mut self, ended: Ended, watch: &Watch) -> io::Result<()> {
         let Ended { entry, fault } = ended;
         if let Some(fault) = fault {
             watch.say(&format!(
@@ -245,9 +245,8 @@ impl<'a> Done<'a> {
             ));
         }
         self.book.add(&entry)?;
-        if self.tallies[entry.point].ended(entry.outcome, &self.study.stop_when) {
-            crew.give_up(entry.point);
-        }
+        // As the crew did, in the same order.
+        self.tallies[entry.point].ended(entry.outcome, &self.study.stop_when);
         self.entries.push(entry);
         Ok(())
     }
