@@ -101,14 +101,15 @@ fn the_shells_of_a_cubic_lattice_have_6_12_and_8_neighbours() {
                 26 => 8,
                 _ => 0,
             };
-            // Between walls only the inner grains see so far.
-            let seen = if neighbours == 0 { 0 } else { pairs / neighbours };
-            assert_eq!(pairs, seen * neighbours, "{boundary:?}, bin {bin}");
-            if boundary == Boundary::Periodic {
-                assert!(neighbours == 0 || seen == 512, "bin {bin}: {pairs} pairs");
-            } else {
-                assert!(neighbours == 0 || (seen >= 8 && seen < 512), "bin {bin}: {pairs} pairs");
+            if neighbours == 0 {
+                assert_eq!(pairs, 0, "{boundary:?}, bin {bin}");
+                continue;
             }
+            assert_eq!(pairs % neighbours, 0, "{boundary:?}, bin {bin}");
+            // Between walls only the inner grains see so far.
+            let seen = pairs / neighbours;
+            let expected = if boundary == Boundary::Periodic { 512..=512 } else { 8..=511 };
+            assert!(expected.contains(&seen), "{boundary:?}, bin {bin}: {pairs} pairs");
         }
         assert_eq!(class.pairs.iter().filter(|pairs| **pairs > 0).count(), 3, "{boundary:?}");
     }
@@ -140,7 +141,7 @@ fn distances_that_are_kept_show_as_an_edge() {
 #[test]
 fn references_are_chosen_evenly_where_there_are_many() {
     let specimen = cube(30.0, Boundary::Periodic);
-    let spheres = ideal_gas(&specimen, &[0.5; 5000], 1);
+    let spheres = ideal_gas(&specimen, &vec![0.5; 5000], 1);
     let few = RadialOptions { max_references: 500, ..options(&[1.0], 4.0, 8) };
     let (few, all) = (
         correlations(&spheres, &specimen, &few).remove(0),
@@ -271,7 +272,7 @@ fn the_target_is_the_standard_and_the_grains_drawn_follow_it() {
         assert!(*d == expected_d && (target - expected).abs() < 1e-12, "{sieves:?}");
     }
     for point in &found.curve {
-        assert!((point.target - point.achieved).abs() < 0.01, "{point:?}");
+        assert!((point.target - point.achieved).abs() < 0.02, "{point:?}");
     }
     let rising =
         |value: fn(&GradingPoint) -> f64| found.curve.windows(2).all(|w| value(&w[0]) <= value(&w[1]));

@@ -56,7 +56,7 @@ impl Axis {
     }
 
     /// The same from 0 on.
-    pub(crate) fn from_zero(self) -> Self {
+    pub(crate) fn with_zero(self) -> Self {
         Self { extent: Extent::FromZero, ..self }
     }
 
@@ -124,7 +124,7 @@ impl Settled {
     pub(crate) fn share(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
-            Scale::Log => (value / self.low).ln() / (self.high / self.low).ln(),
+            Scale::Log => (value.ln() - self.low.ln()) / (self.high.ln() - self.low.ln()),
         }
     }
 }
@@ -204,7 +204,7 @@ fn log_ticks(low: f64, high: f64) -> (Vec<Tick>, Vec<f64>) {
         let of = of.to_vec();
         (first..=last).flat_map(|p| of.iter().map(move |&m| power_of_ten(m, p)).collect::<Vec<_>>()).collect()
     };
-    let decades = (high / low).log10();
+    let decades = high.log10() - low.log10();
     if decades < 0.7 {
         // Less than a factor of five: round steps read better than the few multiples in it.
         let ticks = linear_ticks(low, high).into_iter().filter(|tick| inside(&tick.value)).collect();
@@ -310,7 +310,7 @@ mod tests {
             ["0.56", "0.58", "0.60", "0.62", "0.64", "0.66", "0.68", "0.70"]
         );
         assert_eq!(texts(&Axis::linear("").between(0.0, 100.0), &[]), ["0", "20", "40", "60", "80", "100"]);
-        assert_eq!(texts(&Axis::linear("").from_zero(), &[3.0, 4.1]), ["0", "1", "2", "3", "4"]);
+        assert_eq!(texts(&Axis::linear("").with_zero(), &[3.0, 4.1]), ["0", "1", "2", "3", "4"]);
         assert_eq!(texts(&Axis::linear(""), &[-2.0, 2.0]), ["\u{2212}2", "\u{2212}1", "0", "1", "2"]);
         assert_eq!(
             texts(&Axis::linear(""), &[0.0, 60_000.0]),
@@ -338,7 +338,7 @@ mod tests {
 
     #[test]
     fn every_axis_has_ends_whatever_the_values() {
-        for axis in [Axis::linear(""), Axis::log(""), Axis::linear("").from_zero()] {
+        for axis in [Axis::linear(""), Axis::log(""), Axis::linear("").with_zero()] {
             for values in [
                 &[][..],
                 &[0.0],

@@ -44,6 +44,8 @@ const LABEL_SIZE_MM: f64 = 3.5;
 const TICK_SIZE_MM: f64 = 3.2;
 const LINE_MM: f64 = 0.5;
 const THIN_MM: f64 = 0.25;
+/// Half the width of a marker.
+const MARKER_MM: f64 = 0.9;
 const TICK_MARK_MM: f64 = 0.8;
 /// Points of a line that are nearer to the last one are left out: nobody sees them.
 const NEAR_MM: f64 = 0.15;
@@ -280,7 +282,7 @@ impl Pen {
     }
 
     fn marker(&self, canvas: &Canvas<'_>, (x, y): Px) -> Result<(), Failure> {
-        let size = units(self.marker.radius_mm());
+        let size = units(MARKER_MM);
         let fill = if self.marker.is_open() { WHITE } else { self.color };
         match self.marker.corners() {
             None => {
@@ -306,15 +308,18 @@ impl Pen {
     }
 }
 
+/// What a series looks like, and its name; no look for a remark.
+type Entry = (Option<(Look, Marks)>, String);
+
 /// The names of the series, in columns below the data.
 struct Legend {
-    entries: Vec<(Option<(Look, Marks)>, String)>,
+    entries: Vec<Entry>,
     columns: usize,
 }
 
 impl Legend {
     fn of(chart: &Chart) -> Self {
-        let mut entries: Vec<(Option<(Look, Marks)>, String)> = Vec::new();
+        let mut entries: Vec<Entry> = Vec::new();
         if !chart.is_empty() {
             for series in &chart.series {
                 let Some(label) = &series.label else { continue };
@@ -345,7 +350,7 @@ impl Legend {
     /// Column by column, so that entries in their order stand below one another.
     fn draw(&self, canvas: &Canvas<'_>, height_mm: f64) -> Result<(), Failure> {
         let rows = self.rows().max(1);
-        let columns: Vec<&[(Option<(Look, Marks)>, String)]> = self.entries.chunks(rows).collect();
+        let columns: Vec<&[Entry]> = self.entries.chunks(rows).collect();
         let widths: Vec<f64> = columns
             .iter()
             .map(|column| column.iter().map(|(_, text)| entry_mm(text)).fold(0.0, f64::max))

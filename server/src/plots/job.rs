@@ -135,8 +135,8 @@ fn distance(head: &Head, name: Option<&str>) -> Chart {
     Chart {
         title: title("Distance between grains", name),
         description: format!("Clear distance that all grains keep against packing time.{reached}"),
-        x: Axis::linear("packing time in s").from_zero(),
-        y: Axis::linear("distance in mm").from_zero(),
+        x: Axis::linear("packing time in s").with_zero(),
+        y: Axis::linear("distance in mm").with_zero(),
         series: vec![Series { label: None, ..Series::line("", 0, points) }],
         when_empty: "no distance curve: this job prescribed its distance instead of maximizing it".into(),
     }
@@ -180,7 +180,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
             found.len()
         ),
         x: Axis::linear("clear distance between grains in mm").between(0.0, options.max_gap_mm),
-        y: Axis::linear("pair correlation g").from_zero(),
+        y: Axis::linear("pair correlation g").with_zero(),
         series,
         when_empty: "too few grains, or too near the walls, for a pair correlation".into(),
     }
@@ -237,7 +237,7 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
             plain(mean, Some(1))
         ),
         x: Axis::linear("depth from the wall in mm").between(0.0, if deepest > 0.0 { deepest } else { 1.0 }),
-        y: Axis::linear("volume fraction in %").from_zero(),
+        y: Axis::linear("volume fraction in %").with_zero(),
         series,
         when_empty: match request.specimen {
             Specimen::Box { .. } if request.specimen.is_periodic() => {

@@ -64,11 +64,6 @@ pub(super) enum Marker {
 }
 
 impl Marker {
-    /// Half its width.
-    pub(super) fn radius_mm(self) -> f64 {
-        0.9
-    }
-
     /// Whether it is white inside.
     pub(super) fn is_open(self) -> bool {
         matches!(self, Self::Ring | Self::OpenSquare | Self::OpenTriangle | Self::OpenDiamond)

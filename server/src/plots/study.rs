@@ -175,7 +175,7 @@ impl Figure {
             },
             StudyPlot::Distance | StudyPlot::Curve => Self {
                 title: "Distance reached",
-                axis: Axis::linear("distance in mm (median; smallest to largest)").from_zero(),
+                axis: Axis::linear("distance in mm (median; smallest to largest)").with_zero(),
                 read: |cells| {
                     let ends = cells.distance_mm_min.zip(cells.distance_mm_max);
                     let ends = ends.filter(|(low, high)| low < high).map(|(low, high)| [low, high]);
@@ -191,7 +191,7 @@ impl Figure {
             },
             StudyPlot::EventTime => Self {
                 title: "Time per event of the growth",
-                axis: Axis::linear("time per event in \u{3BC}s").from_zero(),
+                axis: Axis::linear("time per event in \u{3BC}s").with_zero(),
                 read: |cells| Some((cells.event_us_median?, None)),
                 when_empty: "no run that grew grains has succeeded",
             },
@@ -248,8 +248,8 @@ fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &Stud
             "Clear distance that all grains keep against packing time, {} runs.",
             series.len()
         ),
-        x: if options.log_x.unwrap_or(true) { Axis::log(label) } else { Axis::linear(label).from_zero() },
-        y: Axis::linear("distance in mm").from_zero(),
+        x: if options.log_x.unwrap_or(true) { Axis::log(label) } else { Axis::linear(label).with_zero() },
+        y: Axis::linear("distance in mm").with_zero(),
         series,
         when_empty: "no run has a distance curve: only those that maximize the distance do".into(),
     }

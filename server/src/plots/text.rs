@@ -5,7 +5,7 @@
 
 /// Fonts in the order of preference.
 pub(super) const FAMILY: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
-/// Width of the widest of the common fonts (DejaVu Sans, Verdana) over that of Helvetica.
+/// Width of the widest of the common fonts (that of Verdana and its like) over that of Helvetica.
 const WIDEST: f64 = 1.18;
 /// What stands for text that was cut.
 const ELLIPSIS: char = '\u{2026}';
@@ -61,9 +61,10 @@ pub(super) fn cut(text: &str, most_em: f64) -> String {
 pub(super) fn printable(text: &str) -> String {
     text.chars()
         .map(|c| match c {
-            '\u{FFFE}' | '\u{FFFF}' => char::REPLACEMENT_CHARACTER,
-            // Marks that would turn the direction of what follows.
-            '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' => char::REPLACEMENT_CHARACTER,
+            // Not of XML, and marks that would turn the direction of what follows.
+            '\u{FFFE}' | '\u{FFFF}' | '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' => {
+                char::REPLACEMENT_CHARACTER
+            }
             c if c.is_control() || c == '\u{2028}' || c == '\u{2029}' => ' ',
             c => c,
         })
