@@ -31,7 +31,7 @@ pub(crate) struct Series {
 }
 
 /// How a series is told from others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Look {
     /// By colour, dash and marker of that number.
     Numbered(usize),
@@ -40,7 +40,7 @@ pub(crate) enum Look {
 }
 
 /// What is drawn of a series.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Marks {
     Line,
     Points,

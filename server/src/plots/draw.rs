@@ -5,6 +5,8 @@
 //! depend on the chart alone. plotters draws mesh, axes and shapes; how lines are dashed and where the
 //! legend goes is decided here.
 
+use std::collections::{HashMap, HashSet};
+
 use plotters::backend::SVGBackend;
 use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::Shift;
@@ -147,13 +149,15 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, height_mm: f64) -> Result<(), F
         .draw()?;
     let (across, down) = context.plotting_area().get_pixel_range();
     outline(canvas, (across.start, down.start), (across.end - 1, down.end - 1))?;
+    let asides = asides_mm(chart);
+    let aside = |series: &Series| units(asides.get(&series.look).copied().unwrap_or(0.0));
     // What the data are compared with lies below them.
     let is_reference = |series: &&Series| series.look == Look::Reference;
     for series in chart.series.iter().filter(is_reference) {
-        draw_series(canvas, &context, chart, series)?;
+        draw_series(canvas, &context, chart, series, aside(series))?;
     }
     for series in chart.series.iter().filter(|series| !is_reference(series)) {
-        draw_series(canvas, &context, chart, series)?;
+        draw_series(canvas, &context, chart, series, aside(series))?;
     }
     Ok(())
 }
@@ -177,6 +181,7 @@ fn draw_series(
     context: &ChartContext<'_, SVGBackend<'_>, Cartesian2d<Settled, Settled>>,
     chart: &Chart,
     series: &Series,
+    aside: i32,
 ) -> Result<(), Failure> {
     let place = |x: f64, y: f64| context.plotting_area().map_coordinate(&(x, y));
     let pen = Pen::of(series.look);
@@ -186,7 +191,6 @@ fn draw_series(
             pen.line(canvas, &spaced(&path))?;
         }
     }
-    let aside = units(aside_mm(chart, series.look));
     for point in series.points.iter().filter(|point| chart.shows(point)) {
         if let Some([low, high]) = point.interval {
             // An end that has no place on a logarithmic axis lies below all that have.
@@ -205,19 +209,18 @@ fn draw_series(
     Ok(())
 }
 
-/// How far beside their points the error bars of a series stand, so that those of others at the same place
+/// How far beside their points the error bars of each look stand, so that those of others at the same place
 /// are seen too.
-fn aside_mm(chart: &Chart, look: Look) -> f64 {
+fn asides_mm(chart: &Chart) -> HashMap<Look, f64> {
     let has_bars = |series: &&Series| series.points.iter().any(|point| point.interval.is_some());
-    let mut looks: Vec<Look> = Vec::new();
+    let mut places: HashMap<Look, usize> = HashMap::new();
     for series in chart.series.iter().filter(has_bars) {
-        if !looks.contains(&series.look) {
-            looks.push(series.look);
-        }
+        let next = places.len();
+        places.entry(series.look).or_insert(next);
     }
-    let index = looks.iter().position(|other| *other == look).unwrap_or(0);
-    let step = ASIDE_MM.min(MOST_ASIDE_MM / looks.len().max(1) as f64);
-    (index as f64 - looks.len().saturating_sub(1) as f64 / 2.0) * step
+    let middle = places.len().saturating_sub(1) as f64 / 2.0;
+    let step = ASIDE_MM.min(MOST_ASIDE_MM / places.len().max(1) as f64);
+    places.into_iter().map(|(look, place)| (look, (place as f64 - middle) * step)).collect()
 }
 
 /// The points of a path without those that nobody would see; the first and the last are kept.
@@ -319,12 +322,12 @@ struct Legend {
 
 impl Legend {
     fn of(chart: &Chart) -> Self {
-        let mut entries: Vec<Entry> = Vec::new();
+        let (mut entries, mut known): (Vec<Entry>, HashSet<Entry>) = Default::default();
         if !chart.is_empty() {
             for series in &chart.series {
                 let Some(label) = &series.label else { continue };
                 let entry = (Some((series.look, series.marks)), printable(label));
-                if series.points.iter().any(|point| chart.shows(point)) && !entries.contains(&entry) {
+                if series.points.iter().any(|point| chart.shows(point)) && known.insert(entry.clone()) {
                     entries.push(entry);
                 }
             }

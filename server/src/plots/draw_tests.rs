@@ -134,6 +134,27 @@ fn a_legend_grows_with_its_entries_to_a_bound_and_never_beyond_the_page() {
 }
 
 #[test]
+fn error_bars_at_the_same_place_stand_side_by_side() {
+    let bar = |y: f64| vec![Point { x: 1.0, y, interval: Some([1.0, 5.0]) }];
+    let series = |n| Series { label: None, ..Series::marked("", n, bar(2.0 + n as f64)) };
+    let places = |series: Vec<Series>| {
+        let drawn = svg(&chart(series)).unwrap();
+        let bars = attributes(&drawn, "points").into_iter().filter_map(|points| {
+            let ends: Vec<(&str, &str)> =
+                points.split_whitespace().filter_map(|p| p.split_once(',')).collect();
+            // Upright lines but for those of the grid, which reach over the whole height.
+            let [from, to] = ends[..] else { return None };
+            let height = (from.1.parse::<i32>().unwrap() - to.1.parse::<i32>().unwrap()).abs();
+            (from.0 == to.0 && (300..units(PLOT_HEIGHT_MM) - 2).contains(&height)).then(|| from.0.to_owned())
+        });
+        bars.collect::<HashSet<String>>().len()
+    };
+    assert_eq!(places(vec![series(0)]), 1);
+    assert_eq!(places(vec![series(0), series(1), series(2)]), 3);
+    assert_eq!(places(vec![series(0), series(0)]), 1, "series of one look share a place");
+}
+
+#[test]
 fn labels_of_the_abscissa_do_not_run_into_one_another() {
     let mut crowded = chart(vec![Series::line("", 0, points(&[(1.0, 1.0), (40.0, 2.0)]))]);
     crowded.x = Axis { ticks: (0..400).map(|n| 1.0 + f64::from(n) / 10.0).collect(), ..Axis::log("d in mm") };
