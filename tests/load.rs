@@ -325,16 +325,27 @@ async fn a_study_of_ten_thousand_jobs() {
     server.stop().await;
 }
 
+/// A mix as they are asked for; equal spheres make as many grains in that time as can be, and as long a result.
+fn a_tenth_of_a_second() -> Value {
+    json!({
+        "specimen": {"type": "box", "size_mm": [60, 60, 60]},
+        "mix": {
+            "grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 2,
+            "volume_fraction": 0.6, "basis": "effective"
+        }
+    })
+}
+
 #[tokio::test]
 #[ignore = "prints figures"]
 async fn overhead_over_the_bare_engine() {
     let cores = std::thread::available_parallelism().unwrap().get();
     for workers in [1, cores] {
-        for grains in [1, 15_000] {
+        for job in [jobs::equal_spheres(1, 1), jobs::equal_spheres(30_000, 1), a_tenth_of_a_second()] {
             let data_dir = DataDir::new();
             let server = Launch::new(&data_dir).workers(workers).start().await;
             let client = server.client();
-            let study = client.submit_study(&study_of(&jobs::equal_spheres(grains, 1), 400)).await;
+            let study = client.submit_study(&study_of(&job, 400)).await;
             let finished = client.study_finished(id_of(&study)).await;
             assert_eq!(finished["counts"]["succeeded"], 400);
             let moment = |text: &Value| text.as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
