@@ -32,6 +32,13 @@ pub struct MethodEstimates {
     pub edmd: MethodEstimate,
 }
 
+impl MethodEstimates {
+    /// Whether `auto` places at random first: that will do, and is done sooner.
+    pub(super) fn places_first(&self) -> bool {
+        self.rsa.success_probability >= LIKELY && self.rsa.time_s <= self.edmd.time_s
+    }
+}
+
 /// The most that is likely to succeed (with a probability of 0.9), all else as requested.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -90,22 +97,15 @@ impl<'a> Case<'a> {
         }
     }
 
-    /// Whether `auto` places at random first: that will do, and is done sooner.
-    pub(super) fn places_first(&self, methods: &MethodEstimates) -> bool {
-        let MethodEstimates { rsa, edmd } = methods;
-        rsa.success_probability >= LIKELY && rsa.time_s <= edmd.time_s
-    }
-
     /// What the method of the request is likely to do.
     pub(super) fn of_request(&self, methods: &MethodEstimates) -> MethodEstimate {
         match self.request.method {
             Method::Rsa { .. } => methods.rsa,
-            Method::Edmd { .. } => methods.edmd,
-            Method::Auto {} if self.places_first(methods) => MethodEstimate {
+            Method::Auto {} if methods.places_first() => MethodEstimate {
                 success_probability: methods.rsa.success_probability.max(methods.edmd.success_probability),
                 ..methods.rsa
             },
-            Method::Auto {} => methods.edmd,
+            Method::Edmd { .. } | Method::Auto {} => methods.edmd,
         }
     }
 

@@ -57,10 +57,6 @@ fn estimates_hold_where_they_were_not_fitted() {
             // Shorter runs are over before anyone asks.
             if let Some(time_s) = row.time_s.filter(|time_s| *time_s > 0.03) {
                 let off = (likely.time_s / time_s).ln().abs();
-                if std::env::var_os("SHOW").is_some() {
-                    println!("{what}: x{:.2} {time_s}", likely.time_s / time_s);
-                    continue;
-                }
                 times += 1;
                 assert!(off < 2.0_f64.ln(), "{what}: {:.3} s for {time_s:.3} s", likely.time_s);
             }

@@ -156,7 +156,7 @@ impl Plan {
 
         let methods = case.methods();
         let likely = case.of_request(&methods);
-        let places_first = case.places_first(&methods);
+        let places_first = methods.places_first();
         let grows = match request.method {
             Method::Rsa { .. } => false,
             Method::Edmd { .. } => true,

@@ -11,56 +11,56 @@ use crate::request::EdmdOptions;
 /// Random sequential addition: `-ln(1 - phi)` at its end is linear in moments of the sizes.
 mod rsa {
     /// Equal spheres.
-    pub(super) const EQUAL: f64 = 0.5012;
+    pub(super) const EQUAL: f64 = 0.5195;
     /// Per standard deviation of ln(d) by volume.
-    pub(super) const SPREAD: f64 = -0.6025;
+    pub(super) const SPREAD: f64 = -0.688;
     /// Per mean of ln(d) by volume above that of the smallest grain.
-    pub(super) const FINES: f64 = 0.8881;
+    pub(super) const FINES: f64 = 0.9128;
     /// Per share of walls.
-    pub(super) const WALLS: f64 = -0.12;
+    pub(super) const WALLS: f64 = -0.1216;
     /// Standard error of the limit on cases left out, and of single runs about it.
     pub(super) const ERROR: f64 = 0.008;
     /// A limited number of attempts ends sooner: by this much per power of ten below 1e7.
     pub(super) const PER_DECADE_OF_ATTEMPTS: f64 = 0.025;
     /// Microseconds per grain in a loose specimen,
-    pub(super) const LOOSE_US: f64 = 1.1;
+    pub(super) const LOOSE_US: f64 = 1.25;
     /// at the limit for equal spheres,
-    pub(super) const CROWDED_US: f64 = 57.0;
+    pub(super) const CROWDED_US: f64 = 41.5;
     /// how fast that falls off below the limit (exponent per share of it),
-    pub(super) const FALL_OFF: f64 = 12.2;
+    pub(super) const FALL_OFF: f64 = 12.4;
     /// and how it rises with the spread of sizes.
-    pub(super) const CROWDED_SPREAD: f64 = 2.31;
+    pub(super) const CROWDED_SPREAD: f64 = 1.23;
     /// Cost of a cache that is too small: exponent of the number of grains over [`super::CACHED`].
     pub(super) const CACHE: f64 = 0.16;
 }
 
 /// Growth: jamming as a share of random close packing, and events per grain as a power law of the gap.
 mod growth {
-    pub(super) const BULK: f64 = 1.0867;
+    pub(super) const BULK: f64 = 1.1018;
     /// Per share of walls, and its square.
-    pub(super) const WALLS: f64 = -0.0896;
-    pub(super) const WALLS_SQUARED: f64 = 0.0095;
+    pub(super) const WALLS: f64 = -0.087;
+    pub(super) const WALLS_SQUARED: f64 = -0.0065;
     /// Equal grains have nothing to exchange.
-    pub(super) const EQUAL: f64 = -0.0399;
+    pub(super) const EQUAL: f64 = -0.0414;
     /// Spread of ln(d) up to which grains are as good as equal.
     pub(super) const EQUAL_SPREAD: f64 = 0.05;
     /// Per cube root of the number of grains.
-    pub(super) const FEW: f64 = -0.3781;
+    pub(super) const FEW: f64 = -0.3126;
     /// ln of events per grain: at no gap and full size,
-    pub(super) const EVENTS: f64 = 0.2444;
+    pub(super) const EVENTS: f64 = -1.4014;
     /// per ln of the gap,
-    pub(super) const GAP: f64 = -1.915;
+    pub(super) const GAP: f64 = -2.6771;
     /// and per ln of the volume fraction over that of jamming.
-    pub(super) const FILLED: f64 = 6.612;
+    pub(super) const FILLED: f64 = 3.6741;
     /// Standard error of ln(events).
     pub(super) const ERROR: f64 = 0.45;
     /// Events per grain at which growth is usually found to have stalled.
     pub(super) const STALL: f64 = 4000.0;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
-    pub(super) const EVENT_US: f64 = 1.05;
+    pub(super) const EVENT_US: f64 = 0.71;
     pub(super) const EVENT_CACHE: f64 = 0.39;
     /// What the start costs per grain, random placing included, likewise.
-    pub(super) const START_US: f64 = 9.0;
+    pub(super) const START_US: f64 = 19.1;
     pub(super) const START_CACHE: f64 = 0.25;
 }
 
@@ -242,11 +242,11 @@ pub(crate) fn bisect(from: f64, to: f64, holds: impl Fn(f64) -> bool) -> f64 {
 
 /// Distribution function of the standard normal distribution, to 1e-7 (Abramowitz and Stegun, 7.1.26).
 fn normal(x: f64) -> f64 {
+    const COEFFICIENTS: [f64; 5] =
+        [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
     if x.is_nan() {
         return 0.0;
     }
-    const COEFFICIENTS: [f64; 5] =
-        [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / std::f64::consts::SQRT_2);
     let series = COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * t);
     let tail = 0.5 * series * (-0.5 * x * x).exp();
