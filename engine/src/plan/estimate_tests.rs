@@ -124,8 +124,8 @@ fn a_proposal_is_likely() {
     assert!(dense.success_probability < 0.5, "{dense:?}");
     assert!(dense.warnings.iter().any(|w| w.starts_with("growth is unlikely")), "{:?}", dense.warnings);
     let phi = dense.proposal.volume_fraction.unwrap();
-    // The paper ends at 0.535 here, this engine was seen to reach 0.545.
-    assert!((0.525..0.555).contains(&phi), "{phi}");
+    // The paper ends at 0.535 here; this engine reaches 0.54 in seconds, and not 0.55 in 20 s.
+    assert!((0.525..0.55).contains(&phi), "{phi}");
     assert!(plan(&request(phi, constant(1.0))).success_probability > 0.85);
     let mm = dense.proposal.distance_mm.unwrap();
     assert!((0.7..1.0).contains(&mm), "{mm}");

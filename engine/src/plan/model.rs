@@ -53,7 +53,10 @@ mod growth {
     /// and per ln of the volume fraction over that of jamming.
     pub(super) const FILLED: f64 = 3.6741;
     /// Standard error of ln(events).
-    pub(super) const ERROR: f64 = 0.45;
+    pub(super) const ERROR: f64 = 0.5;
+    /// Events per grain beyond which, by this power law, few runs of the studies succeeded: it is flatter near
+    /// its end than they are.
+    pub(super) const LAST_SUCCESS: f64 = 2000.0;
     /// Events per grain at which growth is usually found to have stalled.
     pub(super) const STALL: f64 = 4000.0;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
@@ -160,19 +163,20 @@ impl Features {
         let by_time = options.stop.time_s.map_or(f64::INFINITY, |seconds| {
             ((seconds / grains - start_s(grains)) / event_s(grains)).max(0.0)
         });
-        growth::STALL.min(by_events).min(by_time)
+        by_events.min(by_time)
     }
 
     /// Probability that growth reaches a volume fraction.
     pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
         let needed = self.events_per_grain(filled, grains);
-        let allowed = Self::events_allowed(grains, options);
+        let allowed = growth::LAST_SUCCESS.min(Self::events_allowed(grains, options));
         normal((allowed / needed).ln() / growth::ERROR)
     }
 
     /// Time of growth in s, to its end or its success.
     pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
-        let events = self.events_per_grain(filled, grains).min(Self::events_allowed(grains, options));
+        let most = growth::STALL.min(Self::events_allowed(grains, options));
+        let events = self.events_per_grain(filled, grains).min(most);
         grains * (start_s(grains) + events * event_s(grains))
     }
 
