@@ -12,8 +12,12 @@ use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr};
 use utoipa::{IntoResponses, OpenApi as _, ToSchema};
 
 use super::job_view::Job;
+use super::negotiation::TableFormat;
 use super::problem::PROBLEM_JSON;
+use super::study_list::StateParameter;
 use super::{observe, request_schemas, router};
+use crate::plots::job::JobPlot;
+use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
 use packstone_engine::format::EngineInfo;
@@ -36,7 +40,10 @@ are tagged by `type`; unknown fields and parameters are refused. Every error is 
         (name = "results", description = "What came out"),
         (name = "service", description = "The service about itself"),
     ),
-    components(schemas(ProblemDocument, JobRequest, ResultDocument))
+    // What only parameters refer to is not found by itself.
+    components(schemas(
+        ProblemDocument, JobRequest, ResultDocument, JobPlot, StudyPlot, StateParameter, TableFormat
+    ))
 )]
 struct Base;
 
@@ -253,6 +260,28 @@ mod tests {
             checked_in == yaml().unwrap(),
             "openapi.yaml is not what the code says: run `cargo run -- openapi > openapi.yaml`"
         );
+    }
+
+    #[test]
+    fn every_reference_leads_somewhere() {
+        fn references<'a>(value: &'a Value, found: &mut Vec<&'a str>) {
+            match value {
+                Value::Object(members) => {
+                    found.extend(members.get("$ref").and_then(Value::as_str));
+                    members.values().for_each(|member| references(member, found));
+                }
+                Value::Array(items) => items.iter().for_each(|item| references(item, found)),
+                _ => {}
+            }
+        }
+        let document = router::document();
+        let mut found = Vec::new();
+        references(&document, &mut found);
+        assert!(found.len() > 100, "{}", found.len());
+        for reference in found {
+            let pointer = reference.strip_prefix('#').unwrap();
+            assert!(document.pointer(pointer).is_some(), "{reference}");
+        }
     }
 
     #[test]
