@@ -62,7 +62,7 @@ pub(super) enum AxisValues {
     Range(AxisRange),
 }
 
-/// The numbers `from`, `from + step`, ... as far as `to`, both ends included, to 12 significant digits.
+/// The numbers `from`, `from + step`, ... as far as `to`, both ends included, to 12 significant digits of the larger term.
 #[derive(Serialize, ToSchema)]
 #[allow(dead_code)]
 pub(super) struct AxisRange {

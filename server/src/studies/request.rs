@@ -125,15 +125,23 @@ impl Values<'_> {
     pub(super) fn get(&self, i: usize) -> Value {
         match self {
             Self::List(values) => values.get(i).cloned().unwrap_or_default(),
-            Self::Range { from, step, .. } => rounded(from + i as f64 * step),
+            Self::Range { from, step, .. } => sum_on_paper(*from, i as f64 * step),
         }
     }
 }
 
-/// A number to 12 significant digits, so that what is 0.585 on paper is 0.585; a whole one without a point, as
-/// a person would write it.
-fn rounded(x: f64) -> Value {
-    let x: f64 = format!("{x:.11e}").parse().unwrap_or(x);
+/// A sum to 12 significant digits of its larger term, so that what is 0.585 or 0 on paper is 0.585 or 0; a whole one
+/// without a point, as a person would write it.
+fn sum_on_paper(from: f64, way: f64) -> Value {
+    let sum = from + way;
+    // Digits of the term, not of the sum: where the terms all but cancel, the sum's own are rounding errors.
+    let decimals = 11.0 - from.abs().max(way.abs()).log10().floor();
+    let text = if decimals > 0.0 && decimals.is_finite() {
+        format!("{sum:.*}", decimals as usize)
+    } else {
+        format!("{sum:.11e}")
+    };
+    let x: f64 = text.parse().unwrap_or(sum);
     if x.fract() == 0.0 && x.abs() <= MAX_SEED as f64 {
         Value::from(x as i64)
     } else {

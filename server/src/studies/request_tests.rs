@@ -139,6 +139,10 @@ fn ranges_are_the_numbers_on_paper() {
     let values = Values::Range { from: -1.0, step: 0.5, length: 5 };
     let texts: Vec<String> = (0..5).map(|i| values.get(i).to_string()).collect();
     assert_eq!(texts, ["-1", "-0.5", "0", "0.5", "1"]);
+    // Terms that cancel: 43 times 0.001 is not 0.043 to a computer.
+    let values = Values::Range { from: -0.043, step: 0.001, length: 45 };
+    let texts: Vec<String> = (42..45).map(|i| values.get(i).to_string()).collect();
+    assert_eq!(texts, ["-0.001", "0", "0.001"]);
 }
 
 #[test]
