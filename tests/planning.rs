@@ -27,6 +27,11 @@ async fn a_dry_run_counts_and_stores_nothing() {
         let by_class: f64 =
             plan["classes"].as_array().unwrap().iter().map(|c| c["grains"].as_f64().unwrap()).sum();
         assert!((by_class - expected).abs() < 1.0e-6 * expected);
+        // All three fit; more of each would too.
+        assert!(plan["success_probability"].as_f64().unwrap() > 0.9, "{plan:#}");
+        assert!(plan["estimated_time_s"].as_f64().unwrap() > 0.0);
+        assert!(plan["proposal"]["volume_fraction"].as_f64().unwrap() > 0.70, "{plan:#}");
+        assert!(plan["proposal"]["distance_mm"].as_f64().unwrap() > 0.1, "{plan:#}");
     }
     let listed = client.get("/v1/jobs").send().await.json();
     assert_eq!(listed["items"], json!([]));

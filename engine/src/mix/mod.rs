@@ -19,6 +19,9 @@ const CLASSES_PER_OCTAVE: f64 = 12.0;
 /// Diameters that stand for a narrow class where a whole law would be too much.
 const QUANTILES: usize = 8;
 
+/// Sizes that stand for an explicit list.
+const LIST_SIZES: f64 = 1000.0;
+
 /// A mix resolved against a specimen's volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GradedMix {
@@ -111,17 +114,10 @@ impl GradedMix {
     }
 
     /// Diameters with the expected number of grains of each, from fine to coarse: quantiles of every
-    /// class, or those of an explicit list.
+    /// class, or those of an explicit list, many of which are taken together.
     pub fn expected_sizes(&self) -> Vec<(f64, f64)> {
         if let Some(list) = &self.list {
-            let mut sizes: Vec<(f64, f64)> = Vec::new();
-            for &d in list.iter().rev() {
-                match sizes.last_mut() {
-                    Some((last, number)) if *last == d => *number += 1.0,
-                    _ => sizes.push((d, 1.0)),
-                }
-            }
-            return sizes;
+            return sizes_of_list(list);
         }
         let mut sizes = Vec::with_capacity(self.classes.len() * QUANTILES);
         for class in &self.classes {
@@ -138,6 +134,27 @@ impl GradedMix {
             None => self.classes.iter().map(|c| self.class_volume_mm3(c) * per_volume(c)).sum(),
         }
     }
+}
+
+/// A list from the coarsest down as diameters with numbers from fine to coarse: grains within a
+/// [`LIST_SIZES`]th of the range, on a logarithmic scale, as so many of their mean volume.
+fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
+    let (Some(&largest), Some(&least)) = (list.first(), list.last()) else { return Vec::new() };
+    let step = ((largest / least).ln() / LIST_SIZES).max(f64::MIN_POSITIVE);
+    let mut sizes: Vec<(f64, f64)> = Vec::new();
+    let mut bin = -1.0;
+    for &d in list.iter().rev() {
+        let of = ((d / least).ln() / step).floor();
+        match sizes.last_mut() {
+            Some((cubes, number)) if of == bin => (*cubes, *number) = (*cubes + d.powi(3), *number + 1.0),
+            _ => sizes.push((d.powi(3), 1.0)),
+        }
+        bin = of;
+    }
+    for (size, number) in &mut sizes {
+        *size = (*size / *number).cbrt();
+    }
+    sizes
 }
 
 /// The classes of a grading above the cut-off, from fine to coarse.

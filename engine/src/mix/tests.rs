@@ -177,3 +177,24 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #[test]
+    fn sizes_of_a_list_keep_its_grains_and_their_volume(
+        mut mm in prop::collection::vec(0.1..50.0_f64, 1..3000),
+        same in 1_usize..20,
+    ) {
+        let first = mm[0];
+        mm.extend(std::iter::repeat_n(first, same));
+        let grading = json!({"type": "diameters", "mm": mm});
+        let value = json!({"specimen": {"type": "box", "size_mm": [150, 150, 150]}, "mix": {"grading": grading}});
+        let mix = GradedMix::new(&PackingRequest::from_json(&value, 1).unwrap().mix, CUBE_150);
+        let sizes = mix.expected_sizes();
+        prop_assert!(sizes.len() <= 1001 && sizes.is_sorted_by(|a, b| a.0 < b.0));
+        let grains: f64 = sizes.iter().map(|(_, number)| number).sum();
+        prop_assert_eq!(grains, mm.len() as f64);
+        let volume: f64 = sizes.iter().map(|(d, number)| number * sphere_volume(*d)).sum();
+        let expected = mix.expected_enlarged_volume_mm3(1.0, 0.0);
+        prop_assert!((volume / expected - 1.0).abs() < 1e-9);
+    }
+}

@@ -56,21 +56,26 @@ pub(super) struct Case<'a> {
     pub(super) request: &'a PackingRequest,
     pub(super) mix: &'a GradedMix,
     pub(super) grains: f64,
-    /// Volume of the grains with their coating over the room for them.
+    /// Volume of the grains with their coating,
+    pub(super) coated_mm3: f64,
+    /// and over the room for them.
     pub(super) filled: f64,
     pub(super) features: Features,
 }
 
 impl<'a> Case<'a> {
-    pub(super) fn new(
-        request: &'a PackingRequest,
-        mix: &'a GradedMix,
-        rule: &DistanceRule,
-        filled: f64,
-    ) -> Self {
+    /// A mix before a rule of distance, in the specimen of the request.
+    pub(super) fn of_mix(request: &'a PackingRequest, mix: &'a GradedMix, rule: &DistanceRule) -> Self {
         let (factor, offset) = rule.enlargement(mix.d_min_mm);
-        let features = features(request, mix, factor, offset);
-        Self { request, mix, grains: mix.expected_grains().max(1.0), filled, features }
+        let coated_mm3 = mix.expected_enlarged_volume_mm3(factor, offset);
+        Self {
+            request,
+            mix,
+            grains: mix.expected_grains().max(1.0),
+            coated_mm3,
+            filled: coated_mm3 / room_mm3(request, rule, mix.d_max_mm),
+            features: features(request, mix, factor, offset),
+        }
     }
 
     pub(super) fn methods(&self) -> MethodEstimates {
@@ -168,11 +173,28 @@ impl<'a> Case<'a> {
 }
 
 fn features(request: &PackingRequest, mix: &GradedMix, factor: f64, offset: f64) -> Features {
+    let enlarged = |d: f64| factor * d + offset;
     let mut sizes = mix.expected_sizes();
     for (d, _) in &mut sizes {
-        *d = factor * *d + offset;
+        *d = enlarged(*d);
     }
-    Features::new(&sizes, walls_per_mm(&request.specimen))
+    Features::new(&sizes, [mix.d_min_mm, mix.d_max_mm].map(enlarged), walls_per_mm(&request.specimen))
+}
+
+/// Volume that enlarged grains may fill: the specimen, widened at walls that let grains come
+/// closer than half their distance.
+fn room_mm3(request: &PackingRequest, rule: &DistanceRule, d_max: f64) -> f64 {
+    if request.specimen.is_periodic() {
+        return request.specimen.volume_mm3();
+    }
+    let wider = (rule.gap_mm(d_max, d_max) / 2.0 - rule.wall_gap_mm(d_max)).max(0.0);
+    match request.specimen {
+        Specimen::Box { size_mm, .. } => size_mm.iter().map(|l| l + 2.0 * wider).product(),
+        Specimen::Cylinder { diameter_mm, height_mm } => {
+            let diameter = diameter_mm + 2.0 * wider;
+            std::f64::consts::FRAC_PI_4 * diameter * diameter * (height_mm + 2.0 * wider)
+        }
+    }
 }
 
 /// Surface of the walls over the volume.

@@ -58,8 +58,10 @@ pub struct Plan {
     pub success_probability: f64,
     /// What each method is likely to do.
     pub methods: MethodEstimates,
-    /// The most that is likely to succeed.
-    pub proposal: Proposal,
+    /// The most that is likely to succeed; told by a dry run, for it takes many looks at the model.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub proposal: Option<Proposal>,
     /// In what the request lies beyond the studies that the estimates were fitted to; empty where it does not.
     pub extrapolations: Vec<String>,
     /// Expected grains by size class, from fine to coarse.
@@ -92,8 +94,8 @@ const EQUAL_SPHERES: f64 = 0.740_480_489_693_061;
 const VOIDS_EXPONENT: f64 = -0.4;
 /// Ratio of diameters up to which grains may order like equal ones.
 const NEARLY_EQUAL: f64 = 1.2;
-/// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near:
-/// the densest that were seen in studies lie at 1.04.
+/// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near: the
+/// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
 const BEYOND_RANDOM: f64 = 1.12;
 /// Saturation of random sequential addition of equal spheres (Torquato et al. 2006).
 const RSA_EQUAL_SPHERES: f64 = 0.384;
@@ -110,8 +112,8 @@ mod cost {
     pub(super) const BYTES_PER_GRAIN: f64 = 220.0;
     /// Bytes per grain for the voxels of a crowded one.
     pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 4500.0;
-    /// Bytes per grain while grains grow.
-    pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 320.0;
+    /// Bytes per grain while grains grow: 2.05 million take 371 each.
+    pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 370.0;
 }
 
 /// Memory of a run in bytes. `crowding` is what is asked for as a share of what random placing reaches;
@@ -146,13 +148,8 @@ impl Plan {
         check_largest(request, &mix, &rule)?;
         check_maximize(request, &mix)?;
         let grains = mix.expected_grains();
-        // Enlarged grains fill a region enlarged by what the walls leave of half the distance.
-        let (factor, offset) = rule.enlargement(mix.d_min_mm);
-        let enlarged = mix.expected_enlarged_volume_mm3(factor, offset);
-        let room = enlarged_room(request, &rule, mix.d_max_mm);
-        let ratio = (factor * mix.d_max_mm + offset) / (factor * mix.d_min_mm + offset);
-        let case = Case::new(request, &mix, &rule, enlarged / room);
-        check_feasible(&case, ratio)?;
+        let case = Case::of_mix(request, &mix, &rule);
+        check_feasible(&case)?;
 
         let methods = case.methods();
         let likely = case.of_request(&methods);
@@ -178,17 +175,27 @@ impl Plan {
             specimen_volume_mm3,
             volume_fraction_mixture: mix.volume_fraction_mixture,
             volume_fraction_effective: mix.volume_fraction_effective,
-            volume_fraction_with_coating: enlarged / specimen_volume_mm3,
+            volume_fraction_with_coating: case.coated_mm3 / specimen_volume_mm3,
             memory_bytes,
             estimated_time_s: likely.time_s,
             success_probability: likely.success_probability,
             methods,
-            proposal: case.proposal(&likely),
+            proposal: None,
             extrapolations: case.extrapolations(),
             classes,
             warnings: warnings(&case, &likely),
             places_first,
         })
+    }
+
+    /// Adds the proposal to the plan of this request.
+    #[must_use]
+    pub fn with_proposal(mut self, request: &PackingRequest) -> Self {
+        let mix = GradedMix::new(&request.mix, self.specimen_volume_mm3);
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let case = Case::of_mix(request, &mix, &rule);
+        self.proposal = Some(case.proposal(&case.of_request(&self.methods)));
+        self
     }
 }
 
@@ -273,26 +280,11 @@ fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits
     Ok(())
 }
 
-/// Volume that enlarged grains may fill: the specimen, widened at walls that let grains come
-/// closer than half their distance.
-fn enlarged_room(request: &PackingRequest, rule: &DistanceRule, d_max: f64) -> f64 {
-    if request.specimen.is_periodic() {
-        return request.specimen.volume_mm3();
-    }
-    let wider = (rule.gap_mm(d_max, d_max) / 2.0 - rule.wall_gap_mm(d_max)).max(0.0);
-    match request.specimen {
-        Specimen::Box { size_mm, .. } => size_mm.iter().map(|l| l + 2.0 * wider).product(),
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let diameter = diameter_mm + 2.0 * wider;
-            std::f64::consts::FRAC_PI_4 * diameter * diameter * (height_mm + 2.0 * wider)
-        }
-    }
-}
-
 /// Refuses what no arrangement reaches: more than the densest packing known of spheres of such a range,
 /// or, where sizes follow a curve, more than random packings come near.
-fn check_feasible(case: &Case<'_>, ratio: f64) -> Result<(), PlanError> {
+fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     let (request, filled, effective) = (case.request, case.filled, case.mix.volume_fraction_effective);
+    let ratio = case.features.ratio();
     let mut densest = 1.0 - (1.0 - EQUAL_SPHERES) * ratio.powf(VOIDS_EXPONENT);
     if case.mix.list.is_none() && ratio > NEARLY_EQUAL {
         densest = densest.min(BEYOND_RANDOM * case.features.random_close());

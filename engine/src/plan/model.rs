@@ -89,18 +89,18 @@ pub(crate) struct Features {
     /// Surface of the walls over the volume, times the ratio of the third to the second moment of the
     /// diameters.
     walls: f64,
+    /// Largest diameter over the smallest.
     ratio: f64,
 }
 
 impl Features {
-    /// Of diameters with their numbers from fine to coarse, and the surface of walls per volume in 1/mm.
-    pub(crate) fn new(sizes: &[(f64, f64)], walls_per_mm: f64) -> Self {
+    /// Of diameters with their numbers from fine to coarse, the bounds that they stand within, and the
+    /// surface of walls per volume in 1/mm.
+    pub(crate) fn new(sizes: &[(f64, f64)], [least, largest]: [f64; 2], walls_per_mm: f64) -> Self {
         let moment = |of: &dyn Fn(f64) -> f64| sizes.iter().map(|&(d, number)| number * of(d)).sum::<f64>();
         let volume = moment(&|d| d.powi(3));
         let mean = moment(&|d| d.powi(3) * d.ln()) / volume;
         let variance = moment(&|d| d.powi(3) * (d.ln() - mean).powi(2)) / volume;
-        let least = sizes.first().map_or(1.0, |size| size.0);
-        let largest = sizes.last().map_or(1.0, |size| size.0);
         Self {
             random_close: random_close(sizes),
             spread: variance.sqrt(),
@@ -113,6 +113,11 @@ impl Features {
     /// Volume fraction of a random close packing of these sizes, without walls.
     pub(crate) fn random_close(&self) -> f64 {
         self.random_close
+    }
+
+    /// Largest diameter over the smallest.
+    pub(crate) fn ratio(&self) -> f64 {
+        self.ratio
     }
 
     /// Volume fraction, coating included, at which random sequential addition ends.

@@ -58,7 +58,7 @@ pub(super) async fn submit(
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { request, plan, body_sha256 } = read(&app, bytes).await?;
+    let Submission { request, plan, body_sha256 } = read(&app, bytes, dry_run).await?;
     if dry_run {
         return Ok(axum::Json(plan).into_response());
     }
@@ -153,25 +153,29 @@ struct Submission {
 
 /// Reads and plans a submission. Large ones are put aside, so that they do not hold up answers to
 /// others, and few at a time.
-async fn read(app: &App, bytes: Bytes) -> Result<Submission, Problem> {
+async fn read(app: &App, bytes: Bytes, dry_run: bool) -> Result<Submission, Problem> {
     let limits = app.shared.limits;
     if bytes.len() <= LARGE_BODY_BYTES {
-        return read_now(&bytes, &limits);
+        return read_now(&bytes, &limits, dry_run);
     }
     let Ok(_turn) = app.shared.large_bodies.acquire().await else {
         return Err(Problem::internal());
     };
-    tokio::task::spawn_blocking(move || read_now(&bytes, &limits)).await.unwrap_or_else(|error| {
+    tokio::task::spawn_blocking(move || read_now(&bytes, &limits, dry_run)).await.unwrap_or_else(|error| {
         tracing::error!(%error, "a submission was not read to its end");
         Err(Problem::internal())
     })
 }
 
-fn read_now(bytes: &[u8], limits: &Limits) -> Result<Submission, Problem> {
+fn read_now(bytes: &[u8], limits: &Limits, dry_run: bool) -> Result<Submission, Problem> {
     let value = strict_json::parse(bytes)?;
     let request = JobRequest::read(&value, request::draw_seed(), Some(Timestamp::now()))
         .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
-    let plan = Plan::new(&request.packing(), limits)?;
+    let packing = request.packing();
+    let mut plan = Plan::new(&packing, limits)?;
+    if dry_run {
+        plan = plan.with_proposal(&packing);
+    }
     Ok(Submission { request, plan, body_sha256: content_sha256(value) })
 }
 
