@@ -20,6 +20,8 @@ pub enum Phase {
     Edmd,
     /// The independent check.
     Verify,
+    /// Making a model of the finished packing: a mesh, voxels, a lattice.
+    Derive,
     /// Writing the result. The engine never reports it; whoever stores the result does.
     Write,
 }
