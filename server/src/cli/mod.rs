@@ -1,5 +1,6 @@
 //! The command line: one subcommand per file.
 
+mod bar;
 mod bench;
 mod demo;
 mod differences;

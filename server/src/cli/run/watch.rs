@@ -1,26 +1,22 @@
 //! What stands around a run at the terminal: its bar, its checkpoints, and the signals that stop it.
 
 use std::cell::{Cell, RefCell};
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
 
 use super::super::Failure;
+use super::super::bar::Bar;
 use super::super::signals::stop_on_signals;
 use crate::checkpoints::{self, Schedule};
 use crate::pace::Pace;
 
-const STEPS: u64 = 1000;
-
 /// Control of a run at the terminal.
 pub(super) struct Watch {
-    bar: ProgressBar,
-    start: Instant,
+    bar: Bar,
     pace: RefCell<Pace>,
     stop: Arc<AtomicBool>,
     file: PathBuf,
@@ -36,8 +32,7 @@ impl Watch {
             pace.resumed();
         }
         Ok(Self {
-            bar: bar(),
-            start: Instant::now(),
+            bar: Bar::new(),
             pace: RefCell::new(pace),
             stop: stop_on_signals()?,
             file,
@@ -48,7 +43,7 @@ impl Watch {
 
     /// Takes the bar away.
     pub(super) fn finish(&self) {
-        self.bar.finish_and_clear();
+        self.bar.finish();
     }
 }
 
@@ -56,11 +51,7 @@ impl Control for Watch {
     fn report(&self, progress: &Progress) {
         let mut pace = self.pace.borrow_mut();
         pace.follow(progress);
-        if self.bar.is_hidden() {
-            return;
-        }
-        self.bar.set_position((pace.fraction() * STEPS as f64) as u64);
-        self.bar.set_message(message(progress, pace.eta_s(self.start.elapsed())));
+        self.bar.show(pace.fraction(), || message(progress, pace.eta_s(self.bar.elapsed())));
     }
 
     fn should_stop(&self) -> bool {
@@ -81,7 +72,7 @@ impl Control for Watch {
                         "warning: {} cannot be written: {error}; the run goes on",
                         self.file.display()
                     );
-                    self.bar.suspend(|| eprintln!("{said}"));
+                    self.bar.say(&said);
                 }
             }
         }
@@ -96,6 +87,7 @@ fn message(progress: &Progress, eta_s: Option<f64>) -> String {
         Phase::Rsa => "rsa",
         Phase::Edmd => "edmd",
         Phase::Verify => "verify",
+        Phase::Derive => "derive",
         Phase::Write => "write",
     };
     let line = match &progress.growth {
@@ -110,18 +102,6 @@ fn message(progress: &Progress, eta_s: Option<f64>) -> String {
     };
     let left = eta_s.map(|s| format!(", {s:.0} s left")).unwrap_or_default();
     line + &left
-}
-
-/// A bar; nothing where standard error is no terminal.
-fn bar() -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::new(STEPS);
-    if let Ok(style) = ProgressStyle::with_template("{elapsed_precise} [{bar:30}] {percent} % {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 #[cfg(test)]

@@ -1,25 +1,18 @@
-//! How far a study is, for the person at the terminal: a bar, or a line now and then where there is no
-//! terminal to draw one on.
+//! How far a study is, for the person at the terminal.
 
-use std::cell::Cell;
-use std::io::IsTerminal as _;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indicatif::HumanDuration;
 
+use super::super::bar::Bar;
 use super::crew::Crew;
 
-const STEPS: u64 = 1000;
-/// Without a terminal a line is told no more often than this.
-const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Before this share of the work, the time that is left is a guess not worth showing.
 const LEFT_FROM_SHARE: f64 = 0.02;
 
 /// Tells of one call's work.
 pub(super) struct Watch {
-    bar: ProgressBar,
-    start: Instant,
-    told: Cell<Instant>,
+    bar: Bar,
     /// Runs that had ended before.
     before: usize,
 }
@@ -27,7 +20,7 @@ pub(super) struct Watch {
 impl Watch {
     /// Of a study of which `before` runs had ended.
     pub(super) fn new(before: usize) -> Self {
-        Self { bar: bar(), start: Instant::now(), told: Cell::new(Instant::now()), before }
+        Self { bar: Bar::new(), before }
     }
 
     /// Shows where the study is.
@@ -36,27 +29,18 @@ impl Watch {
         let jobs = ended + crew.waiting() + crew.running();
         let done = ended as f64 + crew.on_the_way();
         let share = |of: f64, all: f64| if all > 0.0 { of / all } else { 1.0 };
-        let left = left(self.start.elapsed(), share(done - before as f64, (jobs - before.min(jobs)) as f64));
-        let message = message(ended, jobs, successes, left);
-        if self.bar.is_hidden() {
-            if self.told.get().elapsed() >= LINE_EVERY {
-                self.told.set(Instant::now());
-                eprintln!("[{:.0} s] {message}", self.start.elapsed().as_secs_f64());
-            }
-            return;
-        }
-        self.bar.set_position((share(done, jobs as f64) * STEPS as f64) as u64);
-        self.bar.set_message(message);
+        let left = left(self.bar.elapsed(), share(done - before as f64, (jobs - before.min(jobs)) as f64));
+        self.bar.show(share(done, jobs as f64), || message(ended, jobs, successes, left));
     }
 
     /// Tells a line.
     pub(super) fn say(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.say(line);
     }
 
     /// Takes the bar away.
     pub(super) fn finish(&self) {
-        self.bar.finish_and_clear();
+        self.bar.finish();
     }
 }
 
@@ -68,18 +52,6 @@ fn left(elapsed: Duration, share: f64) -> Option<Duration> {
 fn message(ended: usize, jobs: usize, successes: u64, left: Option<Duration>) -> String {
     let left = left.map(|left| format!(", {} left", HumanDuration(left))).unwrap_or_default();
     format!("{ended} of {jobs} runs, {successes} succeeded{left}")
-}
-
-/// A bar; hidden where standard error is no terminal.
-fn bar() -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::new(STEPS);
-    if let Ok(style) = ProgressStyle::with_template("{elapsed_precise} [{bar:30}] {percent} % {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 #[cfg(test)]
