@@ -22,6 +22,7 @@ pub mod plan;
 pub mod request;
 mod rng;
 pub mod rsa;
+pub mod slice;
 pub mod specimen;
 pub mod verify;
 
