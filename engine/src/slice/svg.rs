@@ -1,0 +1,98 @@
+//! A drawing of a cut at full scale, for print: grey grains on white, the outline, a scale bar.
+
+use std::io::{self, Write};
+
+use super::{Cut, Outline, Report};
+
+pub(super) fn write(cut: &Cut, report: &Report, out: &mut dyn Write) -> io::Result<()> {
+    let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
+    let (width, height) = (u1 - u0, v1 - v0);
+    let long = width.max(height);
+    // A millionth of the longer edge is finer than any printer.
+    let decimals = (5.0 - long.log10().floor()).clamp(0.0, 12.0) as usize;
+    // So wide a text fits between the scale bar and the right edge of any cut.
+    let (margin, font, line) = (0.03 * long, 0.035 * width, 0.003 * long);
+    let bar = scale_bar(width);
+    let (left, top) = (-margin, -margin);
+    let (full_width, full_height) = (width + 2.0 * margin, height + 2.0 * margin + 2.2 * font);
+    let axis = cut.axis.name();
+    write!(
+        out,
+        r##"<svg xmlns="http://www.w3.org/2000/svg" width="{full_width:.decimals$}mm" height="{full_height:.decimals$}mm" viewBox="{left:.decimals$} {top:.decimals$} {full_width:.decimals$} {full_height:.decimals$}">
+<title>Cut at {axis} = {at} mm</title>
+<desc>{circles} circles, area fraction {fraction:.4}; axes {u} to the right and {v} up, units mm</desc>
+<rect x="{left:.decimals$}" y="{top:.decimals$}" width="{full_width:.decimals$}" height="{full_height:.decimals$}" fill="#fff"/>
+"##,
+        at = cut.at_mm,
+        circles = cut.circles.len(),
+        fraction = report.area_fraction,
+        u = report.plane[0].name(),
+        v = report.plane[1].name(),
+    )?;
+    let clipped = cut.circles.iter().any(|circle| circle.clipped);
+    if clipped {
+        writeln!(
+            out,
+            r#"<clipPath id="cut"><rect x="0" y="0" width="{width:.decimals$}" height="{height:.decimals$}"/></clipPath>"#
+        )?;
+    }
+    let clip = if clipped { r#" clip-path="url(#cut)""# } else { "" };
+    writeln!(out, r##"<g id="aggregates" fill="#a0a0a0"{clip}>"##)?;
+    for circle in &cut.circles {
+        let (x, y) = (circle.center_mm[0] - u0, v1 - circle.center_mm[1]);
+        let r = circle.radius_mm;
+        writeln!(out, r#"<circle cx="{x:.decimals$}" cy="{y:.decimals$}" r="{r:.decimals$}"/>"#)?;
+    }
+    writeln!(out, "</g>")?;
+    let pen = format!(r##"fill="none" stroke="#000" stroke-width="{line:.decimals$}""##);
+    match cut.outline {
+        Outline::Rectangle { .. } => writeln!(
+            out,
+            r#"<rect id="outline" x="0" y="0" width="{width:.decimals$}" height="{height:.decimals$}" {pen}/>"#
+        )?,
+        Outline::Disc { radius_mm: r, .. } => writeln!(
+            out,
+            r#"<circle id="outline" cx="{r:.decimals$}" cy="{r:.decimals$}" r="{r:.decimals$}" {pen}/>"#
+        )?,
+    }
+    let (baseline, right) = (height + margin + 1.5 * font, bar + 0.5 * font);
+    let bar_y = baseline - 0.35 * font;
+    write!(
+        out,
+        r##"<path id="scale" d="M0 {bar_y:.decimals$}h{bar:.decimals$}" stroke="#000" stroke-width="{thick:.decimals$}"/>
+<g font-family="sans-serif" font-size="{font:.decimals$}" fill="#000">
+<text x="{right:.decimals$}" y="{baseline:.decimals$}">{bar} mm</text>
+<text x="{width:.decimals$}" y="{baseline:.decimals$}" text-anchor="end">{axis} = {at} mm, {percent:.1} % aggregate</text>
+</g>
+</svg>
+"##,
+        at = short(cut.at_mm),
+        percent = 100.0 * report.area_fraction,
+        thick = 0.4 * font,
+    )
+}
+
+/// The largest of 1, 2, 5 times a power of ten that is at most a fifth of the width.
+fn scale_bar(width: f64) -> f64 {
+    let most = width / 5.0;
+    let power = 10_f64.powf(most.log10().floor());
+    // Divided rather than multiplied below 1, so that the label has no digits of rounding.
+    let times =
+        |factor: f64| if power < 1.0 { factor / (1.0 / power).round() } else { factor * power.round() };
+    [5.0, 2.0, 1.0].map(times).into_iter().find(|length| *length <= most).unwrap_or_else(|| times(1.0))
+}
+
+/// A number with at most four decimals.
+fn short(x: f64) -> f64 {
+    (x * 1e4).round() / 1e4
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scale_bars_are_round() {
+        assert_eq!([150.0, 100.0, 49.0, 4.0, 0.06].map(scale_bar), [20.0, 20.0, 5.0, 0.5, 0.01]);
+    }
+}
