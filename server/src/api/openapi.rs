@@ -16,6 +16,7 @@ use super::negotiation::TableFormat;
 use super::problem::PROBLEM_JSON;
 use super::study_list::StateParameter;
 use super::{observe, request_schemas, router};
+use super::formats::{FormatOptions, ResultFormat};
 use crate::plots::job::JobPlot;
 use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};
@@ -42,7 +43,8 @@ are tagged by `type`; unknown fields and parameters are refused. Every error is 
     ),
     // What only parameters refer to is not found by itself.
     components(schemas(
-        ProblemDocument, JobRequest, ResultDocument, JobPlot, StudyPlot, StateParameter, TableFormat
+        ProblemDocument, JobRequest, ResultDocument, JobPlot, StudyPlot, StateParameter, TableFormat,
+        ResultFormat, FormatOptions
     ))
 )]
 struct Base;
@@ -124,7 +126,7 @@ problem_sets! {
     JobProblems: ValidationError 400, NotFound 404;
     /// Of submissions.
     SubmitProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422,
+        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422,
         IdempotencyKeyReused 422, QueueFull 429;
     /// Of routes about one study.
     StudyProblems: ValidationError 400, NotFound 404;
@@ -140,7 +142,18 @@ problem_sets! {
     RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
     /// Of results.
     ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, NotAcceptable 406,
-        JobFailed 409, RangeNotSatisfiable 416, Busy 503;
+        JobFailed 409, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503,
+        FormatNotReady 503;
+    /// Of cuts.
+    SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, RangeNotSatisfiable 416,
+        FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503, FormatNotReady 503;
+    /// Of what is to be made of a result.
+    DeriveProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
+        JobFailed 409, Conflict 409, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422,
+        FormatNotAvailable 422, TooLarge 422, QueueFull 429;
+    /// Of the files of what was made.
+    DerivedFileProblems: ValidationError 400, NotFound 404, ResultNotReady 404, DerivationFailed 409,
+        RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
     /// Of plots.
