@@ -139,7 +139,8 @@ impl Metrics {
         }
         let name = "packstone_derivation_duration_seconds";
         out.head(name, "histogram", "Time of making models of results, by type and outcome.");
-        for ((kind, outcome), times) in self.derivations.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        for ((kind, outcome), times) in self.derivations.lock().unwrap_or_else(PoisonError::into_inner).iter()
+        {
             let labels = format!("type=\"{kind}\",outcome=\"{outcome}\"");
             times.render(&mut out, name, &labels, JOB_BOUNDS_S);
         }

@@ -434,14 +434,16 @@ mod tests {
         let below = problem.clone().below("/postprocess/0");
         assert_eq!(below.errors[0].pointer.as_deref(), Some("/postprocess/0/cells"));
         assert_eq!(below.detail, "/postprocess/0/cells: 9 is too much (and 1 more)");
-        let without_place = Problem::new(Kind::FormatNotAvailable, "not of a periodic box").below("/postprocess");
+        let without_place =
+            Problem::new(Kind::FormatNotAvailable, "not of a periodic box").below("/postprocess");
         assert_eq!(without_place.detail, "/postprocess: not of a periodic box");
         assert_eq!(without_place.errors[0].pointer.as_deref(), Some("/postprocess"));
 
         let asked = problem.of_parameters(|name| name.replace("cells", "n"));
         assert_eq!((asked.status, asked.detail.as_str()), (422, "n: 9 is too much (and 1 more)"));
         assert_eq!(asked.errors[1], Fault::parameter("mix", "/air: 9 is too much"));
-        let invalid = Problem::fields(Kind::ValidationError, vec![fault("/a~1b")]).of_parameters(str::to_owned);
+        let invalid =
+            Problem::fields(Kind::ValidationError, vec![fault("/a~1b")]).of_parameters(str::to_owned);
         assert_eq!((invalid.status, invalid.errors[0].parameter.as_deref()), (400, Some("a/b")));
     }
 

@@ -175,7 +175,8 @@ impl Derivation {
 
 /// What a text stands for in JSON.
 fn value_of(text: &str) -> Value {
-    let looks_like_json = text.starts_with(|c: char| "{[-0123456789".contains(c)) || text == "true" || text == "false";
+    let looks_like_json =
+        text.starts_with(|c: char| "{[-0123456789".contains(c)) || text == "true" || text == "false";
     let parsed = looks_like_json.then(|| serde_json::from_str(text).ok()).flatten();
     parsed.unwrap_or_else(|| Value::String(text.to_owned()))
 }

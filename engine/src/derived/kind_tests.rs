@@ -46,16 +46,27 @@ fn what_comes_as_text_is_what_comes_as_json() {
 
 #[test]
 fn faults_of_options_are_all_told_each_at_its_place() {
-    let faults =
-        Derivation::from_text(DerivationKind::Slice, [("form", "gif"), ("colour", "red"), ("at_mm", "1"), ("at_mm", "2")])
-            .unwrap_err();
+    let faults = Derivation::from_text(
+        DerivationKind::Slice,
+        [("form", "gif"), ("colour", "red"), ("at_mm", "1"), ("at_mm", "2")],
+    )
+    .unwrap_err();
     let said = said(&faults);
-    assert!(said.iter().any(|fault| fault == "/at_mm: is given more than once: must be given once"), "{said:?}");
-    assert!(said.iter().any(|fault| fault.starts_with("/form: \"gif\" is unknown: must be one of")), "{said:?}");
+    assert!(
+        said.iter().any(|fault| fault == "/at_mm: is given more than once: must be given once"),
+        "{said:?}"
+    );
+    assert!(
+        said.iter().any(|fault| fault.starts_with("/form: \"gif\" is unknown: must be one of")),
+        "{said:?}"
+    );
     assert!(said.iter().any(|fault| fault.starts_with("/colour: unknown option: slice has ")), "{said:?}");
 
     let faults = Derivation::from_json(&json!({"type": "sphere"})).unwrap_err();
     assert!(faults[0].to_string().starts_with("/type: \"sphere\" is unknown: must be one of"), "{faults:?}");
     let faults = Derivation::from_json(&json!({"type": "slice", "colour": "red"})).unwrap_err();
-    assert!(faults[0].to_string().starts_with("/colour: unknown field: this object has type, "), "{faults:?}");
+    assert!(
+        faults[0].to_string().starts_with("/colour: unknown field: this object has type, "),
+        "{faults:?}"
+    );
 }

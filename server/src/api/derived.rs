@@ -9,6 +9,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::App;
+use super::body;
 use super::conditional::{self, Wait};
 use super::derived_view::{self, Derived};
 use super::files;
@@ -20,7 +21,6 @@ use super::params::{DerivedPath, JobPath, Query};
 use super::problem::refused;
 use super::results::finished;
 use super::waiting::{self, PREFERENCE_APPLIED};
-use super::body;
 use crate::derived::{self, DerivedRecord, DerivedState, NewDerived};
 use crate::ids::{DerivedId, JobId};
 use crate::jobs::store::{StoreError, Wish};
@@ -153,8 +153,7 @@ pub(super) async fn get(
     query.finish()?;
     let wait = Wait::of(&headers);
     let conditional = conditional::has_if_none_match(&headers);
-    let known =
-        |record: &DerivedRecord| conditional::none_match_fails(&headers, &derived_view::etag(record));
+    let known = |record: &DerivedRecord| conditional::none_match_fails(&headers, &derived_view::etag(record));
     let settled =
         |record: &DerivedRecord| if conditional { !known(record) } else { record.state.is_finished() };
     let store = &app.shared.store;
@@ -221,9 +220,10 @@ pub(super) async fn file(
         }
     }
     // What an earlier version made is handed out all the same.
-    let (media_type, ending) = record.derivation().map_or(("application/octet-stream", "bin"), |derivation| {
-        (derivation.media_type(), derivation.file_extension())
-    });
+    let (media_type, ending) =
+        record.derivation().map_or(("application/octet-stream", "bin"), |derivation| {
+            (derivation.media_type(), derivation.file_extension())
+        });
     let described = described(media_type, &record.key, &format!("{id}.{ending}"));
     if let Some(response) = described.not_modified(&headers) {
         return Ok(response);

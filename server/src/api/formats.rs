@@ -105,8 +105,7 @@ async fn respond(
         return Ok(response);
     }
     let wait = Wait::of(headers).unwrap_or(WAIT);
-    let (file, length) =
-        made(app, &job, new, wait).await.map_err(|problem| problem.of_parameters(called))?;
+    let (file, length) = made(app, &job, new, wait).await.map_err(|problem| problem.of_parameters(called))?;
     let part = described.part(method, headers, length)?;
     described.respond(part, |range| files::send_file(app, file, range)).await
 }
@@ -204,13 +203,16 @@ pub(super) async fn until_finished(
 ) -> Result<DerivedRecord, StoreError> {
     let (store, job, id) = (&app.shared.store, of.job, of.id);
     let read = move || async move { store.derived(job, id).await?.ok_or(StoreError::NoDerived) };
-    waiting::wait_until(app, wait, store.subscribe_derived(id), read, |record| record.state.is_finished()).await
+    waiting::wait_until(app, wait, store.subscribe_derived(id), read, |record| record.state.is_finished())
+        .await
 }
 
 fn not_yet(record: &DerivedRecord) -> Problem {
     let done = record.progress.as_ref().and_then(|progress| progress["fraction"].as_f64());
     not_ready(match (record.state, done) {
-        (DerivedState::Running, Some(done)) => format!("it is being made, {:.0} % of it are done", 100.0 * done),
+        (DerivedState::Running, Some(done)) => {
+            format!("it is being made, {:.0} % of it are done", 100.0 * done)
+        }
         (DerivedState::Running, None) => "it is being made".into(),
         _ => "it waits to be made behind others".into(),
     })

@@ -50,9 +50,8 @@ pub(super) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format,
 /// The format of a table, or the problem that none fits.
 pub(super) fn table_format(query: Option<&str>, headers: &HeaderMap) -> Result<TableFormat, Problem> {
     let known = TableFormat::ALL.map(|f| (f, f.name(), f.media_type()));
-    negotiated(query, headers, &known).map_err(|what| {
-        not_acceptable(&what, known.iter().map(|(_, name, media_type)| (*name, *media_type)))
-    })
+    negotiated(query, headers, &known)
+        .map_err(|what| not_acceptable(&what, known.iter().map(|(_, name, media_type)| (*name, *media_type))))
 }
 
 /// A format with its name and media type.
@@ -74,10 +73,7 @@ fn negotiated<F: Copy>(query: Option<&str>, headers: &HeaderMap, known: &[Known<
 }
 
 /// Refuses `what`, and tells the names and media types that there are.
-fn not_acceptable(
-    what: &str,
-    known: impl Iterator<Item = (&'static str, &'static str)>,
-) -> Problem {
+fn not_acceptable(what: &str, known: impl Iterator<Item = (&'static str, &'static str)>) -> Problem {
     let (mut formats, mut names) = (Vec::new(), Vec::new());
     for (name, media_type) in known {
         formats.push(serde_json::json!({"format": name, "media_type": media_type}));

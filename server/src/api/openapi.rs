@@ -11,12 +11,12 @@ use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr};
 use utoipa::{IntoResponses, OpenApi as _, ToSchema};
 
+use super::formats::{FormatOptions, ResultFormat};
 use super::job_view::Job;
 use super::negotiation::TableFormat;
 use super::problem::PROBLEM_JSON;
 use super::study_list::StateParameter;
 use super::{observe, request_schemas, router};
-use super::formats::{FormatOptions, ResultFormat};
 use crate::plots::job::JobPlot;
 use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};

@@ -91,7 +91,8 @@ impl Query {
     /// All parameters that were not asked for so far: what they may be is for others to say.
     pub(super) fn rest(&mut self) -> Vec<(String, String)> {
         let known = &self.known;
-        let (known, rest) = std::mem::take(&mut self.pairs).into_iter().partition(|(name, _)| known.contains(&name.as_str()));
+        let (known, rest) =
+            std::mem::take(&mut self.pairs).into_iter().partition(|(name, _)| known.contains(&name.as_str()));
         self.pairs = known;
         rest
     }

@@ -235,7 +235,11 @@ mod tests {
         assert_eq!(derivations.len(), DerivationKind::ALL.len());
         for (derivation, kind) in derivations.iter().zip(DerivationKind::ALL) {
             assert_eq!(derivation["properties"]["type"]["enum"], json!([kind.name()]));
-            assert!(derivation["properties"].as_object().is_some_and(|fields| fields.len() > 1), "{}", kind.name());
+            assert!(
+                derivation["properties"].as_object().is_some_and(|fields| fields.len() > 1),
+                "{}",
+                kind.name()
+            );
         }
         assert_eq!(schemas["Postprocess"]["oneOf"][1]["maxItems"], 8);
         let gradings = schemas["Grading"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);

@@ -10,8 +10,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::{
-    App, derived, formats, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots, problem_pages, results,
-    studies, study_actions, study_list, study_table,
+    App, derived, formats, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots,
+    problem_pages, results, studies, study_actions, study_list, study_table,
 };
 use crate::problem::{Kind, Problem};
 

@@ -151,7 +151,8 @@ mod tests {
         let mut settled: Vec<String> =
             artifacts.settled().unwrap().into_iter().map(|(path, _)| path).collect();
         settled.sort();
-        let all = ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/yab.1.derived", "ab/yab.2.derived.tmp"];
+        let all =
+            ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/yab.1.derived", "ab/yab.2.derived.tmp"];
         assert_eq!(settled, all);
         artifacts.remove("ab/xab.1.packstone").unwrap();
         artifacts.remove("ab/xab.1.packstone").unwrap();

@@ -33,10 +33,12 @@ impl Artifacts {
         control: &dyn Control,
     ) -> io::Result<ArtifactRecord> {
         let mut format_lengths = BTreeMap::new();
-        let ((), bytes, sha256) =
-            self.write_whole(place, control, |out| stored::write(head, spheres, out), || {
-                count_lengths(head, spheres, control).map(|lengths| format_lengths = lengths)
-            })?;
+        let ((), bytes, sha256) = self.write_whole(
+            place,
+            control,
+            |out| stored::write(head, spheres, out),
+            || count_lengths(head, spheres, control).map(|lengths| format_lengths = lengths),
+        )?;
         let report = match serde_json::to_value(&head.report)? {
             serde_json::Value::Object(report) => report,
             _ => Map::new(),

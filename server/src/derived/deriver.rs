@@ -48,7 +48,11 @@ pub(crate) struct Deriver {
 /// How making something ended.
 enum End {
     /// The file is on disk; its place stays claimed until the store refers to it.
-    Made { file: StoredFile, report: serde_json::Value, _place: InFlight },
+    Made {
+        file: StoredFile,
+        report: serde_json::Value,
+        _place: InFlight,
+    },
     Failed(Box<Problem>),
     Stopped(Stop),
 }
@@ -111,7 +115,8 @@ impl Deriver {
         started: Instant,
     ) -> std::convert::Infallible {
         // Both are told when what they name goes; each also of what changes nothing here.
-        let (mut changes, mut job) = (self.store.subscribe_derived(record.id), self.store.subscribe(record.job));
+        let (mut changes, mut job) =
+            (self.store.subscribe_derived(record.id), self.store.subscribe(record.job));
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut pace = Pace::default();
@@ -161,7 +166,10 @@ impl Deriver {
         let spheres = format::load(&stored).map_err(|error| unreadable(&error))?;
         drop(stored);
         let limits = Limits {
-            max_memory_bytes: self.limits.max_memory_bytes.saturating_sub(SPHERE_BYTES * spheres.len() as u64),
+            max_memory_bytes: self
+                .limits
+                .max_memory_bytes
+                .saturating_sub(SPHERE_BYTES * spheres.len() as u64),
             ..self.limits
         };
         let place = self.artifacts.begin_derived(&record.id.to_string(), record.attempt);

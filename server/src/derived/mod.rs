@@ -111,6 +111,8 @@ pub(crate) struct NewDerived {
     pub(crate) kind: DerivationKind,
     /// JSON with its `type`, and defaults filled in.
     pub(crate) options: String,
+    /// Made in a moment: need not wait behind what takes long.
+    pub(crate) quick: bool,
 }
 
 impl NewDerived {
@@ -119,7 +121,8 @@ impl NewDerived {
         // A value of plain fields always has a JSON form; its fields stand in one order.
         let options = serde_json::to_string(derivation).unwrap_or_default();
         let key = hex::sha256(format!("{result_sha256}\n{options}\n{REVISION}").as_bytes());
-        Self { key, kind: derivation.kind(), options }
+        let kind = derivation.kind();
+        Self { key, kind, options, quick: kind.is_quick() }
     }
 }
 

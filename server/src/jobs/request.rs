@@ -148,9 +148,7 @@ impl JobRequest {
     /// What is wrong with the first that cannot be made, at its place.
     pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Problem> {
         for (place, derivation) in self.postprocess.items() {
-            derivation
-                .check(&self.specimen, limits)
-                .map_err(|error| Problem::from(error).below(&place))?;
+            derivation.check(&self.specimen, limits).map_err(|error| Problem::from(error).below(&place))?;
         }
         Ok(())
     }
@@ -185,7 +183,8 @@ fn read_fields(
         Some(at) => at.integer(1, MAX_ATTEMPTS),
         None => Some(DEFAULT_ATTEMPTS),
     };
-    let postprocess = object.optional("postprocess").map_or(Some(Postprocess::default()), |at| read_postprocess(&at));
+    let postprocess =
+        object.optional("postprocess").map_or(Some(Postprocess::default()), |at| read_postprocess(&at));
     let packing = PackingRequest::from_object(object, seed)?;
     Some(JobRequest {
         name,

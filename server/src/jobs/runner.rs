@@ -243,7 +243,8 @@ impl Runner {
             .artifacts
             .write(&place, &head, &packed.spheres, control)
             .map_err(|error| unwritten(&error))?;
-        let postprocess = postprocess.items().iter().map(|(_, item)| NewDerived::new(item, &artifact.sha256)).collect();
+        let postprocess =
+            postprocess.items().iter().map(|(_, item)| NewDerived::new(item, &artifact.sha256)).collect();
         Ok(End::Stored { artifact, facts, grains, postprocess, _place: place })
     }
 

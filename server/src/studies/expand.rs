@@ -107,7 +107,10 @@ fn read_point(
         PlanError::Infeasible(fault) => (Kind::InfeasibleMix, vec![fault]),
     })?;
     job.check_postprocess(limits).map_err(|problem| {
-        let at = |fault: problem::Fault| FieldError { pointer: fault.pointer.unwrap_or_default(), detail: fault.detail };
+        let at = |fault: problem::Fault| FieldError {
+            pointer: fault.pointer.unwrap_or_default(),
+            detail: fault.detail,
+        };
         (problem.kind, problem.errors.into_iter().map(at).collect::<Vec<_>>())
     })?;
     // The first may be the job's own; where there are others, it names none.

@@ -111,11 +111,12 @@ impl Store {
 
     /// Whether a job's result, or something made of one, is at this path.
     pub(crate) async fn refers_to(&self, path: &str) -> Result<bool, StoreError> {
-        let row =
-            sqlx::query("select 1 from artifacts where path = ?1 union all select 1 from derived where path = ?1")
-            .bind(path)
-            .fetch_optional(self.readers())
-            .await?;
+        let row = sqlx::query(
+            "select 1 from artifacts where path = ?1 union all select 1 from derived where path = ?1",
+        )
+        .bind(path)
+        .fetch_optional(self.readers())
+        .await?;
         Ok(row.is_some())
     }
 

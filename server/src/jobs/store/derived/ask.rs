@@ -83,7 +83,11 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NoDerived`], or the database's.
-    pub(crate) async fn delete_derived(&self, job: JobId, id: DerivedId) -> Result<Option<String>, StoreError> {
+    pub(crate) async fn delete_derived(
+        &self,
+        job: JobId,
+        id: DerivedId,
+    ) -> Result<Option<String>, StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.shared.writer.lock().await;
@@ -148,7 +152,12 @@ async fn ask(
         }
         None => {
             check_waiting(&mut tx).await?;
-            (insert(&mut tx, job, new, Row { kept: keep, rank: 0, now }).await?.ok_or(StoreError::NoDerived)?, true)
+            (
+                insert(&mut tx, job, new, Row { kept: keep, rank: 0, now })
+                    .await?
+                    .ok_or(StoreError::NoDerived)?,
+                true,
+            )
         }
     };
     if keep {
@@ -228,7 +237,7 @@ async fn insert(
     .bind(new.kind.name())
     .bind(&new.options)
     .bind(row.kept)
-    .bind(new.kind.is_quick())
+    .bind(new.quick)
     .bind(row.rank)
     .bind(row.now)
     .fetch_optional(connection)

@@ -19,8 +19,8 @@ use super::{StoreError, rows};
 use crate::derived::{DerivedRecord, DerivedState, StoredFile};
 use crate::ids::DerivedId;
 
-pub(super) use ask::insert_beforehand;
 pub(crate) use ask::Wish;
+pub(super) use ask::insert_beforehand;
 pub(super) use query::files_of_job;
 pub(crate) use work::ClaimedDerived;
 

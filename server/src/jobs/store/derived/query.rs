@@ -19,7 +19,11 @@ pub(crate) struct DerivedCounts {
 
 impl Store {
     /// Something derived of that job, or `None` where there is none (any more).
-    pub(crate) async fn derived(&self, job: JobId, id: DerivedId) -> Result<Option<DerivedRecord>, StoreError> {
+    pub(crate) async fn derived(
+        &self,
+        job: JobId,
+        id: DerivedId,
+    ) -> Result<Option<DerivedRecord>, StoreError> {
         let row = sqlx::query(select_derived!("where derived.id = ? and jobs.id = ?"))
             .bind(id.to_string())
             .bind(job.to_string())

@@ -21,7 +21,6 @@ fn cut(at_mm: f64) -> NewDerived {
 
 /// The same as something that takes its time.
 fn slow(at_mm: f64) -> NewDerived {
-    // Only the row's column tells what is quick.
     NewDerived { quick: false, ..cut(at_mm) }
 }
 
@@ -142,8 +141,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
 async fn failures_of_the_options_stay_and_others_are_tried_again() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;
-    for (kind, after) in
-        [(Kind::TooLarge, DerivedState::Failed), (Kind::InternalError, DerivedState::Queued)]
+    for (kind, after) in [(Kind::TooLarge, DerivedState::Failed), (Kind::InternalError, DerivedState::Queued)]
     {
         ask(&store, job.id, cut(1.0), Wish::Use).await;
         if let Some(claimed) = store.claim_derived(false).await.unwrap() {
@@ -184,7 +182,10 @@ async fn all_files_of_a_job_go_with_it() {
     store.succeed(lease, artifact("old"), progress(1.0), Facts::default(), vec![cut(1.0)]).await.unwrap();
     make(&store, "old-cut", 1).await;
     let removed = store.remove_expired().await.unwrap();
-    assert_eq!((removed[0].id, removed[0].files.clone()), (expiring.id, vec!["old-cut".into(), "old".into()]));
+    assert_eq!(
+        (removed[0].id, removed[0].files.clone()),
+        (expiring.id, vec!["old-cut".into(), "old".into()])
+    );
 }
 
 #[tokio::test]
@@ -201,7 +202,11 @@ async fn the_cache_drops_what_was_used_longest_ago_and_nothing_that_is_kept() {
     ask(&store, job.id, cut(1.0), Wish::Use).await;
     assert_eq!(store.shrink_cache(30, made[3].id).await.unwrap(), Vec::<String>::new());
     assert_eq!(store.shrink_cache(20, made[3].id).await.unwrap(), ["file2"]);
-    assert_eq!(store.shrink_cache(0, made[3].id).await.unwrap(), ["file1"], "all but the one that is waited for");
+    assert_eq!(
+        store.shrink_cache(0, made[3].id).await.unwrap(),
+        ["file1"],
+        "all but the one that is waited for"
+    );
     assert!(again(&store, &made[0]).await.is_some(), "what is kept is no cache");
     assert_eq!(store.derived_counts().await.unwrap().cache_bytes, 10);
     ask(&store, job.id, cut(3.0), Wish::Keep).await;
@@ -246,7 +251,10 @@ async fn what_waits_and_what_is_kept_is_bounded() {
     // However much waits, the next is found by an index.
     for quick in [false, true] {
         let plan = plan_of(&store, super::work::claim_sql(quick)).await;
-        assert!(plan.iter().all(|step| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE")), "{plan:?}");
+        assert!(
+            plan.iter().all(|step| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE")),
+            "{plan:?}"
+        );
     }
 }
 

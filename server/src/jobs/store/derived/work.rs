@@ -136,7 +136,11 @@ impl Store {
     }
 
     /// Ends it without a file; `false` where nobody wants it any more.
-    pub(crate) async fn derived_failed(&self, of: &DerivedRecord, problem: &Problem) -> Result<bool, StoreError> {
+    pub(crate) async fn derived_failed(
+        &self,
+        of: &DerivedRecord,
+        problem: &Problem,
+    ) -> Result<bool, StoreError> {
         let error = Some(problem.document().into());
         self.end_derived(of, End { state: "failed", file: None, report: None, error }).await
     }
@@ -180,7 +184,11 @@ impl Store {
 
     /// Drops what was used longest ago of the cache until it holds at most so many bytes, but never the one named,
     /// which somebody waits for. Returns the paths of the files, which nothing refers to any more.
-    pub(crate) async fn shrink_cache(&self, most_bytes: u64, but: DerivedId) -> Result<Vec<String>, StoreError> {
+    pub(crate) async fn shrink_cache(
+        &self,
+        most_bytes: u64,
+        but: DerivedId,
+    ) -> Result<Vec<String>, StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.shared.writer.lock().await;
