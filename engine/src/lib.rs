@@ -25,6 +25,7 @@ pub mod rsa;
 pub mod slice;
 pub mod specimen;
 pub mod verify;
+pub mod voxels;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
 pub use control::{Control, Growth, Phase, Progress, Unattended};

@@ -36,7 +36,9 @@ fn cube(boundary: Boundary) -> Specimen {
 
 fn spheres(rows: &[([f64; 3], f64)]) -> Spheres {
     let mut spheres = Spheres::default();
-    rows.iter().for_each(|(center, d)| spheres.push(*center, *d));
+    for (center, d) in rows {
+        spheres.push(*center, *d);
+    }
     spheres
 }
 

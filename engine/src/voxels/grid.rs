@@ -1,0 +1,104 @@
+//! The grid: how many voxels of which size, and which of them lie inside a cylinder.
+
+use std::ops::Range;
+
+use super::Options;
+use super::options::DEFAULT_CELLS;
+use crate::request::Specimen;
+
+/// A grid that fills the specimen's bounding box exactly.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    /// Voxels along x, y, z.
+    pub shape: [usize; 3],
+    /// Edges of a voxel.
+    pub spacing_mm: [f64; 3],
+    /// Edges of the whole.
+    pub size_mm: [f64; 3],
+    /// For each row along x the voxels whose centres lie inside; all of them in a box. The same in all layers.
+    rows: Option<Vec<Range<usize>>>,
+}
+
+impl Grid {
+    /// Voxels as near to cubes as whole numbers of them allow.
+    pub fn new(specimen: &Specimen, options: &Options) -> Self {
+        let bounds = specimen.bounds_mm();
+        let longest = bounds.into_iter().fold(0.0, f64::max);
+        let target = options.voxel_mm.unwrap_or(longest / f64::from(options.cells.unwrap_or(DEFAULT_CELLS)));
+        let shape = bounds.map(|length| (length / target).round().max(1.0) as usize);
+        let spacing_mm = [0, 1, 2].map(|a| bounds[a] / shape[a] as f64);
+        Self { shape, spacing_mm, size_mm: bounds, rows: None }.cut(specimen)
+    }
+
+    /// Leaves out what lies outside of a cylinder.
+    fn cut(mut self, specimen: &Specimen) -> Self {
+        // A grid that will be refused for its size has no rows to speak of.
+        if let Specimen::Cylinder { diameter_mm, .. } = *specimen
+            && self.shape[1] <= super::MAX_CELLS as usize
+        {
+            let radius = diameter_mm / 2.0;
+            let inside = |j: usize| {
+                let dy = self.center(1, j) - radius;
+                let half_chord = ((radius - dy) * (radius + dy)).max(0.0).sqrt();
+                self.centers_within(0, radius - half_chord, radius + half_chord)
+            };
+            self.rows = Some((0..self.shape[1]).map(inside).collect());
+        }
+        self
+    }
+
+    /// Number of voxels, those outside of a cylinder included; saturates.
+    pub fn voxels(&self) -> u64 {
+        self.shape.iter().fold(1, |product: u64, n| product.saturating_mul(*n as u64))
+    }
+
+    /// Volume of a voxel.
+    pub fn voxel_mm3(&self) -> f64 {
+        self.spacing_mm.iter().product()
+    }
+
+    /// Centre of a voxel along one axis.
+    pub(super) fn center(&self, axis: usize, i: usize) -> f64 {
+        (i as f64 + 0.5) * self.spacing_mm[axis]
+    }
+
+    /// Corner of a voxel along one axis; that of the one past the last is the specimen's end, exactly.
+    pub(super) fn corner(&self, axis: usize, i: usize) -> f64 {
+        self.size_mm[axis] * i as f64 / self.shape[axis] as f64
+    }
+
+    /// The voxels whose centres lie in `low..=high`, along one axis.
+    pub(super) fn centers_within(&self, axis: usize, low: f64, high: f64) -> Range<usize> {
+        let n = self.shape[axis] as f64;
+        let first = (low / self.spacing_mm[axis] - 0.5).ceil().clamp(0.0, n);
+        let end = ((high / self.spacing_mm[axis] - 0.5).floor() + 1.0).clamp(first, n);
+        first as usize..end as usize
+    }
+
+    /// The voxels of a row along x that are inside the specimen.
+    pub(super) fn inside(&self, j: usize) -> Range<usize> {
+        self.rows.as_ref().map_or(0..self.shape[0], |rows| rows[j].clone())
+    }
+
+    /// Whether all voxels are inside the specimen.
+    pub(super) fn is_full(&self) -> bool {
+        self.rows.is_none()
+    }
+
+    /// Voxels of a layer that are inside the specimen.
+    pub(super) fn inside_per_layer(&self) -> u64 {
+        (0..self.shape[1]).map(|j| self.inside(j).len() as u64).sum()
+    }
+
+    /// Sets what lies outside of the specimen.
+    pub(super) fn fill_outside<T: Copy>(&self, layer: &mut [T], value: T) {
+        if self.is_full() {
+            return;
+        }
+        for (j, row) in layer.chunks_exact_mut(self.shape[0]).enumerate() {
+            let inside = self.inside(j);
+            row[..inside.start].fill(value);
+            row[inside.end..].fill(value);
+        }
+    }
+}
