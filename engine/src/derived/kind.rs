@@ -12,10 +12,10 @@ use crate::control::Control;
 use crate::plan::Limits;
 use crate::request::decode::{At, Faults, Object};
 use crate::request::{FieldError, Specimen};
-use crate::slice;
+use crate::{slice, voxels};
 
 macro_rules! derivations {
-    ($($(#[doc = $doc:literal])* $variant:ident $name:literal $($module:ident)::+;)*) => {
+    ($($(#[doc = $doc:literal])* $variant:ident $name:literal $($module:ident)::+, $read:expr;)*) => {
         /// What can be made of a finished packing, by name.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
         #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -52,7 +52,7 @@ macro_rules! derivations {
 
             fn read_options(kind: DerivationKind, object: &mut Object<'_>) -> Option<Self> {
                 match kind {
-                    $(DerivationKind::$variant => $($module)::+::Options::read(object).map(Self::$variant),)*
+                    $(DerivationKind::$variant => $read(object).map(Self::$variant),)*
                 }
             }
 
@@ -86,8 +86,14 @@ macro_rules! derivations {
 }
 
 derivations! {
+    /// Voxel labels as VTK image data.
+    Vti "vti" voxels, |object| voxels::Options::read(voxels::Form::Vti, object);
+    /// Voxel labels and nothing else.
+    Raw "raw" voxels, |object| voxels::Options::read(voxels::Form::Raw, object);
+    /// Voxels as hexahedra, Abaqus keywords to be included into a part.
+    Inp "inp" voxels, |object| voxels::Options::read(voxels::Form::Inp, object);
     /// A plane cut as circles.
-    Slice "slice" slice;
+    Slice "slice" slice, slice::Options::read;
 }
 
 impl DerivationKind {
@@ -161,6 +167,7 @@ impl Derivation {
     /// Media type of what is written, without parameters.
     pub fn media_type(&self) -> &'static str {
         match self {
+            Self::Vti(options) | Self::Raw(options) | Self::Inp(options) => options.form.media_type(),
             Self::Slice(options) => options.form.media_type(),
         }
     }
@@ -168,6 +175,7 @@ impl Derivation {
     /// Ending of the name of a file that holds it.
     pub fn file_extension(&self) -> &'static str {
         match self {
+            Self::Vti(options) | Self::Raw(options) | Self::Inp(options) => options.form.name(),
             Self::Slice(options) => options.form.name(),
         }
     }

@@ -50,6 +50,7 @@ pub(super) fn polish(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
     join_options(schemas, "Method");
     join_options(schemas, "Derivation");
+    part_voxels(schemas);
     name_formats(schemas);
     for name in REQUEST_SCHEMAS {
         if let Some(schema) = schemas.get_mut(name) {
@@ -86,9 +87,12 @@ fn choose_points(schemas: &mut Map<String, Value>) {
 /// neither part could refuse unknown fields without refusing the other's.
 fn join_options(schemas: &mut Map<String, Value>, name: &str) {
     let Some(mut schema) = schemas.get(name).cloned() else { return };
+    let mut joined_in = Vec::new();
     for variant in schema["oneOf"].as_array_mut().into_iter().flatten() {
         let options = variant["allOf"][0]["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
-        let Some(mut options) = options.and_then(|name| schemas.shift_remove(name)) else { continue };
+        let Some(name) = options.map(str::to_owned) else { continue };
+        let Some(mut options) = schemas.get(&name).cloned() else { continue };
+        joined_in.push(name);
         let description = variant.get("description").cloned();
         let mut joined = variant["allOf"][1].take();
         if let (Some(fields), Some(tag)) =
@@ -107,6 +111,24 @@ fn join_options(schemas: &mut Map<String, Value>, name: &str) {
         *variant = joined;
     }
     schemas.insert(name.to_owned(), schema);
+    for name in joined_in {
+        schemas.shift_remove(&name);
+    }
+}
+
+/// Options that voxel models have in common in the code, and not in requests.
+fn part_voxels(schemas: &mut Map<String, Value>) {
+    let variants = schemas.get_mut("Derivation").and_then(|schema| schema["oneOf"].as_array_mut());
+    for variant in variants.into_iter().flatten() {
+        let foreign: &[&str] = match variant["properties"]["type"]["enum"][0].as_str() {
+            Some("raw") => &["fractions"],
+            Some("inp") => &["label", "fractions"],
+            _ => &[],
+        };
+        if let Some(fields) = variant["properties"].as_object_mut() {
+            foreign.iter().for_each(|name| drop(fields.shift_remove(*name)));
+        }
+    }
 }
 
 /// The names of formats: those of the grains, then the models.
