@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::body;
-use super::conditional::{self, Wait};
+use super::conditional::Wait;
 use super::derived_view::{self, Derived};
 use super::files;
 use super::formats::{self, described, until_finished};
@@ -20,7 +20,7 @@ use super::pages::{self, Page};
 use super::params::{DerivedPath, JobPath, Query};
 use super::problem::refused;
 use super::results::finished;
-use super::waiting::{self, PREFERENCE_APPLIED};
+use super::waiting::{self, Asked, PREFERENCE_APPLIED};
 use crate::derived::{self, DerivedRecord, DerivedState, NewDerived};
 use crate::ids::{DerivedId, JobId};
 use crate::jobs::store::{StoreError, Wish};
@@ -151,28 +151,16 @@ pub(super) async fn get(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let wait = Wait::of(&headers);
-    let conditional = conditional::has_if_none_match(&headers);
-    let known = |record: &DerivedRecord| conditional::none_match_fails(&headers, &derived_view::etag(record));
-    let settled =
-        |record: &DerivedRecord| if conditional { !known(record) } else { record.state.is_finished() };
+    let asked = Asked::of(&headers);
     let store = &app.shared.store;
     let read = move || async move { store.derived(job, id).await?.ok_or(StoreError::NoDerived) };
-    let changes = store.subscribe_derived(id);
-    let record = waiting::wait_until(&app, wait.unwrap_or(Wait { s: 0 }), changes, read, settled)
-        .await
-        .map_err(|error| refused(error, id))?;
-    let mut response = if known(&record) {
-        let mut response = StatusCode::NOT_MODIFIED.into_response();
-        set(&mut response, header::ETAG, &derived_view::etag(&record));
-        response
-    } else {
-        derived_view::response(StatusCode::OK, &record)
+    let settled = |record: &DerivedRecord| asked.settles(record);
+    let answered = async {
+        let changes = store.subscribe_derived(id);
+        let record = waiting::wait_until(&app, asked.wait(), changes, read, settled).await?;
+        asked.answer(&record, async { Ok(derived_view::response(StatusCode::OK, &record)) }).await
     };
-    if let Some(wait) = wait {
-        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
-    }
-    Ok(response)
+    answered.await.map_err(|error| refused(error, id))
 }
 
 /// Get the file of something derived
@@ -188,9 +176,9 @@ pub(super) async fn get(
         ("If-None-Match" = Option<String>, Header, description = "Tag of the file as known"),
     ),
     responses(
-        (status = 200, description = "The file; its media type is that of the document",
-            headers(("ETag" = String, description = "Strong tag of the file"))),
-        (status = 206, description = "A part of it",
+        (status = 200, description = "The file; its media type is that of the document", body = Vec<u8>,
+            content_type = "application/octet-stream", headers(("ETag" = String, description = "Strong tag of the file"))),
+        (status = 206, description = "A part of it", body = Vec<u8>, content_type = "application/octet-stream",
             headers(("Content-Range" = String, description = "Which part, and of how much"))),
         (status = 304, description = "The file is as known"),
         DerivedFileProblems

@@ -8,6 +8,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::job_view::{set, time};
+use super::waiting::Changing;
 use crate::derived::{DerivedRecord, DerivedState};
 use crate::ids::{DerivedId, JobId};
 use crate::jobs::JobProgress;
@@ -130,16 +131,22 @@ impl Derived {
 /// As a response with its tag, and a hint when to come back while it is not finished.
 pub(super) fn response(status: StatusCode, record: &DerivedRecord) -> Response {
     let mut response = (status, axum::Json(Derived::of(record))).into_response();
-    set(&mut response, header::ETAG, &etag(record));
+    set(&mut response, header::ETAG, &record.etag());
     if !record.state.is_finished() {
         set(&mut response, header::RETRY_AFTER, "1");
     }
     response
 }
 
-/// The tag: it changes with everything that clients see.
-pub(super) fn etag(record: &DerivedRecord) -> String {
-    format!("\"{}\"", record.version)
+impl Changing for DerivedRecord {
+    /// It changes with everything that clients see.
+    fn etag(&self) -> String {
+        format!("\"{}\"", self.version)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.state.is_finished()
+    }
 }
 
 /// The path.

@@ -11,6 +11,7 @@ use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
 use packstone_engine::derived::{Derivation, DerivationKind};
 use packstone_engine::request::Specimen;
+use packstone_engine::slice;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -222,9 +223,28 @@ fn not_ready(detail: String) -> Problem {
     Problem::new(Kind::FormatNotReady, detail).with_header("retry-after", "2")
 }
 
+/// A cut in JSON.
+#[derive(Serialize, ToSchema)]
+#[allow(dead_code)]
+pub(super) struct SliceDocument {
+    #[serde(flatten)]
+    report: slice::Report,
+    circles: CircleTable,
+}
+
+/// The circles of a cut.
+#[derive(Serialize, ToSchema)]
+#[allow(dead_code)]
+pub(super) struct CircleTable {
+    /// Names of the columns.
+    columns: [String; 6],
+    /// One row a circle.
+    rows: Vec<[f64; 6]>,
+}
+
 /// What a route for each form of a cut does; they differ in nothing but its name.
 macro_rules! slices {
-    ($($handler:ident $form:literal $path:literal $operation:literal $media_type:literal $title:literal)*) => {$(
+    ($($handler:ident $form:literal $path:literal $operation:literal $body:ty, $media_type:literal $title:literal)*) => {$(
         #[doc = $title]
         ///
         /// The plane `axis` = `at_mm` through the packing, its grains as circles, with their share of its area. Supports
@@ -240,9 +260,9 @@ macro_rules! slices {
                 ("If-None-Match" = Option<String>, Header, description = "Tag of the cut as known"),
             ),
             responses(
-                (status = 200, description = "The cut", content((Vec<u8> = $media_type)),
+                (status = 200, description = "The cut", content(($body = $media_type)),
                     headers(("ETag" = String, description = "Strong tag of the cut"))),
-                (status = 206, description = "A part of it", content((Vec<u8> = $media_type)),
+                (status = 206, description = "A part of it", content(($body = $media_type)),
                     headers(("Content-Range" = String, description = "Which part, and of how much"))),
                 (status = 304, description = "The cut is as known"),
                 SliceProblems
@@ -263,8 +283,8 @@ macro_rules! slices {
 }
 
 slices! {
-    slice_svg "svg" "/v1/jobs/{id}/slice.svg" "get_slice_svg" "image/svg+xml" "Get a cut as a drawing"
-    slice_png "png" "/v1/jobs/{id}/slice.png" "get_slice_png" "image/png" "Get a cut as a picture"
-    slice_json "json" "/v1/jobs/{id}/slice.json" "get_slice_json" "application/json" "Get the circles of a cut"
-    slice_geo "geo" "/v1/jobs/{id}/slice.geo" "get_slice_geo" "text/plain" "Get a cut as a Gmsh script"
+    slice_svg "svg" "/v1/jobs/{id}/slice.svg" "get_slice_svg" String, "image/svg+xml" "Get a cut as a drawing"
+    slice_png "png" "/v1/jobs/{id}/slice.png" "get_slice_png" Vec<u8>, "image/png" "Get a cut as a picture"
+    slice_json "json" "/v1/jobs/{id}/slice.json" "get_slice_json" SliceDocument, "application/json" "Get the circles of a cut"
+    slice_geo "geo" "/v1/jobs/{id}/slice.geo" "get_slice_geo" String, "text/plain" "Get a cut as a Gmsh script"
 }

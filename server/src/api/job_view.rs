@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::derived_view::DerivedLink;
+use super::waiting::Changing;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
 use crate::problem::ProblemDocument;
@@ -200,7 +201,7 @@ pub(super) async fn whole(app: &App, job: &JobRecord) -> Result<Job, StoreError>
 /// The job as a response with its tag, and a hint when to come back while it is not finished.
 pub(super) fn response(status: axum::http::StatusCode, record: &JobRecord, job: &Job) -> Response {
     let mut response = (status, axum::Json(job)).into_response();
-    set(&mut response, header::ETAG, &etag(record));
+    set(&mut response, header::ETAG, &record.etag());
     if !record.state.is_finished() {
         set(&mut response, header::RETRY_AFTER, "1");
     }
@@ -214,9 +215,15 @@ pub(super) fn set(response: &mut Response, name: header::HeaderName, value: &str
     }
 }
 
-/// The tag of a job: it changes with everything that clients see.
-pub(super) fn etag(job: &JobRecord) -> String {
-    format!("\"{}\"", job.version)
+impl Changing for JobRecord {
+    /// It changes with everything that clients see.
+    fn etag(&self) -> String {
+        format!("\"{}\"", self.version)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.state.is_finished()
+    }
 }
 
 /// The path of a job.

@@ -10,13 +10,13 @@ use jiff::Timestamp;
 use packstone_engine::{Limits, Plan};
 use serde_json::Value;
 
-use super::conditional::{self, Wait};
+use super::conditional::Wait;
 use super::job_view::{self, Job, set};
 use super::observe::Caller;
 use super::openapi::{self, JobProblems, SubmitProblems};
 use super::params::{JobPath, Query};
 use super::problem::refused;
-use super::waiting::{self, PREFERENCE_APPLIED};
+use super::waiting::{self, Asked, PREFERENCE_APPLIED};
 use super::{App, LARGE_BODY_BYTES, body};
 use crate::hex;
 use crate::jobs::store::{IdempotencyKey, NewJob, StoreError, Submitted};
@@ -112,25 +112,16 @@ pub(super) async fn get(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let wait = Wait::of(&headers);
-    let conditional = conditional::has_if_none_match(&headers);
-    let known = |job: &JobRecord| conditional::none_match_fails(&headers, &job_view::etag(job));
-    let settled = |job: &JobRecord| if conditional { !known(job) } else { job.state.is_finished() };
-    let record = wait_until(&app, id, wait.unwrap_or(Wait { s: 0 }), settled)
-        .await
-        .map_err(|error| refused(error, id))?;
-    let mut response = if known(&record) {
-        let mut response = StatusCode::NOT_MODIFIED.into_response();
-        set(&mut response, header::ETAG, &job_view::etag(&record));
-        response
-    } else {
-        let job = job_view::whole(&app, &record).await.map_err(|error| refused(error, id))?;
-        job_view::response(StatusCode::OK, &record, &job)
+    let asked = Asked::of(&headers);
+    let answered = async {
+        let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
+        let whole = async {
+            let job = job_view::whole(&app, &record).await?;
+            Ok(job_view::response(StatusCode::OK, &record, &job))
+        };
+        asked.answer(&record, whole).await
     };
-    if let Some(wait) = wait {
-        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
-    }
-    Ok(response)
+    answered.await.map_err(|error| refused(error, id))
 }
 
 /// Waits until a job is as wished, the time is over, or the server stops; the job as it is then.

@@ -11,7 +11,7 @@ use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr};
 use utoipa::{IntoResponses, OpenApi as _, ToSchema};
 
-use super::formats::{FormatOptions, ResultFormat};
+use super::formats::{self, FormatOptions, ResultFormat, SliceDocument};
 use super::job_view::Job;
 use super::negotiation::TableFormat;
 use super::problem::PROBLEM_JSON;
@@ -23,6 +23,7 @@ use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
 use packstone_engine::format::EngineInfo;
 use packstone_engine::packing::{GrowthPoint, Statistics, Summary, Timings, Verification};
+use packstone_engine::slice::Form;
 
 use crate::jobs::JobRequest;
 
@@ -44,7 +45,7 @@ are tagged by `type`; unknown fields and parameters are refused. Every error is 
     // What only parameters refer to is not found by itself.
     components(schemas(
         ProblemDocument, JobRequest, ResultDocument, JobPlot, StudyPlot, StateParameter, TableFormat,
-        ResultFormat, FormatOptions
+        ResultFormat, FormatOptions, SliceDocument
     ))
 )]
 struct Base;
@@ -194,6 +195,7 @@ fn problem_response(description: &str) -> Response {
 pub(super) fn finished(document: &OpenApi) -> Value {
     let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
+    add_media_types(&mut value);
     add_links(&mut value);
     request_schemas::polish(&mut value);
     value
@@ -202,6 +204,26 @@ pub(super) fn finished(document: &OpenApi) -> Value {
 /// The document as YAML.
 pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
     yaml_serde::to_string(&router::document())
+}
+
+/// Says in which media types models come: as many as there are of them.
+fn add_media_types(document: &mut Value) {
+    let cuts = Form::ALL.map(Form::media_type);
+    let models: Vec<_> = formats::models().map(formats::media_type).collect();
+    let file = "/v1/jobs/{id}/derived/{derived_id}/file";
+    for (path, media_types) in [("/v1/jobs/{id}/result", &models), (file, &[&cuts[..], &models].concat())] {
+        for status in ["200", "206"] {
+            let content = &mut document["paths"][path]["get"]["responses"][status]["content"];
+            for media_type in media_types {
+                let schema = if *media_type == "application/json" {
+                    json!({"$ref": "#/components/schemas/SliceDocument"})
+                } else {
+                    json!({"type": "string", "contentMediaType": media_type})
+                };
+                content[*media_type] = json!({ "schema": schema });
+            }
+        }
+    }
 }
 
 /// Says which routes take the id of what was submitted.

@@ -52,6 +52,7 @@ pub(super) fn polish(document: &mut Value) {
     join_options(schemas, "Derivation");
     part_voxels(schemas);
     name_formats(schemas);
+    describe_cuts(schemas);
     for name in REQUEST_SCHEMAS {
         if let Some(schema) = schemas.get_mut(name) {
             objects_of(schema).into_iter().for_each(close);
@@ -128,6 +129,18 @@ fn part_voxels(schemas: &mut Map<String, Value>) {
         if let Some(fields) = variant["properties"].as_object_mut() {
             foreign.iter().for_each(|name| drop(fields.shift_remove(*name)));
         }
+    }
+}
+
+/// A cut in JSON: its figures and its circles.
+fn describe_cuts(schemas: &mut Map<String, Value>) {
+    let columns = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
+    if let Some(schema) = schemas.get_mut("SliceDocument") {
+        let circles = &mut schema["properties"]["circles"];
+        circles["properties"]["columns"]["prefixItems"] =
+            columns.iter().map(|name| json!({"const": name})).collect();
+        circles["properties"]["rows"]["items"] =
+            json!({"type": "array", "items": {"type": "number"}, "minItems": 6, "maxItems": 6});
     }
 }
 

@@ -4,13 +4,13 @@ use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
 use bytes::Bytes;
 use jiff::Timestamp;
 use packstone_engine::Limits;
 use serde_json::Value;
 
-use super::conditional::{self, Wait};
+use super::conditional::Wait;
 use super::job_view::set;
 use super::jobs::{content_sha256, idempotency_key};
 use super::observe::Caller;
@@ -19,7 +19,7 @@ use super::params::{Query, StudyPath};
 use super::problem::refused;
 use super::study_schemas::StudyRequest;
 use super::study_view::{self, Study as StudyView};
-use super::waiting::{self, PREFERENCE_APPLIED};
+use super::waiting::{self, Asked, PREFERENCE_APPLIED};
 use super::{App, body};
 use crate::ids::StudyId;
 use crate::jobs::request;
@@ -116,25 +116,12 @@ pub(super) async fn get(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let wait = Wait::of(&headers);
-    let conditional = conditional::has_if_none_match(&headers);
-    let known = |study: &StudyRecord| conditional::none_match_fails(&headers, &study_view::etag(study));
-    let settled =
-        |study: &StudyRecord| if conditional { !known(study) } else { study.state() == StudyState::Finished };
-    let record = wait_until(&app, id, wait.unwrap_or(Wait { s: 0 }), settled)
-        .await
-        .map_err(|error| refused(error, id))?;
-    let mut response = if known(&record) {
-        let mut response = StatusCode::NOT_MODIFIED.into_response();
-        set(&mut response, header::ETAG, &study_view::etag(&record));
-        response
-    } else {
-        study_view::response(&app, StatusCode::OK, &record).await.map_err(|error| refused(error, id))?
+    let asked = Asked::of(&headers);
+    let answered = async {
+        let record = wait_until(&app, id, asked.wait(), |study| asked.settles(study)).await?;
+        asked.answer(&record, study_view::response(&app, StatusCode::OK, &record)).await
     };
-    if let Some(wait) = wait {
-        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
-    }
-    Ok(response)
+    answered.await.map_err(|error| refused(error, id))
 }
 
 /// Waits until a study is as wished, the time is over, or the server stops; the study as it is then.

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 use super::App;
 use super::job_view::{set, time};
 use super::study_schemas::StudyRequest;
+use super::waiting::Changing;
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
 use crate::studies::StopWhen;
@@ -175,16 +176,22 @@ pub(super) async fn response(
     let request = app.shared.store.study_request(record.seq).await?;
     let study = Study { summary: StudySummary::of(app, record), request };
     let mut response = (status, axum::Json(study)).into_response();
-    set(&mut response, header::ETAG, &etag(record));
+    set(&mut response, header::ETAG, &record.etag());
     if record.state() == StudyState::Open {
         set(&mut response, header::RETRY_AFTER, "1");
     }
     Ok(response)
 }
 
-/// The tag of a study: it changes with everything that clients see.
-pub(super) fn etag(study: &StudyRecord) -> String {
-    format!("\"{}\"", study.version)
+impl Changing for StudyRecord {
+    /// It changes with everything that clients see.
+    fn etag(&self) -> String {
+        format!("\"{}\"", self.version)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.state() == StudyState::Finished
+    }
 }
 
 /// The path of a study.

@@ -1,12 +1,14 @@
-//! Holding an answer back until something is as wished.
+//! Holding an answer back until something is as wished: long polls.
 
-use axum::http::HeaderName;
 use std::hash::Hash;
 
+use axum::http::{HeaderMap, HeaderName, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
 use tokio::time::{Instant, timeout_at};
 
 use super::App;
-use super::conditional::Wait;
+use super::conditional::{self, Wait};
+use super::job_view::set;
 use crate::jobs::changes::Subscription;
 use crate::jobs::store::StoreError;
 
@@ -40,5 +42,59 @@ where
         if !matches!(timeout_at(until, changed).await, Ok(true)) {
             return read().await;
         }
+    }
+}
+
+/// What changes until it is finished, and has a tag that tells one state from another.
+pub(super) trait Changing {
+    /// The tag of the state it is in.
+    fn etag(&self) -> String;
+    /// Whether it is finished.
+    fn is_finished(&self) -> bool;
+}
+
+/// How a client asks how something is: held back until it differs from what the client knows, or, where it
+/// knows nothing, until it is finished.
+pub(super) struct Asked<'a> {
+    headers: &'a HeaderMap,
+    wait: Option<Wait>,
+}
+
+impl<'a> Asked<'a> {
+    pub(super) fn of(headers: &'a HeaderMap) -> Self {
+        Self { headers, wait: Wait::of(headers) }
+    }
+
+    /// For how long the answer may be held back.
+    pub(super) fn wait(&self) -> Wait {
+        self.wait.unwrap_or(Wait { s: 0 })
+    }
+
+    /// Whether this state is news to the client.
+    pub(super) fn settles(&self, state: &impl Changing) -> bool {
+        if conditional::has_if_none_match(self.headers) { !self.knows(state) } else { state.is_finished() }
+    }
+
+    fn knows(&self, state: &impl Changing) -> bool {
+        conditional::none_match_fails(self.headers, &state.etag())
+    }
+
+    /// The answer: that the state is known, or the whole of it.
+    pub(super) async fn answer<E>(
+        &self,
+        state: &impl Changing,
+        whole: impl Future<Output = Result<Response, E>>,
+    ) -> Result<Response, E> {
+        let mut response = if self.knows(state) {
+            let mut response = StatusCode::NOT_MODIFIED.into_response();
+            set(&mut response, header::ETAG, &state.etag());
+            response
+        } else {
+            whole.await?
+        };
+        if let Some(wait) = self.wait {
+            set(&mut response, PREFERENCE_APPLIED, &wait.applied());
+        }
+        Ok(response)
     }
 }
