@@ -15,6 +15,7 @@ pub mod distance;
 pub mod edmd;
 pub mod error;
 pub mod format;
+pub mod mesh;
 pub mod mix;
 mod pack;
 pub mod packing;
