@@ -10,6 +10,7 @@
 pub mod analysis;
 pub mod checkpoint;
 pub mod control;
+pub mod delaunay;
 pub mod derived;
 pub mod distance;
 pub mod edmd;
