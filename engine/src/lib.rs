@@ -16,6 +16,7 @@ pub mod distance;
 pub mod edmd;
 pub mod error;
 pub mod format;
+pub mod ldpm;
 pub mod mix;
 mod pack;
 pub mod packing;
