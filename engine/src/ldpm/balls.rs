@@ -15,7 +15,7 @@ struct Ball {
 pub(super) struct Balls {
     counts: [usize; 3],
     per_mm: [f64; 3],
-    balls: Vec<Ball>,
+    all: Vec<Ball>,
     /// First link of each bucket.
     heads: Vec<u32>,
     /// Ball and next link.
@@ -30,7 +30,7 @@ impl Balls {
         let counts = bounds.map(|length| ((length / width) as usize).max(1));
         let per_mm = std::array::from_fn(|a| counts[a] as f64 / bounds[a]);
         let buckets = counts.iter().product();
-        Self { counts, per_mm, balls: Vec::new(), heads: vec![NONE; buckets], links: Vec::new() }
+        Self { counts, per_mm, all: Vec::new(), heads: vec![NONE; buckets], links: Vec::new() }
     }
 
     fn index(&self, axis: usize, x: f64) -> usize {
@@ -39,8 +39,8 @@ impl Balls {
 
     /// Adds a ball.
     pub(super) fn push(&mut self, center: [f64; 3], radius: f64) {
-        let id = self.balls.len() as u32;
-        self.balls.push(Ball { center, radius });
+        let id = self.all.len() as u32;
+        self.all.push(Ball { center, radius });
         let low: [usize; 3] = std::array::from_fn(|a| self.index(a, center[a] - radius));
         let high: [usize; 3] = std::array::from_fn(|a| self.index(a, center[a] + radius));
         for z in low[2]..=high[2] {
@@ -72,7 +72,7 @@ impl Balls {
         let mut link = self.heads[(z * self.counts[1] + y) * self.counts[0] + x];
         while link != NONE {
             let [id, next] = self.links[link as usize];
-            let ball = &self.balls[id as usize];
+            let ball = &self.all[id as usize];
             let distance2 = (0..3).map(|a| (p[a] - ball.center[a]).powi(2)).sum();
             if asked(ball, distance2) {
                 return true;

@@ -210,7 +210,9 @@ impl Surface {
         apex.fill(far / 2.0);
         for face in topology::boundary(tets, neighbors) {
             triangles += 1;
-            face.iter().for_each(|&node| met[node as usize] = true);
+            for node in face {
+                met[node as usize] = true;
+            }
             let corners = face.map(|node| point(nodes.points_mm[node as usize]));
             volume.add(triangle_area(corners).dot(&(corners[0] - apex)) / 3.0);
             for (node, part) in tessellation::boundary_facets(nodes, face) {

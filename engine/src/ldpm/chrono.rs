@@ -63,15 +63,17 @@ impl<W: Write> Archive<W> {
         notes: &[&str],
     ) -> Result<(), DerivedError> {
         self.start(&format!("{NAME}-data-{suffix}.dat"))?;
-        let rule = "// ================================================================================\n";
-        let mut head =
-            format!("{rule}// Packstone {}: lattice discrete particle model\n{rule}", crate::VERSION);
-        head.push_str(&format!("// {title}\n//\n// Data Structure:\n// {columns}\n"));
+        let rule = "// ================================================================================";
+        writeln!(
+            self.text,
+            "{rule}\n// Packstone {}: lattice discrete particle model\n{rule}",
+            crate::VERSION
+        )?;
+        writeln!(self.text, "// {title}\n//\n// Data Structure:\n// {columns}")?;
         for note in notes {
-            head.push_str(&format!("// {note}\n"));
+            writeln!(self.text, "// {note}")?;
         }
-        head.push_str(&format!("// Lengths in mm. All indices count from zero.\n{rule}"));
-        self.text.extend_from_slice(head.as_bytes());
+        writeln!(self.text, "// Lengths in mm. All indices count from zero.\n{rule}")?;
         Ok(())
     }
 
@@ -225,7 +227,9 @@ fn write_surface<W: Write>(lattice: &Lattice, archive: &mut Archive<W>) -> Resul
     for face in topology::boundary(&lattice.tets, &lattice.neighbors) {
         for (node, corners) in boundary_facets(&lattice.nodes, face) {
             archive.whole_numbers(&[node]);
-            corners.into_iter().for_each(|corner| archive.point(corner));
+            for corner in corners {
+                archive.point(corner);
+            }
             archive.end_line()?;
         }
     }
@@ -258,7 +262,9 @@ fn write_facets<W: Write>(
             archive.text.push(b' ');
             archive.numbers(&[facet.unsigned_volume(), facet.projected_area().abs()]);
             let [q, s] = facet.tangents();
-            [facet.centroid(), facet.normal, q, s].into_iter().for_each(|p| archive.point(p));
+            for vector in [facet.centroid(), facet.normal, q, s] {
+                archive.point(vector);
+            }
             // One material.
             archive.text.extend_from_slice(b" 0");
             archive.end_line()?;

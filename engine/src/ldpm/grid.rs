@@ -124,37 +124,42 @@ impl<'a> Grid<'a> {
     }
 
     pub(super) fn write(&self, out: &mut dyn Write) -> Result<(), DerivedError> {
-        let mut head = format!(
+        let mut head = Vec::new();
+        write!(
+            head,
             r#"<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">
   <UnstructuredGrid>
     <Piece NumberOfPoints="{}" NumberOfCells="{}">
 "#,
             self.points, self.cells
-        );
+        )?;
         for (place, tag) in [
             (Place::PointData, "PointData"),
             (Place::CellData, "CellData"),
             (Place::Points, "Points"),
             (Place::Cells, "Cells"),
         ] {
-            head.push_str(&format!("      <{tag}>\n"));
+            writeln!(head, "      <{tag}>")?;
             let mut offset = 0;
             for array in &self.arrays {
                 if array.place == place {
-                    head.push_str(&format!(
-                        "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{offset}\"/>\n",
+                    writeln!(
+                        head,
+                        "        <DataArray type=\"{}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{offset}\"/>",
                         array.kind.name(),
                         array.name,
                         array.components,
-                    ));
+                    )?;
                 }
                 offset += 8 + array.bytes;
             }
-            head.push_str(&format!("      </{tag}>\n"));
+            writeln!(head, "      </{tag}>")?;
         }
-        head.push_str("    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n   _");
-        out.write_all(head.as_bytes())?;
+        head.extend_from_slice(
+            b"    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n   _",
+        );
+        out.write_all(&head)?;
         for array in &self.arrays {
             out.write_all(&array.bytes.to_le_bytes())?;
             let mut sink = Sink { out: &mut *out, bytes: Vec::with_capacity(2 * BLOCK_BYTES), written: 0 };

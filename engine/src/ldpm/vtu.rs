@@ -49,7 +49,7 @@ pub(super) fn write_tets(
     let (n, m) = (nodes.len() as u64, tets.len() as u64);
     let mut grid = Grid::new(n, m);
     grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * n, |sink| {
-        column(sink, nodes.points_mm.iter(), |sink, p| sink.floats(p))
+        column(sink, nodes.points_mm.as_flattened().iter(), |sink, &x| sink.float(x))
     });
     grid.add((Place::PointData, "radius"), (Kind::Float64, 1), n, |sink| {
         column(sink, nodes.radii_mm.iter(), |sink, &r| sink.float(r))
@@ -289,7 +289,7 @@ pub(super) fn write_cells(
     let mut grid = Grid::new(points, n);
     grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * points, |sink| {
         numbers.write_points(sink, work)?;
-        column(sink, nodes.points_mm[..nodes.boundary].iter(), |sink, p| sink.floats(p))
+        column(sink, nodes.points_mm[..nodes.boundary].as_flattened().iter(), |sink, &x| sink.float(x))
     });
     grid.add((Place::CellData, "volume"), (Kind::Float64, 1), n, |sink| {
         column(sink, lattice.cells.iter(), |sink, cell| sink.float(cell.volume_mm3))
@@ -323,7 +323,9 @@ pub(super) fn write_cells(
             sink.int(cell.triangles.len() as i32);
             for triangle in &cell.triangles {
                 sink.int(3);
-                triangle.iter().for_each(|&point| sink.int(point));
+                for &point in triangle {
+                    sink.int(point);
+                }
             }
         })
     });
