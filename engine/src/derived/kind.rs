@@ -12,7 +12,7 @@ use crate::control::Control;
 use crate::plan::Limits;
 use crate::request::decode::{At, Faults, Object};
 use crate::request::{FieldError, Specimen};
-use crate::{slice, voxels};
+use crate::{ldpm, mesh, slice, voxels};
 
 macro_rules! derivations {
     ($($(#[doc = $doc:literal])* $variant:ident $name:literal $($module:ident)::+, $read:expr;)*) => {
@@ -86,6 +86,12 @@ macro_rules! derivations {
 }
 
 derivations! {
+    /// Surfaces of grains and specimen as a Gmsh file, to be meshed in one call.
+    Msh "msh" mesh::msh, mesh::msh::Options::read;
+    /// Spheres and specimen as a Gmsh script.
+    Geo "geo" mesh::geo, mesh::geo::Options::read;
+    /// Surfaces as STL, a file for each phase in a zip.
+    Stl "stl" mesh::stl, mesh::stl::Options::read;
     /// Voxel labels as VTK image data.
     Vti "vti" voxels, |object| voxels::Options::read(voxels::Form::Vti, object);
     /// Voxel labels and nothing else.
@@ -94,6 +100,8 @@ derivations! {
     Inp "inp" voxels, |object| voxels::Options::read(voxels::Form::Inp, object);
     /// A plane cut as circles.
     Slice "slice" slice, slice::Options::read;
+    /// A lattice discrete particle model, checked.
+    Ldpm "ldpm" ldpm, ldpm::Options::read;
 }
 
 impl DerivationKind {
@@ -167,16 +175,24 @@ impl Derivation {
     /// Media type of what is written, without parameters.
     pub fn media_type(&self) -> &'static str {
         match self {
+            Self::Msh(_) => "application/vnd.gmsh.msh",
+            Self::Geo(_) => "text/plain",
+            Self::Stl(_) => "application/zip",
             Self::Vti(options) | Self::Raw(options) | Self::Inp(options) => options.form.media_type(),
             Self::Slice(options) => options.form.media_type(),
+            Self::Ldpm(options) => options.file.media_type(),
         }
     }
 
     /// Ending of the name of a file that holds it.
     pub fn file_extension(&self) -> &'static str {
         match self {
+            Self::Msh(_) => "msh",
+            Self::Geo(_) => "geo",
+            Self::Stl(_) => "zip",
             Self::Vti(options) | Self::Raw(options) | Self::Inp(options) => options.form.name(),
             Self::Slice(options) => options.form.name(),
+            Self::Ldpm(options) => options.file.extension(),
         }
     }
 }

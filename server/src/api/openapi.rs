@@ -22,6 +22,7 @@ use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
 use packstone_engine::format::EngineInfo;
+use packstone_engine::ldpm::File;
 use packstone_engine::packing::{GrowthPoint, Statistics, Summary, Timings, Verification};
 use packstone_engine::slice::Form;
 
@@ -209,7 +210,8 @@ pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
 /// Says in which media types models come: as many as there are of them.
 fn add_media_types(document: &mut Value) {
     let cuts = Form::ALL.map(Form::media_type);
-    let models: Vec<_> = formats::models().map(formats::media_type).collect();
+    let lattice = File::Cells.media_type();
+    let models: Vec<_> = formats::models().map(formats::media_type).chain([lattice]).collect();
     let file = "/v1/jobs/{id}/derived/{derived_id}/file";
     for (path, media_types) in [("/v1/jobs/{id}/result", &models), (file, &[&cuts[..], &models].concat())] {
         for status in ["200", "206"] {
