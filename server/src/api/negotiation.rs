@@ -161,7 +161,10 @@ mod tests {
         assert_eq!(format(Some("npy"), &headers).unwrap(), Format::Npy);
         let problem = format(Some("xlsx"), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
-        assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
+        assert_eq!(
+            problem.detail,
+            "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy, msh, geo, stl, vti, raw, inp, ldpm"
+        );
         assert_eq!(problem.document()["formats"][1]["media_type"], "text/csv");
     }
 }

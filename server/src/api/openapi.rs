@@ -204,7 +204,13 @@ pub(super) fn finished(document: &OpenApi) -> Value {
 
 /// The document as YAML.
 pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
-    yaml_serde::to_string(&router::document())
+    let text = yaml_serde::to_string(&router::document())?;
+    // A letter that older YAML reads as yes or no.
+    let quoted = |line: &str| match line.trim_start() {
+        "- y" | "- n" => line.replace("- y", "- 'y'").replace("- n", "- 'n'"),
+        _ => line.to_owned(),
+    };
+    Ok(text.lines().map(|line| quoted(line) + "\n").collect())
 }
 
 /// Says in which media types models come: as many as there are of them.
