@@ -10,7 +10,8 @@ pub(super) fn write(cut: &Cut, report: &Report, out: &mut dyn Write) -> io::Resu
     let long = width.max(height);
     // A millionth of the longer edge is finer than any printer.
     let decimals = (5.0 - long.log10().floor()).clamp(0.0, 12.0) as usize;
-    let (margin, font, line) = (0.03 * long, 0.035 * long, 0.003 * long);
+    // So wide a text fits between the scale bar and the right edge of any cut.
+    let (margin, font, line) = (0.03 * long, 0.035 * width, 0.003 * long);
     let bar = scale_bar(width);
     let (left, top) = (-margin, -margin);
     let (full_width, full_height) = (width + 2.0 * margin, height + 2.0 * margin + 2.2 * font);

@@ -122,11 +122,10 @@ impl Lattice<'_> {
     /// The nodes of a row that elements have.
     fn node_row(&self, j: usize) -> std::ops::Range<usize> {
         let rows = [j.checked_sub(1), (j < self.grid.shape[1]).then_some(j)];
-        let mut range = usize::MAX..0;
-        for row in rows.into_iter().flatten().map(|j| self.grid.inside(j)).filter(|row| !row.is_empty()) {
-            range = range.start.min(row.start)..range.end.max(row.end + 1);
-        }
-        if range.start < range.end { range } else { 0..0 }
+        let rows = rows.into_iter().flatten().map(|j| self.grid.inside(j)).filter(|row| !row.is_empty());
+        rows.map(|row| row.start..row.end + 1)
+            .reduce(|a, b| a.start.min(b.start)..a.end.max(b.end))
+            .unwrap_or_default()
     }
 
     fn write_nodes(&self, out: &mut dyn Write) -> io::Result<()> {

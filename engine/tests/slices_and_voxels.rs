@@ -1,0 +1,103 @@
+//! Voxel models and cuts read by the programs that users have: VTK, meshio, Gmsh, Pillow, numpy.
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use packstone_engine::derived::Model;
+use packstone_engine::request::decode::{At, Faults, Object};
+use packstone_engine::{Limits, PackingRequest, Unattended, pack, slice, voxels};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/read_slices_and_voxels.py");
+
+/// The interpreter to use: that of `PACKSTONE_PYTHON`, which must then do, or else a `python3` that happens
+/// to have the packages.
+fn interpreter() -> Option<PathBuf> {
+    if let Some(named) = std::env::var_os("PACKSTONE_PYTHON") {
+        return Some(named.into());
+    }
+    let imports = "import numpy, vtkmodules.vtkIOXML, meshio, gmsh, PIL";
+    let usable =
+        Command::new("python3").args(["-c", imports]).output().is_ok_and(|tried| tried.status.success());
+    usable.then(|| "python3".into())
+}
+
+fn read<T>(options: &Value, read: impl Fn(&mut Object<'_>) -> Option<T>) -> T {
+    let faults = Faults::default();
+    let mut object = At::root(options, &faults).object().unwrap();
+    let options = read(&mut object);
+    object.finish();
+    assert_eq!(faults.into_vec(), []);
+    options.unwrap()
+}
+
+/// Writes a file and its report beside it.
+fn keep(directory: &Path, name: &str, bytes: &[u8], report: &impl Serialize, more: &Value) {
+    let mut report = serde_json::to_value(report).unwrap();
+    report.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    fs::write(directory.join(name), bytes).unwrap();
+    fs::write(directory.join(format!("{name}.json")), report.to_string()).unwrap();
+}
+
+fn make(directory: &Path, specimen: &Value, at: f64) {
+    fs::create_dir(directory).unwrap();
+    let request = json!({
+        "specimen": specimen,
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "volume_fraction": 0.5},
+        "distance": {"type": "constant", "mm": 0.2},
+    });
+    let request = PackingRequest::from_json(&request, 1).unwrap();
+    let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
+    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+    let volume = json!({"specimen_volume_mm3": request.specimen.volume_mm3()});
+    let grids = [
+        ("voxels", voxels::Form::Vti, json!({"cells": 41, "label": "grain", "fractions": true})),
+        ("voxels", voxels::Form::Raw, json!({"cells": 41, "label": "grain"})),
+        ("coarse", voxels::Form::Raw, json!({"voxel_mm": 1.3})),
+        ("voxels", voxels::Form::Inp, json!({"voxel_mm": 1.3})),
+    ];
+    for (name, form, options) in grids {
+        let options = read(&options, |object| voxels::Options::read(form, object));
+        let mut bytes = Vec::new();
+        let report = voxels::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+        keep(directory, &format!("{name}.{}", form.name()), &bytes, &report, &volume);
+    }
+    for axis in ["x", "y", "z"] {
+        for form in slice::Form::ALL {
+            let mut options = json!({"form": form, "axis": axis, "at_mm": at});
+            if form == slice::Form::Png {
+                options["pixels"] = json!(400);
+            }
+            let options = read(&options, slice::Options::read);
+            let mut bytes = Vec::new();
+            let report = slice::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+            keep(directory, &format!("slice-{axis}.{}", form.name()), &bytes, &report, &json!({}));
+        }
+    }
+}
+
+#[test]
+fn other_programs_read_what_the_reports_say() {
+    let Some(python) = interpreter() else {
+        // Past the capture of the test harness: that nothing was tested must be seen.
+        let warning = "\n*** SKIPPED: no Python with vtk, meshio, gmsh, pillow; nobody read the voxels and cuts.\n\
+                       *** Set PACKSTONE_PYTHON to one with tests/python/requirements.txt installed.\n";
+        std::io::stderr().write_all(warning.as_bytes()).unwrap();
+        return;
+    };
+    let directory = tempfile::tempdir().unwrap();
+    let kept = directory.path().to_owned();
+    let _ = &kept;
+    let make = |name: &str, specimen: Value, at| make(&directory.path().join(name), &specimen, at);
+    make("walls", json!({"type": "box", "size_mm": [30, 26, 22]}), 11.3);
+    make("periodic", json!({"type": "box", "size_mm": [22, 22, 22], "boundary": "periodic"}), 0.4);
+    make("cylinder", json!({"type": "cylinder", "diameter_mm": 24, "height_mm": 30}), 7.1);
+    let read = Command::new(python).arg(SCRIPT).arg(directory.path()).output().unwrap();
+    let said = String::from_utf8_lossy(&read.stdout);
+    assert!(read.status.success(), "{said}{}", String::from_utf8_lossy(&read.stderr));
+    assert!(said.contains("3 packings agree"), "{said}");
+}
