@@ -15,7 +15,8 @@ use super::tessellation::{Point, Tet, boundary_facets};
 use super::text::{push_number, push_whole};
 use super::work::Work;
 use super::{Lattice, Options, Report, topology};
-use crate::derived::DerivedError;
+use crate::control::Control;
+use crate::derived::{DerivedError, go_on};
 
 /// Name that all files begin with.
 pub(super) const NAME: &str = "ldpm";
@@ -48,12 +49,13 @@ impl Write for Tap<'_> {
 }
 
 /// An archive under way: one file at a time, in blocks of text.
-struct Archive<W: Write> {
+struct Archive<'a, W: Write> {
     zip: ZipWriter<zip::write::StreamWriter<W>>,
     text: Vec<u8>,
+    control: &'a dyn Control,
 }
 
-impl<W: Write> Archive<W> {
+impl<W: Write> Archive<'_, W> {
     /// Begins the next file.
     fn begin(
         &mut self,
@@ -96,6 +98,7 @@ impl<W: Write> Archive<W> {
 
     fn write(&mut self) -> Result<(), DerivedError> {
         if !self.text.is_empty() {
+            go_on(self.control)?;
             self.zip.write_all(&self.text)?;
             self.text.clear();
         }
@@ -144,7 +147,11 @@ pub(super) fn write(
 ) -> Result<(), DerivedError> {
     let closed = Cell::new(false);
     let tap = Tap { out, closed: &closed };
-    let mut archive = Archive { zip: ZipWriter::new_stream(tap), text: Vec::with_capacity(2 * BLOCK_BYTES) };
+    let mut archive = Archive {
+        zip: ZipWriter::new_stream(tap),
+        text: Vec::with_capacity(2 * BLOCK_BYTES),
+        control: work.control,
+    };
     let written = write_files(lattice, options, work, &mut archive);
     // A writer that is dropped half way finishes its archive first, and complains where it can't.
     closed.set(written.is_err());
@@ -160,7 +167,7 @@ fn write_files<W: Write>(
     lattice: &Lattice,
     options: &Options,
     work: &Work<'_>,
-    archive: &mut Archive<W>,
+    archive: &mut Archive<'_, W>,
 ) -> Result<(), DerivedError> {
     archive.start("summary.json")?;
     let summary = Summary { engine: crate::VERSION, options, report: &lattice.report };
@@ -188,7 +195,7 @@ fn write_files<W: Write>(
     archive.write()
 }
 
-fn write_nodes<W: Write>(lattice: &Lattice, archive: &mut Archive<W>) -> Result<(), DerivedError> {
+fn write_nodes<W: Write>(lattice: &Lattice, archive: &mut Archive<'_, W>) -> Result<(), DerivedError> {
     let nodes = &lattice.nodes;
     archive.begin(
         "nodes",
@@ -217,7 +224,7 @@ fn write_nodes<W: Write>(lattice: &Lattice, archive: &mut Archive<W>) -> Result<
     Ok(())
 }
 
-fn write_surface<W: Write>(lattice: &Lattice, archive: &mut Archive<W>) -> Result<(), DerivedError> {
+fn write_surface<W: Write>(lattice: &Lattice, archive: &mut Archive<'_, W>) -> Result<(), DerivedError> {
     archive.begin(
         "faceFacets",
         "Facets on the surface",
@@ -238,7 +245,7 @@ fn write_surface<W: Write>(lattice: &Lattice, archive: &mut Archive<W>) -> Resul
 
 fn write_facets<W: Write>(
     lattice: &Lattice,
-    archive: &mut Archive<W>,
+    archive: &mut Archive<'_, W>,
     work: &Work<'_>,
 ) -> Result<(), DerivedError> {
     archive.begin(
@@ -276,7 +283,7 @@ fn write_facets<W: Write>(
 
 fn write_vertices<W: Write>(
     lattice: &Lattice,
-    archive: &mut Archive<W>,
+    archive: &mut Archive<'_, W>,
     work: &Work<'_>,
 ) -> Result<(), DerivedError> {
     archive.begin(

@@ -5,7 +5,8 @@
 
 use std::io::Write;
 
-use crate::derived::DerivedError;
+use super::work::{LOOKS_PER_REPORT, Work};
+use crate::derived::{DerivedError, go_on};
 
 const BLOCK_BYTES: usize = 1 << 16;
 
@@ -67,8 +68,11 @@ pub(super) struct Grid<'a> {
 /// Where the values of an array go.
 pub(super) struct Sink<'a> {
     out: &'a mut dyn Write,
+    /// Counts the bytes of all arrays.
+    work: &'a Work<'a>,
     bytes: Vec<u8>,
     written: u64,
+    blocks: usize,
 }
 
 impl Sink<'_> {
@@ -93,7 +97,7 @@ impl Sink<'_> {
         self.bytes.push(i);
     }
 
-    /// Writes what has come together; to be called every few values.
+    /// Writes what has come together, and looks whether to go on; to be called every few values.
     pub(super) fn pass_on(&mut self) -> Result<(), DerivedError> {
         if self.bytes.len() >= BLOCK_BYTES { self.flush() } else { Ok(()) }
     }
@@ -102,7 +106,11 @@ impl Sink<'_> {
         self.out.write_all(&self.bytes)?;
         self.written += self.bytes.len() as u64;
         self.bytes.clear();
-        Ok(())
+        if self.blocks.is_multiple_of(LOOKS_PER_REPORT) {
+            self.work.report(self.written as usize);
+        }
+        self.blocks += 1;
+        go_on(self.work.control)
     }
 }
 
@@ -123,7 +131,8 @@ impl<'a> Grid<'a> {
         self.arrays.push(Array { place, name, kind, components, bytes, fill: Box::new(fill) });
     }
 
-    pub(super) fn write(&self, out: &mut dyn Write) -> Result<(), DerivedError> {
+    /// Writes all arrays, each as its turn comes. `work` is told of bytes.
+    pub(super) fn write(&self, work: &Work<'_>, out: &mut dyn Write) -> Result<(), DerivedError> {
         let mut head = Vec::new();
         write!(
             head,
@@ -160,15 +169,20 @@ impl<'a> Grid<'a> {
             b"    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding=\"raw\">\n   _",
         );
         out.write_all(&head)?;
+        let total = self.arrays.iter().map(|array| array.bytes as usize).sum();
+        let work = Work { total, unit: "bytes", ..*work };
+        let bytes = Vec::with_capacity(2 * BLOCK_BYTES);
+        let mut sink = Sink { out: &mut *out, work: &work, bytes, written: 0, blocks: 0 };
         for array in &self.arrays {
-            out.write_all(&array.bytes.to_le_bytes())?;
-            let mut sink = Sink { out: &mut *out, bytes: Vec::with_capacity(2 * BLOCK_BYTES), written: 0 };
+            sink.out.write_all(&array.bytes.to_le_bytes())?;
+            let before = sink.written;
             (array.fill)(&mut sink)?;
             sink.flush()?;
-            if sink.written != array.bytes {
+            let written = sink.written - before;
+            if written != array.bytes {
                 return Err(DerivedError::CheckFailed(format!(
-                    "{} of {} bytes of the array {} were written",
-                    sink.written, array.bytes, array.name
+                    "{written} of {} bytes of the array {} were written",
+                    array.bytes, array.name
                 )));
             }
         }

@@ -41,7 +41,7 @@ use topology::Topology;
 use work::{Part, Work};
 
 /// Memory per node at the peak, in bytes: tetrahedra and their neighbours, lists of what meets at nodes, cells.
-const BYTES_PER_NODE: f64 = 700.0;
+const BYTES_PER_NODE: f64 = 800.0;
 
 /// A lattice, checked.
 #[derive(Debug)]
@@ -113,14 +113,9 @@ impl Lattice {
         let nodes = nodes::lay(model, options, control)?;
         let Delaunay { nodes: tets, neighbors } =
             delaunay(&nodes.points_mm, &Part { control, from: 0.02, to: 0.4 })?;
-        let topology = Topology::new(nodes.len(), &tets, &neighbors);
-        let work = Work {
-            control,
-            from: 0.5,
-            to: 1.0,
-            total: tets.len(),
-            message: "cells, facets and their checks",
-        };
+        let topology = Topology::new(nodes.len(), &tets, &neighbors, control)?;
+        let (total, message) = (tets.len(), "cells, facets and their checks");
+        let work = Work { control, from: 0.5, to: 1.0, total, unit: "tetrahedra", message };
         let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &work)?;
         let mut node_report = NodeReport::new(&nodes, options);
         let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
@@ -152,8 +147,8 @@ impl Lattice {
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<(), DerivedError> {
-        let work =
-            Work { control, from: 0.0, to: 1.0, total: self.tets.len(), message: "writing the lattice" };
+        let (total, message) = (self.tets.len(), "writing the lattice");
+        let work = Work { control, from: 0.0, to: 1.0, total, unit: "tetrahedra", message };
         match options.file {
             File::Chrono => chrono::write(self, options, &work, out),
             File::Tets => vtu::write_tets(self, &work, out),

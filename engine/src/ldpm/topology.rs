@@ -1,9 +1,14 @@
 //! Which tetrahedra, edges and faces meet where. It knows numbers of nodes; it must never know where they are.
 
 use super::tessellation::FACES;
+use crate::control::Control;
+use crate::derived::{DerivedError, go_on};
 
 /// No neighbour: the face lies on the surface.
 pub(super) const NONE: u32 = u32::MAX;
+
+/// Nodes between two looks at whether to go on.
+const NODES_PER_LOOK: usize = 512;
 
 /// Lists of what meets at each node, and numbers for edges and faces.
 #[derive(Debug)]
@@ -35,7 +40,12 @@ pub(super) struct Rings {
 
 impl Topology {
     /// Counts and numbers. `neighbors[t][k]` is what lies across the face opposite node `k`.
-    pub(super) fn new(nodes: usize, tets: &[[u32; 4]], neighbors: &[[u32; 4]]) -> Self {
+    pub(super) fn new(
+        nodes: usize,
+        tets: &[[u32; 4]],
+        neighbors: &[[u32; 4]],
+        control: &dyn Control,
+    ) -> Result<Self, DerivedError> {
         let mut tet_starts = vec![0_u32; nodes + 1];
         for &node in tets.as_flattened() {
             tet_starts[node as usize + 1] += 1;
@@ -63,6 +73,9 @@ impl Topology {
         let mut rings = Rings::default();
         let mut around: Vec<[u32; 2]> = Vec::new();
         for node in 0..nodes {
+            if node.is_multiple_of(NODES_PER_LOOK) {
+                go_on(control)?;
+            }
             around.clear();
             for &t in &tets_at[tet_starts[node] as usize..tet_starts[node + 1] as usize] {
                 around.extend(tets[t as usize].iter().filter(|&&end| end > node as u32).map(|&end| [end, t]));
@@ -80,7 +93,7 @@ impl Topology {
             }
             edge_starts[node + 1] = edge_ends.len() as u32;
         }
-        Self { tet_starts, tets_at, edge_starts, edge_ends, face_starts, faces, rings }
+        Ok(Self { tet_starts, tets_at, edge_starts, edge_ends, face_starts, faces, rings })
     }
 
     /// Tetrahedra at a node.

@@ -8,7 +8,7 @@ use std::io::Write;
 use super::Lattice;
 use super::grid::{Grid, Kind, Place, Sink};
 use super::tessellation::{EDGES, FACES, FACETS, Facet, Tet, edge_point, face_point, is_even, point};
-use super::topology::{NONE, has_first};
+use super::topology::{self, NONE, has_first};
 use super::work::Work;
 use crate::derived::DerivedError;
 
@@ -29,7 +29,7 @@ impl Lattice {
 fn column<'a, T: Copy>(
     sink: &mut Sink<'_>,
     items: impl Iterator<Item = T> + 'a,
-    put: impl Fn(&mut Sink<'_>, T),
+    mut put: impl FnMut(&mut Sink<'_>, T),
 ) -> Result<(), DerivedError> {
     for (i, item) in items.enumerate() {
         put(sink, item);
@@ -64,8 +64,7 @@ pub(super) fn write_tets(
         column(sink, lattice.cells.iter(), |sink, cell| sink.float(cell.volume_mm3))
     });
     grid.add((Place::CellData, "volume"), (Kind::Float64, 1), m, |sink| {
-        for (t, &tet) in tets.iter().enumerate() {
-            work.look(t)?;
+        for &tet in tets {
             sink.float(Tet::new(nodes, tet).volume());
             sink.pass_on()?;
         }
@@ -80,7 +79,7 @@ pub(super) fn write_tets(
     grid.add((Place::Cells, "types"), (Kind::UInt8, 1), m, |sink| {
         column(sink, 0..m, |sink, _| sink.byte(TETRA))
     });
-    grid.write(out)
+    grid.write(work, out)
 }
 
 /// Numbers of the points of facets and cells.
@@ -124,15 +123,13 @@ impl<'a> Numbers<'a> {
     }
 
     /// Writes all points but those of nodes.
-    fn write_points(&self, sink: &mut Sink<'_>, work: &Work<'_>) -> Result<(), DerivedError> {
+    fn write_points(&self, sink: &mut Sink<'_>) -> Result<(), DerivedError> {
         let Lattice { nodes, tets, neighbors, topology, .. } = self.lattice;
-        for (t, &tet) in tets.iter().enumerate() {
-            work.look(t)?;
+        for &tet in tets {
             sink.floats(Tet::new(nodes, tet).middle.iter());
             sink.pass_on()?;
         }
         for (t, (tet, across)) in tets.iter().zip(neighbors).enumerate() {
-            work.look(t)?;
             for (k, &other) in across.iter().enumerate() {
                 if has_first(t as u32, other) {
                     sink.floats(face_point(nodes, FACES[k].map(|corner| tet[corner])).iter());
@@ -159,17 +156,14 @@ pub(super) fn write_facets(
     let m = 12 * tets.len() as u64;
     // Every array is a pass, and computes the facets anew.
     let each = |sink: &mut Sink<'_>, put: &dyn Fn(&mut Sink<'_>, &Facet)| {
-        for (t, &tet) in tets.iter().enumerate() {
-            work.look(t)?;
+        for &tet in tets {
             Tet::new(nodes, tet).facets().for_each(|facet| put(sink, &facet));
             sink.pass_on()?;
         }
         Ok(())
     };
     let mut grid = Grid::new(points, m);
-    grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * points, |sink| {
-        numbers.write_points(sink, work)
-    });
+    grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * points, |sink| numbers.write_points(sink));
     grid.add((Place::CellData, "area"), (Kind::Float64, 1), m, move |sink| {
         each(sink, &|sink, facet| sink.float(facet.area()))
     });
@@ -200,7 +194,6 @@ pub(super) fn write_facets(
     });
     grid.add((Place::Cells, "connectivity"), (Kind::Int32, 1), 3 * m, |sink| {
         for t in 0..numbers.tets {
-            work.look(t as usize)?;
             (0..12).flat_map(|facet| numbers.facet(t, facet)).for_each(|point| sink.int(point));
             sink.pass_on()?;
         }
@@ -212,7 +205,7 @@ pub(super) fn write_facets(
     grid.add((Place::Cells, "types"), (Kind::UInt8, 1), m, |sink| {
         column(sink, 0..m, |sink, _| sink.byte(TRIANGLE))
     });
-    grid.write(out)
+    grid.write(work, out)
 }
 
 /// What makes up one cell, as numbers of points.
@@ -223,8 +216,8 @@ struct Polyhedron {
 }
 
 impl Polyhedron {
-    /// The cell of a node.
-    fn of(&mut self, numbers: &Numbers<'_>, node: u32) {
+    /// Becomes the cell of a node.
+    fn take(&mut self, numbers: &Numbers<'_>, node: u32) {
         let lattice = numbers.lattice;
         self.triangles.clear();
         for &t in lattice.topology.tets_at(node as usize) {
@@ -247,10 +240,15 @@ impl Polyhedron {
                 self.triangles.extend([[own_point, before, face], [own_point, face, after]]);
             }
         }
+    }
+
+    /// Its points, each once.
+    fn points(&mut self) -> &[i32] {
         self.points.clear();
         self.points.extend(self.triangles.as_flattened());
         self.points.sort_unstable();
         self.points.dedup();
+        &self.points
     }
 }
 
@@ -276,19 +274,31 @@ pub(super) fn write_cells(
     // Facets bound two cells, triangles of the surface come in six parts; each is a count and three points, and each cell
     // begins with its count.
     let faces = 4 * (24 * t + 6 * s) + n;
-    let each = |sink: &mut Sink<'_>, put: &dyn Fn(&mut Sink<'_>, &Polyhedron, &mut u64)| {
-        let (mut cell, mut end) = (Polyhedron::default(), 0);
+    let mut surface_at = vec![0_u64; nodes.len()];
+    for node in topology::boundary(&lattice.tets, &lattice.neighbors).flatten() {
+        surface_at[node as usize] += 1;
+    }
+    let triangles_at = |node: usize| 6 * lattice.topology.tets_at(node).len() as u64 + 2 * surface_at[node];
+    let each = |sink: &mut Sink<'_>, put: &dyn Fn(&mut Sink<'_>, &mut Polyhedron)| {
+        let mut cell = Polyhedron::default();
         for node in 0..nodes.len() {
-            work.look(node * lattice.tets.len() / nodes.len())?;
-            cell.of(&numbers, node as u32);
-            put(sink, &cell, &mut end);
+            cell.take(&numbers, node as u32);
+            put(sink, &mut cell);
             sink.pass_on()?;
         }
         Ok(())
     };
+    // Ends of what the cells have, from how much each has.
+    let ends = |sink: &mut Sink<'_>, count: &dyn Fn(u64) -> u64| {
+        let mut end = 0;
+        column(sink, 0..nodes.len(), |sink, node| {
+            end += count(triangles_at(node));
+            sink.long(end);
+        })
+    };
     let mut grid = Grid::new(points, n);
     grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * points, |sink| {
-        numbers.write_points(sink, work)?;
+        numbers.write_points(sink)?;
         column(sink, nodes.points_mm[..nodes.boundary].as_flattened().iter(), |sink, &x| sink.float(x))
     });
     grid.add((Place::CellData, "volume"), (Kind::Float64, 1), n, |sink| {
@@ -306,20 +316,18 @@ pub(super) fn write_cells(
             sink.floats((point(p) + moment / cell.volume_mm3).iter());
         })
     });
-    grid.add((Place::Cells, "connectivity"), (Kind::Int32, 1), connectivity, move |sink| {
-        each(sink, &|sink, cell, _| cell.points.iter().for_each(|&point| sink.int(point)))
+    grid.add((Place::Cells, "connectivity"), (Kind::Int32, 1), connectivity, |sink| {
+        each(sink, &|sink, cell| cell.points().iter().for_each(|&point| sink.int(point)))
     });
-    grid.add((Place::Cells, "offsets"), (Kind::Int64, 1), n, move |sink| {
-        each(sink, &|sink, cell, end| {
-            *end += cell.points.len() as u64;
-            sink.long(*end);
-        })
+    // The triangles close a sphere: Euler's formula has its points.
+    grid.add((Place::Cells, "offsets"), (Kind::Int64, 1), n, |sink| {
+        ends(sink, &|triangles| triangles / 2 + 2)
     });
     grid.add((Place::Cells, "types"), (Kind::UInt8, 1), n, |sink| {
         column(sink, 0..n, |sink, _| sink.byte(POLYHEDRON))
     });
-    grid.add((Place::Cells, "faces"), (Kind::Int32, 1), faces, move |sink| {
-        each(sink, &|sink, cell, _| {
+    grid.add((Place::Cells, "faces"), (Kind::Int32, 1), faces, |sink| {
+        each(sink, &|sink, cell| {
             sink.int(cell.triangles.len() as i32);
             for triangle in &cell.triangles {
                 sink.int(3);
@@ -329,11 +337,8 @@ pub(super) fn write_cells(
             }
         })
     });
-    grid.add((Place::Cells, "faceoffsets"), (Kind::Int64, 1), n, move |sink| {
-        each(sink, &|sink, cell, end| {
-            *end += 1 + 4 * cell.triangles.len() as u64;
-            sink.long(*end);
-        })
+    grid.add((Place::Cells, "faceoffsets"), (Kind::Int64, 1), n, |sink| {
+        ends(sink, &|triangles| 1 + 4 * triangles)
     });
-    grid.write(out)
+    grid.write(work, out)
 }

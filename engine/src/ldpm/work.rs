@@ -6,7 +6,7 @@ use crate::derived::{DerivedError, go_on};
 /// Steps between two looks: about a millisecond of geometry.
 const STEPS_PER_LOOK: usize = 1024;
 /// Looks between two reports.
-const LOOKS_PER_REPORT: usize = 16;
+pub(super) const LOOKS_PER_REPORT: usize = 16;
 
 /// A stage of the work.
 #[derive(Clone, Copy)]
@@ -16,6 +16,7 @@ pub(super) struct Work<'a> {
     pub(super) from: f64,
     pub(super) to: f64,
     pub(super) total: usize,
+    pub(super) unit: &'static str,
     pub(super) message: &'static str,
 }
 
@@ -26,18 +27,23 @@ impl Work<'_> {
             return Ok(());
         }
         if done.is_multiple_of(STEPS_PER_LOOK * LOOKS_PER_REPORT) {
-            let share = done as f64 / self.total.max(1) as f64;
-            self.control.report(&Progress {
-                phase: Phase::Derive,
-                fraction: self.from + (self.to - self.from) * share.min(1.0),
-                done: done as u64,
-                total: self.total as u64,
-                unit: "tetrahedra",
-                message: self.message.into(),
-                growth: None,
-            });
+            self.report(done);
         }
         go_on(self.control)
+    }
+
+    /// Says that step `done` is reached.
+    pub(super) fn report(&self, done: usize) {
+        let share = done as f64 / self.total.max(1) as f64;
+        self.control.report(&Progress {
+            phase: Phase::Derive,
+            fraction: self.from + (self.to - self.from) * share.min(1.0),
+            done: done as u64,
+            total: self.total as u64,
+            unit: self.unit,
+            message: self.message.into(),
+            growth: None,
+        });
     }
 }
 

@@ -126,8 +126,8 @@ fn a_lattice_with_a_fault_does_not_pass() {
     let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
     let Lattice { nodes, tets, neighbors, .. } = made;
     let judged = |tets: &[[u32; 4]], neighbors: &[[u32; 4]]| {
-        let topology = Topology::new(nodes.len(), tets, neighbors);
-        let work = Work { control: &Unattended, from: 0.0, to: 1.0, total: tets.len(), message: "" };
+        let topology = Topology::new(nodes.len(), tets, neighbors, &Unattended).unwrap();
+        let work = Work { control: &Unattended, from: 0.0, to: 1.0, total: 0, unit: "", message: "" };
         checks::check(&nodes, tets, neighbors, &topology, &work).map(|_| ()).map_err(|e| e.to_string())
     };
     judged(&tets, &neighbors).unwrap();
@@ -199,7 +199,7 @@ impl Control for Listening {
 #[test]
 fn progress_rises_from_0_to_1() {
     let (specimen, spheres) = in_box();
-    for file in [File::Chrono, File::Tets] {
+    for file in [File::Chrono, File::Tets, File::Facets, File::Cells] {
         let heard = Listening::default();
         let options = Options { file, ..Options::default() };
         let model = Model { specimen: &specimen, spheres: &spheres };
