@@ -127,7 +127,7 @@ async fn voxels_are_a_format_of_the_result_in_any_resolution_and_part() {
 #[tokio::test]
 async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     let data_dir = DataDir::new();
-    let server = Launch::new(&data_dir).args(&["--max-memory-mib", "64"]).start().await;
+    let server = Launch::new(&data_dir).args(&["--max-memory-mib", "4096"]).start().await;
     let client = server.client();
     let (id, _) = packed(&client, 3).await;
     let result = |query: &str| format!("/v1/jobs/{id}/result?{query}");
@@ -194,6 +194,34 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     let known = client.get(&result("format=xlsx")).send().await.expect_problem(406, "not-acceptable");
     let detail = known["detail"].as_str().unwrap();
     assert!(["json", "npy", "vti", "raw", "inp"].iter().all(|name| detail.contains(name)), "{detail}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn what_does_not_exist_of_a_periodic_box_says_what_to_do_instead() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let periodic = jobs::equal_spheres(100, 1);
+    let job = client.succeed(&periodic).await;
+    let id = id_of(&job);
+    for kind in ["msh", "geo", "stl", "ldpm"] {
+        let by_format = client.get(&format!("/v1/jobs/{id}/result?format={kind}")).send().await;
+        let body = json!({"type": kind});
+        let by_post = client.post(&format!("/v1/jobs/{id}/derived")).json(&body).send().await;
+        let beforehand = jobs::with(periodic.clone(), "/postprocess", json!([{"type": "vti"}, body]));
+        let beforehand = client.post("/v1/jobs").json(&beforehand).send().await;
+        for reply in [&by_format, &by_post, &beforehand] {
+            let problem = reply.expect_problem(422, "format-not-available");
+            let detail = problem["detail"].as_str().unwrap();
+            assert!(detail.contains("periodic") && detail.contains("walls"), "{kind}: {detail}");
+        }
+        let problem = beforehand.json();
+        assert_eq!(problem["errors"][0]["pointer"], "/postprocess/1", "{problem:#}");
+    }
+    client.get(&format!("/v1/jobs/{id}/result?format=vti&cells=20")).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{id}/slice.png")).send().await.expect(200);
+    assert_eq!(data_dir.artifacts().len(), 3, "nothing is kept of what was refused");
     server.stop().await;
 }
 
