@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 
-use crate::harness::{jobs, packstone, results, run};
+use crate::harness::{DataDir, Server, id_of, jobs, packstone, results, run};
 
 fn files(directory: &Path) -> Vec<String> {
     let entries = fs::read_dir(directory).unwrap_or_else(|error| panic!("{}: {error}", directory.display()));
@@ -43,6 +43,58 @@ async fn run_packs_a_job_without_a_server() {
     assert_eq!(results::from_npy(&read("result.npy")), rows);
     assert_eq!(results::from_vtk(&read("result.vtk")), rows);
     assert_eq!(results::from_vtp(&read("result.vtp")), rows);
+}
+
+#[tokio::test]
+async fn run_and_derive_make_models_that_the_service_would_make() {
+    let directory = tempfile::tempdir().unwrap();
+    let postprocess = json!([{"type": "raw", "cells": 9}, {"type": "raw", "cells": 12}]);
+    let job = jobs::with(jobs::quick(4), "/postprocess", postprocess);
+    write_job(directory.path(), &job);
+    let ended =
+        packstone(directory.path(), &["run", "job.json", "--out", "made", "--format", "json,slice,stl"])
+            .await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let made = directory.path().join("made");
+    let models = ["result-2.raw", "result.raw", "result.slice.svg", "result.stl.zip"];
+    let mut expected: Vec<String> = vec!["result.json".into()];
+    expected.extend(models.iter().flat_map(|name| [(*name).to_owned(), format!("{name}.report.json")]));
+    expected.sort();
+    assert_eq!(files(&made), expected);
+    let read = |name: &str| fs::read(directory.path().join(name)).unwrap();
+    let report: Value = serde_json::from_slice(&read("made/result-2.raw.report.json")).unwrap();
+    assert_eq!((&report["type"], &report["shape"]), (&json!("raw"), &json!([12, 12, 12])));
+
+    // The same of the result in a file, and of what the service has stored.
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let stored = server.client().succeed(&job).await;
+    let of_service = format!("/v1/jobs/{}/result?format=raw&cells=12", id_of(&stored));
+    let of_service = server.client().get(&of_service).send().await.expect(200).body.clone();
+    let artifact = data_dir.artifacts().into_iter().find(|f| f.extension().is_some_and(|e| e == "packstone"));
+    let artifact = artifact.unwrap().to_string_lossy().into_owned();
+    for (of, out) in [("made/result.json", "json"), (artifact.as_str(), "stored")] {
+        let derive = ["derive", of, "--type", "raw", "--option", "cells=12", "--out", out];
+        let ended = packstone(directory.path(), &derive).await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+        assert_eq!(ended.stdout.trim(), format!("{out}/result.raw"));
+        let derived = read(&format!("{out}/result.raw"));
+        assert!(derived == read("made/result-2.raw") && derived == of_service, "{out}: other labels");
+    }
+    server.stop().await;
+
+    for (option, says) in
+        [("cells=0", "/cells: 0 is out of range"), ("colour=red", "/colour: unknown option")]
+    {
+        let derive = ["derive", "made/result.json", "--type", "raw", "--option", option];
+        let ended = packstone(directory.path(), &derive).await;
+        assert!(ended.code == Some(1) && ended.stderr.contains(says), "{ended:?}");
+    }
+    let refused = jobs::with(jobs::quick(4), "/postprocess", json!({"type": "slice", "at_mm": 99}));
+    write_job(directory.path(), &refused);
+    let ended = packstone(directory.path(), &["run", "job.json", "--out", "refused"]).await;
+    assert!(ended.code == Some(1) && ended.stderr.contains("/at_mm: 99 is out of range"), "{ended:?}");
+    assert!(!directory.path().join("refused").exists(), "it was refused before the work");
 }
 
 #[tokio::test]

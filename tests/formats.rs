@@ -90,9 +90,9 @@ async fn nothing_acceptable(client: &Client, path: &str) {
     for (format, _) in MEDIA_TYPES {
         assert!(detail.contains(format), "{detail}");
     }
-    let reply = client.get(&format!("{path}?format=stl")).send().await;
+    let reply = client.get(&format!("{path}?format=xlsx")).send().await;
     let problem = reply.expect_problem(406, "not-acceptable");
-    assert!(problem["detail"].as_str().unwrap().contains("stl"), "{problem:#}");
+    assert!(problem["detail"].as_str().unwrap().contains("xlsx"), "{problem:#}");
 }
 
 #[tokio::test]

@@ -10,11 +10,14 @@
 pub mod analysis;
 pub mod checkpoint;
 pub mod control;
+pub mod delaunay;
 pub mod derived;
 pub mod distance;
 pub mod edmd;
 pub mod error;
 pub mod format;
+pub mod ldpm;
+pub mod mesh;
 pub mod mix;
 mod pack;
 pub mod packing;

@@ -12,6 +12,8 @@ use crate::telemetry::LogFormat;
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
 /// cache, the results being sent, and the neighbours.
 const MEMORY_SHARE: f64 = 0.8;
+/// Bytes that files made of results may hold, as long as nobody has asked for them to be kept.
+pub(crate) const DEFAULT_DERIVED_CACHE_BYTES: u64 = 10_000_000_000;
 /// Work of this long may be lost to a crash, in s.
 pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 
@@ -27,6 +29,14 @@ pub(crate) struct ServeOptions {
     /// Jobs that run at once [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
+    /// Models of results (meshes, voxels, lattices) that are made at once, beside the jobs; cuts, which take a moment,
+    /// have one more
+    #[arg(long, env = "PACKSTONE_DERIVERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub(crate) derivers: u16,
+    /// Most bytes of models that were made for a download only; beyond, those used longest ago go, and are made again
+    /// when they are asked for
+    #[arg(long, env = "PACKSTONE_DERIVED_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
+    pub(crate) derived_cache_bytes: u64,
     /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
@@ -39,8 +49,8 @@ pub(crate) struct ServeOptions {
     /// Most grains of one packing
     #[arg(long, env = "PACKSTONE_MAX_GRAINS", default_value_t = Limits::default().max_grains)]
     pub(crate) max_grains: u64,
-    /// Most memory of one packing, in MiB [default: four fifths of the machine's, shared by the
-    /// workers, and at most 8 GB]
+    /// Most memory of one packing or model, in MiB [default: four fifths of the machine's, shared by the
+    /// jobs and models that may run at once, and at most 8 GB]
     #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB")]
     pub(crate) max_memory_mib: Option<u64>,
     /// Most jobs that wait
@@ -75,7 +85,7 @@ impl ServeOptions {
     pub(crate) fn limits(&self) -> Limits {
         let max_memory_bytes = match self.max_memory_mib {
             Some(mib) => mib.saturating_mul(1 << 20),
-            None => default_memory_bytes(self.workers()),
+            None => default_memory_bytes(self.workers() + usize::from(self.derivers)),
         };
         Limits { max_grains: self.max_grains, max_memory_bytes }
     }

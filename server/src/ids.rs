@@ -33,6 +33,8 @@ ids! {
     JobId
     /// Name of a study.
     StudyId
+    /// Name of something made of a result.
+    DerivedId
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ mod checkpoints;
 mod cli;
 mod config;
 mod cpu;
+mod derived;
 mod hex;
 mod http_server;
 mod ids;

@@ -4,6 +4,7 @@
 //! means. Jobs keep the problem that ended them in the same form. How a problem becomes a response
 //! is [`crate::api`]'s business; nothing here knows HTTP beyond status codes.
 
+use packstone_engine::derived::DerivedError;
 use packstone_engine::{FieldError, NotReached, PackError, PlanError};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -49,24 +50,28 @@ kinds! {
         "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of its bounds. `errors` lists every such fault with its place, the value found and the bound."
     InfeasibleMix "infeasible-mix" 422 "The mix cannot fit"
         "No arrangement of spheres reaches the volume fraction asked for. Lower it, shorten the distance, or raise the cut-off."
-    TooLarge "too-large" 422 "The packing or the study is too large"
-        "More grains, more memory, or more jobs of a study, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off, take a smaller specimen, or make several studies of one."
+    TooLarge "too-large" 422 "The packing, the study or the model is too large"
+        "More grains, more memory, or more jobs of a study, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off, take a smaller specimen, or make several studies of one. Of a model of a packing: `errors` names the option, and the memory or bytes it would take; choose it coarser."
+    FormatNotAvailable "format-not-available" 422 "Not to be had of this packing"
+        "This format or model does not exist for such a specimen or packing, a surface mesh for a periodic box for example; `detail` says what to do instead."
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."
     NotFound "not-found" 404 "Not found"
-        "There is no such route, job or study; what has expired is gone too."
+        "There is no such route, job, study or derived model; what has expired is gone too."
     ResultNotReady "result-not-ready" 404 "No result yet"
-        "The job has not finished. Wait for its end with `Prefer: wait=N` or its events."
+        "The job, or what is made of its result, has not finished. Wait for its end with `Prefer: wait=N`, or the job's events."
     MethodNotAllowed "method-not-allowed" 405 "Method not allowed"
         "The route does not know this method; `Allow` names those it does."
     NotAcceptable "not-acceptable" 406 "Not acceptable"
-        "A result or a table has no format that `Accept` or `?format=` asks for."
+        "A result or a table has no format that `Accept` or `?format=` asks for; `formats` lists those it has."
     RequestTimeout "request-timeout" 408 "The request took too long"
         "The body arrived with too long a pause, or too slowly. Send it again without pauses."
     Conflict "conflict" 409 "The state of the job or study forbids it"
-        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled job can be retried."
+        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled job can be retried, and a job keeps a bounded number of derived models."
     JobFailed "job-failed" 409 "The job has no result"
         "The job failed or was cancelled, so that there never will be a result; `job_error` says why. Retry it, or submit another."
+    DerivationFailed "derivation-failed" 409 "The model could not be made"
+        "What was to be made of the result could not be, so that there is no file; `derived_error` says why. Delete it, or ask for it with other options."
     PayloadTooLarge "payload-too-large" 413 "The body is too large"
         "The body is longer than this server reads; `/v1/capabilities` tells the limit."
     UnsupportedMediaType "unsupported-media-type" 415 "Unsupported media type"
@@ -76,9 +81,11 @@ kinds! {
     IdempotencyKeyReused "idempotency-key-reused" 422 "Idempotency key reused"
         "The key was used before with another body. Take a new key for a new job or study."
     QueueFull "queue-full" 429 "The queue is full"
-        "The jobs would be more than this server lets wait. Try again after `Retry-After`."
+        "The jobs, or the models to be made of results, would be more than this server lets wait. Try again after `Retry-After`."
     Busy "busy" 503 "Busy"
         "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
+    FormatNotReady "format-not-ready" 503 "The format is being made"
+        "What was asked for takes longer to make than an answer is held back; it goes on being made. Ask again after `Retry-After`, or ask for it at `/v1/jobs/{id}/derived`, where its progress can be followed."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     InternalError "internal-error" 500 "Internal error"
@@ -88,9 +95,9 @@ kinds! {
     TimedOut "timed-out" 422 "The job timed out"
         "The end of a job: it ran longer than its `timeout_s`."
     AttemptsExhausted "attempts-exhausted" 500 "Too many attempts"
-        "The end of a job: the server stopped while it ran as often as its `max_attempts` allows. It may be what makes the server stop, by its memory for example."
-    CheckFailed "check-failed" 500 "The packing failed its check"
-        "The end of a job: the independent check refused the packing. A defect of this program; please report it with the request."
+        "The end of a job, or of a derived model: the server stopped while it ran as often as its `max_attempts` allows (three times, of a model). It may be what makes the server stop, by its memory for example."
+    CheckFailed "check-failed" 500 "The packing or the model failed its check"
+        "The end of a job, or of a derived model: its independent check refused the packing, or the model. A defect of this program; please report it with the request."
 }
 
 impl Kind {
@@ -193,6 +200,12 @@ impl Problem {
         Self::new(Kind::NotFound, format!("there is no study {shown:?}"))
     }
 
+    /// There is nothing derived of that name.
+    pub(crate) fn no_derived(id: &str) -> Self {
+        let shown: String = id.chars().take(64).collect();
+        Self::new(Kind::NotFound, format!("the job has nothing derived that is named {shown:?}"))
+    }
+
     /// Faulty fields of the body.
     pub(crate) fn fields(kind: Kind, faults: Vec<FieldError>) -> Self {
         Self::new(kind, "").with_errors(faults.into_iter().map(Fault::from).collect())
@@ -215,6 +228,59 @@ impl Problem {
         }
         self.errors = faults;
         self
+    }
+
+    /// A problem that was kept as a document; its further members are left out.
+    pub(crate) fn from_document(document: &Value) -> Option<Self> {
+        let slug = document["type"].as_str()?.rsplit('/').next()?;
+        let mut problem = Self::new(Kind::from_slug(slug)?, document["detail"].as_str().unwrap_or_default());
+        for fault in document["errors"].as_array().into_iter().flatten() {
+            let text = |name: &str| fault[name].as_str().map(str::to_owned);
+            problem.errors.push(Fault {
+                pointer: text("pointer"),
+                parameter: text("parameter"),
+                header: text("header"),
+                detail: text("detail").unwrap_or_default(),
+            });
+        }
+        Some(problem)
+    }
+
+    /// The same of fields that came as parameters: each named by the first segment of its pointer, as whoever asked
+    /// calls it. Faults of the request make it a bad one.
+    pub(crate) fn of_parameters(mut self, called: impl Fn(&str) -> String) -> Self {
+        let faults: Vec<Fault> = std::mem::take(&mut self.errors)
+            .into_iter()
+            .map(|fault| {
+                let Some(pointer) = fault.pointer else { return fault };
+                let mut segments = pointer.trim_start_matches('/').splitn(2, '/');
+                let name = called(&segments.next().unwrap_or_default().replace("~1", "/").replace("~0", "~"));
+                let detail = match segments.next() {
+                    Some(inner) => format!("/{inner}: {}", fault.detail),
+                    None => fault.detail,
+                };
+                Fault::parameter(&name, detail)
+            })
+            .collect();
+        if self.kind == Kind::ValidationError {
+            self.status = 400;
+        }
+        if faults.is_empty() { self } else { self.with_errors(faults) }
+    }
+
+    /// The same with all pointers below another place.
+    pub(crate) fn below(mut self, place: &str) -> Self {
+        if self.errors.is_empty() {
+            let detail = self.detail.clone();
+            self.errors.push(Fault { pointer: Some(place.into()), detail, ..Fault::default() });
+            self.detail = format!("{place}: {}", self.detail);
+            return self;
+        }
+        let mut faults = std::mem::take(&mut self.errors);
+        for fault in &mut faults {
+            fault.pointer = fault.pointer.take().map(|pointer| format!("{place}{pointer}"));
+        }
+        self.with_errors(faults)
     }
 
     /// Adds a member.
@@ -287,6 +353,24 @@ impl From<PackError> for Problem {
     }
 }
 
+/// A model that was not made of a packing, as it is kept. [`DerivedError::Stopped`] is not an end of its own either,
+/// and what could not be written is this server's matter: the log has it.
+impl From<DerivedError> for Problem {
+    fn from(error: DerivedError) -> Self {
+        let detail = error.to_string();
+        match error {
+            DerivedError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
+            DerivedError::Unavailable(_) => Self::new(Kind::FormatNotAvailable, detail),
+            DerivedError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
+            DerivedError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
+            DerivedError::Stopped => Self::new(Kind::InternalError, detail),
+            DerivedError::Write(error) => {
+                Self::new(Kind::InternalError, format!("it could not be written: {}", error.kind()))
+            }
+        }
+    }
+}
+
 /// The problem document as clients see it (RFC 9457).
 #[derive(Serialize, ToSchema)]
 #[schema(as = Problem)]
@@ -337,6 +421,30 @@ mod tests {
         assert_eq!(document["status"], 422);
         assert_eq!(document["detail"], "/mix/d_min_mm: -1 is out of range (and 1 more)");
         assert_eq!(document["errors"][1], json!({"pointer": "", "detail": "no"}));
+    }
+
+    #[test]
+    fn a_kept_problem_reads_back_and_can_be_told_of_parameters_or_of_a_place() {
+        let fault = |pointer: &str| FieldError { pointer: pointer.into(), detail: "9 is too much".into() };
+        let problem = Problem::fields(Kind::TooLarge, vec![fault("/cells"), fault("/mix/air")]);
+        let kept = Value::Object(problem.document());
+        assert_eq!(Problem::from_document(&kept), Some(problem.clone()));
+        assert_eq!(Problem::from_document(&json!({"type": "/problems/none"})), None);
+
+        let below = problem.clone().below("/postprocess/0");
+        assert_eq!(below.errors[0].pointer.as_deref(), Some("/postprocess/0/cells"));
+        assert_eq!(below.detail, "/postprocess/0/cells: 9 is too much (and 1 more)");
+        let without_place =
+            Problem::new(Kind::FormatNotAvailable, "not of a periodic box").below("/postprocess");
+        assert_eq!(without_place.detail, "/postprocess: not of a periodic box");
+        assert_eq!(without_place.errors[0].pointer.as_deref(), Some("/postprocess"));
+
+        let asked = problem.of_parameters(|name| name.replace("cells", "n"));
+        assert_eq!((asked.status, asked.detail.as_str()), (422, "n: 9 is too much (and 1 more)"));
+        assert_eq!(asked.errors[1], Fault::parameter("mix", "/air: 9 is too much"));
+        let invalid =
+            Problem::fields(Kind::ValidationError, vec![fault("/a~1b")]).of_parameters(str::to_owned);
+        assert_eq!((invalid.status, invalid.errors[0].parameter.as_deref()), (400, Some("a/b")));
     }
 
     #[test]

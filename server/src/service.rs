@@ -19,6 +19,7 @@ use crate::api::{self, App};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::derived::deriver::Deriver;
 use crate::http_server;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::{Store, StoreError, StoreLimits};
@@ -95,6 +96,10 @@ impl Service {
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
+        let recovered = store.recover_derived().await?;
+        if recovered > 0 {
+            tracing::info!(recovered, "models that were being made were taken back");
+        }
         let metrics = Arc::new(Metrics::default());
         let shutdown = CancellationToken::new();
         let connections = Arc::new(Semaphore::new(options.max_connections));
@@ -134,7 +139,7 @@ impl Service {
     }
 }
 
-/// Runs the workers and the sweeper to their end. The first sweep comes before the first job: what
+/// Runs the workers, the derivers and the sweeper to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions) {
     if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints).await {
@@ -148,6 +153,18 @@ async fn work(runner: Runner, options: ServeOptions) {
         options.sweep_interval(),
         runner.shutdown.clone(),
     ));
+    let deriver = Deriver {
+        store: runner.store.clone(),
+        artifacts: runner.artifacts.clone(),
+        limits: runner.limits,
+        metrics: Arc::clone(&runner.metrics),
+        shutdown: runner.shutdown.clone(),
+        cache_bytes: options.derived_cache_bytes,
+    };
+    for _ in 0..options.derivers {
+        tasks.spawn(deriver.clone().work(false));
+    }
+    tasks.spawn(deriver.work(true));
     for _ in 0..options.workers() {
         tasks.spawn(runner.clone().work());
     }

@@ -115,7 +115,7 @@ impl Client {
     }
 
     /// Long-polls until `reached` holds for what is at the path.
-    async fn when(&self, path: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
+    pub(crate) async fn when(&self, path: &str, what: &str, reached: impl Fn(&Value) -> bool) -> Value {
         let poll = async {
             let mut etag: Option<HeaderValue> = None;
             loop {

@@ -4,6 +4,8 @@
 //! asked for. It knows spheres and their specimen; it must never know how they were packed, or where what it
 //! writes goes.
 
+pub mod kind;
+
 use std::io;
 
 use thiserror::Error;
@@ -11,6 +13,11 @@ use thiserror::Error;
 use crate::control::Control;
 use crate::packing::Spheres;
 use crate::request::{FieldError, Specimen};
+
+pub use kind::{Derivation, DerivationKind, DerivedReport};
+
+/// Counts the changes of what any derivation writes for the same options; part of the name that a cache gives it.
+pub const REVISION: u32 = 1;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]

@@ -151,6 +151,24 @@ impl SphereSource for Spheres {
     }
 }
 
+/// Reads all columns of a result into memory: 32 bytes a sphere.
+///
+/// # Errors
+/// Those of the source.
+pub fn load(source: &dyn SphereSource) -> io::Result<Spheres> {
+    let column = |column| -> io::Result<Vec<f64>> {
+        let mut values = vec![0.0; source.len()];
+        source.read(column, 0, &mut values)?;
+        Ok(values)
+    };
+    Ok(Spheres {
+        x_mm: column(Column::X)?,
+        y_mm: column(Column::Y)?,
+        z_mm: column(Column::Z)?,
+        d_mm: column(Column::Diameter)?,
+    })
+}
+
 /// Rows that are read, converted and written at a time.
 const BLOCK_ROWS: usize = 4096;
 

@@ -252,11 +252,15 @@ impl<'a> Object<'a> {
 
     /// Reports every field that was not asked for.
     pub fn finish(self) {
+        self.finish_as("field", "this object");
+    }
+
+    /// The same in the words of whoever did not write an object: what a field is called there, and what has it.
+    pub fn finish_as(self, field: &str, holder: &str) {
+        let known = if self.known.is_empty() { "none".to_owned() } else { self.known.join(", ") };
         for (name, value) in self.map {
             if !self.known.contains(&name.as_str()) {
-                self.at
-                    .child(name, value)
-                    .fault(format!("unknown field: this object has {}", self.known.join(", ")));
+                self.at.child(name, value).fault(format!("unknown {field}: {holder} has {known}"));
             }
         }
     }

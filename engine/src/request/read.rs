@@ -70,6 +70,17 @@ impl PackingRequest {
     }
 }
 
+impl Specimen {
+    /// Reads the specimen of a request that was accepted before.
+    ///
+    /// # Errors
+    /// All faults of the document, each with its pointer.
+    pub fn from_json(value: &Value) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        read_specimen(&At::root(value, &faults)).ok_or_else(|| faults.into_vec())
+    }
+}
+
 fn length(object: &mut Object<'_>, name: &'static str) -> Option<f64> {
     object.required(name)?.number(LENGTH)
 }

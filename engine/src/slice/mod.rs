@@ -68,7 +68,7 @@ impl Axis {
 
 /// What is made of a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceForm))]
 #[serde(rename_all = "lowercase")]
 pub enum Form {
     /// A drawing at full scale, for print.
@@ -108,7 +108,7 @@ impl Form {
 
 /// Which cut, and in which form.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceOptions))]
 pub struct Options {
     /// What is made of the cut.
     #[cfg_attr(feature = "openapi", schema(default = "svg", required = false))]
@@ -162,7 +162,7 @@ impl Options {
 
 /// The figures of a cut.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceReport))]
 pub struct Report {
     /// The axis that the cut is perpendicular to.
     pub axis: Axis,
@@ -188,7 +188,7 @@ pub struct Report {
 
 /// Measures of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceImage))]
 pub struct Image {
     /// Pixels along `u` and `v`.
     pub pixels: [u32; 2],

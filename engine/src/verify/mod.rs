@@ -5,7 +5,7 @@
 //! reported as successful. Costs O(N).
 
 mod grading;
-mod table;
+pub(crate) mod table;
 
 use nalgebra::Vector3;
 

@@ -29,7 +29,7 @@ use crate::request::Specimen;
 
 /// What a user wants to know beside the file: where its numbers lie, and what became of the volume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelReport))]
 pub struct Report {
     /// Voxels along x, y, z; x runs fastest.
     pub shape: [u64; 3],

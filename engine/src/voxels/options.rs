@@ -1,6 +1,7 @@
 //! What a voxel model may be asked for, and how large it may be.
 
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeMap as _;
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::{Grid, inp, vti};
 use crate::derived::DerivedError;
@@ -23,7 +24,7 @@ pub const MAX_SAMPLES: u32 = 16;
 
 /// What the voxels are written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelForm))]
 #[serde(rename_all = "lowercase")]
 pub enum Form {
     /// VTK XML image data, raw appended: cell data `label`, and `fraction` on request.
@@ -59,7 +60,7 @@ impl Form {
 
 /// What a label says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelLabel))]
 #[serde(rename_all = "lowercase")]
 pub enum Label {
     /// 0 matrix, 1 aggregate, 2 outside of a cylinder; a byte.
@@ -95,23 +96,20 @@ impl Label {
 }
 
 /// Which voxel model. The form is the derivation's name, not an option.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelOptions))]
 pub struct Options {
     /// What the voxels are written as.
-    #[serde(skip)]
     #[cfg_attr(feature = "openapi", schema(ignore))]
     pub form: Form,
     /// Voxels along the longest edge of the specimen. Default: 100, unless `voxel_mm` is given.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1, maximum = 8192))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub cells: Option<u32>,
     /// Edge of a voxel, met as nearly as whole numbers of voxels along the specimen's edges allow.
     #[cfg_attr(
         feature = "openapi",
         schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
     )]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_mm: Option<f64>,
     /// What a label says, for `vti` and `raw`.
     #[cfg_attr(feature = "openapi", schema(default = "phase", required = false))]
@@ -123,6 +121,27 @@ pub struct Options {
     /// each voxel, clipped exactly.
     #[cfg_attr(feature = "openapi", schema(default = 4, required = false, minimum = 1, maximum = 16))]
     pub samples: u32,
+}
+
+/// The options that the form has, so that what is written reads back.
+impl Serialize for Options {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        if let Some(cells) = self.cells {
+            map.serialize_entry("cells", &cells)?;
+        }
+        if let Some(voxel_mm) = self.voxel_mm {
+            map.serialize_entry("voxel_mm", &voxel_mm)?;
+        }
+        if self.form != Form::Inp {
+            map.serialize_entry("label", &self.label)?;
+        }
+        if self.form == Form::Vti {
+            map.serialize_entry("fractions", &self.fractions)?;
+        }
+        map.serialize_entry("samples", &self.samples)?;
+        map.end()
+    }
 }
 
 impl Options {

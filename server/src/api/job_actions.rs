@@ -66,7 +66,7 @@ pub(super) async fn retry(
     shown(&app, &job, StatusCode::OK).await
 }
 
-/// Delete a finished job and its result
+/// Delete a finished job, its result, and what was made of it
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
     params(("id" = String, Path, format = "uuid", description = "Name of the job")),
@@ -78,11 +78,11 @@ pub(super) async fn delete(
     query: Query,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let artifact = app.shared.store.delete(id).await.map_err(|error| refused(error, id))?;
-    if let Some(path) = artifact
-        && let Err(error) = app.shared.artifacts.remove(&path)
-    {
-        tracing::warn!(%error, job_id = %id, "the result is left to the sweeper");
+    let files = app.shared.store.delete(id).await.map_err(|error| refused(error, id))?;
+    for path in files {
+        if let Err(error) = app.shared.artifacts.remove(&path) {
+            tracing::warn!(%error, job_id = %id, path, "a file is left to the sweeper");
+        }
     }
     remove_checkpoints(&app, id, i64::MAX).await;
     tracing::info!(job_id = %id, "deleted");

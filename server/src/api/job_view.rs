@@ -12,6 +12,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::App;
+use super::derived_view::DerivedLink;
 use super::waiting::Changing;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
@@ -92,6 +93,8 @@ pub(super) struct JobSummary {
 pub(super) struct Job {
     #[serde(flatten)]
     summary: JobSummary,
+    /// What is kept of its result besides: asked for in `postprocess`, or by `POST /v1/jobs/{id}/derived`.
+    derived: Vec<DerivedLink>,
     /// The request as submitted, with its defaults filled in.
     #[schema(value_type = JobRequest)]
     request: Value,
@@ -127,6 +130,8 @@ pub(super) struct Links {
     summary: String,
     /// Its plots; which, says `kind`.
     plot: String,
+    /// What is made of its result.
+    derived: String,
     /// Where to cancel it.
     cancel: String,
     /// Where to retry it.
@@ -164,6 +169,7 @@ impl JobSummary {
                 result: format!("{this}/result"),
                 summary: format!("{this}/result/summary"),
                 plot: format!("{this}/plot.svg"),
+                derived: format!("{this}/derived"),
                 cancel: format!("{this}/cancel"),
                 retry: format!("{this}/retry"),
                 this,
@@ -185,8 +191,11 @@ impl ResultView {
 
 /// The whole job, read from a record and the request that the store keeps apart.
 pub(super) async fn whole(app: &App, job: &JobRecord) -> Result<Job, StoreError> {
-    let request = app.shared.store.request(job.seq).await?;
-    Ok(Job { summary: JobSummary::of(job), request })
+    let store = &app.shared.store;
+    let request = store.request(job.seq).await?;
+    let kept = if job.state == State::Succeeded { store.kept_of(job.seq).await? } else { Vec::new() };
+    let derived = kept.into_iter().map(|(id, kind)| DerivedLink::of(job.id, id, kind)).collect();
+    Ok(Job { summary: JobSummary::of(job), derived, request })
 }
 
 /// The job as a response with its tag, and a hint when to come back while it is not finished.

@@ -164,6 +164,7 @@ fn read_now(bytes: &[u8], limits: &Limits, dry_run: bool) -> Result<Submission, 
         .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
     let packing = request.packing();
     let mut plan = Plan::new(&packing, limits)?;
+    request.check_postprocess(limits)?;
     if dry_run {
         plan = plan.with_proposal(&packing);
     }

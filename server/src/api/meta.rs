@@ -3,6 +3,7 @@
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
+use packstone_engine::derived::DerivationKind;
 use packstone_engine::format::{EngineInfo, Format};
 use packstone_engine::mix::standard;
 use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, StandardCurve};
@@ -11,8 +12,10 @@ use utoipa::ToSchema;
 
 use super::App;
 use super::conditional::MAX_WAIT_S;
+use super::formats;
 use super::openapi::{OpenProblems, ReadyProblems};
 use super::params::Query;
+use crate::derived;
 use crate::jobs::request;
 use crate::metrics::Gauges;
 use crate::problem::{Kind, Problem};
@@ -37,6 +40,9 @@ pub(super) struct Capabilities {
     methods: Vec<&'static str>,
     /// Formats of results.
     formats: Vec<FormatInfo>,
+    /// What can be made of results: formats with options of their own, and what `postprocess` and
+    /// `POST /v1/jobs/{id}/derived` take.
+    derivations: Vec<DerivationInfo>,
     /// Bounds.
     limits: LimitsInfo,
 }
@@ -57,6 +63,18 @@ pub(super) struct FormatInfo {
     name: Format,
     /// Its media type in `Accept`.
     media_type: &'static str,
+}
+
+/// Something that can be made of results.
+#[derive(Serialize, ToSchema)]
+pub(super) struct DerivationInfo {
+    /// Its `type`.
+    r#type: DerivationKind,
+    /// Media type of the file, if no option changes it.
+    media_type: &'static str,
+    /// Its name in `?format=`; `null` where it is no format of results, as cuts, which have an address of their own.
+    #[schema(required)]
+    format: Option<&'static str>,
 }
 
 /// Bounds of this server.
@@ -92,6 +110,12 @@ pub(super) struct LimitsInfo {
     max_wait_s: u64,
     /// Most results being sent at once.
     max_downloads: usize,
+    /// Most things in `postprocess`.
+    max_postprocess: usize,
+    /// Most things derived that are kept of one result.
+    max_kept_derived: u64,
+    /// Bytes that things derived may hold which nobody asked to be kept.
+    derived_cache_bytes: u64,
 }
 
 /// What this server can do
@@ -117,6 +141,14 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })
             .collect(),
+        derivations: DerivationKind::ALL
+            .iter()
+            .map(|&kind| DerivationInfo {
+                r#type: kind,
+                media_type: formats::media_type(kind),
+                format: formats::model(kind.name()).map(DerivationKind::name),
+            })
+            .collect(),
         limits: LimitsInfo {
             max_grains: shared.limits.max_grains,
             max_memory_bytes: shared.limits.max_memory_bytes,
@@ -133,6 +165,9 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             max_study_jobs: studies::MAX_JOBS,
             max_wait_s: MAX_WAIT_S,
             max_downloads: shared.max_downloads,
+            max_postprocess: derived::MAX_POSTPROCESS,
+            max_kept_derived: derived::MAX_KEPT,
+            derived_cache_bytes: shared.derived_cache_bytes,
         },
     };
     Ok(axum::Json(capabilities).into_response())
@@ -180,7 +215,10 @@ pub(super) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
 )]
 pub(super) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     let shared = &app.shared;
+    let derived = shared.store.derived_counts().await?;
     let gauges = Gauges {
+        derived: derived.states,
+        derived_cache_bytes: derived.cache_bytes,
         jobs: shared.store.counts().await?,
         open_studies: shared.store.open_studies().await?,
         workers: shared.workers,

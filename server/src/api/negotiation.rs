@@ -4,6 +4,7 @@ use axum::http::{HeaderMap, header};
 use packstone_engine::format::Format;
 use utoipa::ToSchema;
 
+use super::formats;
 use super::params::shown;
 use crate::problem::{Kind, Problem};
 
@@ -38,37 +39,46 @@ impl TableFormat {
 
 /// The format of a result, or the problem that none fits.
 pub(super) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format, Problem> {
-    negotiated(query, headers, &Format::ALL.map(|f| (f, f.name(), f.media_type())))
+    let known = Format::ALL.map(|f| (f, f.name(), f.media_type()));
+    // Models are asked for by name only, and not here; but who looks for one is told of them too.
+    let named = formats::models().map(|kind| (kind.name(), formats::media_type(kind)));
+    negotiated(query, headers, &known).map_err(|what| {
+        not_acceptable(&what, known.iter().map(|(_, name, media_type)| (*name, *media_type)).chain(named))
+    })
 }
 
 /// The format of a table, or the problem that none fits.
 pub(super) fn table_format(query: Option<&str>, headers: &HeaderMap) -> Result<TableFormat, Problem> {
-    negotiated(query, headers, &TableFormat::ALL.map(|f| (f, f.name(), f.media_type())))
+    let known = TableFormat::ALL.map(|f| (f, f.name(), f.media_type()));
+    negotiated(query, headers, &known)
+        .map_err(|what| not_acceptable(&what, known.iter().map(|(_, name, media_type)| (*name, *media_type))))
 }
 
 /// A format with its name and media type.
 type Known<F> = (F, &'static str, &'static str);
 
-fn negotiated<F: Copy>(query: Option<&str>, headers: &HeaderMap, known: &[Known<F>]) -> Result<F, Problem> {
+/// The one that is wanted, or in words what is.
+fn negotiated<F: Copy>(query: Option<&str>, headers: &HeaderMap, known: &[Known<F>]) -> Result<F, String> {
     if let Some(name) = query {
         return known
             .iter()
             .find(|(_, known, _)| *known == name)
             .map(|(format, ..)| *format)
-            .ok_or_else(|| not_acceptable(&format!("the format {} is unknown", shown(name)), known));
+            .ok_or_else(|| format!("the format {} is unknown", shown(name)));
     }
     let accept: Vec<&str> =
         headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accept = if accept.is_empty() { "*/*".to_owned() } else { accept.join(",") };
-    best(&accept, known).ok_or_else(|| not_acceptable(&format!("Accept asks for {}", shown(&accept)), known))
+    best(&accept, known).ok_or_else(|| format!("Accept asks for {}", shown(&accept)))
 }
 
-fn not_acceptable<F>(what: &str, known: &[Known<F>]) -> Problem {
-    let formats: Vec<_> = known
-        .iter()
-        .map(|(_, name, media_type)| serde_json::json!({"format": name, "media_type": media_type}))
-        .collect();
-    let names: Vec<_> = known.iter().map(|(_, name, _)| *name).collect();
+/// Refuses `what`, and tells the names and media types that there are.
+fn not_acceptable(what: &str, known: impl Iterator<Item = (&'static str, &'static str)>) -> Problem {
+    let (mut formats, mut names) = (Vec::new(), Vec::new());
+    for (name, media_type) in known {
+        formats.push(serde_json::json!({"format": name, "media_type": media_type}));
+        names.push(name);
+    }
     Problem::new(Kind::NotAcceptable, format!("{what}: must be one of {}", names.join(", ")))
         .with("formats", formats.into())
 }
@@ -151,7 +161,10 @@ mod tests {
         assert_eq!(format(Some("npy"), &headers).unwrap(), Format::Npy);
         let problem = format(Some("xlsx"), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
-        assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
+        assert_eq!(
+            problem.detail,
+            "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy, msh, geo, stl, vti, raw, inp, ldpm"
+        );
         assert_eq!(problem.document()["formats"][1]["media_type"], "text/csv");
     }
 }

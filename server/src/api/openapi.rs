@@ -11,6 +11,7 @@ use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr};
 use utoipa::{IntoResponses, OpenApi as _, ToSchema};
 
+use super::formats::{self, FormatOptions, ResultFormat, SliceDocument};
 use super::job_view::Job;
 use super::negotiation::TableFormat;
 use super::problem::PROBLEM_JSON;
@@ -21,7 +22,9 @@ use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
 use packstone_engine::format::EngineInfo;
+use packstone_engine::ldpm::File;
 use packstone_engine::packing::{GrowthPoint, Statistics, Summary, Timings, Verification};
+use packstone_engine::slice::Form;
 
 use crate::jobs::JobRequest;
 
@@ -42,7 +45,8 @@ are tagged by `type`; unknown fields and parameters are refused. Every error is 
     ),
     // What only parameters refer to is not found by itself.
     components(schemas(
-        ProblemDocument, JobRequest, ResultDocument, JobPlot, StudyPlot, StateParameter, TableFormat
+        ProblemDocument, JobRequest, ResultDocument, JobPlot, StudyPlot, StateParameter, TableFormat,
+        ResultFormat, FormatOptions, SliceDocument
     ))
 )]
 struct Base;
@@ -124,7 +128,7 @@ problem_sets! {
     JobProblems: ValidationError 400, NotFound 404;
     /// Of submissions.
     SubmitProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422,
+        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422,
         IdempotencyKeyReused 422, QueueFull 429;
     /// Of routes about one study.
     StudyProblems: ValidationError 400, NotFound 404;
@@ -140,7 +144,18 @@ problem_sets! {
     RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
     /// Of results.
     ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, NotAcceptable 406,
-        JobFailed 409, RangeNotSatisfiable 416, Busy 503;
+        JobFailed 409, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503,
+        FormatNotReady 503;
+    /// Of cuts.
+    SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, RangeNotSatisfiable 416,
+        FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503, FormatNotReady 503;
+    /// Of what is to be made of a result.
+    DeriveProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
+        JobFailed 409, Conflict 409, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422,
+        FormatNotAvailable 422, TooLarge 422, QueueFull 429;
+    /// Of the files of what was made.
+    DerivedFileProblems: ValidationError 400, NotFound 404, ResultNotReady 404, DerivationFailed 409,
+        RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
     /// Of plots.
@@ -181,6 +196,7 @@ fn problem_response(description: &str) -> Response {
 pub(super) fn finished(document: &OpenApi) -> Value {
     let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
+    add_media_types(&mut value);
     add_links(&mut value);
     request_schemas::polish(&mut value);
     value
@@ -188,7 +204,34 @@ pub(super) fn finished(document: &OpenApi) -> Value {
 
 /// The document as YAML.
 pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
-    yaml_serde::to_string(&router::document())
+    let text = yaml_serde::to_string(&router::document())?;
+    // A letter that older YAML reads as yes or no.
+    let quoted = |line: &str| match line.trim_start() {
+        "- y" | "- n" => line.replace("- y", "- 'y'").replace("- n", "- 'n'"),
+        _ => line.to_owned(),
+    };
+    Ok(text.lines().map(|line| quoted(line) + "\n").collect())
+}
+
+/// Says in which media types models come: as many as there are of them.
+fn add_media_types(document: &mut Value) {
+    let cuts = Form::ALL.map(Form::media_type);
+    let lattice = File::Cells.media_type();
+    let models: Vec<_> = formats::models().map(formats::media_type).chain([lattice]).collect();
+    let file = "/v1/jobs/{id}/derived/{derived_id}/file";
+    for (path, media_types) in [("/v1/jobs/{id}/result", &models), (file, &[&cuts[..], &models].concat())] {
+        for status in ["200", "206"] {
+            let content = &mut document["paths"][path]["get"]["responses"][status]["content"];
+            for media_type in media_types {
+                let schema = if *media_type == "application/json" {
+                    json!({"$ref": "#/components/schemas/SliceDocument"})
+                } else {
+                    json!({"type": "string", "contentMediaType": media_type})
+                };
+                content[*media_type] = json!({ "schema": schema });
+            }
+        }
+    }
 }
 
 /// Says which routes take the id of what was submitted.

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 
-use crate::ids::{JobId, StudyId};
+use crate::ids::{DerivedId, JobId, StudyId};
 use crate::problem::{Fault, Problem};
 
 /// The job that a path names.
@@ -38,6 +38,24 @@ impl<S: Send + Sync> FromRequestParts<S> for StudyPath {
     }
 }
 
+/// Something derived, and its job, that a path names.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DerivedPath(pub(super) JobId, pub(super) DerivedId);
+
+impl<S: Send + Sync> FromRequestParts<S> for DerivedPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        match Path::<(String, String)>::from_request_parts(parts, state).await {
+            Ok(Path((job, id))) => {
+                let job = JobId::parse(&job).ok_or_else(|| Problem::no_job(&job))?;
+                DerivedId::parse(&id).map(|id| Self(job, id)).ok_or_else(|| Problem::no_derived(&id))
+            }
+            Err(_) => Err(Problem::no_job(parts.uri.path())),
+        }
+    }
+}
+
 /// The query of a request. Ask for every parameter that the route knows, then [`finish`](Self::finish).
 #[derive(Debug, Default)]
 pub(super) struct Query {
@@ -63,6 +81,20 @@ impl Query {
     pub(super) fn many(&mut self, name: &'static str) -> Vec<String> {
         self.known.push(name);
         self.pairs.iter().filter(|(n, _)| n == name).map(|(_, v)| v.clone()).collect()
+    }
+
+    /// The first value of a parameter, which is not asked for by this.
+    pub(super) fn peek(&self, name: &str) -> Option<&str> {
+        self.pairs.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str())
+    }
+
+    /// All parameters that were not asked for so far: what they may be is for others to say.
+    pub(super) fn rest(&mut self) -> Vec<(String, String)> {
+        let known = &self.known;
+        let (known, rest) =
+            std::mem::take(&mut self.pairs).into_iter().partition(|(name, _)| known.contains(&name.as_str()));
+        self.pairs = known;
+        rest
     }
 
     /// The value of a parameter that may not be repeated.

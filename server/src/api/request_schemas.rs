@@ -3,8 +3,13 @@
 //! What reads requests refuses unknown fields, takes `null` for absent, and bounds the items of
 //! arrays; the derives can say none of it.
 
+use packstone_engine::derived::DerivationKind;
+use packstone_engine::format::Format;
 use packstone_engine::request::MAX_LENGTH_MM;
 use serde_json::{Map, Value, json};
+
+use super::formats::models;
+use crate::derived::MAX_POSTPROCESS;
 
 use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS};
 
@@ -23,7 +28,7 @@ const STUDY_EXAMPLE: &str = r#"{
     "stop_when": {"failed_in_a_row": 2}
 }"#;
 /// Schemas of which requests are made.
-const REQUEST_SCHEMAS: [&str; 11] = [
+const REQUEST_SCHEMAS: [&str; 12] = [
     "StudyRequest",
     "StopWhen",
     "AxisRange",
@@ -35,6 +40,7 @@ const REQUEST_SCHEMAS: [&str; 11] = [
     "Distance",
     "Method",
     "EdmdStop",
+    "Derivation",
 ];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
@@ -42,7 +48,11 @@ const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
 /// Makes the schemas of requests as strict as the service.
 pub(super) fn polish(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
-    join_edmd(schemas);
+    join_options(schemas, "Method");
+    join_options(schemas, "Derivation");
+    part_voxels(schemas);
+    name_formats(schemas);
+    describe_cuts(schemas);
     for name in REQUEST_SCHEMAS {
         if let Some(schema) = schemas.get_mut(name) {
             objects_of(schema).into_iter().for_each(close);
@@ -74,22 +84,72 @@ fn choose_points(schemas: &mut Map<String, Value>) {
     }
 }
 
-/// Puts the parameters of `edmd` beside its `type`: the derive makes an `allOf` of the two, of which
+/// Puts the options of a variant, as of `edmd`, beside its `type`: the derive makes an `allOf` of the two, of which
 /// neither part could refuse unknown fields without refusing the other's.
-fn join_edmd(schemas: &mut Map<String, Value>) {
-    let Some(mut options) = schemas.shift_remove("EdmdOptions") else { return };
-    let variants = schemas.get_mut("Method").and_then(|method| method["oneOf"].as_array_mut());
-    let Some(variant) = variants.into_iter().flatten().find(|variant| variant.get("allOf").is_some()) else {
-        return;
-    };
-    let mut joined = variant["allOf"][1].take();
-    if let (Some(fields), Some(tag)) =
-        (options["properties"].as_object_mut(), joined["properties"].as_object_mut())
-    {
-        fields.append(tag);
-        tag.append(fields);
+fn join_options(schemas: &mut Map<String, Value>, name: &str) {
+    let Some(mut schema) = schemas.get(name).cloned() else { return };
+    let mut joined_in = Vec::new();
+    for variant in schema["oneOf"].as_array_mut().into_iter().flatten() {
+        let options = variant["allOf"][0]["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
+        let Some(name) = options.map(str::to_owned) else { continue };
+        let Some(mut options) = schemas.get(&name).cloned() else { continue };
+        joined_in.push(name);
+        let description = variant.get("description").cloned();
+        let mut joined = variant["allOf"][1].take();
+        if let (Some(fields), Some(tag)) =
+            (options["properties"].as_object_mut(), joined["properties"].as_object_mut())
+        {
+            fields.append(tag);
+            tag.append(fields);
+        }
+        let required = options["required"].as_array_mut().map(std::mem::take).unwrap_or_default();
+        if let Some(tag) = joined["required"].as_array_mut() {
+            tag.extend(required);
+        }
+        if let Some(description) = description {
+            joined["description"] = description;
+        }
+        *variant = joined;
     }
-    *variant = joined;
+    schemas.insert(name.to_owned(), schema);
+    for name in joined_in {
+        schemas.shift_remove(&name);
+    }
+}
+
+/// Options that voxel models have in common in the code, and not in requests.
+fn part_voxels(schemas: &mut Map<String, Value>) {
+    let variants = schemas.get_mut("Derivation").and_then(|schema| schema["oneOf"].as_array_mut());
+    for variant in variants.into_iter().flatten() {
+        let foreign: &[&str] = match variant["properties"]["type"]["enum"][0].as_str() {
+            Some("raw") => &["fractions"],
+            Some("inp") => &["label", "fractions"],
+            _ => &[],
+        };
+        if let Some(fields) = variant["properties"].as_object_mut() {
+            foreign.iter().for_each(|name| drop(fields.shift_remove(*name)));
+        }
+    }
+}
+
+/// A cut in JSON: its figures and its circles.
+fn describe_cuts(schemas: &mut Map<String, Value>) {
+    let columns = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
+    if let Some(schema) = schemas.get_mut("SliceDocument") {
+        let circles = &mut schema["properties"]["circles"];
+        circles["properties"]["columns"]["prefixItems"] =
+            columns.iter().map(|name| json!({"const": name})).collect();
+        circles["properties"]["rows"]["items"] =
+            json!({"type": "array", "items": {"type": "number"}, "minItems": 6, "maxItems": 6});
+    }
+}
+
+/// The names of formats: those of the grains, then the models.
+fn name_formats(schemas: &mut Map<String, Value>) {
+    if let Some(schema) = schemas.get_mut("ResultFormat") {
+        let names = Format::ALL.into_iter().map(Format::name).chain(models().map(DerivationKind::name));
+        schema["enum"] = names.collect();
+    }
 }
 
 /// The object that a schema describes, or those of its variants where it has no fields itself.
@@ -140,6 +200,9 @@ fn bound_items(schemas: &mut Map<String, Value>) {
         if let Some(name) = at(schemas, request, "name") {
             name["pattern"] = json!(format!("^[^{CONTROL}]*$"));
         }
+    }
+    if let Some(schema) = schemas.get_mut("Postprocess") {
+        schema["oneOf"][1]["maxItems"] = json!(MAX_POSTPROCESS);
     }
     for axes in ["grid", "zip"] {
         if let Some(axes) = at(schemas, "StudyRequest", axes) {
@@ -203,6 +266,17 @@ mod tests {
         assert!(methods.iter().any(|m| m["properties"]["type"]["enum"] == json!(["edmd"])
             && m["properties"]["initial_scale"]["minimum"] == 0.5));
         assert_eq!(schemas.get("EdmdOptions"), None, "its fields are those of the method");
+        let derivations = schemas["Derivation"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        assert_eq!(derivations.len(), DerivationKind::ALL.len());
+        for (derivation, kind) in derivations.iter().zip(DerivationKind::ALL) {
+            assert_eq!(derivation["properties"]["type"]["enum"], json!([kind.name()]));
+            assert!(
+                derivation["properties"].as_object().is_some_and(|fields| fields.len() > 1),
+                "{}",
+                kind.name()
+            );
+        }
+        assert_eq!(schemas["Postprocess"]["oneOf"][1]["maxItems"], 8);
         let gradings = schemas["Grading"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
         for bounded in ["points", "mm"] {
             let found = gradings.iter().find_map(|g| g["properties"].get(bounded));

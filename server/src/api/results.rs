@@ -5,37 +5,29 @@
 //! answer can say its length before its first byte is made.
 
 use std::io;
-use std::sync::Arc;
-use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse as _, Response};
-use futures_util::stream;
 use packstone_engine::format::{self, EngineInfo, Format};
 use packstone_engine::packing::Report;
 use serde::Serialize;
 use serde_json::{Map, Value};
-use tokio::time::timeout;
 use utoipa::ToSchema;
 
 use super::App;
-use super::conditional;
-use super::job_view::set;
+use super::files::{self, Described};
+use super::formats::{self, ResultFormat};
 use super::negotiation;
 use super::openapi::{self, ResultProblems, SummaryProblems};
 use super::params::{JobPath, Query};
 use super::problem::refused;
-use super::ranges::Asked;
 use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
 use crate::problem::{Kind, Problem};
-
-/// How long a download waits for another to end before it is refused.
-const TURN: Duration = Duration::from_secs(10);
 
 /// A result without its spheres.
 #[derive(Serialize, ToSchema)]
@@ -78,11 +70,17 @@ pub(super) async fn summary(
 ///
 /// In the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with
 /// one part, `If-Range` and `If-None-Match`.
+///
+/// Formats that are models of the packing (meshes, voxels, cuts, lattices) take options, each a parameter of its own, as
+/// `?format=msh&segments=24`; they are those of the schema `Derivation`. Such a file is made when it is first asked for, and
+/// kept for a while; the answer is held back for it, at most 30 s or as long as `Prefer: wait=N` says.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
     params(
         ("id" = String, Path, format = "uuid", description = "Name of the job"),
-        ("format" = Option<Format>, Query, description = "The format; wins over `Accept`"),
+        ("format" = Option<ResultFormat>, Query, description = "The format; wins over `Accept`"),
+        ("options" = Option<formats::FormatOptions>, Query, style = Form, explode, description = "Options of a format that is a model of the packing"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60: how long the answer is held back while a model is made"),
         ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
         ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the result as known"),
@@ -117,19 +115,26 @@ pub(super) async fn get(
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    if let Some(kind) = query.peek("format").and_then(formats::model) {
+        return formats::get(&app, id, kind, query, &method, &headers).await;
+    }
     let asked_format = query.one("format");
     query.finish()?;
     let (job, mut artifact) = finished(&app, id).await?;
     let format = negotiation::format(asked_format.as_deref(), &headers)?;
-    let etag = format!(
-        "\"{}-{}-{}\"",
-        &artifact.sha256[..32.min(artifact.sha256.len())],
-        format.name(),
-        format::REVISION
-    );
-    if conditional::none_match_fails(&headers, &etag) {
-        let mut response = StatusCode::NOT_MODIFIED.into_response();
-        describe(&mut response, &etag);
+    let described = Described {
+        etag: format!(
+            "\"{}-{}-{}\"",
+            &artifact.sha256[..32.min(artifact.sha256.len())],
+            format.name(),
+            format::REVISION
+        ),
+        content_type: content_type(format),
+        filename: format!("{id}.{}", format.name()),
+        inline: false,
+        negotiated: true,
+    };
+    if let Some(response) = described.not_modified(&headers) {
         return Ok(response);
     }
     if artifact.format_revision != format::REVISION {
@@ -139,40 +144,8 @@ pub(super) async fn get(
         tracing::error!(job_id = %id, format = format.name(), "the length of a format is not stored");
         Problem::internal()
     })?;
-    let range = headers
-        .get(header::RANGE)
-        .filter(|_| method == Method::GET && conditional::range_allowed(&headers, &etag))
-        .map(|value| value.to_str().unwrap_or_default());
-    let (status, part) = match Asked::of(range, length) {
-        Asked::Whole => (StatusCode::OK, 0..length),
-        Asked::Part(part) => (StatusCode::PARTIAL_CONTENT, part),
-        Asked::Beyond => {
-            let detail = format!("the result has {length} bytes in this format: the range must begin below");
-            return Err(Problem::new(Kind::RangeNotSatisfiable, detail)
-                .with_header("content-range", format!("bytes */{length}")));
-        }
-    };
-    let (first, bytes) = (part.start, part.end - part.start);
-    let body =
-        if method == Method::HEAD { Body::empty() } else { send(&app, artifact, format, part).await? };
-    let mut response = (status, body).into_response();
-    describe(&mut response, &etag);
-    let fields = response.headers_mut();
-    fields.insert(header::CONTENT_TYPE, content_type(format));
-    fields.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
-    let filename = format!("attachment; filename=\"{id}.{}\"", format.name());
-    set(&mut response, header::CONTENT_DISPOSITION, &filename);
-    if status == StatusCode::PARTIAL_CONTENT {
-        let range = format!("bytes {first}-{}/{length}", first + bytes - 1);
-        set(&mut response, header::CONTENT_RANGE, &range);
-    }
-    Ok(response)
-}
-
-fn describe(response: &mut Response, etag: &str) {
-    set(response, header::ETAG, etag);
-    set(response, header::ACCEPT_RANGES, "bytes");
-    set(response, header::VARY, "accept");
+    let part = described.part(&method, &headers, length)?;
+    described.respond(part, |range| send(&app, artifact, format, range)).await
 }
 
 fn content_type(format: Format) -> HeaderValue {
@@ -240,19 +213,11 @@ async fn send(
     format: Format,
     part: std::ops::Range<u64>,
 ) -> Result<Body, Problem> {
-    let turn = timeout(TURN, Arc::clone(&app.shared.downloads).acquire_owned()).await;
-    let Ok(Ok(permit)) = turn else {
-        let most = app.shared.max_downloads;
-        return Err(Problem::new(Kind::Busy, format!("{most} results are being sent, as many as may"))
-            .with_header("retry-after", "10"));
-    };
+    let permit = files::turn(app).await?;
     let artifacts = app.shared.artifacts.clone();
     let path = artifact.path.clone();
     let result: StoredResult = blocking(path, move || artifacts.read(&artifact)).await?;
-    let blocks = conversion::start(result, format, part, permit);
-    Ok(Body::from_stream(stream::unfold(blocks, |mut blocks| async move {
-        blocks.recv().await.map(|block| (block, blocks))
-    })))
+    Ok(files::body(conversion::start(result, format, part, permit)))
 }
 
 /// Reads from disk without holding up others. What fails here is this server's fault, or its disk's.

@@ -10,8 +10,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::{
-    App, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots, problem_pages, results,
-    studies, study_actions, study_list, study_table,
+    App, derived, formats, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots,
+    problem_pages, results, studies, study_actions, study_list, study_table,
 };
 use crate::problem::{Kind, Problem};
 
@@ -42,6 +42,13 @@ fn documented() -> OpenApiRouter<App> {
         .routes(routes!(results::get))
         .routes(routes!(results::summary))
         .routes(routes!(plots::of_job))
+        .routes(routes!(formats::slice_svg))
+        .routes(routes!(formats::slice_png))
+        .routes(routes!(formats::slice_json))
+        .routes(routes!(formats::slice_geo))
+        .routes(routes!(derived::submit, derived::list))
+        .routes(routes!(derived::get, derived::delete))
+        .routes(routes!(derived::file))
         .routes(routes!(studies::submit, study_list::list))
         .routes(routes!(studies::get, study_actions::delete))
         .routes(routes!(job_list::list_of_study))

@@ -106,9 +106,9 @@ pub(super) async fn delete(
     let artifacts = app.shared.artifacts.clone();
     // Nothing refers to them any more: should the server stop meanwhile, the rest is swept at the next start.
     tokio::task::spawn_blocking(move || {
-        for path in removed.into_iter().filter_map(|job| job.artifact) {
+        for path in removed.into_iter().flat_map(|job| job.files) {
             if let Err(error) = artifacts.remove(&path) {
-                tracing::warn!(%error, path, "a result is left to the sweeper");
+                tracing::warn!(%error, path, "a file is left to the sweeper");
             }
         }
     });

@@ -1,9 +1,10 @@
-//! Result files: one per job and attempt, written once, never changed.
+//! Result files, and files of what is made of results: one per attempt, written once, never changed.
 //!
 //! A file appears under its final name only when it is complete and on disk, and is an artifact only
 //! once the store refers to it; whatever else lies in the folder is left over from a crash and is
 //! swept. The form inside the file is the engine's; nothing here knows jobs' states or HTTP.
 
+mod derived;
 #[cfg(test)]
 #[path = "tests.rs"]
 mod on_disk;
@@ -18,9 +19,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Ending of a complete result.
-const COMPLETE: &str = ".packstone";
-/// Ending of one that is being written.
-const PARTIAL: &str = ".packstone.tmp";
+const RESULT: &str = ".packstone";
+/// Ending of a complete file that was made of one.
+const DERIVED: &str = ".derived";
+/// What follows the ending of one that is being written.
+const PARTIAL: &str = ".tmp";
 
 /// The folder of results.
 #[derive(Clone, Debug)]
@@ -50,11 +53,20 @@ impl Artifacts {
         Ok(Self { root, in_flight: Arc::default(), verified: Arc::default() })
     }
 
-    /// Claims the place of the result of an attempt, relative to the folder. Two digits of the id's
-    /// random end keep the folders small.
+    /// Claims the place of the result of an attempt, relative to the folder.
     pub(crate) fn begin(&self, id: &str, attempt: i64) -> InFlight {
+        self.claim(id, attempt, RESULT)
+    }
+
+    /// Claims the place of a file that an attempt makes of a result.
+    pub(crate) fn begin_derived(&self, id: &str, attempt: i64) -> InFlight {
+        self.claim(id, attempt, DERIVED)
+    }
+
+    /// Two digits of the id's random end keep the folders small.
+    fn claim(&self, id: &str, attempt: i64, ending: &str) -> InFlight {
         let fan = &id[id.len().saturating_sub(2)..];
-        let path = format!("{fan}/{id}.{attempt}{COMPLETE}");
+        let path = format!("{fan}/{id}.{attempt}{ending}");
         self.in_flight.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone());
         InFlight { path, in_flight: Arc::clone(&self.in_flight) }
     }
@@ -88,11 +100,9 @@ impl Artifacts {
                     continue;
                 };
                 let path = format!("{folder}/{name}");
-                if let Some(stem) = path.strip_suffix(PARTIAL) {
-                    let complete = format!("{stem}{COMPLETE}");
-                    found.push((path, complete));
-                } else if path.ends_with(COMPLETE) {
-                    found.push((path.clone(), path));
+                let complete = path.strip_suffix(PARTIAL).unwrap_or(&path);
+                if [RESULT, DERIVED].iter().any(|ending| complete.ends_with(ending)) {
+                    found.push((path.clone(), complete.to_owned()));
                 }
             }
         }
@@ -121,17 +131,29 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
         fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
-        for name in ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/notes.txt"] {
+        for name in [
+            "ab/xab.1.packstone",
+            "ab/xab.2.packstone.tmp",
+            "ab/notes.txt",
+            "ab/notes.tmp",
+            "ab/yab.1.derived",
+            "ab/yab.2.derived.tmp",
+        ] {
             fs::write(folder.path().join("artifacts").join(name), "x").unwrap();
         }
         let writing = artifacts.begin("xab", 2);
-        let settled = artifacts.settled().unwrap();
-        assert_eq!(settled, [("ab/xab.1.packstone".to_owned(), "ab/xab.1.packstone".to_owned())]);
-        drop(writing);
+        let deriving = artifacts.begin_derived("yab", 2);
+        let mut settled = artifacts.settled().unwrap();
+        settled.sort();
+        let itself = |path: &str| (path.to_owned(), path.to_owned());
+        assert_eq!(settled, [itself("ab/xab.1.packstone"), itself("ab/yab.1.derived")]);
+        drop((writing, deriving));
         let mut settled: Vec<String> =
             artifacts.settled().unwrap().into_iter().map(|(path, _)| path).collect();
         settled.sort();
-        assert_eq!(settled, ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp"]);
+        let all =
+            ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/yab.1.derived", "ab/yab.2.derived.tmp"];
+        assert_eq!(settled, all);
         artifacts.remove("ab/xab.1.packstone").unwrap();
         artifacts.remove("ab/xab.1.packstone").unwrap();
     }

@@ -34,28 +34,34 @@ impl Artifacts {
     /// # Errors
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is not what was stored.
     pub(crate) fn read(&self, record: &ArtifactRecord) -> io::Result<StoredResult> {
-        let file = File::open(self.locate(&record.path))?;
-        let found = file.metadata()?.len();
-        if found != record.bytes {
-            return Err(invalid(format!("{} has {found} bytes instead of {}", record.path, record.bytes)));
-        }
-        self.verify(&file, record)?;
+        let file = self.open_checked(&record.path, record.bytes, &record.sha256)?;
         let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
-        if layout.file_length() != found {
+        if layout.file_length() != record.bytes {
             return Err(invalid(format!("{} holds other columns than it says", record.path)));
         }
         Ok(StoredResult { layout, file })
     }
 
-    fn verify(&self, file: &File, record: &ArtifactRecord) -> io::Result<()> {
-        let known = |set: &std::collections::HashSet<String>| set.contains(&record.path);
+    /// Opens a file that is as long as it was stored, and has the digest that it had.
+    pub(super) fn open_checked(&self, path: &str, bytes: u64, sha256: &str) -> io::Result<File> {
+        let file = File::open(self.locate(path))?;
+        let found = file.metadata()?.len();
+        if found != bytes {
+            return Err(invalid(format!("{path} has {found} bytes instead of {bytes}")));
+        }
+        self.verify(&file, path, bytes, sha256)?;
+        Ok(file)
+    }
+
+    fn verify(&self, file: &File, path: &str, bytes: u64, sha256: &str) -> io::Result<()> {
+        let known = |set: &std::collections::HashSet<String>| set.contains(path);
         if known(&self.verified.lock().unwrap_or_else(PoisonError::into_inner)) {
             return Ok(());
         }
         let mut digest = Sha256::new();
         let mut block = vec![0; BLOCK_BYTES];
         let mut offset = 0;
-        while offset < record.bytes {
+        while offset < bytes {
             let read = file.read_at(&mut block, offset)?;
             if read == 0 {
                 return Err(io::ErrorKind::UnexpectedEof.into());
@@ -64,17 +70,14 @@ impl Artifacts {
             offset += read as u64;
         }
         let found = hex::encode(&digest.finalize());
-        if found != record.sha256 {
-            return Err(invalid(format!(
-                "{} has the sha256 {found} instead of {}",
-                record.path, record.sha256
-            )));
+        if found != sha256 {
+            return Err(invalid(format!("{path} has the sha256 {found} instead of {sha256}")));
         }
         let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
         if verified.len() >= VERIFIED_KEPT {
             verified.clear();
         }
-        verified.insert(record.path.clone());
+        verified.insert(path.to_owned());
         Ok(())
     }
 }

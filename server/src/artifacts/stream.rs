@@ -1,11 +1,12 @@
-//! Converting a stored result into a format while it is sent.
+//! Converting a stored result into a format while it is sent, and sending files as they lie.
 //!
 //! A blocking thread writes the format into a window (the byte range asked for), and the window
 //! hands blocks to the response through a short channel. A reader that is slow makes the thread
 //! wait; one that is gone, or that takes nothing for a minute, ends it. So a result of any length
 //! costs a few blocks of memory.
 
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::{self, Read as _, Seek as _, SeekFrom, Write};
 use std::ops::Range;
 use std::time::Duration;
 
@@ -40,6 +41,37 @@ pub(crate) fn start(
         drop(permit);
     });
     receiver
+}
+
+/// Starts to send a part of a file as it lies.
+pub(crate) fn start_file(
+    mut file: File,
+    range: Range<u64>,
+    permit: OwnedSemaphorePermit,
+) -> mpsc::Receiver<io::Result<Bytes>> {
+    let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
+    tokio::task::spawn_blocking(move || {
+        let mut blocks = Blocks { sender: sender.clone(), handle: Handle::current() };
+        let sent = send_file(&mut file, range, &mut blocks).or_else(reader_left);
+        if let Err(error) = sent {
+            tracing::warn!(%error, "a file was not sent to its end");
+            let _ = sender.try_send(Err(error));
+        }
+        drop(permit);
+    });
+    receiver
+}
+
+fn send_file(file: &mut File, range: Range<u64>, blocks: &mut impl Sink) -> io::Result<()> {
+    file.seek(SeekFrom::Start(range.start))?;
+    let mut left = range.end - range.start;
+    while left > 0 {
+        let mut block = BytesMut::zeroed(left.min(BLOCK_BYTES as u64) as usize);
+        file.read_exact(&mut block)?;
+        left -= block.len() as u64;
+        blocks.send(block.freeze())?;
+    }
+    Ok(())
 }
 
 /// Where blocks go.

@@ -1,4 +1,4 @@
-//! Writing a result so that it is whole or not there.
+//! Writing a file so that it is whole or not there.
 //!
 //! Temporary name, digest while writing, fsync of the file, rename, fsync of the folders. Only then
 //! may the store refer to it.
@@ -6,13 +6,14 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
 use packstone_engine::Control;
 use packstone_engine::format::{self, Format, Head, SphereSource, stored};
 use serde_json::Map;
 use sha2::{Digest, Sha256};
 
-use super::{Artifacts, InFlight, sync_dir};
+use super::{Artifacts, InFlight, PARTIAL, sync_dir};
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
@@ -31,26 +32,47 @@ impl Artifacts {
         spheres: &dyn SphereSource,
         control: &dyn Control,
     ) -> io::Result<ArtifactRecord> {
+        let mut format_lengths = BTreeMap::new();
+        let ((), bytes, sha256) = self.write_whole(
+            place,
+            control,
+            |out| stored::write(head, spheres, out),
+            || count_lengths(head, spheres, control).map(|lengths| format_lengths = lengths),
+        )?;
+        let report = match serde_json::to_value(&head.report)? {
+            serde_json::Value::Object(report) => report,
+            _ => Map::new(),
+        };
+        Ok(ArtifactRecord {
+            path: place.path.clone(),
+            bytes,
+            sha256,
+            report,
+            format_revision: format::REVISION,
+            format_lengths,
+        })
+    }
+
+    /// Writes a file by `write`; `before_rename` is the last that can keep it from its name. Nothing is left behind
+    /// where anything fails.
+    ///
+    /// Returns what `write` returned, the file's length and its SHA-256.
+    pub(super) fn write_whole<T, E: From<io::Error>>(
+        &self,
+        place: &InFlight,
+        control: &dyn Control,
+        write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
+        before_rename: impl FnOnce() -> Result<(), E>,
+    ) -> Result<(T, u64, String), E> {
         let complete = self.locate(&place.path);
-        let partial = complete.with_extension("packstone.tmp");
-        let written = self.write_partial(&partial, head, spheres, control).and_then(|(bytes, sha256)| {
-            let format_lengths = count_lengths(head, spheres, control)?;
+        let partial = self.locate(&format!("{}{PARTIAL}", place.path));
+        let written = self.write_partial(&partial, control, write).and_then(|written| {
+            before_rename()?;
             fs::rename(&partial, &complete)?;
             if let Some(folder) = complete.parent() {
                 sync_dir(folder)?;
             }
-            let report = match serde_json::to_value(&head.report)? {
-                serde_json::Value::Object(report) => report,
-                _ => Map::new(),
-            };
-            Ok(ArtifactRecord {
-                path: place.path.clone(),
-                bytes,
-                sha256,
-                report,
-                format_revision: format::REVISION,
-                format_lengths,
-            })
+            Ok(written)
         });
         if written.is_err() {
             // What cannot be removed now is the sweeper's.
@@ -59,13 +81,12 @@ impl Artifacts {
         written
     }
 
-    fn write_partial(
+    fn write_partial<T, E: From<io::Error>>(
         &self,
-        partial: &std::path::Path,
-        head: &Head,
-        spheres: &dyn SphereSource,
+        partial: &Path,
         control: &dyn Control,
-    ) -> io::Result<(u64, String)> {
+        write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
+    ) -> Result<(T, u64, String), E> {
         if let Some(folder) = partial.parent()
             && !folder.is_dir()
         {
@@ -75,11 +96,11 @@ impl Artifacts {
         let mut digested =
             Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, control };
         let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
-        stored::write(head, spheres, &mut buffered)?;
+        let value = write(&mut buffered)?;
         buffered.flush()?;
         drop(buffered);
         digested.inner.sync_all()?;
-        Ok((digested.bytes, hex::encode(&digested.digest.finalize())))
+        Ok((value, digested.bytes, hex::encode(&digested.digest.finalize())))
     }
 }
 

@@ -6,12 +6,16 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
+use packstone_engine::derived::Derivation;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
 use packstone_engine::request::{Distance, Method, Mix, Specimen};
-use packstone_engine::{FieldError, PackingRequest};
+use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
+
+use crate::derived::MAX_POSTPROCESS;
+use crate::problem::Problem;
 
 /// Longest name of a job, in characters.
 pub(crate) const MAX_NAME_CHARS: usize = 200;
@@ -69,6 +73,43 @@ pub(crate) struct JobRequest {
     /// How the packing is computed; `auto` when absent.
     #[schema(required = false)]
     pub(crate) method: Method,
+    /// What to make of the packing once it is there: one thing or a list of at most 8, each as in
+    /// `POST /v1/jobs/{id}/derived`.
+    #[schema(required = false)]
+    #[serde(skip_serializing_if = "Postprocess::is_empty")]
+    pub(crate) postprocess: Postprocess,
+}
+
+/// What to make of a packing once it is there, in the form in which it was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[serde(untagged)]
+pub(crate) enum Postprocess {
+    /// One thing.
+    One(Box<Derivation>),
+    /// A list of them.
+    List(Vec<Derivation>),
+}
+
+impl Default for Postprocess {
+    fn default() -> Self {
+        Self::List(Vec::new())
+    }
+}
+
+impl Postprocess {
+    fn is_empty(&self) -> bool {
+        matches!(self, Self::List(list) if list.is_empty())
+    }
+
+    /// What is to be made, each with its place in the request.
+    pub(crate) fn items(&self) -> Vec<(String, &Derivation)> {
+        match self {
+            Self::One(one) => vec![("/postprocess".into(), one)],
+            Self::List(list) => {
+                list.iter().enumerate().map(|(i, item)| (format!("/postprocess/{i}"), item)).collect()
+            }
+        }
+    }
 }
 
 impl JobRequest {
@@ -101,6 +142,17 @@ impl JobRequest {
         }
     }
 
+    /// Judges what is to be made of the packing, as far as that can be done before there is one.
+    ///
+    /// # Errors
+    /// What is wrong with the first that cannot be made, at its place.
+    pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Problem> {
+        for (place, derivation) in self.postprocess.items() {
+            derivation.check(&self.specimen, limits).map_err(|error| Problem::from(error).below(&place))?;
+        }
+        Ok(())
+    }
+
     /// `expires_at` in microseconds since the Unix epoch.
     pub(crate) fn expires_at_us(&self) -> Option<i64> {
         self.expires_at.as_deref()?.parse::<Timestamp>().ok().map(Timestamp::as_microsecond)
@@ -131,6 +183,8 @@ fn read_fields(
         Some(at) => at.integer(1, MAX_ATTEMPTS),
         None => Some(DEFAULT_ATTEMPTS),
     };
+    let postprocess =
+        object.optional("postprocess").map_or(Some(Postprocess::default()), |at| read_postprocess(&at));
     let packing = PackingRequest::from_object(object, seed)?;
     Some(JobRequest {
         name,
@@ -144,7 +198,22 @@ fn read_fields(
         mix: packing.mix,
         distance: packing.distance,
         method: packing.method,
+        postprocess: postprocess?,
     })
+}
+
+fn read_postprocess(at: &At<'_>) -> Option<Postprocess> {
+    if !at.value().is_array() {
+        return Derivation::read(at).map(|one| Postprocess::One(Box::new(one)));
+    }
+    let items = at.array()?;
+    if items.len() > MAX_POSTPROCESS {
+        at.fault(format!("has {} items: must have at most {MAX_POSTPROCESS}", items.len()));
+        return None;
+    }
+    // All of them, so that every fault is told.
+    let read: Vec<Option<Derivation>> = items.iter().map(Derivation::read).collect();
+    read.into_iter().collect::<Option<Vec<_>>>().map(Postprocess::List)
 }
 
 /// Reads a name for people.

@@ -23,6 +23,7 @@ use super::store::{Claimed, Store, StoreError};
 use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
+use crate::derived::NewDerived;
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
@@ -56,6 +57,7 @@ enum End {
         artifact: ArtifactRecord,
         facts: Facts,
         grains: u64,
+        postprocess: Vec<NewDerived>,
         _place: InFlight,
     },
     Stopped(Stop),
@@ -206,7 +208,7 @@ impl Runner {
         })?;
         let request = JobRequest::read(&stored, 0, None)
             .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
-        let request = request.packing();
+        let (request, postprocess) = (request.packing(), request.postprocess);
         let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
         if resume.is_some() {
             control.resumed();
@@ -241,7 +243,9 @@ impl Runner {
             .artifacts
             .write(&place, &head, &packed.spheres, control)
             .map_err(|error| unwritten(&error))?;
-        Ok(End::Stored { artifact, facts, grains, _place: place })
+        let postprocess =
+            postprocess.items().iter().map(|(_, item)| NewDerived::new(item, &artifact.sha256)).collect();
+        Ok(End::Stored { artifact, facts, grains, postprocess, _place: place })
     }
 
     /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
@@ -250,9 +254,12 @@ impl Runner {
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
-                End::Stored { artifact, facts, grains, .. } => {
+                End::Stored { artifact, facts, grains, postprocess, .. } => {
                     let progress = complete(*grains);
-                    ("succeeded", self.store.succeed(lease, artifact.clone(), progress, facts.clone()).await)
+                    let (artifact, facts) = (artifact.clone(), facts.clone());
+                    let succeeded =
+                        self.store.succeed(lease, artifact, progress, facts, postprocess.clone()).await;
+                    ("succeeded", succeeded)
                 }
                 End::Failed(Failure { problem, facts }) => {
                     let facts = Facts { time_s: took.as_secs_f64(), ..facts.clone() };
@@ -344,7 +351,7 @@ async fn at(moment: Option<Instant>) {
 }
 
 /// Progress as clients see it: never falling, and with the time that is left.
-fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duration) -> JobProgress {
+pub(crate) fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duration) -> JobProgress {
     pace.follow(progress);
     JobProgress {
         fraction: pace.fraction(),

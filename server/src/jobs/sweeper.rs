@@ -101,7 +101,7 @@ pub(crate) async fn sweep(
 async fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), SweepError> {
     let artifacts = artifacts.clone();
     tokio::task::spawn_blocking(move || {
-        let mut paths = jobs.into_iter().filter_map(|job| job.artifact);
+        let mut paths = jobs.into_iter().flat_map(|job| job.files);
         paths.try_for_each(|path| artifacts.remove(&path))
     })
     .await??;
@@ -234,6 +234,6 @@ mod tests {
             eta_s: None,
             growth: None,
         };
-        store.succeed(lease, artifact, progress, crate::studies::Facts::default()).await.unwrap();
+        store.succeed(lease, artifact, progress, crate::studies::Facts::default(), Vec::new()).await.unwrap();
     }
 }

@@ -13,7 +13,7 @@ use super::request::{Asked, Axis, Points, Refusal, Values};
 use super::seeds::Seeds;
 use super::{Point, Study};
 use crate::jobs::JobRequest;
-use crate::problem::Kind;
+use crate::problem::{self, Kind};
 
 /// Most faults that a refusal tells of.
 const MAX_FAULTS: usize = 100;
@@ -105,6 +105,13 @@ fn read_point(
         PlanError::Invalid(faults) => (Kind::ValidationError, faults),
         PlanError::TooLarge(fault) => (Kind::TooLarge, vec![fault]),
         PlanError::Infeasible(fault) => (Kind::InfeasibleMix, vec![fault]),
+    })?;
+    job.check_postprocess(limits).map_err(|problem| {
+        let at = |fault: problem::Fault| FieldError {
+            pointer: fault.pointer.unwrap_or_default(),
+            detail: fault.detail,
+        };
+        (problem.kind, problem.errors.into_iter().map(at).collect::<Vec<_>>())
     })?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();

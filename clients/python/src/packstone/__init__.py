@@ -17,6 +17,7 @@ from importlib.metadata import version
 
 from .client import Client
 from .completion import as_completed
+from .derived import Derived
 from .errors import (
     ConnectionFailed,
     Fault,
@@ -35,6 +36,7 @@ __version__ = version("packstone-client")
 __all__ = [
     "Client",
     "ConnectionFailed",
+    "Derived",
     "Fault",
     "Job",
     "JobCancelled",

@@ -1,4 +1,4 @@
-"""What jobs and studies have in common: an address, a document as last seen, and a way to wait for more.
+"""What jobs, studies and models have in common: an address, a document as last seen, and a way to wait for more.
 
 Waiting is long-polling: the server holds an answer back until there is news. It must never be a poll in a
 loop.
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from ._transport import Params, Transport, document
 from .errors import WaitTimeout
 
-R = TypeVar("R", bound="Resource")
+R = TypeVar("R", bound="Changing")
 
 # Longest that the server holds an answer back.
 LONGEST_POLL_S = 60
@@ -26,8 +26,8 @@ NEWS_EVERY_S = 0.25
 PAUSE_S = 1.0
 
 
-class Resource(ABC):
-    """Something of the server's, as last seen."""
+class Changing(ABC):
+    """Something of the server's that changes until it ends, as last seen."""
 
     def __init__(self, transport: Transport, data: dict[str, Any], etag: str | None = None) -> None:
         self._transport = transport
@@ -39,22 +39,6 @@ class Resource(ABC):
     def id(self) -> str:
         """Its name on the server."""
         return str(self.data["id"])
-
-    @property
-    def name(self) -> str | None:
-        """Its name for people."""
-        name = self.data["name"]
-        return None if name is None else str(name)
-
-    @property
-    def labels(self) -> dict[str, str]:
-        """Keys and values to find it by."""
-        return dict(self.data["labels"])
-
-    @property
-    def seed(self) -> int:
-        """What its randomness derives from."""
-        return int(self.data["seed"])
 
     @property
     def created_at(self) -> datetime:
@@ -71,14 +55,6 @@ class Resource(ABC):
     def progress(self) -> dict[str, Any]:
         """How far it is, in the server's words; empty before it starts."""
         return dict(self.data["progress"] or {})
-
-    @property
-    def request(self) -> dict[str, Any]:
-        """What was asked for, with what the server has filled in."""
-        if "request" not in self.data:
-            # Listings leave it out.
-            self.refresh()
-        return dict(self.data["request"])
 
     @property
     @abstractmethod
@@ -151,6 +127,34 @@ class Resource(ABC):
 
     def _take(self, data: dict[str, Any], etag: str | None) -> None:
         self.data, self._etag = data, etag
+
+
+class Resource(Changing):
+    """Something that was submitted, as last seen."""
+
+    @property
+    def name(self) -> str | None:
+        """Its name for people."""
+        name = self.data["name"]
+        return None if name is None else str(name)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Keys and values to find it by."""
+        return dict(self.data["labels"])
+
+    @property
+    def seed(self) -> int:
+        """What its randomness derives from."""
+        return int(self.data["seed"])
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """What was asked for, with what the server has filled in."""
+        if "request" not in self.data:
+            # Listings leave it out.
+            self.refresh()
+        return dict(self.data["request"])
 
 
 def _time(text: str) -> datetime:

@@ -29,6 +29,8 @@ FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 5.0
 # Refusals before anything was done, whatever the request.
 REFUSED_FOR_NOW = frozenset({429, 503})
+# What is asked for takes longer to make than an answer is held back.
+BEING_MADE = "format-not-ready"
 # Of a proxy that does not know what became of the request.
 UNKNOWN_FOR_NOW = frozenset({502, 504})
 # The server cannot have seen the request.
@@ -132,6 +134,12 @@ class Transport:
                 return attempt()
             except _Again as again:
                 error, least_s = again.error, again.after_s
+                if error.kind == BEING_MADE:
+                    # No failure: the server is at it, however long that takes.
+                    logger.info("%s; asking again in %.1f s", error, least_s)
+                    patience.renew()
+                    sleep(least_s)
+                    continue
             except httpx.TransportError as broken:
                 reason = str(broken) or type(broken).__name__
                 error, least_s = ConnectionFailed(f"no answer from {self.url}: {reason}"), 0.0

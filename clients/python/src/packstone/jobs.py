@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
 from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, get_args
 
+from ._listing import pages
 from ._resource import Resource
+from ._transport import document
+from .derived import Derived
 from .errors import JobCancelled, error_of
 from .results import Result
 from .svg import Svg
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+SliceForm = Literal["svg", "png", "json", "geo"]
 JobPlotKind = Literal["grading", "distance", "radial", "profile"]
 JOB_PLOT_KINDS: tuple[JobPlotKind, ...] = get_args(JobPlotKind)
 
@@ -53,6 +60,45 @@ class Job(Resource):
         if self.error is not None:
             raise error_of(self.error)
         raise JobCancelled(f"{self._title} was cancelled")
+
+    def derive(self, type: str, /, **options: Any) -> Derived:
+        """Has something made of the packing, and kept with the job: ``msh``, ``vti``, ``slice``, ``ldpm``, ...
+
+        The same options give the same model, however often they are asked for. `wait` for it, `save` its file.
+        """
+        body = {"type": type, **options}
+        response = self._transport.request("POST", f"{self.path}/derived", body=body, repeatable=True)
+        return Derived(self._transport, document(response), response.headers.get("etag"))
+
+    def derived(self) -> Iterator[Derived]:
+        """What is made of the packing, newest first, fetched page by page."""
+        for item in pages(self._transport, f"{self.path}/derived", {}):
+            yield Derived(self._transport, item)
+
+    def slice(
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        form: SliceForm | None = None,
+        axis: Literal["x", "y", "z"] | None = None,
+        at_mm: float | None = None,
+        **options: Any,
+    ) -> bytes:
+        """A plane cut through the packing, saved where `path` says, whose suffix names the form if none is named.
+
+        ``svg``, ``png``, ``json`` with the circles, or ``geo``, a script for Gmsh; ``svg`` if nothing says. In
+        the middle if `at_mm` is left out.
+        """
+        suffix = "" if path is None else Path(path).suffix.removeprefix(".").lower()
+        named = form or suffix or "svg"
+        if named not in get_args(SliceForm):
+            raise ValueError(f"{named!r} is no form of cuts: must be one of {', '.join(get_args(SliceForm))}")
+        buffer = io.BytesIO()
+        params = {"axis": axis, "at_mm": at_mm, **options}
+        self._transport.download(f"{self.path}/slice.{named}", buffer, params=params)
+        if path is not None:
+            Path(path).write_bytes(buffer.getvalue())
+        return buffer.getvalue()
 
     def cancel(self) -> Job:
         """Cancels it; one that runs ends a little later, so wait for that."""

@@ -7,17 +7,20 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _files
 from ._transport import Transport, document
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Format = Literal["json", "csv", "vtk", "vtp", "npy"]
+ModelFormat = Literal["msh", "geo", "stl", "vti", "raw", "inp", "ldpm"]
+# Models that are one zip of several files.
+ARCHIVES = ("stl", "ldpm")
 
 COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
 
@@ -53,23 +56,32 @@ class Result:
 
         return pd.DataFrame(self.to_numpy(), columns=list(COLUMNS))
 
-    def save(self, path: str | PathLike[str], format: Format | None = None) -> Path:
+    def read(self, format: Format | ModelFormat, **options: Any) -> bytes:
+        """The packing in a format; those that are models of it have options, as ``read("raw", cells=200)``."""
+        buffer = io.BytesIO()
+        self._transport.download(self._path, buffer, params=_params(format, options))
+        return buffer.getvalue()
+
+    def save(
+        self, path: str | PathLike[str], format: Format | ModelFormat | None = None, **options: Any
+    ) -> Path:
         """Writes the packing to a file, in the format of its suffix if none is named; returns the path.
 
-        A file of that name is replaced once the new one is whole.
+        Formats that are models of the packing have options, as ``save("a.msh", segments=24)``; they are made
+        when they are first asked for, which is waited for. A file of that name is replaced once the new one is
+        whole.
         """
         path = Path(path)
         named = format or path.suffix.removeprefix(".").lower()
-        if named not in get_args(Format):
-            known = ", ".join(get_args(Format))
-            raise ValueError(f"{named!r} is no format of results: must be one of {known}")
-        # Beside it, since only within one file system a file takes another's place at once.
-        part = path.with_name(f".{path.name}.{uuid4().hex}.part")
-        try:
-            with part.open("xb") as sink:
-                self._transport.download(self._path, sink, params={"format": named})
-            part.replace(path)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
-        return path
+        known = [*get_args(Format), *get_args(ModelFormat)]
+        # The models of the rest come as archives, whatever the name of the file.
+        known = known if format else [name for name in known if name not in ARCHIVES]
+        if named not in known:
+            raise ValueError(f"{named!r} is no format of results: must be one of {', '.join(known)}")
+        return _files.save(self._transport, self._path, path, _params(named, options))
+
+
+def _params(format: str, options: dict[str, Any]) -> dict[str, Any]:
+    # As the server spells them.
+    plain = {name: str(value).lower() if isinstance(value, bool) else value for name, value in options.items()}
+    return {"format": format, **plain}

@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
+use packstone_engine::derived::{Derivation, DerivationKind, Model};
 use packstone_engine::format::{self, EngineInfo, Format, Head};
 use packstone_engine::{FieldError, Limits, PackError, Plan, PlanError};
 
-use super::{Failure, print};
+use super::{Failure, models, print};
 use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
 use crate::jobs::{JobRequest, request};
@@ -29,9 +30,9 @@ pub(super) struct Options {
     /// Folder for the result; made where it is missing
     #[arg(long, default_value = ".")]
     out: PathBuf,
-    /// Formats of the result
-    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
-    format: Vec<Format>,
+    /// Formats of the result; models are made with default options (name others in the job's `postprocess`)
+    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = output_parser())]
+    format: Vec<Output>,
     /// Plots of the result, as SVG
     #[arg(long, value_delimiter = ',', value_parser = plot_parser())]
     plot: Vec<JobPlot>,
@@ -47,6 +48,23 @@ pub(super) struct Options {
     /// Seconds between two checkpoints; 0 keeps one at every opportunity
     #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
     checkpoint_every_s: f64,
+}
+
+/// A file of the result.
+#[derive(Clone, Debug)]
+enum Output {
+    Grains(Format),
+    Model(Derivation),
+}
+
+fn output_parser() -> impl clap::builder::TypedValueParser<Value = Output> {
+    PossibleValuesParser::new(Format::ALL.map(Format::name).into_iter().chain(models::names())).try_map(
+        |name| {
+            let model =
+                || Derivation::from_text(DerivationKind::from_name(&name)?, []).ok().map(Output::Model);
+            Format::from_name(&name).map(Output::Grains).or_else(model).ok_or("no such format")
+        },
+    )
 }
 
 pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
@@ -72,6 +90,11 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, error))?;
     for warning in &plan.warnings {
         eprintln!("warning: {warning}");
+    }
+    let models = models_of(options, &request);
+    for model in &models {
+        let named = |error| format!("{} is refused:\n  {}", model.kind().name(), models::explained(error));
+        model.check(&request.specimen, &limits).map_err(named)?;
     }
     let resume = stored
         .map(|stored| resume::state(&checkpoint, &options.job, &packing_request, &stored))
@@ -119,12 +142,18 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         engine: EngineInfo::current(),
         report: packing.report,
     };
-    for format in &options.format {
+    let formats = options.format.iter().filter_map(|output| match output {
+        Output::Grains(format) => Some(format),
+        Output::Model(_) => None,
+    });
+    for format in formats {
         let file = options.out.join(format!("result.{}", format.name()));
         write(&file, *format, &head, &packing.spheres)
             .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
         print(&format!("{}\n", file.display()))?;
     }
+    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+    models::write_all(&models, &model, &limits, &options.out, watch.stop())?;
     for kind in &options.plot {
         let file = options.out.join(format!("plot-{}.svg", kind.name()));
         let result = JobResult { head: &head, spheres: &packing.spheres };
@@ -133,6 +162,22 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         print(&format!("{}\n", file.display()))?;
     }
     discard(&checkpoint)
+}
+
+/// What is to be made of the packing: by the command's formats, then by the job.
+fn models_of(options: &Options, request: &JobRequest) -> Vec<Derivation> {
+    let by_format = options.format.iter().filter_map(|output| match output {
+        Output::Grains(_) => None,
+        Output::Model(derivation) => Some(derivation.clone()),
+    });
+    let by_job = request.postprocess.items().into_iter().map(|(_, derivation)| derivation.clone());
+    let mut models: Vec<Derivation> = Vec::new();
+    for model in by_format.chain(by_job) {
+        if !models.contains(&model) {
+            models.push(model);
+        }
+    }
+    models
 }
 
 fn stopped(checkpoint: &Path, placed: u64, grains: u64) -> String {

@@ -41,6 +41,11 @@ impl Watch {
         })
     }
 
+    /// Set when the run is to stop.
+    pub(super) fn stop(&self) -> &Arc<AtomicBool> {
+        &self.stop
+    }
+
     /// Takes the bar away.
     pub(super) fn finish(&self) {
         self.bar.finish();

@@ -7,9 +7,11 @@ use std::time::Duration;
 
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 
+use super::derived::{files_of_job, insert_beforehand};
 use super::studies::runs;
 use super::submit::to_json;
 use super::{Store, StoreError, detached, micros, now_us, rows, turns};
+use crate::derived::NewDerived;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;
 use crate::studies::{Facts, Outcome};
@@ -109,7 +111,8 @@ impl Store {
         .await
     }
 
-    /// Ends a job with its result, which is on disk already. A study keeps the facts of the run.
+    /// Ends a job with its result, which is on disk already, and takes in what it asked to be made of it. A study
+    /// keeps the facts of the run.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -119,6 +122,7 @@ impl Store {
         artifact: ArtifactRecord,
         progress: JobProgress,
         facts: Facts,
+        postprocess: Vec<NewDerived>,
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
@@ -151,11 +155,15 @@ impl Store {
             .bind(to_json(&artifact.format_lengths)?)
             .execute(&mut *tx)
             .await?;
+            insert_beforehand(&mut tx, lease.seq, &postprocess, now).await?;
             let called_off = runs::record(&mut tx, &moved, Outcome::Succeeded, &facts, now).await?;
             tx.commit().await?;
             drop(writer);
             store.announce_lease(lease);
             store.announce_all(&called_off);
+            if !postprocess.is_empty() {
+                store.wake_derivers();
+            }
             Ok(())
         })
         .await
@@ -301,11 +309,12 @@ impl Store {
         .await
     }
 
-    /// Removes a finished job and tells the path of its artifact, which nothing refers to any more.
+    /// Removes a finished job with what was made of it, and tells the paths of the files, which nothing refers to any
+    /// more.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is not finished, or the database's.
-    pub(crate) async fn delete(&self, id: JobId) -> Result<Option<String>, StoreError> {
+    pub(crate) async fn delete(&self, id: JobId) -> Result<Vec<String>, StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.shared.writer.lock().await;
@@ -314,11 +323,14 @@ impl Store {
             if !job.state.is_finished() {
                 return Err(StoreError::Forbidden(job.state));
             }
+            let (mut files, derived) = files_of_job(&mut tx, job.seq).await?;
             sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
             tx.commit().await?;
             drop(writer);
             store.announce(id);
-            Ok(job.artifact.map(|artifact| artifact.path))
+            derived.into_iter().for_each(|id| store.announce_derived(id));
+            files.extend(job.artifact.map(|artifact| artifact.path));
+            Ok(files)
         })
         .await
     }

@@ -1,4 +1,4 @@
-//! The store of jobs and studies: one SQLite file.
+//! The store of jobs, studies and what is made of results: one SQLite file.
 //!
 //! Who may write: one connection behind a lock, each write in its own `BEGIN IMMEDIATE`, so that no
 //! write ever meets another; readers are a separate read-only pool and never wait for it. Writes run
@@ -8,6 +8,7 @@
 //! Every change a client can see moves `version` on and is announced to [`Changes`] after its commit.
 //! It must never know HTTP, and it never opens an artifact.
 
+mod derived;
 mod lifecycle;
 mod query;
 mod rows;
@@ -29,8 +30,9 @@ use tokio::sync::{Mutex, Notify};
 
 use super::changes::{Changes, Subscription};
 use super::{JobId, JobRecord, Lease, State};
-use crate::ids::StudyId;
+use crate::ids::{DerivedId, StudyId};
 
+pub(crate) use derived::{ClaimedDerived, Wish};
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
@@ -73,6 +75,15 @@ pub(crate) enum StoreError {
     /// The study's state forbids it.
     #[error("the study is {}", .0.name())]
     StudyForbidden(StudyState),
+    /// There is nothing derived of that name.
+    #[error("there is nothing derived of that name")]
+    NoDerived,
+    /// So much waits to be derived that there is no room for more.
+    #[error("{most} models wait to be made, as many as may")]
+    TooManyWait { most: u64 },
+    /// So much is kept of a job that there is no room for more.
+    #[error("the job keeps {most} derived models, as many as it may: delete some")]
+    TooManyKept { most: u64 },
     /// So many jobs wait that there is no room for more.
     #[error("the queue holds {queued} jobs of at most {most}, without room for {more} more")]
     QueueFull { queued: u64, more: u64, most: u64 },
@@ -102,7 +113,10 @@ struct Shared {
     readers: SqlitePool,
     changes: Changes<JobId>,
     study_changes: Changes<StudyId>,
+    derived_changes: Changes<DerivedId>,
     queue: Notify,
+    /// Of those who make anything, and of those who make only what is quick.
+    derivers: [Notify; 2],
     limits: StoreLimits,
 }
 
@@ -140,7 +154,9 @@ impl Store {
                 readers,
                 changes: Changes::default(),
                 study_changes: Changes::default(),
+                derived_changes: Changes::default(),
                 queue: Notify::new(),
+                derivers: [Notify::new(), Notify::new()],
                 limits,
             }),
         })
@@ -154,6 +170,21 @@ impl Store {
     /// Starts to listen for changes of a study. Subscribe first, then read.
     pub(crate) fn subscribe_study(&self, id: StudyId) -> Subscription<StudyId> {
         self.shared.study_changes.subscribe(id)
+    }
+
+    /// Starts to listen for changes of something derived. Subscribe first, then read.
+    pub(crate) fn subscribe_derived(&self, id: DerivedId) -> Subscription<DerivedId> {
+        self.shared.derived_changes.subscribe(id)
+    }
+
+    /// Waits until there may be something to derive.
+    pub(crate) async fn derived_grew(&self, quick: bool) {
+        self.shared.derivers[usize::from(quick)].notified().await;
+    }
+
+    /// After a commit that put something derived into its queue; of a burst, each that wakes wakes one more.
+    pub(crate) fn wake_derivers(&self) {
+        self.shared.derivers.iter().for_each(Notify::notify_one);
     }
 
     /// Waits until a job may have come into the queue.
@@ -215,6 +246,11 @@ impl Store {
     /// After a commit that changed what clients see of the study.
     fn announce_study(&self, id: StudyId) {
         self.shared.study_changes.announce(id);
+    }
+
+    /// After a commit that changed what clients see of something derived.
+    fn announce_derived(&self, id: DerivedId) {
+        self.shared.derived_changes.announce(id);
     }
 
     /// After a commit that put a job into the queue.

@@ -65,7 +65,7 @@ pub(super) fn artifact(path: &str) -> ArtifactRecord {
 
 async fn succeed(store: &Store, lease: Lease) {
     let path = format!("{}.{}", lease.id, lease.attempt);
-    store.succeed(lease, artifact(&path), progress(1.0), Facts::default()).await.unwrap();
+    store.succeed(lease, artifact(&path), progress(1.0), Facts::default(), Vec::new()).await.unwrap();
 }
 
 #[tokio::test]
@@ -124,7 +124,7 @@ async fn only_the_holder_of_the_lease_may_write() {
     let problem = Problem::internal();
     assert!(matches!(store.heartbeat(old, Some(progress(0.1))).await, Err(StoreError::LeaseLost)));
     assert!(matches!(
-        store.succeed(old, artifact("x"), progress(1.0), Facts::default()).await,
+        store.succeed(old, artifact("x"), progress(1.0), Facts::default(), Vec::new()).await,
         Err(StoreError::LeaseLost)
     ));
     assert!(matches!(store.fail(old, &problem, Facts::default()).await, Err(StoreError::LeaseLost)));
@@ -201,7 +201,7 @@ async fn states_forbid_what_makes_no_sense() {
     succeed(&store, lease).await;
     assert!(matches!(store.cancel(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
     assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
-    assert_eq!(store.delete(queued).await.unwrap(), Some(format!("{queued}.1")));
+    assert_eq!(store.delete(queued).await.unwrap(), [format!("{queued}.1")]);
     assert_eq!(store.get(queued).await.unwrap(), None);
     assert!(matches!(store.cancel(queued).await, Err(StoreError::NoJob)));
     let waiting = submit(&store, json!({})).await.id;
@@ -316,7 +316,7 @@ async fn only_finished_jobs_expire() {
     store.cancel(lasting).await.unwrap();
     let removed = store.remove_expired().await.unwrap();
     assert_eq!(removed.len(), 1);
-    assert_eq!((removed[0].id, removed[0].artifact.clone()), (done, Some(format!("{done}.1"))));
+    assert_eq!((removed[0].id, removed[0].files.clone()), (done, vec![format!("{done}.1")]));
     assert_eq!(store.remove_expired().await.unwrap(), []);
     assert!(store.get(waiting).await.unwrap().is_some() && store.get(lasting).await.unwrap().is_some());
 }

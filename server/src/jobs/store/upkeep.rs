@@ -16,8 +16,8 @@ const EXPIRED_AT_ONCE: i64 = 200;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Removed {
     pub(crate) id: JobId,
-    /// Its artifact, which nothing refers to any more.
-    pub(crate) artifact: Option<String>,
+    /// Its files, the result and what was made of it, which nothing refers to any more.
+    pub(crate) files: Vec<String>,
 }
 
 impl Store {
@@ -80,7 +80,9 @@ impl Store {
             let mut writer = store.shared.writer.lock().await;
             let mut tx = writer.begin_with("begin immediate").await?;
             let expired = sqlx::query(
-                "select jobs.seq, jobs.id, artifacts.path
+                "select jobs.seq, jobs.id, artifacts.path,
+                     (select json_group_array(derived.path) from derived
+                      where derived.job = jobs.seq and derived.path is not null) as derived_paths
                  from jobs left join artifacts on artifacts.job = jobs.seq
                  where jobs.expires_at <= ? and jobs.state in ('succeeded', 'failed', 'cancelled')
                      and not exists (
@@ -107,12 +109,14 @@ impl Store {
         .await
     }
 
-    /// Whether a job's result is at this path.
+    /// Whether a job's result, or something made of one, is at this path.
     pub(crate) async fn refers_to(&self, path: &str) -> Result<bool, StoreError> {
-        let row = sqlx::query("select 1 from artifacts where path = ?")
-            .bind(path)
-            .fetch_optional(self.readers())
-            .await?;
+        let row = sqlx::query(
+            "select 1 from artifacts where path = ?1 union all select 1 from derived where path = ?1",
+        )
+        .bind(path)
+        .fetch_optional(self.readers())
+        .await?;
         Ok(row.is_some())
     }
 
@@ -139,7 +143,10 @@ impl Store {
 }
 
 impl Removed {
+    /// Reads a row with `id`, `path` of the result, and `derived_paths` as an array.
     pub(super) fn read(row: &SqliteRow) -> Result<Self, StoreError> {
-        Ok(Self { id: rows::job_id(&row.try_get::<String, _>("id")?)?, artifact: row.try_get("path")? })
+        let mut files: Vec<String> = rows::json(&row.try_get::<String, _>("derived_paths")?)?;
+        files.extend(row.try_get::<Option<String>, _>("path")?);
+        Ok(Self { id: rows::job_id(&row.try_get::<String, _>("id")?)?, files })
     }
 }

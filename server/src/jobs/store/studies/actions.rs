@@ -173,7 +173,10 @@ impl Store {
 
 async fn remove(connection: &mut SqliteConnection, study: i64) -> Result<Vec<Removed>, StoreError> {
     let jobs = sqlx::query(
-        "select jobs.id, artifacts.path from jobs left join artifacts on artifacts.job = jobs.seq
+        "select jobs.id, artifacts.path,
+             (select json_group_array(derived.path) from derived
+              where derived.job = jobs.seq and derived.path is not null) as derived_paths
+         from jobs left join artifacts on artifacts.job = jobs.seq
          where jobs.study = ?",
     )
     .bind(study)

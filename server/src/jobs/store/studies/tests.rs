@@ -56,7 +56,7 @@ async fn claim(store: &Store) -> Lease {
 async fn succeed(store: &Store, lease: Lease, time_s: f64) {
     let path = format!("{}.{}", lease.id, lease.attempt);
     let facts = Facts { time_s, grains: Some(10), ..Facts::default() };
-    store.succeed(lease, artifact(&path), progress(1.0), facts).await.unwrap();
+    store.succeed(lease, artifact(&path), progress(1.0), facts, Vec::new()).await.unwrap();
 }
 
 async fn fail(store: &Store, lease: Lease, kind: Kind, time_s: f64) {
@@ -217,7 +217,7 @@ async fn a_deleted_job_stays_in_the_table() {
     let lease = claim(&store).await;
     succeed(&store, lease, 2.0).await;
     let before = cells(&store, &study).await;
-    assert!(store.delete(lease.id).await.unwrap().is_some());
+    assert!(!store.delete(lease.id).await.unwrap().is_empty());
     assert_eq!(cells(&store, &study).await, before);
     assert_eq!(again(&store, &study).await.counts.succeeded, 1);
 }
@@ -304,7 +304,7 @@ async fn a_study_is_cancelled_retried_and_deleted_as_a_whole() {
         succeed(&store, lease, 1.0).await;
     }
     let removed = store.delete_study(study.id).await.unwrap();
-    assert_eq!(removed.iter().filter(|job| job.artifact.is_some()).count(), 6);
+    assert_eq!(removed.iter().filter(|job| !job.files.is_empty()).count(), 6);
     assert_eq!(store.study(study.id).await.unwrap(), None);
     assert_eq!(store.get(lease.id).await.unwrap(), None);
     assert!(matches!(store.delete_study(study.id).await, Err(StoreError::NoStudy)));

@@ -1,0 +1,133 @@
+//! What is known about a lattice: its counts, and the figure of every check.
+
+use serde::{Deserialize, Serialize};
+
+use super::options::{BoundaryNodes, Options};
+
+/// What is known about a lattice.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeReport))]
+pub struct Report {
+    /// Nodes, and how they were laid.
+    pub nodes: NodeReport,
+    /// Edges.
+    pub edges: u64,
+    /// Tetrahedra.
+    pub tetrahedra: u64,
+    /// Facets between cells: twelve in every tetrahedron.
+    pub facets: u64,
+    /// Triangles on the surface.
+    pub surface_triangles: u64,
+    /// Volume inside the surface's triangles.
+    pub volume_mm3: f64,
+    /// The same over the volume of the specimen: 1 for a box, less for a cylinder, whose surface becomes a
+    /// polyhedron.
+    pub volume_over_specimen: f64,
+    /// What the checks found.
+    pub checks: Checks,
+}
+
+/// Nodes of a lattice.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeNodes))]
+pub struct NodeReport {
+    /// All of them.
+    pub total: u64,
+    /// Of these, at vertices of the specimen.
+    pub on_vertices: u64,
+    /// On its edges.
+    pub on_edges: u64,
+    /// On its faces.
+    pub on_faces: u64,
+    /// In grains.
+    pub grains: u64,
+    /// Diameter of the smallest grain, by which the options are multiplied.
+    pub d_min_mm: f64,
+    /// Distance asked for between nodes on the surface.
+    pub spacing_mm: f64,
+    /// Smallest distance of two nodes on the surface, where two are near; `null` where none are.
+    pub smallest_spacing_mm: Option<f64>,
+    /// Whether as many `random` nodes were placed as asked for, rather than no place was found for more.
+    pub complete: bool,
+}
+
+/// What the checks of a lattice found. Errors are relative, and of the size of rounding in every model that is made.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeChecks))]
+pub struct Checks {
+    /// T1: largest difference of a tetrahedron's volume and the sum of its 24 pieces, over the cube of its longest edge.
+    pub tetrahedron_volume_error: f64,
+    /// T2: pieces of negative volume, which stick out of their tetrahedron.
+    pub inverted_pieces: u64,
+    /// T2: tetrahedra with such a piece.
+    pub inverted_tetrahedra: u64,
+    /// T2: by how much all pieces exceed the volume when each is counted as positive, over the volume.
+    pub unsigned_excess: f64,
+    /// T3: difference of the sum of all cells and the volume inside the surface, over that volume.
+    pub cell_volume_error: f64,
+    /// T3: distance of the cells' centre of mass and that of the tetrahedra, over the cube root of the volume.
+    pub center_of_mass_error: f64,
+    /// T3: smallest volume of a cell.
+    pub smallest_cell_mm3: f64,
+    /// T3: cells without a positive volume.
+    pub cells_not_positive: u64,
+    /// T4: largest sum of a cell's outward area vectors, over the sum of their lengths.
+    pub closure_error: f64,
+    /// T5: edges inside, with a closed ring of facets.
+    pub rings_closed: u64,
+    /// T5: edges on the surface, with one open chain of facets.
+    pub rings_open: u64,
+    /// T5: edges with anything else; always 0.
+    pub rings_other: u64,
+    /// T6: nodes - edges + faces - tetrahedra; 1 for a ball.
+    pub euler_volume: i64,
+    /// T6: nodes - edges + triangles of the surface; 2 for a sphere.
+    pub euler_surface: i64,
+    /// T7: smallest share of the way along an edge at which its point lies.
+    pub edge_share_min: f64,
+    /// T7: largest such share.
+    pub edge_share_max: f64,
+    /// T7: edges whose spheres overlap, which only those of surface nodes can.
+    pub overlapping_edges: u64,
+    /// T8: largest excess of a projected area over its area, over the area.
+    pub projected_area_error: f64,
+    /// T8: difference of a third of the sum of signed projected area times length and the volume, over the volume.
+    pub projected_volume_error: f64,
+    /// T8: facets whose signed projected area is not positive.
+    pub facets_not_positive: u64,
+    /// T9: faces whose points differ in any bit between their two tetrahedra; always 0.
+    pub nonconforming_faces: u64,
+    /// T10: faces across which the neighbour's node lies inside the circumsphere, exactly; always 0.
+    pub delaunay_violations: u64,
+    /// T12: fabric tensor, the sum of projected area times length times n n over three times the volume: xx, yy, zz, xy, yz, zx.
+    pub fabric: [f64; 6],
+    /// T12: difference of its trace and 1.
+    pub fabric_trace_error: f64,
+    /// T13: pairs of grains that overlap; always 0.
+    pub overlapping_grains: u64,
+    /// T13: grains that reach beyond the specimen; always 0.
+    pub grains_outside: u64,
+    /// T13: pairs of a surface node and a grain that is nearer than half the fictitious diameter. Only vertices, which
+    /// are given, can come so near.
+    pub crowded_nodes: u64,
+    /// T13: smallest clear distance of a surface node and a grain; `null` where none is near.
+    pub smallest_node_clearance_mm: Option<f64>,
+}
+
+impl NodeReport {
+    pub(super) fn new(nodes: &super::nodes::Nodes, options: &Options) -> Self {
+        let random = options.boundary_nodes == BoundaryNodes::Random;
+        let factor = if random { options.fictitious_diameter } else { options.spacing };
+        Self {
+            total: nodes.len() as u64,
+            on_vertices: nodes.on_vertices as u64,
+            on_edges: nodes.on_edges as u64,
+            on_faces: (nodes.boundary - nodes.on_vertices - nodes.on_edges) as u64,
+            grains: (nodes.len() - nodes.boundary) as u64,
+            d_min_mm: nodes.d_min_mm,
+            spacing_mm: factor * nodes.d_min_mm,
+            smallest_spacing_mm: None,
+            complete: nodes.complete,
+        }
+    }
+}

@@ -1,0 +1,353 @@
+//! The surface of the specimen: its faces, the curves where two meet, and the points where curves end.
+//!
+//! Which of these a vertex lies on is kept as the set of faces it belongs to. It knows box and cylinder, and the grains
+//! as something close; it must never know what is written of it.
+
+use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
+
+use super::size::{EDGE_PER_GAP, Facing, Other};
+use super::surface::{Shape, Surface, cross, dot};
+use crate::packing::Spheres;
+use crate::request::Specimen;
+
+/// The meshed surface of a specimen.
+#[derive(Debug)]
+pub(super) struct Shell {
+    /// Its triangles.
+    pub(super) surface: Surface,
+    /// The faces that each vertex lies on, one bit each.
+    pub(super) faces_of: Vec<u8>,
+    /// Names of the faces, by bit.
+    pub(super) names: &'static [&'static str],
+    /// Where the axis of a cylinder stands.
+    pub(super) axis: Option<[f64; 2]>,
+}
+
+/// Names of the faces of a box.
+const BOX: [&str; 6] = ["x_min", "x_max", "y_min", "y_max", "z_min", "z_max"];
+/// Names of the faces of a cylinder.
+const CYLINDER: [&str; 3] = ["side", "z_min", "z_max"];
+const SIDE: u8 = 1;
+const BOTTOM: u8 = 2;
+const TOP: u8 = 4;
+
+/// What new vertices of a shell need to know.
+#[derive(Debug)]
+struct Growing {
+    faces_of: Vec<u8>,
+    /// Where there is a mantle: its axis, and how far from it its vertices lie.
+    mantle: Option<([f64; 2], f64)>,
+    close: Close,
+}
+
+/// How a shell is divided.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Division {
+    /// Length of edges where nothing is close.
+    pub(super) edge_mm: f64,
+    /// Shortest edges that closeness may ask for.
+    pub(super) floor_mm: f64,
+    /// Whether edges follow the gap to the grains.
+    pub(super) size_field: bool,
+}
+
+impl Shell {
+    /// Meshes the surface of a specimen; `None` when that would take more than `most_triangles`.
+    pub(super) fn new(
+        specimen: &Specimen,
+        spheres: &Spheres,
+        division: Division,
+        most_triangles: usize,
+    ) -> Option<Self> {
+        let (names, points, triangles, faces_of, mantle): (&'static [&'static str], _, _, _, _) =
+            match *specimen {
+                Specimen::Box { size_mm, .. } => {
+                    let counts = size_mm.map(|length| count(length, division.edge_mm, 1));
+                    let cells = 4.0 * (counts[0] * counts[1] + counts[1] * counts[2] + counts[2] * counts[0]);
+                    if 2.0 * cells > most_triangles as f64 {
+                        return None;
+                    }
+                    let (points, triangles, faces_of) = cuboid(size_mm, counts.map(|n| n as usize));
+                    (&BOX, points, triangles, faces_of, None)
+                }
+                Specimen::Cylinder { diameter_mm, height_mm } => {
+                    let radius = diameter_mm / 2.0;
+                    let rings = count(radius, division.edge_mm, 2);
+                    let rows = count(height_mm, division.edge_mm, 1);
+                    if 12.0 * rings * rings + 24.0 * rings * rows > most_triangles as f64 {
+                        return None;
+                    }
+                    let vertex_radius = vertex_radius(radius, 6.0 * rings, side_gap_mm(radius, spheres));
+                    let (points, triangles, faces_of) =
+                        cylinder([radius; 2], vertex_radius, height_mm, rings as usize, rows as usize);
+                    (&CYLINDER, points, triangles, faces_of, Some(([radius; 2], vertex_radius)))
+                }
+            };
+        let mut surface = Surface::new(points, triangles);
+        let mut growing = Growing { faces_of, mantle, close: Close::new(specimen, spheres, division) };
+        if division.size_field && !surface.refine(&mut growing, most_triangles) {
+            return None;
+        }
+        Some(Self { surface, faces_of: growing.faces_of, names, axis: mantle.map(|(axis, _)| axis) })
+    }
+
+    /// The face that a triangle belongs to, by bit.
+    pub(super) fn face_of(&self, corners: [u32; 3]) -> usize {
+        let common = corners.iter().fold(u8::MAX, |common, &p| common & self.faces_of[p as usize]);
+        common.trailing_zeros() as usize
+    }
+}
+
+/// Edges along a length.
+fn count(length_mm: f64, edge_mm: f64, least: u32) -> f64 {
+    (length_mm / edge_mm).round().max(f64::from(least))
+}
+
+impl Shape for Growing {
+    fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
+        let common = self.faces_of[a as usize] & self.faces_of[b as usize];
+        self.faces_of.push(common);
+        let (p, q) = (points[a as usize], points[b as usize]);
+        let middle = std::array::from_fn(|i| (p[i] + q[i]) / 2.0);
+        match self.mantle {
+            Some((axis, radius)) if common & SIDE != 0 => {
+                let (x, y) = (middle[0] - axis[0], middle[1] - axis[1]);
+                let out = radius / x.hypot(y);
+                [axis[0] + out * x, axis[1] + out * y, middle[2]]
+            }
+            _ => middle,
+        }
+    }
+
+    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
+        self.close.length_mm(centroid, longest_mm)
+    }
+
+    /// Whether, within a flat face, the angles opposite to ab make more than half a turn.
+    fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
+        let common = [a, b, c, d].iter().fold(u8::MAX, |common, &p| common & self.faces_of[p as usize]);
+        // A diagonal of the mantle must not be made to cut deeper into it.
+        if common == 0 || (self.mantle.is_some() && common & SIDE != 0) {
+            return false;
+        }
+        let angle = |at: u32| {
+            let from = |p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[at as usize][i]);
+            let (p, q) = (from(a), from(b));
+            let normal = cross(p, q);
+            dot(normal, normal).sqrt().atan2(dot(p, q))
+        };
+        angle(c) + angle(d) > PI + 1e-9
+    }
+}
+
+/// The grains close to a wall, by cell.
+#[derive(Debug)]
+struct Close {
+    cells: HashMap<[i64; 3], Vec<Facing>>,
+    per_mm: f64,
+}
+
+impl Close {
+    fn new(specimen: &Specimen, spheres: &Spheres, division: Division) -> Self {
+        let reach = division.edge_mm / EDGE_PER_GAP;
+        let mut all = Vec::new();
+        // How far along the wall a grain can ask for shorter edges.
+        let mut widest = division.edge_mm;
+        for row in 0..spheres.len() {
+            let (center, radius) = (spheres.center(row), spheres.d_mm[row] / 2.0);
+            for (wall, at) in walls(specimen, center) {
+                let gap = wall.gap(center) - radius;
+                if gap < reach {
+                    let along = ((radius + reach).powi(2) - (radius + gap).powi(2)).max(0.0).sqrt();
+                    widest = widest.max(along + 2.0 * division.edge_mm);
+                    let other = Other::Sphere { center, radius };
+                    all.push(Facing { other, at, floor_mm: division.floor_mm });
+                }
+            }
+        }
+        let mut close = Self { cells: HashMap::new(), per_mm: 1.0 / widest };
+        for facing in all {
+            close.cells.entry(close.cell(facing.at)).or_default().push(facing);
+        }
+        close
+    }
+
+    fn cell(&self, p: [f64; 3]) -> [i64; 3] {
+        p.map(|x| (x * self.per_mm).floor() as i64)
+    }
+
+    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
+        let [x, y, z] = self.cell(centroid);
+        let mut least = f64::INFINITY;
+        for cell in
+            (-1..=1).flat_map(|i| (-1..=1).flat_map(move |j| (-1..=1).map(move |k| [x + i, y + j, z + k])))
+        {
+            for facing in self.cells.get(&cell).into_iter().flatten() {
+                least = least.min(facing.length_mm(centroid, longest_mm));
+            }
+        }
+        least
+    }
+}
+
+/// The walls of a specimen, each with its point nearest to `p`.
+pub(super) fn walls(specimen: &Specimen, p: [f64; 3]) -> Vec<(Wall, [f64; 3])> {
+    let flat = |axis: usize, at: f64| {
+        let mut foot = p;
+        foot[axis] = at;
+        (Wall(Other::Plane(axis, at)), foot)
+    };
+    match *specimen {
+        Specimen::Box { size_mm, .. } => (0..3).flat_map(|a| [flat(a, 0.0), flat(a, size_mm[a])]).collect(),
+        Specimen::Cylinder { diameter_mm, height_mm } => {
+            let radius = diameter_mm / 2.0;
+            let (x, y) = (p[0] - radius, p[1] - radius);
+            let from_axis = x.hypot(y);
+            // A grain on the axis is as near to the mantle all around.
+            let (x, y) = if from_axis > 0.0 { (x / from_axis, y / from_axis) } else { (1.0, 0.0) };
+            let foot = [radius + radius * x, radius + radius * y, p[2]];
+            vec![(Wall(Other::Mantle { axis: [radius; 2], radius }), foot), flat(2, 0.0), flat(2, height_mm)]
+        }
+    }
+}
+
+/// A wall.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wall(pub(super) Other);
+
+impl Wall {
+    /// The same seen from a point.
+    pub(super) fn about(&self, [x, y, z]: [f64; 3]) -> Other {
+        match self.0 {
+            Other::Plane(axis, at) => Other::Plane(axis, at - [x, y, z][axis]),
+            Other::Mantle { axis, radius } => Other::Mantle { axis: [axis[0] - x, axis[1] - y], radius },
+            Other::Sphere { center, radius } => {
+                Other::Sphere { center: [center[0] - x, center[1] - y, center[2] - z], radius }
+            }
+        }
+    }
+
+    /// Distance of a point inside.
+    pub(super) fn gap(&self, p: [f64; 3]) -> f64 {
+        self.0.gap_mm(p)
+    }
+}
+
+/// Smallest distance of a grain from the mantle of a cylinder.
+fn side_gap_mm(radius: f64, spheres: &Spheres) -> f64 {
+    (0..spheres.len())
+        .map(|row| {
+            let [x, y, _] = spheres.center(row);
+            radius - (x - radius).hypot(y - radius) - spheres.d_mm[row] / 2.0
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// How far from the axis the vertices of a mantle of so many columns lie: such that the polygon has the area of the
+/// circle, and no chord comes closer to a grain than half of what lay between.
+fn vertex_radius(radius: f64, columns: f64, gap_mm: f64) -> f64 {
+    let angle = TAU / columns;
+    let of_equal_area = radius * (angle / angle.sin()).sqrt();
+    let clear = (radius - (gap_mm / 2.0).max(0.0)) / (angle / 2.0).cos();
+    of_equal_area.max(clear)
+}
+
+type Parts = (Vec<[f64; 3]>, Vec<[u32; 3]>, Vec<u8>);
+
+/// The faces of a box, each a grid of rectangles in four triangles about their middles.
+fn cuboid(size: [f64; 3], counts: [usize; 3]) -> Parts {
+    let (mut points, mut triangles, mut faces_of) = (Vec::new(), Vec::new(), Vec::new());
+    // Places are counted in halves of an edge, so that middles have one too.
+    let mut known: HashMap<[usize; 3], u32> = HashMap::new();
+    let mut point = |place: [usize; 3]| {
+        *known.entry(place).or_insert_with(|| {
+            points.push(std::array::from_fn(|a| size[a] * (place[a] as f64 / (2 * counts[a]) as f64)));
+            let mut faces = 0;
+            for a in 0..3 {
+                faces |= u8::from(place[a] == 0) << (2 * a);
+                faces |= u8::from(place[a] == 2 * counts[a]) << (2 * a + 1);
+            }
+            faces_of.push(faces);
+            faces_of.len() as u32 - 1
+        })
+    };
+    for axis in 0..3 {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        for far in [false, true] {
+            for i in 0..counts[u] {
+                for j in 0..counts[v] {
+                    let mut at = |du: usize, dv: usize| {
+                        let mut place = [0; 3];
+                        place[axis] = if far { 2 * counts[axis] } else { 0 };
+                        (place[u], place[v]) = (2 * i + du, 2 * j + dv);
+                        point(place)
+                    };
+                    let (middle, around) = (at(1, 1), [at(0, 0), at(2, 0), at(2, 2), at(0, 2)]);
+                    for k in 0..4 {
+                        let (a, b) = (around[k], around[(k + 1) % 4]);
+                        triangles.push(if far { [a, b, middle] } else { [b, a, middle] });
+                    }
+                }
+            }
+        }
+    }
+    (points, triangles, faces_of)
+}
+
+/// The faces of a cylinder: rings of triangles about the middle of each end, rectangles in four triangles on the mantle.
+fn cylinder(axis: [f64; 2], radius: f64, height: f64, rings: usize, rows: usize) -> Parts {
+    let (mut points, mut triangles, mut faces_of) = (Vec::new(), Vec::new(), Vec::new());
+    let columns = 6 * rings;
+    let mut point = |from_axis: f64, turn: f64, z: f64, faces: u8| {
+        let (sin, cos) = (TAU * turn).sin_cos();
+        points.push([axis[0] + from_axis * cos, axis[1] + from_axis * sin, z]);
+        faces_of.push(faces);
+        faces_of.len() as u32 - 1
+    };
+    // Vertices of the mantle, row by row; the first and the last are the rims of the ends.
+    let mut grid: Vec<Vec<u32>> = Vec::new();
+    for row in 0..=rows {
+        let faces = SIDE | if row == 0 { BOTTOM } else { 0 } | if row == rows { TOP } else { 0 };
+        let z = height * (row as f64 / rows as f64);
+        grid.push((0..columns).map(|k| point(radius, k as f64 / columns as f64, z, faces)).collect());
+    }
+    for row in 0..rows {
+        let z = height * ((row as f64 + 0.5) / rows as f64);
+        for k in 0..columns {
+            let middle = point(radius, (k as f64 + 0.5) / columns as f64, z, SIDE);
+            let next = (k + 1) % columns;
+            let around = [grid[row][k], grid[row][next], grid[row + 1][next], grid[row + 1][k]];
+            for edge in 0..4 {
+                triangles.push([around[edge], around[(edge + 1) % 4], middle]);
+            }
+        }
+    }
+    for (rim, z, faces) in [(&grid[0], 0.0, BOTTOM), (&grid[rows], height, TOP)] {
+        let mut inner = vec![point(0.0, 0.0, z, faces)];
+        for ring in 1..=rings {
+            let around = 6 * ring;
+            let outer: Vec<u32> = if ring == rings {
+                rim.clone()
+            } else {
+                let from_axis = radius * (ring as f64 / rings as f64);
+                (0..around).map(|k| point(from_axis, k as f64 / around as f64, z, faces)).collect()
+            };
+            let mut add = |a: u32, b: u32, c: u32| {
+                triangles.push(if faces == TOP { [a, b, c] } else { [b, a, c] });
+            };
+            for sextant in 0..6 {
+                let from = |k: usize| inner[(sextant * (ring - 1) + k) % inner.len()];
+                let to = |k: usize| outer[(sextant * ring + k) % around];
+                for k in 0..ring {
+                    add(to(k), to(k + 1), from(k));
+                }
+                for k in 0..ring - 1 {
+                    add(from(k), to(k + 1), from(k + 1));
+                }
+            }
+            inner = outer;
+        }
+    }
+    (points, triangles, faces_of)
+}

@@ -1,0 +1,393 @@
+//! What is made of results: voxels as formats, cuts by their address, and models that are kept with their job.
+
+use std::f64::consts::PI;
+
+use serde_json::{Value, json};
+
+use crate::harness::{Client, DataDir, Launch, Reply, Server, id_of, jobs, results};
+
+/// A box of 40 mm with some hundred grains; its result, too.
+async fn packed(client: &Client, seed: u64) -> (String, results::Rows) {
+    let job = client.succeed(&jobs::quick(seed)).await;
+    let id = id_of(&job).to_owned();
+    let rows = results::from_json(&client.result(&id).await);
+    (id, rows)
+}
+
+/// Circles of a plane cut, as anybody would compute them.
+fn circles(rows: &results::Rows, axis: usize, at_mm: f64) -> Vec<(usize, f64)> {
+    let radius = |row: &[f64; 4]| ((row[3] / 2.0).powi(2) - (row[axis] - at_mm).powi(2)).sqrt();
+    rows.iter().enumerate().map(|(i, row)| (i, radius(row))).filter(|(_, radius)| *radius > 0.0).collect()
+}
+
+#[tokio::test]
+async fn a_cut_is_a_table_a_drawing_a_picture_and_a_script() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let (id, rows) = packed(&client, 1).await;
+    let path = |form: &str, query: &str| format!("/v1/jobs/{id}/slice.{form}?{query}");
+
+    for (axis, at_mm) in [("x", 7.5), ("y", 20.0), ("z", 33.25)] {
+        let query = format!("axis={axis}&at={at_mm}");
+        let cut = client.get(&path("json", &query)).send().await.expect(200).json();
+        let expected = circles(&rows, "xyz".find(axis).unwrap(), at_mm);
+        let found = cut["circles"]["rows"].as_array().unwrap();
+        assert!(expected.len() > 5, "{} circles show nothing", expected.len());
+        assert_eq!(found.len(), expected.len());
+        for (grain, radius_mm) in &expected {
+            let row = found.iter().find(|row| row[3] == json!(grain)).expect("the grain's circle");
+            assert!((row[2].as_f64().unwrap() - radius_mm).abs() < 1e-9);
+        }
+        let area: f64 = expected.iter().map(|(_, radius)| PI * radius * radius).sum();
+        assert!((cut["area_fraction"].as_f64().unwrap() - area / 1600.0).abs() < 1e-9);
+    }
+    // However a cut is asked for, it is one thing.
+    let tag = |reply: &Reply| reply.expect(200).header("etag").to_owned();
+    let middle = tag(&client.get(&path("svg", "")).send().await);
+    for same in ["axis=z", "axis=z&at=20", "at_mm=20.0"] {
+        let reply = client.get(&path("svg", same)).send().await;
+        // The middle has a name of its own, `at_mm` being absent.
+        assert_eq!(tag(&reply) == middle, !same.contains("at"), "{same}");
+    }
+    assert_eq!(
+        tag(&client.get(&path("svg", "at=20")).send().await),
+        tag(&client.get(&path("svg", "at_mm=20.0")).send().await)
+    );
+    for (form, media_type, head, disposition) in [
+        ("svg", "image/svg+xml", &b"<"[..], "inline"),
+        ("png", "image/png", b"\x89PNG\r\n", "inline"),
+        ("json", "application/json", b"{", "attachment"),
+        ("geo", "text/plain", b"", "attachment"),
+    ] {
+        let reply = client.get(&path(form, "at=20")).send().await;
+        assert_eq!(reply.expect(200).header("content-type"), media_type);
+        assert!(reply.body.starts_with(head) && !reply.body.is_empty(), "{form}");
+        assert_eq!(reply.header("content-length"), reply.body.len().to_string());
+        let shown = reply.header("content-disposition");
+        assert!(shown.starts_with(disposition) && shown.contains(&format!("{id}.slice.{form}")), "{shown}");
+        let again = client.get(&path(form, "at=20")).send().await;
+        assert!(again.body == reply.body && again.header("etag") == reply.header("etag"));
+    }
+    let script = client.get(&path("geo", "")).send().await;
+    assert!(String::from_utf8_lossy(&script.body).contains("OpenCASCADE"));
+    server.stop().await;
+}
+
+/// Voxel labels of a phase, x fastest, as anybody would compute them.
+fn labels(rows: &results::Rows, cells: usize, edge_mm: f64) -> Vec<u8> {
+    let at = |i: usize| (i as f64 + 0.5) * edge_mm / cells as f64;
+    let inside = |p: [f64; 3]| {
+        rows.iter().any(|row| (0..3).map(|a| (row[a] - p[a]).powi(2)).sum::<f64>() <= (row[3] / 2.0).powi(2))
+    };
+    let n = cells;
+    (0..n * n * n).map(|i| u8::from(inside([at(i % n), at(i / n % n), at(i / n / n)]))).collect()
+}
+
+#[tokio::test]
+async fn voxels_are_a_format_of_the_result_in_any_resolution_and_part() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let (id, rows) = packed(&client, 2).await;
+    let path = format!("/v1/jobs/{id}/result?format=raw&cells=24");
+    let whole = client.get(&path).send().await;
+    assert_eq!(whole.expect(200).header("content-type"), "application/octet-stream");
+    assert!(whole.body == labels(&rows, 24, 40.0), "other labels");
+    assert_eq!(whole.header("content-length"), "13824");
+    assert!(whole.header("content-disposition").contains(&format!("{id}.raw")));
+    let etag = whole.header("etag").to_owned();
+    assert!(etag.starts_with('"'), "{etag} is not strong");
+
+    let part = client.get(&path).header("range", "bytes=100-299").header("if-range", &etag).send().await;
+    assert!(part.expect(206).body[..] == whole.body[100..300]);
+    assert_eq!(part.header("content-range"), "bytes 100-299/13824");
+    let suffix = client.get(&path).header("range", "bytes=-5").send().await;
+    assert!(suffix.expect(206).body[..] == whole.body[13819..]);
+    let beyond = client.get(&path).header("range", "bytes=13824-").send().await;
+    beyond.expect_problem(416, "range-not-satisfiable");
+    client.get(&path).header("if-none-match", &etag).send().await.expect(304);
+    let head = client.head(&path).send().await;
+    for name in ["content-length", "content-type", "etag", "accept-ranges", "content-disposition"] {
+        assert_eq!(head.expect(200).header(name), whole.header(name), "{name}");
+    }
+    assert!(head.body.is_empty());
+
+    let other = client.get(&format!("/v1/jobs/{id}/result?format=raw&cells=12")).send().await;
+    assert!(other.expect(200).body == labels(&rows, 12, 40.0));
+    assert_ne!(other.header("etag"), etag);
+    for (format, head) in [("vti", "<?xml"), ("inp", "**")] {
+        let reply = client.get(&format!("/v1/jobs/{id}/result?format={format}&cells=8")).send().await;
+        let text = String::from_utf8_lossy(&reply.expect(200).body[..64]).into_owned();
+        assert!(text.starts_with(head), "{format}: {text}");
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--max-memory-mib", "4096"]).start().await;
+    let client = server.client();
+    let (id, _) = packed(&client, 3).await;
+    let result = |query: &str| format!("/v1/jobs/{id}/result?{query}");
+    let slice = |query: &str| format!("/v1/jobs/{id}/slice.json?{query}");
+    for (path, status, kind, parameter, says) in [
+        (result("format=raw&cells=0"), 400, "validation-error", "cells", "0 is out of range"),
+        (result("format=raw&cells=many"), 400, "validation-error", "cells", "\"many\" is not a whole number"),
+        (result("format=raw&colour=red"), 400, "validation-error", "colour", "unknown option: raw has cells"),
+        (result("format=raw&cells=8&cells=9"), 400, "validation-error", "cells", "more than once"),
+        (result("format=inp&label=grain"), 400, "validation-error", "label", "unknown option: inp has"),
+        (result("format=raw&cells=2000"), 422, "too-large", "cells", "MB"),
+        (result("format=csv&cells=8"), 400, "validation-error", "cells", "unknown parameter"),
+        (slice("axis=w"), 400, "validation-error", "axis", "must be one of"),
+        (slice("at=41"), 400, "validation-error", "at", "41 is out of range"),
+        (slice("at_mm=-1"), 400, "validation-error", "at_mm", "-1 is out of range"),
+        (slice("form=svg"), 400, "validation-error", "form", "more than once"),
+    ] {
+        let problem = client.get(&path).send().await.expect_problem(status, kind);
+        let errors = problem["errors"].as_array().unwrap();
+        assert!(
+            errors
+                .iter()
+                .any(|error| error["parameter"] == parameter
+                    && error["detail"].as_str().unwrap().contains(says)),
+            "{path}: {problem:#}"
+        );
+    }
+    let derive = format!("/v1/jobs/{id}/derived");
+    for (body, status, kind, pointer) in [
+        (json!({"type": "raw", "cells": 0}), 422, "validation-error", "/cells"),
+        (json!({"type": "raw", "cells": 2000}), 422, "too-large", "/cells"),
+        (json!({"type": "raw", "colour": "red"}), 422, "validation-error", "/colour"),
+        (json!({"type": "ball"}), 422, "validation-error", "/type"),
+        (json!({"cells": 3}), 422, "validation-error", "/type"),
+        (json!([]), 422, "validation-error", ""),
+        (json!({"type": "slice", "at_mm": 50}), 422, "validation-error", "/at_mm"),
+    ] {
+        let problem = client.post(&derive).json(&body).send().await.expect_problem(status, kind);
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{body} {problem:#}");
+    }
+    client.post(&derive).text("{").send().await.expect_problem(400, "malformed-json");
+    client.post(&derive).body("{}").send().await.expect_problem(415, "unsupported-media-type");
+    let none = "01900000-0000-7000-8000-000000000000";
+    client.get(&format!("{derive}/{none}")).send().await.expect_problem(404, "not-found");
+    client.get(&format!("{derive}/nonsense/file")).send().await.expect_problem(404, "not-found");
+    client.delete(&format!("{derive}/{none}")).send().await.expect_problem(404, "not-found");
+    client.get(&format!("/v1/jobs/{none}/derived")).send().await.expect_problem(404, "not-found");
+
+    let endless = client.submit(&jobs::endless()).await;
+    let endless = id_of(&endless);
+    let early = [format!("/v1/jobs/{endless}/result?format=raw"), format!("/v1/jobs/{endless}/slice.svg")];
+    for path in &early {
+        client.get(path).send().await.expect_problem(404, "result-not-ready");
+    }
+    let body = json!({"type": "raw"});
+    let post = |id: &str| client.post(&format!("/v1/jobs/{id}/derived")).json(&body);
+    post(endless).send().await.expect_problem(404, "result-not-ready");
+    client.post(&format!("/v1/jobs/{endless}/cancel")).send().await;
+    client.finished(endless).await;
+    for path in &early {
+        client.get(path).send().await.expect_problem(409, "job-failed");
+    }
+    post(endless).send().await.expect_problem(409, "job-failed");
+    let known = client.get(&result("format=xlsx")).send().await.expect_problem(406, "not-acceptable");
+    let detail = known["detail"].as_str().unwrap();
+    assert!(["json", "npy", "vti", "raw", "inp"].iter().all(|name| detail.contains(name)), "{detail}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn what_does_not_exist_of_a_periodic_box_says_what_to_do_instead() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let periodic = jobs::equal_spheres(100, 1);
+    let job = client.succeed(&periodic).await;
+    let id = id_of(&job);
+    for kind in ["msh", "geo", "stl", "ldpm"] {
+        let by_format = client.get(&format!("/v1/jobs/{id}/result?format={kind}")).send().await;
+        let body = json!({"type": kind});
+        let by_post = client.post(&format!("/v1/jobs/{id}/derived")).json(&body).send().await;
+        let beforehand = jobs::with(periodic.clone(), "/postprocess", json!([{"type": "vti"}, body]));
+        let beforehand = client.post("/v1/jobs").json(&beforehand).send().await;
+        for reply in [&by_format, &by_post, &beforehand] {
+            let problem = reply.expect_problem(422, "format-not-available");
+            let detail = problem["detail"].as_str().unwrap();
+            assert!(detail.contains("periodic") && detail.contains("walls"), "{kind}: {detail}");
+        }
+        let problem = beforehand.json();
+        assert_eq!(problem["errors"][0]["pointer"], "/postprocess/1", "{problem:#}");
+    }
+    client.get(&format!("/v1/jobs/{id}/result?format=vti&cells=20")).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{id}/slice.png")).send().await.expect(200);
+    assert_eq!(data_dir.artifacts().len(), 3, "nothing is kept of what was refused");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_model_is_kept_with_its_job_until_it_or_the_job_is_deleted() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let (id, rows) = packed(&client, 4).await;
+    let derive = format!("/v1/jobs/{id}/derived");
+    let before = client.get(&format!("/v1/jobs/{id}")).send().await;
+    assert_eq!(before.json()["links"]["derived"], derive);
+    assert_eq!(before.json()["derived"], json!([]));
+
+    let ask = |body: &Value| client.post(&derive).json(body).header("prefer", "wait=60");
+    let reply = ask(&json!({"type": "raw", "cells": 10})).send().await;
+    let made = reply.expect(201).json();
+    let this = made["links"]["self"].as_str().unwrap();
+    assert_eq!(reply.header("location"), this);
+    assert_eq!(
+        (&made["state"], &made["type"], &made["kept"]),
+        (&json!("succeeded"), &json!("raw"), &json!(true))
+    );
+    assert_eq!(made["options"], json!({"type": "raw", "cells": 10, "label": "phase", "samples": 4}));
+    assert_eq!(made["report"]["shape"], json!([10, 10, 10]));
+    let file = client.get(made["links"]["file"].as_str().unwrap()).send().await;
+    assert!(file.expect(200).body == labels(&rows, 10, 40.0));
+    assert_eq!(made["bytes"], file.body.len());
+    assert_eq!(made["sha256"].as_str().unwrap(), sha256(&file.body));
+    let as_format = client.get(&format!("/v1/jobs/{id}/result?format=raw&cells=10")).send().await;
+    assert_eq!(as_format.header("etag"), file.header("etag"), "by either way it is the same");
+
+    let job = client.get(&format!("/v1/jobs/{id}")).send().await;
+    assert_ne!(job.header("etag"), before.header("etag"));
+    assert_eq!(job.json()["derived"][0]["id"], made["id"]);
+    assert_eq!(job.json()["derived"][0]["links"]["self"], this);
+    let again = ask(&json!({"cells": 10.0, "type": "raw"})).send().await;
+    assert_eq!(again.expect(200).json()["id"], made["id"]);
+    let known = client.get(this).header("if-none-match", reply.header("etag")).send().await;
+    known.expect(304);
+    // A format that somebody wants kept is kept from then on.
+    client.get(&format!("/v1/jobs/{id}/result?format=vti&cells=6")).send().await.expect(200);
+    let list = client.get(&derive).send().await.expect(200).json();
+    let kept: Vec<(&Value, &Value)> =
+        list["items"].as_array().unwrap().iter().map(|item| (&item["type"], &item["kept"])).collect();
+    assert_eq!(kept, [(&json!("vti"), &json!(false)), (&json!("raw"), &json!(true))]);
+    ask(&json!({"type": "vti", "cells": 6})).send().await.expect(200);
+    let page = client.get(&format!("{derive}?limit=1")).send().await.expect(200).json();
+    let next = page["next_cursor"].as_str().unwrap();
+    let rest = client.get(&format!("{derive}?limit=1&cursor={next}")).send().await.expect(200).json();
+    assert_eq!((&rest["items"][0]["id"], &rest["next_cursor"]), (&made["id"], &Value::Null));
+
+    assert_eq!(data_dir.artifacts().len(), 3);
+    client.delete(this).send().await.expect(204);
+    client.get(this).send().await.expect_problem(404, "not-found");
+    assert_eq!(client.job(&id).await["derived"].as_array().unwrap().len(), 1);
+    assert_eq!(data_dir.artifacts().len(), 2);
+    client.delete(&format!("/v1/jobs/{id}")).send().await.expect(204);
+    assert_eq!(data_dir.artifacts().len(), 0);
+    server.stop().await;
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    use sha2::{Digest as _, Sha256};
+    use std::fmt::Write as _;
+    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").unwrap();
+        text
+    })
+}
+
+#[tokio::test]
+async fn a_job_may_say_beforehand_what_is_to_be_made_of_it() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let postprocess =
+        json!([{"type": "slice", "axis": "x"}, {"type": "raw", "cells": 8}, {"type": "raw", "cells": 8}]);
+    let job = client.succeed(&jobs::with(jobs::quick(5), "/postprocess", postprocess)).await;
+    assert_eq!(job["request"]["postprocess"][1]["samples"], 4, "defaults are filled in");
+    let made = job["derived"].as_array().unwrap();
+    assert_eq!(made.len(), 2, "the same twice is one: {made:#?}");
+    for model in made {
+        let this = model["links"]["self"].as_str().unwrap();
+        let done = client.get(this).header("prefer", "wait=60").send().await.expect(200).json();
+        assert_eq!(done["state"], "succeeded", "{done:#}");
+        client.get(done["links"]["file"].as_str().unwrap()).send().await.expect(200);
+    }
+    let one = json!({"type": "slice"});
+    let single = client.succeed(&jobs::with(jobs::quick(6), "/postprocess", one)).await;
+    assert_eq!(single["request"]["postprocess"], json!({"type": "slice", "form": "svg", "axis": "z"}));
+    assert_eq!(single["derived"].as_array().unwrap().len(), 1);
+
+    let nine: Vec<Value> = (1..10).map(|cells| json!({"type": "raw", "cells": cells})).collect();
+    for (postprocess, kind, pointer) in [
+        (json!({"type": "raw", "cells": 0}), "validation-error", "/postprocess/cells"),
+        (json!([{"type": "slice"}, {"type": "raw", "cells": 0}]), "validation-error", "/postprocess/1/cells"),
+        (json!([{"type": "slice", "at_mm": 41}]), "validation-error", "/postprocess/0/at_mm"),
+        (json!({"type": "slice", "at_mm": 41}), "validation-error", "/postprocess/at_mm"),
+        (json!([{"type": "raw", "cells": 8000}]), "too-large", "/postprocess/0/cells"),
+        (json!("raw"), "validation-error", "/postprocess"),
+        (json!(nine), "validation-error", "/postprocess"),
+    ] {
+        let job = jobs::with(jobs::quick(7), "/postprocess", postprocess);
+        let problem = client.post("/v1/jobs").json(&job).send().await.expect_problem(422, kind);
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem:#}");
+        assert!(problem["detail"].as_str().unwrap().starts_with(pointer), "{problem:#}");
+        client.post("/v1/jobs?dry_run=true").json(&job).send().await.expect_problem(422, kind);
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn jobs_of_a_study_have_models_too() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let template = jobs::with(jobs::quick(0), "/postprocess", json!([{"type": "raw", "cells": 8}]));
+    let mut template = template;
+    template.as_object_mut().unwrap().remove("seed");
+    let study =
+        json!({"seed": 1, "template": template, "grid": {"/postprocess/0/cells": [6, 7]}, "replicates": 2});
+    let study = client.submit_study(&study).await;
+    client.study_finished(id_of(&study)).await;
+    for job in client.jobs_of(id_of(&study)).await {
+        let job = client.job(id_of(&job)).await;
+        let [model] = &job["derived"].as_array().unwrap()[..] else { panic!("{job:#}") };
+        let path = model["links"]["self"].as_str().unwrap();
+        let done = client.get(path).header("prefer", "wait=60").send().await.expect(200).json();
+        assert_eq!(done["report"]["shape"][0], job["request"]["postprocess"][0]["cells"]);
+    }
+    let wrong = json!({"seed": 1, "template": jobs::with(template_of(), "/postprocess", json!({"type": "slice", "at_mm": 99}))});
+    let problem =
+        client.post("/v1/studies").json(&wrong).send().await.expect_problem(422, "validation-error");
+    assert_eq!(problem["errors"][0]["pointer"], "/template/postprocess/at_mm", "{problem:#}");
+    client.delete(&format!("/v1/studies/{}", id_of(&study))).send().await.expect(204);
+    crate::harness::deadline::eventually("all files to go", || data_dir.artifacts().is_empty()).await;
+    server.stop().await;
+}
+
+fn template_of() -> Value {
+    let mut template = jobs::quick(0);
+    template.as_object_mut().unwrap().remove("seed");
+    template
+}
+
+#[tokio::test]
+async fn capabilities_and_metrics_tell_of_models() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let capabilities = client.get("/v1/capabilities").send().await.expect(200).json();
+    let derivations = capabilities["derivations"].as_array().unwrap();
+    let of = |kind: &str| derivations.iter().find(|found| found["type"] == kind).expect("a derivation");
+    assert_eq!(of("vti")["media_type"], "application/vnd.vtk.imagedata+xml");
+    assert_eq!((&of("raw")["format"], &of("slice")["format"]), (&json!("raw"), &Value::Null));
+    let (id, _) = packed(&client, 8).await;
+    for derivation in derivations {
+        if let Some(format) = derivation["format"].as_str() {
+            let reply = client.head(&format!("/v1/jobs/{id}/result?format={format}")).send().await;
+            assert_eq!(reply.expect(200).header("content-type"), derivation["media_type"].as_str().unwrap());
+        }
+    }
+    let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
+    let counted = "packstone_derivation_duration_seconds_count{type=\"raw\",outcome=\"succeeded\"} 1";
+    assert!(metrics.lines().any(|line| line == counted), "{metrics}");
+    assert!(metrics.lines().any(|line| line == "packstone_derived{state=\"failed\"} 0"), "{metrics}");
+    server.stop().await;
+}
