@@ -127,7 +127,7 @@ fn check(points_mm: &[[f64; 3]]) -> Result<(), DelaunayError> {
     }
 }
 
-/// Tells how many points are in; the canonical order at the end takes the last tenth of the time.
+/// Tells how far it is.
 fn report(control: &dyn Control, done: usize, total: usize) {
     let fraction = done as f64 / total as f64;
     control.report(&Progress {
