@@ -6,6 +6,7 @@ use std::hint::black_box;
 use std::io::Write;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use packstone_engine::delaunay::delaunay;
 use packstone_engine::edmd::Fluid;
 use packstone_engine::format::{self, EngineInfo, Format, Head};
 use packstone_engine::{Limits, Packing, PackingRequest, Plan, Unattended, pack, verify};
@@ -116,5 +117,24 @@ fn plan(c: &mut Criterion) {
     c.bench_function("plan", |b| b.iter(|| Plan::new(black_box(&request), &Limits::default())));
 }
 
-criterion_group!(kernels, rsa, edmd, check, formats, plan);
+/// Tetrahedra from the centres of a packing and as many nodes on the faces as its surface asks for, per point.
+fn tetrahedra(c: &mut Criterion) {
+    let mut group = c.benchmark_group("delaunay");
+    group.sample_size(10);
+    let (_, packing) = packed(&b16(54.9));
+    let spheres = &packing.spheres;
+    let grains: Vec<[f64; 3]> =
+        (0..spheres.len()).map(|i| [spheres.x_mm[i], spheres.y_mm[i], spheres.z_mm[i]]).collect();
+    // Every tenth moved to a face: flat parts of the hull.
+    let mut with_faces = grains.clone();
+    for (i, p) in with_faces.iter_mut().enumerate().step_by(10) {
+        p[i / 10 % 3] = if i / 30 % 2 == 0 { 0.0 } else { 54.9 };
+    }
+    group.throughput(Throughput::Elements(grains.len() as u64));
+    for (name, points) in [("1e5 grains", grains), ("1e5, a tenth on the faces", with_faces)] {
+        group.bench_function(name, |b| b.iter(|| delaunay(black_box(&points), &Unattended)));
+    }
+}
+
+criterion_group!(kernels, rsa, edmd, check, formats, plan, tetrahedra);
 criterion_main!(kernels);

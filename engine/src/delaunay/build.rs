@@ -14,6 +14,8 @@ pub(super) const GHOST: u32 = u32::MAX;
 pub(super) const MOST_SLOTS: u32 = 1 << 30;
 /// Points between two looks at the control: some milliseconds.
 const STRIDE: usize = 1024;
+/// Share of the whole time; canonical order takes the rest.
+pub(super) const SHARE: f64 = 0.7;
 /// Slots of tetrahedra a point, with some to spare: in space 6.8 and few ghosts.
 const SLOTS_PER_POINT: usize = 7;
 /// Cavities with no more nodes than this are joined by a table of pairs of nodes.
@@ -73,10 +75,8 @@ pub(super) fn build(
     let total = builder.points.len();
     for next in 4..total {
         if next % STRIDE == 0 {
-            if control.should_stop() {
-                return Err(DelaunayError::Stopped);
-            }
-            super::report(control, next * 9 / 10, total);
+            super::go_on(control)?;
+            super::report(control, SHARE * next as f64 / total as f64, next, total);
         }
         builder.insert(next as u32).map_err(|refused| match refused {
             Refused::Same(other) => {

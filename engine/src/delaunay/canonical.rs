@@ -2,17 +2,28 @@
 //!
 //! In place, for the arrays are most of the memory there is.
 
-use super::build::{GHOST, Raw};
-use super::{Delaunay, NONE};
+use super::build::{self, GHOST, Raw};
+use super::{Delaunay, DelaunayError, NONE};
+use crate::control::Control;
+
+/// Tetrahedra between two looks at the control.
+const STRIDE: usize = 1 << 16;
 
 /// Drops ghosts and free slots, names nodes by their original numbers, sorts.
-pub(super) fn canonical(raw: Raw) -> Delaunay {
+pub(super) fn canonical(raw: Raw, control: &dyn Control) -> Result<Delaunay, DelaunayError> {
     let points = raw.numbers.len();
+    let step = |part: f64| {
+        super::report(control, build::SHARE + (1.0 - build::SHARE) * part, points, points);
+        super::go_on(control)
+    };
+    step(0.0)?;
     let (mut nodes, mut neighbors) = compact(raw);
     for (nodes, neighbors) in nodes.iter_mut().zip(&mut neighbors) {
         sort_nodes(nodes, neighbors);
     }
+    step(0.2)?;
     let mut place = places(&nodes, points);
+    step(0.5)?;
     for link in neighbors.iter_mut().flatten() {
         if *link != NONE {
             *link = place[*link as usize];
@@ -20,6 +31,9 @@ pub(super) fn canonical(raw: Raw) -> Delaunay {
     }
     // Swaps each tetrahedron to its place, until the right one has come to this.
     for at in 0..place.len() {
+        if at % STRIDE == 0 {
+            step(0.6 + 0.4 * at as f64 / place.len() as f64)?;
+        }
         while place[at] as usize != at {
             let to = place[at] as usize;
             nodes.swap(at, to);
@@ -27,7 +41,7 @@ pub(super) fn canonical(raw: Raw) -> Delaunay {
             place.swap(at, to);
         }
     }
-    Delaunay { nodes, neighbors }
+    Ok(Delaunay { nodes, neighbors })
 }
 
 /// The finite tetrahedra, close together, with numbers for links.

@@ -104,12 +104,10 @@ pub fn memory_bytes(points: u64) -> u64 {
 pub fn delaunay(points_mm: &[[f64; 3]], control: &dyn Control) -> Result<Delaunay, DelaunayError> {
     check(points_mm)?;
     let order = order::insertion_order(points_mm);
+    go_on(control)?;
     let raw = build::build(points_mm, order, control)?;
-    if control.should_stop() {
-        return Err(DelaunayError::Stopped);
-    }
-    let made = canonical::canonical(raw);
-    report(control, points_mm.len(), points_mm.len());
+    let made = canonical::canonical(raw, control)?;
+    report(control, 1.0, points_mm.len(), points_mm.len());
     Ok(made)
 }
 
@@ -127,9 +125,12 @@ fn check(points_mm: &[[f64; 3]]) -> Result<(), DelaunayError> {
     }
 }
 
-/// Tells how many points are in; the canonical order at the end takes the last tenth of the time.
-fn report(control: &dyn Control, done: usize, total: usize) {
-    let fraction = done as f64 / total as f64;
+fn go_on(control: &dyn Control) -> Result<(), DelaunayError> {
+    if control.should_stop() { Err(DelaunayError::Stopped) } else { Ok(()) }
+}
+
+/// Tells how many points are in, and the share of the time that is spent.
+fn report(control: &dyn Control, fraction: f64, done: usize, total: usize) {
     control.report(&Progress {
         phase: Phase::Derive,
         fraction,

@@ -247,6 +247,9 @@ fn edges_are_found_and_surrounded() {
         }
     }
     assert!(expected.iter().eq(&edges.nodes));
+    for at_once in [0, 100, 5000] {
+        assert_eq!(made.edges_by(at_once), edges);
+    }
     let mut outside = BTreeSet::new();
     for [a, b, c] in made.hull_triangles() {
         outside.extend([[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)]));

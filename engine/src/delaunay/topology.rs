@@ -7,6 +7,9 @@ use super::{Delaunay, FACES, NONE};
 /// Pairs of places of a tetrahedron's nodes: its edges.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
+/// Tetrahedra's edges sorted at once, of 4 bytes each.
+const EDGES_AT_ONCE: usize = 1 << 24;
+
 /// A triangle between two tetrahedra, or of the hull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Face {
@@ -80,24 +83,53 @@ impl Delaunay {
 
     /// All edges.
     pub fn edges(&self) -> Edges {
+        self.edges_by(EDGES_AT_ONCE)
+    }
+
+    /// All edges, by groups of lower nodes whose tetrahedra's edges are no more than this, or single nodes.
+    pub(super) fn edges_by(&self, at_once: usize) -> Edges {
         let points = self.nodes.iter().flatten().max().map_or(0, |&node| node as usize + 1);
-        let mut nodes: Vec<[u32; 2]> = Vec::new();
-        for (tetrahedron, of) in (0_u32..).zip(&self.nodes) {
-            for [i, j] in EDGES {
-                if self.is_first_at(tetrahedron, [i, j]) {
-                    nodes.push([of[i].min(of[j]), of[i].max(of[j])]);
-                }
-            }
-        }
-        nodes.sort_unstable();
-        let mut starts = vec![0_u32; points + 1];
-        for edge in &nodes {
-            starts[edge[0] as usize + 1] += 1;
+        // How often each node is the lower one of a tetrahedron's edge: never for the highest, thrice for the lowest.
+        let mut ends = vec![0_usize; points + 1];
+        for edge in self.nodes.iter().flat_map(edges_of) {
+            ends[edge[0] as usize + 1] += 1;
         }
         for node in 0..points {
-            starts[node + 1] += starts[node];
+            ends[node + 1] += ends[node];
         }
-        Edges { nodes, starts }
+        let mut edges = Edges { nodes: Vec::new(), starts: Vec::with_capacity(points + 1) };
+        edges.starts.push(0);
+        let mut uppers: Vec<u32> = Vec::new();
+        let mut next: Vec<usize> = Vec::new();
+        let mut first = 0;
+        while first < points {
+            let until = ends[first] + at_once;
+            let last = ends.partition_point(|&end| end <= until).clamp(first + 2, points + 1) - 1;
+            let before = ends[first];
+            uppers.clear();
+            uppers.resize(ends[last] - before, 0);
+            next.clear();
+            next.extend(ends[first..last].iter().map(|start| start - before));
+            for [lower, upper] in self.nodes.iter().flat_map(edges_of) {
+                if let Some(next) = (lower as usize).checked_sub(first).and_then(|place| next.get_mut(place))
+                {
+                    uppers[*next] = upper;
+                    *next += 1;
+                }
+            }
+            for lower in first..last {
+                let of_lower = &mut uppers[ends[lower] - before..ends[lower + 1] - before];
+                of_lower.sort_unstable();
+                for (place, &upper) in of_lower.iter().enumerate() {
+                    if place == 0 || of_lower[place - 1] != upper {
+                        edges.nodes.push([lower as u32, upper]);
+                    }
+                }
+                edges.starts.push(edges.nodes.len() as u32);
+            }
+            first = last;
+        }
+        edges
     }
 
     /// The tetrahedra around the edge between two nodes of one of them, each next to the one before it, and whether
@@ -127,25 +159,11 @@ impl Delaunay {
         }
         false
     }
+}
 
-    /// Whether no tetrahedron around an edge has a lower number.
-    fn is_first_at(&self, tetrahedron: u32, [i, j]: [usize; 2]) -> bool {
-        let nodes = self.nodes[tetrahedron as usize];
-        let edge = [nodes[i], nodes[j]];
-        let [one, other] = others(i, j);
-        for (across, pivot) in [(one, other), (other, one)] {
-            let mut turn = Turn { tetrahedron, edge, across: nodes[across], pivot: nodes[pivot] };
-            loop {
-                match turn.next(self) {
-                    Some(next) if next.tetrahedron == tetrahedron => return true,
-                    Some(next) if next.tetrahedron < tetrahedron => return false,
-                    Some(next) => turn = next,
-                    None => break,
-                }
-            }
-        }
-        true
-    }
+/// The edges of a tetrahedron, the lower node first.
+fn edges_of(nodes: &[u32; 4]) -> [[u32; 2]; 6] {
+    EDGES.map(|[i, j]| [nodes[i].min(nodes[j]), nodes[i].max(nodes[j])])
 }
 
 /// The other two places of four.
