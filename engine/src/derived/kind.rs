@@ -29,6 +29,8 @@ macro_rules! derivations {
         pub enum Derivation { $($(#[doc = $doc])* $variant($($module)::+::Options),)* }
 
         /// What is worth knowing about what was made, beside its file.
+        // There is one of them at a time.
+        #[allow(clippy::large_enum_variant)]
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
         #[serde(tag = "type", rename_all = "snake_case")]

@@ -105,13 +105,16 @@ pub fn write(
         writeln!(out, "Sphere({}) = {{{x}, {y}, {z}, {}}};", row + 2, spheres.d_mm[row] / 2.0)?;
     }
     let count = faces.len();
+    // Loops are numbered above those that the kernel made with the solids.
+    let outer = grains + 2;
     writeln!(out, "Delete {{ Volume{{1}}; }}")?;
-    writeln!(out, "Surface Loop({}) = {{1:{count}}};", grains + 1)?;
-    write!(out, "loops() = {{{}}};\n", grains + 1)?;
+    writeln!(out, "Surface Loop({outer}) = {{1:{count}}};")?;
+    writeln!(out, "loops() = {{{outer}}};")?;
     if grains > 0 {
+        writeln!(out, "For i In {{1:{grains}}}")?;
         writeln!(
             out,
-            "For i In {{1:{grains}}}\n  Surface Loop(i) = {{{count} + i}};\n  loops() += {{i}};\nEndFor"
+            "  Surface Loop({outer} + i) = {{{count} + i}};\n  loops() += {{{outer} + i}};\nEndFor"
         )?;
     }
     writeln!(out, "Volume(1) = {{loops()}};")?;

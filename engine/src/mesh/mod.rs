@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::control::{Control, Phase, Progress};
 use crate::derived::{DerivedError, Model, go_on};
 use crate::plan::Limits;
-use crate::request::decode::Object;
+use crate::request::decode::{At, Object};
 use crate::request::{FieldError, Specimen};
 use near::Near;
 use shell::{Division, Shell, walls};
@@ -78,18 +78,18 @@ impl Default for SurfaceOptions {
 impl SurfaceOptions {
     /// Reads the options out of a request; faults go where the object's go.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
-        let number = |object: &mut Object<'_>, name| match object.optional(name) {
+        let number = |at: Option<&At<'_>>| match at {
             Some(at) => at.integer(SEGMENTS.0.into(), SEGMENTS.1.into()).map(|n| Some(n as u32)),
             None => Some(None),
         };
-        let segments = number(object, "segments");
+        let segments = number(object.optional("segments").as_ref());
         let size_field = object.optional("size_field").map_or(Some(true), |at| at.boolean());
         let most_at = object.optional("max_segments");
-        let most = number(object, "max_segments");
-        let correction = [("none", VolumeCorrection::None), ("scaled", VolumeCorrection::Scaled)];
+        let most = number(most_at.as_ref());
+        let corrections = [("none", VolumeCorrection::None), ("scaled", VolumeCorrection::Scaled)];
         let volume_correction = object
             .optional("volume_correction")
-            .map_or(Some(VolumeCorrection::None), |at| at.choice(&correction));
+            .map_or(Some(VolumeCorrection::None), |at| at.choice(&corrections));
         let segments = segments?.unwrap_or(Self::default().segments);
         let max_segments = most?.unwrap_or((4 * segments).min(SEGMENTS.1));
         if let Some(at) = most_at.filter(|_| max_segments < segments) {
@@ -130,7 +130,7 @@ pub struct SurfaceReport {
 }
 
 /// Judges what can be judged before there are grains.
-pub(super) fn check(specimen: &Specimen) -> Result<(), DerivedError> {
+fn check(specimen: &Specimen) -> Result<(), DerivedError> {
     if specimen.is_periodic() {
         return Err(DerivedError::Unavailable(
             "a surface mesh needs whole grains, and those of a periodic box cross its faces: pack the box with walls, or ask \
@@ -143,9 +143,9 @@ pub(super) fn check(specimen: &Specimen) -> Result<(), DerivedError> {
 
 /// The meshed surfaces of a packing.
 #[derive(Debug)]
-pub(super) struct Mesh {
+struct Mesh {
     /// The specimen's.
-    pub(super) shell: Shell,
+    shell: Shell,
     /// Vertices of the grains, one grain after the other.
     points: Vec<[f64; 3]>,
     /// Triangles of the grains, their corners counted within the grain.
@@ -164,7 +164,7 @@ struct Work<'a> {
 
 impl Mesh {
     /// Meshes a packing, and tells what came out.
-    pub(super) fn new(
+    fn new(
         model: &Model<'_>,
         options: &SurfaceOptions,
         limits: &Limits,
@@ -209,24 +209,24 @@ impl Mesh {
     }
 
     /// Number of grains.
-    pub(super) fn grains(&self) -> usize {
+    fn grains(&self) -> usize {
         self.ends.len()
     }
 
     /// Vertices and triangles of a grain.
-    pub(super) fn grain(&self, row: usize) -> (&[[f64; 3]], &[[u32; 3]]) {
+    fn grain(&self, row: usize) -> (&[[f64; 3]], &[[u32; 3]]) {
         let from = if row == 0 { (0, 0) } else { self.ends[row - 1] };
         let to = self.ends[row];
         (&self.points[from.0..to.0], &self.triangles[from.1..to.1])
     }
 
     /// Vertices of all grains.
-    pub(super) fn grain_points(&self) -> &[[f64; 3]] {
+    fn grain_points(&self) -> &[[f64; 3]] {
         &self.points
     }
 
     /// Number of the triangles of all grains.
-    pub(super) fn grain_triangles(&self) -> usize {
+    fn grain_triangles(&self) -> usize {
         self.triangles.len()
     }
 }

@@ -9,11 +9,9 @@ use super::shell::Shell;
 /// A curve where two faces meet.
 #[derive(Debug)]
 pub(super) struct Curve {
-    /// Its two faces, as bits.
-    pub(super) faces: u8,
     /// Its vertices in order; the first and the last are corners, and the same where it is closed.
     pub(super) chain: Vec<u32>,
-    /// Whether it runs with the boundary of each face, by bit; of its own two faces only.
+    /// Its two faces, by bit, and whether the triangles of each turn the way the curve runs.
     pub(super) forward: Vec<(usize, bool)>,
 }
 
@@ -52,7 +50,7 @@ impl Outline {
         let mut curves: Vec<Curve> = on
             .into_iter()
             .filter(|(_, vertices)| vertices.len() > 1)
-            .map(|(faces, vertices)| Curve { faces, chain: chain(shell, vertices), forward: Vec::new() })
+            .map(|(_, vertices)| Curve { chain: chain(shell, vertices), forward: Vec::new() })
             .collect();
         let mut corners: Vec<u32> = curves
             .iter()

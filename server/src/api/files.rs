@@ -126,14 +126,13 @@ impl Described {
 /// # Errors
 /// `busy`.
 pub(super) async fn turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
-    match timeout(TURN, Arc::clone(&app.shared.downloads).acquire_owned()).await {
-        Ok(Ok(permit)) => Ok(permit),
-        _ => {
-            let most = app.shared.max_downloads;
-            Err(Problem::new(Kind::Busy, format!("{most} results are being sent, as many as may"))
-                .with_header("retry-after", "10"))
-        }
+    let turn = timeout(TURN, Arc::clone(&app.shared.downloads).acquire_owned()).await;
+    if let Ok(Ok(permit)) = turn {
+        return Ok(permit);
     }
+    let most = app.shared.max_downloads;
+    Err(Problem::new(Kind::Busy, format!("{most} results are being sent, as many as may"))
+        .with_header("retry-after", "10"))
 }
 
 /// Blocks as they come, as a body.

@@ -52,14 +52,11 @@ pub(super) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::QueueFull { .. } => {
+            StoreError::QueueFull { .. } | StoreError::TooManyWait { .. } => {
                 Self::new(Kind::QueueFull, error.to_string()).with_header("retry-after", "30")
             }
             StoreError::KeyReused => {
                 Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")
-            }
-            StoreError::TooManyWait { .. } => {
-                Self::new(Kind::QueueFull, error.to_string()).with_header("retry-after", "30")
             }
             StoreError::TooManyKept { .. } => Self::new(Kind::Conflict, error.to_string()),
             StoreError::NoDerived => Self::new(Kind::NotFound, "it has been deleted meanwhile"),

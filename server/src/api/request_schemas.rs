@@ -127,7 +127,9 @@ fn part_voxels(schemas: &mut Map<String, Value>) {
             _ => &[],
         };
         if let Some(fields) = variant["properties"].as_object_mut() {
-            foreign.iter().for_each(|name| drop(fields.shift_remove(*name)));
+            for name in foreign {
+                fields.shift_remove(*name);
+            }
         }
     }
 }

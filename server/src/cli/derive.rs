@@ -28,7 +28,7 @@ pub(super) struct Options {
     kind: DerivationKind,
     /// An option, as `--option axis=x`; may be repeated
     #[arg(long = "option", value_name = "NAME=VALUE", value_parser = pair)]
-    options: Vec<(String, String)>,
+    pairs: Vec<(String, String)>,
     /// Folder for the file; made where it is missing
     #[arg(long, default_value = ".")]
     out: PathBuf,
@@ -46,7 +46,7 @@ fn pair(text: &str) -> Result<(String, String), String> {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let pairs = options.options.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+    let pairs = options.pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
     let derivation = Derivation::from_text(options.kind, pairs)
         .map_err(|faults| format!("the options are refused:\n  {}", models::listed(&faults)))?;
     let (specimen, spheres) = read(&options.result)

@@ -53,15 +53,18 @@ pub(crate) struct Runner {
 /// How a run ended.
 enum End {
     /// The result is on disk; its place stays claimed until the store refers to it.
-    Stored {
-        artifact: ArtifactRecord,
-        facts: Facts,
-        grains: u64,
-        postprocess: Vec<NewDerived>,
-        _place: InFlight,
-    },
+    Stored(Box<Stored>),
     Stopped(Stop),
     Failed(Failure),
+}
+
+/// What a run left on disk, and what is known of it.
+struct Stored {
+    artifact: ArtifactRecord,
+    facts: Facts,
+    grains: u64,
+    postprocess: Vec<NewDerived>,
+    _place: InFlight,
 }
 
 /// Why a run made no packing, and what a study keeps of it.
@@ -245,7 +248,7 @@ impl Runner {
             .map_err(|error| unwritten(&error))?;
         let postprocess =
             postprocess.items().iter().map(|(_, item)| NewDerived::new(item, &artifact.sha256)).collect();
-        Ok(End::Stored { artifact, facts, grains, postprocess, _place: place })
+        Ok(End::Stored(Box::new(Stored { artifact, facts, grains, postprocess, _place: place })))
     }
 
     /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
@@ -254,7 +257,8 @@ impl Runner {
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
-                End::Stored { artifact, facts, grains, postprocess, .. } => {
+                End::Stored(stored) => {
+                    let Stored { artifact, facts, grains, postprocess, .. } = &**stored;
                     let progress = complete(*grains);
                     let (artifact, facts) = (artifact.clone(), facts.clone());
                     let succeeded =
@@ -287,8 +291,8 @@ impl Runner {
                 }
                 Err(StoreError::LeaseLost) => {
                     tracing::warn!("the lease was lost; this attempt leaves no trace");
-                    if let End::Stored { artifact, .. } = &end
-                        && let Err(error) = self.artifacts.remove(&artifact.path)
+                    if let End::Stored(stored) = &end
+                        && let Err(error) = self.artifacts.remove(&stored.artifact.path)
                     {
                         tracing::warn!(%error, "its result is left to the sweeper");
                     }

@@ -328,7 +328,9 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             store.announce(id);
-            derived.into_iter().for_each(|id| store.announce_derived(id));
+            for id in derived {
+                store.announce_derived(id);
+            }
             files.extend(job.artifact.map(|artifact| artifact.path));
             Ok(files)
         })

@@ -144,28 +144,21 @@ async fn ask(
     if keep {
         check_kept(&mut tx, job).await?;
     }
-    let (seq, created) = match known {
-        Some(known) => {
-            let again = known.state == DerivedState::Failed && is_transient(known.error.as_ref());
-            update(&mut tx, &known, again, keep, now).await?;
-            (known.seq, false)
-        }
-        None => {
-            check_waiting(&mut tx).await?;
-            (
-                insert(&mut tx, job, new, Row { kept: keep, rank: 0, now })
-                    .await?
-                    .ok_or(StoreError::NoDerived)?,
-                true,
-            )
-        }
+    let seq = if let Some(known) = &known {
+        let again = known.state == DerivedState::Failed && is_transient(known.error.as_ref());
+        update(&mut tx, known, again, keep, now).await?;
+        known.seq
+    } else {
+        check_waiting(&mut tx).await?;
+        let inserted = insert(&mut tx, job, new, Row { kept: keep, rank: 0, now }).await?;
+        inserted.ok_or(StoreError::NoDerived)?
     };
     if keep {
         touch_job(&mut tx, job, now).await?;
     }
     let record = by_seq(&mut tx, seq).await?;
     tx.commit().await?;
-    Ok(Asked { record, created, job_changed: keep })
+    Ok(Asked { record, created: known.is_none(), job_changed: keep })
 }
 
 /// Somebody waits for it now; it may be tried `again`, and be kept from now on.

@@ -213,7 +213,9 @@ impl Store {
             }
             tx.commit().await?;
             drop(writer);
-            dropped.into_iter().for_each(|id| store.announce_derived(id));
+            for id in dropped {
+                store.announce_derived(id);
+            }
             Ok(paths)
         })
         .await

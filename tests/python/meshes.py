@@ -1,0 +1,154 @@
+"""Meshes what the engine wrote with Gmsh, and reads its STL with VTK and meshio.
+
+    python meshes.py DIRECTORY
+
+DIRECTORY holds one folder per packing, with packing.msh, packing.geo, packing.zip and expected.json. Prints one line per packing and
+exits 0 when all is well; says what is wrong and exits 1 otherwise.
+"""
+
+import json
+import math
+import sys
+import zipfile
+from collections import Counter
+from pathlib import Path
+
+import gmsh
+import meshio
+import numpy as np
+from vtkmodules.vtkFiltersCore import vtkFeatureEdges, vtkMassProperties
+from vtkmodules.vtkIOGeometry import vtkSTLReader
+
+TRIANGLE, TETRAHEDRON = 2, 4
+
+
+def groups(dimension):
+    """Entities of the physical groups, by name."""
+    return {
+        gmsh.model.getPhysicalName(dimension, tag): list(gmsh.model.getEntitiesForPhysicalGroup(dimension, tag))
+        for _, tag in gmsh.model.getPhysicalGroups(dimension)
+    }
+
+
+def elements(dimension, entities, kind):
+    """Tags and nodes of the elements of one kind on entities."""
+    tags, nodes = [], []
+    for entity in entities:
+        kinds, tags_of, nodes_of = gmsh.model.mesh.getElements(dimension, entity)
+        for k, t, n in zip(kinds, tags_of, nodes_of):
+            if k != kind:
+                sys.exit(f"element type {k} on entity {entity} of dimension {dimension}")
+            tags.append(t)
+            nodes.append(n)
+    return np.concatenate(tags), np.concatenate(nodes).reshape(-1, dimension + 1)
+
+
+def faces_of(tetrahedra):
+    """The faces of tetrahedra as sorted rows."""
+    return np.sort(np.concatenate([tetrahedra[:, corners] for corners in ([0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3])]), axis=1)
+
+
+def check_gmsh(path, expected, least_gamma):
+    """Fills a file with tetrahedra as the documentation tells, and looks at what came out."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.merge(str(path))
+    if path.suffix == ".msh":
+        gmsh.model.mesh.createGeometry(gmsh.model.getEntities(3))
+    gmsh.logger.start()
+    gmsh.model.mesh.generate(3)
+    complaints = [line for line in gmsh.logger.get() if line.startswith(("Warning", "Error"))]
+    gmsh.logger.stop()
+    if complaints:
+        sys.exit(f"{path}: Gmsh complains: {complaints}")
+
+    volumes, surfaces = groups(3), groups(2)
+    if set(volumes) != {"matrix", "aggregates"} or set(surfaces) != {"itz", *expected["faces"]}:
+        sys.exit(f"{path}: groups {sorted(volumes)} and {sorted(surfaces)}")
+    if len(volumes["aggregates"]) != expected["grains"] or len(surfaces["itz"]) != expected["grains"]:
+        sys.exit(f"{path}: {len(volumes['aggregates'])} volumes of aggregate")
+
+    seen, of_phase, gammas = {}, {}, []
+    for phase, entities in volumes.items():
+        tags, nodes = elements(3, entities, TETRAHEDRON)
+        of_phase[phase] = nodes
+        seen[phase] = float(np.sum(gmsh.model.mesh.getElementQualities(tags, "volume")))
+        gammas.append(gmsh.model.mesh.getElementQualities(tags, "gamma"))
+    gammas = np.concatenate(gammas)
+    # True spheres are meshed by Gmsh, which says little about their volume beforehand.
+    close = 1e-9 if path.suffix == ".msh" else 0.1
+    for name, volume in [("aggregates", seen["aggregates"]), ("specimen", sum(seen.values()))]:
+        if not math.isclose(volume, expected[f"{name}_mm3"], rel_tol=close):
+            sys.exit(f"{path}: {name} of {volume} mm3, expected {expected[f'{name}_mm3']}")
+    if gammas.min() < least_gamma:
+        sys.exit(f"{path}: smallest gamma {gammas.min():.4f}")
+
+    # Conforming: the faces that both phases have are the triangles of the itz, those that one has alone are the specimen's.
+    matrix, aggregates = (Counter(map(tuple, faces_of(of_phase[phase]))) for phase in ("matrix", "aggregates"))
+    shared = {face for face, met in aggregates.items() if met == 1}
+    outer = {face for face, met in matrix.items() if met == 1} - shared
+    for name, faces, entities in [
+        ("itz", shared, surfaces["itz"]),
+        ("faces", outer, [e for face in expected["faces"] for e in surfaces[face]]),
+    ]:
+        _, nodes = elements(2, entities, TRIANGLE)
+        if set(map(tuple, np.sort(nodes, axis=1))) != faces:
+            sys.exit(f"{path}: {name} are not the boundary of the tetrahedra")
+    for face, (axis, at) in expected["planes"].items():
+        _, nodes = elements(2, surfaces[face], TRIANGLE)
+        places = [gmsh.model.mesh.getNode(node)[0][axis] for node in np.unique(nodes)]
+        if not np.allclose(places, at, atol=1e-9):
+            sys.exit(f"{path}: {face} lies at {places[0]}")
+
+    # What Gmsh saves must have its tetrahedra and groups when others read it.
+    saved = path.with_name("saved-" + path.stem + ".msh")
+    gmsh.write(str(saved))
+    gmsh.finalize()
+    read = meshio.read(saved)
+    count = sum(len(block.data) for block in read.cells if block.type == "tetra")
+    if count != len(gammas) or not {"matrix", "aggregates", "itz"} <= set(read.field_data):
+        sys.exit(f"{path}: {count} of {len(gammas)} tetrahedra came back from the saved mesh")
+    return f"{len(gammas)} tetrahedra, smallest gamma {gammas.min():.3f}"
+
+
+def check_stl(path, expected):
+    """Reads both surfaces with two readers; they must be closed, and have their volume inside."""
+    with zipfile.ZipFile(path) as archive:
+        if archive.namelist() != ["aggregates.stl", "matrix.stl"] or archive.testzip():
+            sys.exit(f"{path}: {archive.namelist()}")
+        archive.extractall(path.parent)
+    volumes = {"aggregates": expected["aggregates_mm3"], "matrix": expected["specimen_mm3"] - expected["aggregates_mm3"]}
+    for name, volume in volumes.items():
+        source = path.parent / f"{name}.stl"
+        reader = vtkSTLReader()
+        reader.SetFileName(str(source))
+        edges = vtkFeatureEdges()
+        edges.SetInputConnection(reader.GetOutputPort())
+        edges.FeatureEdgesOff()
+        edges.Update()
+        if edges.GetOutput().GetNumberOfCells():
+            sys.exit(f"{source}: {edges.GetOutput().GetNumberOfCells()} edges of one triangle or of more than two")
+        properties = vtkMassProperties()
+        properties.SetInputConnection(reader.GetOutputPort())
+        properties.Update()
+        mesh = meshio.read(source)
+        a, b, c = np.moveaxis(mesh.points[mesh.cells_dict["triangle"]].astype(np.float64), 1, 0)
+        signed = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+        if not math.isclose(signed, volume, rel_tol=1e-4):
+            sys.exit(f"{source}: {signed} mm3 inside, expected {volume}")
+        if reader.GetOutput().GetNumberOfCells() != len(mesh.cells_dict["triangle"]):
+            sys.exit(f"{source}: VTK and meshio count differently")
+
+
+def main(directory):
+    for folder in sorted(path for path in directory.iterdir() if path.is_dir()):
+        expected = json.loads((folder / "expected.json").read_text())
+        msh = check_gmsh(folder / "packing.msh", expected, 0.05)
+        # OpenCASCADE's spheres have seams and poles, where triangles come out as they may.
+        geo = check_gmsh(folder / "packing.geo", expected, 0.001)
+        check_stl(folder / "packing.zip", expected)
+        print(f"{folder.name}: msh {msh}; geo {geo}; stl closed")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
