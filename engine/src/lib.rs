@@ -18,6 +18,7 @@ pub mod format;
 pub mod mix;
 mod pack;
 pub mod packing;
+mod placement;
 pub mod plan;
 pub mod request;
 mod rng;

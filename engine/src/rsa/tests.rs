@@ -15,7 +15,7 @@ fn rule(specimen: &Specimen) -> DistanceRule {
 }
 
 fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) -> Outcome {
-    let rsa = Rsa { diameters_mm: diameters, specimen, rule: rule(specimen), attempts_per_grain: limit };
+    let rsa = Rsa { diameters_mm: diameters, specimen, rule: rule(specimen), attempts_per_grain: limit, preference: None };
     rsa.run(&mut stream(seed, Stream::Rsa), &Unattended)
 }
 
@@ -214,6 +214,7 @@ fn a_run_stops_when_told() {
         diameters_mm: &diameters,
         specimen: &specimen,
         rule: rule(&specimen),
+        preference: None,
         attempts_per_grain: None,
     };
     let outcome = rsa.run(&mut stream(1, Stream::Rsa), &Stop);
