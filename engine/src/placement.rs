@@ -35,13 +35,15 @@ pub(crate) struct Preference {
     field: Field,
     strength: f64,
     specimen: Specimen,
-    /// By grain: what its centre keeps from the walls, and the share of the mass that is finer.
     grains: Vec<Grain>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Grain {
+    volume_mm3: f64,
+    /// What its centre keeps from the walls.
     clearance_mm: f64,
+    /// Share of the mass that is finer.
     quantile: f64,
 }
 
@@ -63,7 +65,7 @@ impl Preference {
                 let own = sphere_volume(d);
                 let quantile = 1.0 - (coarser + own / 2.0) / all;
                 coarser += own;
-                Grain { clearance_mm: d / 2.0 + rule.wall_gap_mm(d), quantile }
+                Grain { volume_mm3: own, clearance_mm: d / 2.0 + rule.wall_gap_mm(d), quantile }
             })
             .collect();
         Some(Self { field, strength, specimen: request.specimen, grains })
@@ -76,16 +78,19 @@ impl Preference {
         -self.strength * off * off
     }
 
-    /// What two grains would gain in the logarithm of their weights if they changed places.
+    /// What two grains would gain in the logarithm of their weights if they changed places, each counted by its
+    /// share of their mass, so that it is mass that the exchange sorts: by number, the mass of the fine grains
+    /// would be carried upwards by the largest of them.
     pub(crate) fn gain_of_exchange(&self, [i, j]: [usize; 2], [p_i, p_j]: [[f64; 3]; 2]) -> f64 {
         let gain = |grain: usize, from: [f64; 3], to: [f64; 3]| {
-            let region = self.specimen.center_region(self.grains[grain].clearance_mm);
+            let Grain { volume_mm3, clearance_mm, .. } = self.grains[grain];
             // It fits: the plan has seen to that.
-            region.map_or(0.0, |region| {
-                self.log_weight(grain, &region, to) - self.log_weight(grain, &region, from)
+            self.specimen.center_region(clearance_mm).map_or(0.0, |region| {
+                volume_mm3 * (self.log_weight(grain, &region, to) - self.log_weight(grain, &region, from))
             })
         };
-        gain(i, p_i, p_j) + gain(j, p_j, p_i)
+        let mean_volume_mm3 = (self.grains[i].volume_mm3 + self.grains[j].volume_mm3) / 2.0;
+        (gain(i, p_i, p_j) + gain(j, p_j, p_i)) / mean_volume_mm3
     }
 }
 

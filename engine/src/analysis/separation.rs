@@ -30,12 +30,7 @@ pub fn separation(
     field: &Field,
     seed: u64,
 ) -> PlacementReport {
-    let fields = [
-        Some(*field),
-        across(field, Axis::X),
-        across(field, Axis::Y),
-        across(field, Axis::Z),
-    ];
+    let fields = [Some(*field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
     let thirds = Thirds::of(&spheres.d_mm);
     let measured: Vec<Measured> =
         fields.iter().flatten().map(|field| Measured::new(spheres, specimen, rule, field, &thirds)).collect();

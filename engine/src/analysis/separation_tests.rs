@@ -71,9 +71,8 @@ fn equal_grains_cannot_be_apart() {
 fn chance_is_judged_fairly_whether_all_grains_are_dealt_out_or_most_are_summed_up() {
     const RUNS: usize = 100;
     for n in [300, 3 * DEALT] {
-        let mut p_values: Vec<f64> = (0..RUNS as u64)
-            .map(|seed| report(&scattered(n, 0.0, seed), &UP, seed).along.p_value)
-            .collect();
+        let mut p_values: Vec<f64> =
+            (0..RUNS as u64).map(|seed| report(&scattered(n, 0.0, seed), &UP, seed).along.p_value).collect();
         p_values.sort_by(f64::total_cmp);
         let gap = p_values
             .iter()

@@ -38,7 +38,10 @@ pub struct Content {
     pub water_cement: f64,
     /// Mass of aggregate over that of cement. The air is then what all parts leave, so that `air` must be
     /// absent. When this is absent, the aggregate is what the others leave.
-    #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 100))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, nullable, exclusive_minimum = 0, maximum = 100)
+    )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub aggregate_cement: Option<f64>,
     /// Fly ash, silica fume, fillers.
@@ -62,10 +65,7 @@ pub struct Content {
     )]
     pub water_density_kg_m3: f64,
     /// Density of the aggregate, 2650 when absent; needed with `aggregate_cement` only.
-    #[cfg_attr(
-        feature = "openapi",
-        schema(required = false, nullable, minimum = 100, maximum = 30_000)
-    )]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 100, maximum = 30_000))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub aggregate_density_kg_m3: Option<f64>,
 }
@@ -167,7 +167,9 @@ pub(super) fn read_content(at: &At<'_>) -> Option<Content> {
     let water_density = density("water_density_kg_m3", WATER_DENSITY_KG_M3);
     let aggregate_density = match object.optional("aggregate_density_kg_m3") {
         Some(at) if ratio_at.is_none() => {
-            at.fault("the aggregate is what the other parts leave, whatever its density: needs aggregate_cement");
+            at.fault(
+                "the aggregate is what the other parts leave, whatever its density: needs aggregate_cement",
+            );
             None
         }
         Some(at) => at.number(DENSITY).map(Some),
@@ -203,3 +205,7 @@ fn read_addition(at: &At<'_>) -> Option<Addition> {
     object.finish();
     Some(Addition { mass_kg_m3: mass?, density_kg_m3: density? })
 }
+
+#[cfg(test)]
+#[path = "content_tests.rs"]
+mod tests;

@@ -165,12 +165,15 @@ fn read_field(at: &At<'_>, specimen: Option<&Specimen>) -> Option<Field> {
 }
 
 fn read_linear(object: &mut Object<'_>) -> Option<Field> {
-    let axis = object
-        .required("axis")
-        .and_then(|at| at.choice(&[("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)]));
+    let axis =
+        object.required("axis").and_then(|at| at.choice(&[("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)]));
     let direction = match object.optional("direction") {
         Some(at) => at.choice(&[("up", Direction::Up), ("down", Direction::Down)]),
         None => Some(Direction::Down),
     };
     axis.zip(direction).map(|(axis, direction)| Field::Linear { axis, direction })
 }
+
+#[cfg(test)]
+#[path = "placement_tests.rs"]
+mod tests;

@@ -20,7 +20,7 @@ use crate::rng::uniform;
 use crate::specimen::Region;
 pub(crate) use cells::MAX_PLACED;
 use cells::{Cells, Placed};
-use choice::{CANDIDATES, Choice, MOST_DRAWS};
+use choice::{Choice, MOST_DRAWS};
 use free_space::{Draw, FreeSpace, Served};
 
 /// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
@@ -266,10 +266,10 @@ impl Run<'_> {
         }
     }
 
-    /// Looks for further places beside the first, and chooses.
+    /// Looks for further places beside the first until one is taken for its weight, or chooses among those found.
     ///
-    /// Places are uniform in the free space, so that what is chosen among many has a density proportional to
-    /// the weight there. That the search ends early where places are rare does not depend on where they are.
+    /// Places are uniform in the free space, so that the one taken has a density proportional to the weight there.
+    /// That the search ends early where places are rare does not depend on where they are.
     fn choose(
         &mut self,
         first: Draw,
@@ -282,19 +282,23 @@ impl Run<'_> {
         let (grain, region) = (self.placed.len(), search.region);
         let log_weight = |draw: &Draw| preference.log_weight(grain, &region, draw.point);
         let mut choice = Choice::new();
-        choice.offer(first, log_weight(&first), rng);
         // Only what was needed for the first place says that places are rare.
         let failed = search.failed;
+        let mut found = Found::Place(first);
         for _ in 0..MOST_DRAWS {
-            if choice.offered == CANDIDATES {
-                break;
-            }
-            match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
-                Found::Place(draw) => choice.offer(draw, log_weight(&draw), rng),
+            match found {
+                Found::Place(draw) => {
+                    choice.offer(draw, log_weight(&draw), rng);
+                    if choice.is_made() {
+                        break;
+                    }
+                }
                 Found::NotYet => {}
+                // A place is known: nothing is proven, and what is spent is spent.
                 Found::Nothing { .. } => break,
                 Found::Stopped => return Found::Stopped,
             }
+            found = self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng);
         }
         search.failed = failed;
         choice.chosen().map_or(Found::NotYet, Found::Place)

@@ -23,18 +23,22 @@ const STUDY_EXAMPLE: &str = r#"{
     "stop_when": {"failed_in_a_row": 2}
 }"#;
 /// Schemas of which requests are made.
-const REQUEST_SCHEMAS: [&str; 11] = [
+const REQUEST_SCHEMAS: [&str; 15] = [
     "StudyRequest",
     "StopWhen",
     "AxisRange",
     "JobRequest",
     "Mix",
+    "Content",
+    "Addition",
     "SizeClass",
     "Specimen",
     "Grading",
     "Distance",
     "Method",
     "EdmdStop",
+    "Placement",
+    "Field",
 ];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";

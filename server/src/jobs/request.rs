@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
-use packstone_engine::request::{Distance, Method, Mix, Specimen};
+use packstone_engine::request::{Distance, Method, Mix, Placement, Specimen};
 use packstone_engine::{FieldError, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
@@ -69,6 +69,10 @@ pub(crate) struct JobRequest {
     /// How the packing is computed; `auto` when absent.
     #[schema(required = false)]
     pub(crate) method: Method,
+    /// Where grains of which size are to lie; anywhere when absent.
+    #[schema(required = false)]
+    #[serde(skip_serializing_if = "Placement::is_random")]
+    pub(crate) placement: Placement,
 }
 
 impl JobRequest {
@@ -98,6 +102,7 @@ impl JobRequest {
             mix: self.mix.clone(),
             distance: self.distance,
             method: self.method,
+            placement: self.placement,
         }
     }
 
@@ -144,6 +149,7 @@ fn read_fields(
         mix: packing.mix,
         distance: packing.distance,
         method: packing.method,
+        placement: packing.placement,
     })
 }
 
