@@ -21,6 +21,7 @@ pub mod mesh;
 pub mod mix;
 mod pack;
 pub mod packing;
+mod placement;
 pub mod plan;
 pub mod request;
 mod rng;

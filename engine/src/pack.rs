@@ -3,6 +3,7 @@
 use std::cell::Cell;
 use std::time::Instant;
 
+use crate::analysis::separation;
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
@@ -10,8 +11,9 @@ use crate::edmd::Edmd;
 use crate::error::{NoPlace, NotGrown, NotReached, PackError};
 use crate::mix::{GradedMix, sphere_volume, take::take};
 use crate::packing::{GrowthPoint, Packing, Report, Spheres, Statistics, Summary, Timings};
+use crate::placement::Preference;
 use crate::plan::{Limits, Plan};
-use crate::request::{Distance, EdmdOptions, Method, PackingRequest};
+use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Placement};
 use crate::rng::{Stream, stream};
 use crate::rsa::{End, Rsa};
 use crate::verify;
@@ -96,6 +98,12 @@ pub fn pack_or_resume(
 
     let rule = DistanceRule::new(&checked.distance, &checked.specimen);
     let summary = summary(&spheres, &mix, &rule, check.classes);
+    let placement = match &request.placement {
+        Placement::Gradient { field, .. } => {
+            Some(separation(&spheres, &request.specimen, &rule, field, request.seed))
+        }
+        Placement::Random {} => None,
+    };
     Ok(Packing {
         spheres,
         report: Report {
@@ -111,6 +119,7 @@ pub fn pack_or_resume(
             verification: check.found,
             distance_curve: placed.distance_curve,
             growth_curve: placed.growth_curve,
+            placement,
         },
     })
 }
@@ -166,11 +175,13 @@ impl Job<'_> {
     /// Random sequential addition.
     fn place(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
         let start = Instant::now();
+        let preference = Preference::new(self.request, self.diameters);
         let rsa = Rsa {
             diameters_mm: self.diameters,
             specimen: &self.request.specimen,
             rule: DistanceRule::new(&self.request.distance, &self.request.specimen),
             attempts_per_grain,
+            preference: preference.as_ref(),
         };
         let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), control);
         let placed = outcome.centers_mm.len();

@@ -79,6 +79,53 @@ pub struct Report {
     /// The growth of grains over the run; empty for methods that do not grow them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub growth_curve: Vec<GrowthPoint>,
+    /// How far coarse and fine grains lie apart, where a gradient was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub placement: Option<PlacementReport>,
+}
+
+/// How far coarse and fine grains lie apart: along the field asked for, and across it as a control.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct PlacementReport {
+    /// Along the field, which rises to where the coarse grains were asked for.
+    pub along: Separation,
+    /// Along the axes that the field does not lie along.
+    pub across: Across,
+    /// Times that the sizes were dealt out anew to the places for the p values.
+    pub permutations: u32,
+}
+
+/// Separation along coordinate axes; that of the field itself is left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Across {
+    /// Along x.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub x: Option<Separation>,
+    /// Along y.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub y: Option<Separation>,
+    /// Along z.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub z: Option<Separation>,
+}
+
+/// Where the coarsest and the finest third of the mass lie on average: 0 is the lower end of the field, 1 the upper,
+/// in shares of the volume that the walls leave for the centre of a grain.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Separation {
+    /// Mean of the coarsest third, by mass.
+    pub coarsest_third: f64,
+    /// Mean of the finest third, by mass.
+    pub finest_third: f64,
+    /// The one less the other: 0 without a gradient, 0.667 where sizes are sorted.
+    pub difference: f64,
+    /// How probable a difference at least as large, of either sign, is if sizes are dealt out at random to the
+    /// same places.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
+    pub p_value: f64,
 }
 
 /// A point of the growth of grains.

@@ -14,6 +14,8 @@ pub(crate) enum Stream {
     Rsa,
     /// Velocities and exchanges of growing grains.
     Edmd,
+    /// The chance that a gradient is compared with.
+    Placement,
 }
 
 /// The stream of a seed for one use.

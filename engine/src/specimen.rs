@@ -139,6 +139,28 @@ impl Region {
             })
     }
 
+    /// Share of the volume that lies below a coordinate of an axis; a half where there is one coordinate only.
+    pub(crate) fn share_below(&self, axis: usize, x: f64) -> f64 {
+        let (low, high) = (self.low[axis], self.high[axis]);
+        if low >= high {
+            return 0.5;
+        }
+        let along = ((x - low) / (high - low)).clamp(0.0, 1.0);
+        if axis < 2 && self.disc.is_some() {
+            let t = 2.0 * along - 1.0;
+            return 0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / PI;
+        }
+        along
+    }
+
+    /// Share of the volume that lies nearer to the axis than a point; of a box, which has none, a half.
+    pub(crate) fn share_within(&self, p: [f64; 3]) -> f64 {
+        match self.disc {
+            Some(disc) if disc.radius > 0.0 => (disc.distance2(p) / (disc.radius * disc.radius)).min(1.0),
+            _ => 0.5,
+        }
+    }
+
     /// Volume in mm³; 0 where only a point, a line or a plane is left.
     pub fn volume_mm3(&self) -> f64 {
         let edge = |a: usize| self.high[a] - self.low[a];

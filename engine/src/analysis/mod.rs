@@ -1,5 +1,5 @@
 //! What engineers look for in a packing beyond its check: the grading it came out with, how close grains
-//! stand, and how a wall thins them out.
+//! stand, how a wall thins them out, and how far sizes are apart.
 //!
 //! Pure functions over [`Spheres`](crate::packing::Spheres) and a [`Specimen`](crate::request::Specimen),
 //! for whoever draws or tabulates them. They judge nothing: whether a packing is valid is
@@ -9,10 +9,12 @@ pub mod depth_profile;
 pub mod grading;
 mod neighbors;
 pub mod radial;
+mod separation;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};
 pub use grading::{GradingCurve, GradingPoint, grading};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
+pub use separation::separation;
 
 #[cfg(test)]
 mod tests;

@@ -51,6 +51,7 @@ impl Fluid {
             diameters_mm: &vec![scale; spheres],
             specimen: &specimen,
             rule: DistanceRule::new(&Distance::None { wall_mm: None }, &specimen),
+            preference: None,
             attempts_per_grain: None,
         };
         let centers = placing.run(&mut stream(seed, Stream::Rsa), &Unattended).centers_mm;

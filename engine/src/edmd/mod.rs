@@ -40,6 +40,7 @@ use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
+use crate::placement::Preference;
 use crate::plan::rsa_limit;
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
@@ -97,6 +98,7 @@ impl Edmd<'_> {
             options: self.options,
             diameters_mm: self.diameters_mm,
             control,
+            preference: Preference::new(self.request, self.diameters_mm),
             moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
             started: Instant::now(),
         };
@@ -176,6 +178,7 @@ impl Edmd<'_> {
                 specimen: &self.request.specimen,
                 rule: rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
+                preference: frame.preference.as_ref(),
             };
             let outcome = placing.run(&mut rng, &Silent(frame.control));
             statistics.attempts += outcome.statistics.attempts;

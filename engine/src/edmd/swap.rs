@@ -8,6 +8,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::system::{System, unpack};
+use crate::placement::Preference;
 use crate::rng::uniform;
 
 /// Share of accepted exchanges that the window of sizes is steered to.
@@ -34,11 +35,13 @@ impl Swaps {
     }
 
     /// Tries so many exchanges in a system whose lists were just renewed. `sizes` are contact radii
-    /// by rank, falling, in any unit.
+    /// by rank, falling, in any unit. With a preference exchanges are as Metropolis and others (1953) have it: those
+    /// that go against it happen the more rarely the more they do, so that the gradient is kept and not levelled.
     pub(crate) fn sweep(
         &mut self,
         system: &mut System,
         sizes: &[f64],
+        preference: Option<&Preference>,
         tries: u64,
         rng: &mut Xoshiro256PlusPlus,
     ) {
@@ -68,7 +71,11 @@ impl Swaps {
             }
             tried += 1;
             let (i, j) = (self.site[larger] as usize, self.site[smaller] as usize);
-            if exchange(system, i, j) {
+            let places = [system.hot[i].position, system.hot[j].position];
+            let wanted = preference.is_none_or(|preference| {
+                uniform(rng).ln() <= preference.gain_of_exchange([larger, smaller], places)
+            });
+            if wanted && exchange(system, i, j) {
                 self.site.swap(larger, smaller);
                 accepted += 1;
             }

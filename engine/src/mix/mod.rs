@@ -59,7 +59,7 @@ impl GradedMix {
         let sieve_classes = classes_above(&mix.grading, d_min);
         let classes: Vec<Class> = sieve_classes.iter().flat_map(Class::narrow).collect();
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
-        let asked = mix.volume_fraction.unwrap_or(0.0);
+        let asked = mix.asked_fraction().unwrap_or(0.0);
         let (mixture, effective) = match mix.basis {
             Basis::Mixture => (asked, asked * kept),
             Basis::Effective => (asked / kept, asked),

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::model::{Features, LIKELY, bisect};
 use crate::distance::DistanceRule;
 use crate::mix::GradedMix;
-use crate::request::{Basis, Boundary, Distance, EdmdOptions, Method, PackingRequest, Specimen};
+use crate::request::{Basis, Boundary, Distance, EdmdOptions, Method, PackingRequest, Placement, Specimen};
 
 /// What one method is likely to do with a mix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -167,6 +167,9 @@ impl<'a> Case<'a> {
         let unmoved = EdmdOptions { stop: options.stop, ..EdmdOptions::default() };
         if options != unmoved || options.stop.stall_dt_s.is_some() {
             beyond.push("options of edmd other than the limits of time and events".into());
+        }
+        if matches!(self.request.placement, Placement::Gradient { strength, .. } if strength > 0.0) {
+            beyond.push("a gradient in the placement, taken as if grains lay anywhere".into());
         }
         beyond
     }

@@ -14,7 +14,7 @@ use crate::edmd::MAX_GRAINS;
 use crate::error::PlanError;
 use crate::mix::GradedMix;
 use crate::mix::sieve::sieve_classes;
-use crate::request::{Distance, FieldError, Method, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, Method, Mix, PackingRequest, Specimen};
 use crate::rsa::MAX_PLACED;
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
@@ -297,8 +297,11 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     } else {
         String::new()
     };
-    let pointer =
-        if request.mix.volume_fraction.is_some() { "/mix/volume_fraction" } else { "/mix/grading/mm" };
+    let pointer = match &request.mix {
+        Mix { volume_fraction: Some(_), .. } => "/mix/volume_fraction",
+        Mix { content: Some(_), .. } => "/mix/content",
+        _ => "/mix/grading/mm",
+    };
     Err(infeasible(
         pointer,
         format!(

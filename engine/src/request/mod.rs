@@ -5,14 +5,18 @@
 //! specimen is the plan's question ([`crate::plan`]). This module must never know how a packing is
 //! computed.
 
+pub mod content;
 pub mod decode;
 pub mod edmd;
+pub mod placement;
 mod read;
 
 use serde::Serialize;
 
+pub use content::{Addition, Content};
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
+pub use placement::{Axis, Direction, Face, Field, Placement};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
 /// up to 2^53 - 1.
@@ -40,6 +44,10 @@ pub struct PackingRequest {
     pub distance: Distance,
     /// How the packing is computed.
     pub method: Method,
+    /// Where grains of which size are to lie; anywhere when absent.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "Placement::is_random")]
+    pub placement: Placement,
 }
 
 /// The region that grains are placed in.
@@ -93,14 +101,27 @@ pub struct Mix {
     )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
-    /// Volume of the aggregate over that of the specimen. Required, except for the grading
-    /// `diameters`, which prescribes it.
+    /// Volume of the aggregate over that of the specimen. Either this or `content` is required, except for the
+    /// grading `diameters`, which prescribes it.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume_fraction: Option<f64>,
+    /// The same by the contents of a cubic metre of concrete. It counts all aggregate, so that the basis is
+    /// `mixture`.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub content: Option<Content>,
     /// Which aggregate `volume_fraction` counts.
     #[cfg_attr(feature = "openapi", schema(default = "mixture", required = false))]
     pub basis: Basis,
+}
+
+impl Mix {
+    /// Volume of the aggregate over that of the specimen in the basis of the mix, however it was named; `None`
+    /// where explicit diameters prescribe it.
+    pub fn asked_fraction(&self) -> Option<f64> {
+        self.volume_fraction.or_else(|| self.content.as_ref().map(Content::aggregate_fraction))
+    }
 }
 
 /// Which aggregate a volume fraction counts (`engine.md` section 1).

@@ -2,11 +2,13 @@
 
 use serde_json::Value;
 
+use super::content::{Content, read_content};
 use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
+use super::placement::read_placement;
 use super::{
     Basis, Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED, Method, Mix,
-    PackingRequest, SizeClass, Specimen, StandardCurve,
+    PackingRequest, Placement, SizeClass, Specimen, StandardCurve,
 };
 use crate::mix::standard;
 
@@ -57,6 +59,10 @@ impl PackingRequest {
             Some(at) => read_method(&at),
             None => Some(Method::Auto {}),
         };
+        let placement = match object.optional("placement") {
+            Some(at) => read_placement(&at, specimen.as_ref()),
+            None => Some(Placement::Random {}),
+        };
         if let (Some(at), Some(Distance::Maximize { .. }), Some(Method::Rsa { .. })) =
             (&distance_at, &distance, &method)
         {
@@ -66,7 +72,14 @@ impl PackingRequest {
             );
             return None;
         }
-        Some(Self { seed: seed?, specimen: specimen?, mix: mix?, distance: distance?, method: method? })
+        Some(Self {
+            seed: seed?,
+            specimen: specimen?,
+            mix: mix?,
+            distance: distance?,
+            method: method?,
+            placement: placement?,
+        })
     }
 }
 
@@ -122,16 +135,15 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
     let d_min = d_min_at.as_ref().and_then(|at| at.number(LENGTH));
     // By its name, for a list with a fault in it is a list too.
     let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
-    let fraction = if is_list {
-        if let Some(at) = object.optional("volume_fraction") {
-            at.fault("an explicit list of diameters prescribes the volume: leave this field out");
-        }
-        None
-    } else {
-        object.required("volume_fraction").and_then(|at| at.number(FRACTION))
-    };
+    let (volume_fraction, content) = read_amount(&mut object, is_list);
     let basis = match object.optional("basis") {
-        Some(at) => at.choice(&[("mixture", Basis::Mixture), ("effective", Basis::Effective)]),
+        Some(at) => {
+            let basis = at.choice(&[("mixture", Basis::Mixture), ("effective", Basis::Effective)]);
+            if basis == Some(Basis::Effective) && content.is_some() {
+                at.fault("content counts all aggregate, that below the cut-off too: must be \"mixture\"");
+            }
+            basis
+        }
         None => Some(Basis::Mixture),
     };
     object.finish();
@@ -144,7 +156,26 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         (Grading::Standard { .. } | Grading::Fuller { .. }, None) => Some(DEFAULT_D_MIN_MM),
         (_, given) => given,
     };
-    Some(Mix { grading, d_min_mm, volume_fraction: fraction, basis: basis? })
+    Some(Mix { grading, d_min_mm, volume_fraction, content, basis: basis? })
+}
+
+/// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.
+fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<Content>) {
+    let content_at = object.optional("content");
+    if is_list {
+        for at in object.optional("volume_fraction").iter().chain(&content_at) {
+            at.fault("an explicit list of diameters prescribes the volume: leave this field out");
+        }
+        return (None, None);
+    }
+    let Some(content_at) = content_at else {
+        return (object.required("volume_fraction").and_then(|at| at.number(FRACTION)), None);
+    };
+    if object.optional("volume_fraction").is_some() {
+        content_at.fault("the mix has a volume_fraction too: leave one of the two out");
+        return (None, None);
+    }
+    (None, read_content(&content_at))
 }
 
 /// The cut-off must leave something to place, and must lie where the curve is known.

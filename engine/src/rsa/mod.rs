@@ -6,6 +6,7 @@
 //! diameters, a specimen and a distance rule; it must never know where they come from.
 
 mod cells;
+mod choice;
 mod free_space;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -13,11 +14,13 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::packing::RsaStatistics;
+use crate::placement::Preference;
 use crate::request::Specimen;
 use crate::rng::uniform;
 use crate::specimen::Region;
 pub(crate) use cells::MAX_PLACED;
 use cells::{Cells, Placed};
+use choice::{Choice, MOST_DRAWS};
 use free_space::{Draw, FreeSpace, Served};
 
 /// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
@@ -49,6 +52,8 @@ pub struct Rsa<'a> {
     pub rule: DistanceRule,
     /// Attempts for one grain after which the run has failed; `None` searches exhaustively.
     pub attempts_per_grain: Option<u64>,
+    /// Which of several free places a grain prefers; `None` takes the first.
+    pub(crate) preference: Option<&'a Preference>,
 }
 
 /// How a run ended.
@@ -252,9 +257,51 @@ impl Run<'_> {
             }
             match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
                 Found::NotYet => {}
+                Found::Place(draw) => match self.rsa.preference {
+                    None => return Found::Place(draw),
+                    Some(preference) => return self.choose(draw, preference, search, free, cells, rng),
+                },
                 found => return found,
             }
         }
+    }
+
+    /// Looks for further places beside the first until one is taken for its weight, or chooses among those found.
+    ///
+    /// Places are uniform in the free space, so that the one taken has a density proportional to the weight there.
+    /// That the search ends early where places are rare does not depend on where they are.
+    fn choose(
+        &mut self,
+        first: Draw,
+        preference: &Preference,
+        search: &mut Search,
+        free: &mut FreeSpace<'_>,
+        cells: &Cells,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        let (grain, region) = (self.placed.len(), search.region);
+        let log_weight = |draw: &Draw| preference.log_weight(grain, &region, draw.point);
+        let mut choice = Choice::new();
+        // Only what was needed for the first place says that places are rare.
+        let failed = search.failed;
+        let mut found = Found::Place(first);
+        for _ in 0..MOST_DRAWS {
+            match found {
+                Found::Place(draw) => {
+                    choice.offer(draw, log_weight(&draw), rng);
+                    if choice.is_made() {
+                        break;
+                    }
+                }
+                Found::NotYet => {}
+                // A place is known: nothing is proven, and what is spent is spent.
+                Found::Nothing { .. } => break,
+                Found::Stopped => return Found::Stopped,
+            }
+            found = self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng);
+        }
+        search.failed = failed;
+        choice.chosen().map_or(Found::NotYet, Found::Place)
     }
 
     #[inline]

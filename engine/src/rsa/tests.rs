@@ -1,9 +1,11 @@
 #![allow(clippy::unwrap_used)]
 #![allow(clippy::type_complexity, reason = "a table of names and functions")]
 
+use serde_json::json;
+
 use super::*;
 use crate::control::Unattended;
-use crate::request::{Boundary, Distance};
+use crate::request::{Boundary, Distance, PackingRequest};
 use crate::rng::{Stream, stream};
 
 fn cube(size: f64, boundary: Boundary) -> Specimen {
@@ -15,7 +17,13 @@ fn rule(specimen: &Specimen) -> DistanceRule {
 }
 
 fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) -> Outcome {
-    let rsa = Rsa { diameters_mm: diameters, specimen, rule: rule(specimen), attempts_per_grain: limit };
+    let rsa = Rsa {
+        diameters_mm: diameters,
+        specimen,
+        rule: rule(specimen),
+        attempts_per_grain: limit,
+        preference: None,
+    };
     rsa.run(&mut stream(seed, Stream::Rsa), &Unattended)
 }
 
@@ -214,6 +222,7 @@ fn a_run_stops_when_told() {
         diameters_mm: &diameters,
         specimen: &specimen,
         rule: rule(&specimen),
+        preference: None,
         attempts_per_grain: None,
     };
     let outcome = rsa.run(&mut stream(1, Stream::Rsa), &Stop);
@@ -264,5 +273,48 @@ fn where_it_is_proven_that_no_place_is_left_none_can_be_climbed_to() {
         assert!(best < missing, "seed {seed}: a place of radius {best} for {missing}");
         // The climb is good enough to have seen it.
         assert!(best > 0.93 * missing, "seed {seed}: {best} of {missing}");
+    }
+}
+
+/// Many places are chosen among, all alike: what is chosen has the law of the textbook still, crowded or not.
+#[test]
+fn a_choice_among_equal_places_draws_from_the_distribution_of_the_textbook() {
+    const RUNS: usize = 1000;
+    for (case, (specimen, diameters)) in crowded_cases().into_iter().enumerate() {
+        if specimen.is_periodic() {
+            continue;
+        }
+        let request = PackingRequest::from_json(
+            &json!({
+                "specimen": serde_json::to_value(specimen).unwrap(),
+                "mix": {"grading": {"type": "diameters", "mm": diameters}},
+                "placement": {
+                    "type": "gradient", "strength": 1.0e-9, "field": {"type": "linear", "axis": "z"},
+                },
+            }),
+            1,
+        );
+        let preference = Preference::new(&request.unwrap(), &diameters);
+        assert!(preference.is_some());
+        for limit in [None, Some(3000)] {
+            let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+            for seed in 0..RUNS as u64 {
+                let rsa = Rsa {
+                    diameters_mm: &diameters,
+                    specimen: &specimen,
+                    rule: rule(&specimen),
+                    attempts_per_grain: limit,
+                    preference: preference.as_ref(),
+                };
+                let outcome = rsa.run(&mut stream(seed, Stream::Rsa), &Unattended);
+                if outcome.end == End::Complete {
+                    ours.push(outcome.centers_mm);
+                }
+                theirs.extend(textbook(&diameters, &specimen, limit.unwrap_or(100_000), seed));
+            }
+            let apart = rates_apart(ours.len(), theirs.len(), RUNS);
+            assert!(apart.abs() < 3.5, "case {case}: {} and {} succeed", ours.len(), theirs.len());
+            assert_same_law(&format!("{case}, {limit:?}"), &ours, &theirs);
+        }
     }
 }

@@ -28,12 +28,14 @@ const STUDY_EXAMPLE: &str = r#"{
     "stop_when": {"failed_in_a_row": 2}
 }"#;
 /// Schemas of which requests are made.
-const REQUEST_SCHEMAS: [&str; 12] = [
+const REQUEST_SCHEMAS: [&str; 16] = [
     "StudyRequest",
     "StopWhen",
     "AxisRange",
     "JobRequest",
     "Mix",
+    "Content",
+    "Addition",
     "SizeClass",
     "Specimen",
     "Grading",
@@ -41,6 +43,8 @@ const REQUEST_SCHEMAS: [&str; 12] = [
     "Method",
     "EdmdStop",
     "Derivation",
+    "Placement",
+    "Field",
 ];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 use packstone_engine::derived::Derivation;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
-use packstone_engine::request::{Distance, Method, Mix, Specimen};
+use packstone_engine::request::{Distance, Method, Mix, Placement, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
@@ -73,6 +73,10 @@ pub(crate) struct JobRequest {
     /// How the packing is computed; `auto` when absent.
     #[schema(required = false)]
     pub(crate) method: Method,
+    /// Where grains of which size are to lie; anywhere when absent.
+    #[schema(required = false)]
+    #[serde(skip_serializing_if = "Placement::is_random")]
+    pub(crate) placement: Placement,
     /// What to make of the packing once it is there: one thing or a list of at most 8, each as in
     /// `POST /v1/jobs/{id}/derived`.
     #[schema(required = false)]
@@ -139,6 +143,7 @@ impl JobRequest {
             mix: self.mix.clone(),
             distance: self.distance,
             method: self.method,
+            placement: self.placement,
         }
     }
 
@@ -198,6 +203,7 @@ fn read_fields(
         mix: packing.mix,
         distance: packing.distance,
         method: packing.method,
+        placement: packing.placement,
         postprocess: postprocess?,
     })
 }

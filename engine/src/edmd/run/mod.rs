@@ -19,6 +19,7 @@ use crate::checkpoint::Checkpoint;
 use crate::control::Control;
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
+use crate::placement::Preference;
 use crate::request::{EdmdOptions, PackingRequest};
 use crate::rng::epoch_stream;
 pub(crate) use report::Moments;
@@ -81,6 +82,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) control: &'a dyn Control,
     pub(crate) moments: Moments,
+    /// The gradient that exchanges keep to.
+    pub(crate) preference: Option<Preference>,
     /// Since the run, or its part after a checkpoint, began.
     pub(crate) started: Instant,
 }
@@ -260,7 +263,7 @@ impl Run {
         }
         if frame.options.swap != Some(false) {
             let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
-            self.swaps.sweep(&mut self.system, &law.radii_mm, tries, &mut rng);
+            self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng);
         }
         self.system.predict_all(self.events_per_time);
 

@@ -22,6 +22,7 @@ fn in_motion(specimen: &Specimen) -> System {
         diameters_mm: &diameters,
         specimen,
         rule: DistanceRule::new(&Distance::None { wall_mm: None }, specimen),
+        preference: None,
         attempts_per_grain: None,
     };
     let centers = placing.run(&mut stream(2, Stream::Rsa), &Unattended).centers_mm;
