@@ -83,7 +83,7 @@ async fn a_cut_does_not_wait_behind_what_takes_long() {
     // Whose answer is not held back is told to come again.
     let path = format!("/v1/jobs/{id}/result?format=raw&cells=320&samples=16");
     let reply = client.get(&path).header("prefer", "wait=0").send().await;
-    reply.expect_problem(503, "format-not-ready");
+    reply.expect_problem(404, "format-not-ready");
     assert_eq!(reply.header("retry-after"), "2");
     client.get(&format!("{long}/file")).send().await.expect_problem(404, "result-not-ready");
     server.stop().await;

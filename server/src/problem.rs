@@ -84,7 +84,7 @@ kinds! {
         "The jobs, or the models to be made of results, would be more than this server lets wait. Try again after `Retry-After`."
     Busy "busy" 503 "Busy"
         "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
-    FormatNotReady "format-not-ready" 503 "The format is being made"
+    FormatNotReady "format-not-ready" 404 "The format is being made"
         "What was asked for takes longer to make than an answer is held back; it goes on being made. Ask again after `Retry-After`, or ask for it at `/v1/jobs/{id}/derived`, where its progress can be followed."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."

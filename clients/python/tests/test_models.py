@@ -84,8 +84,8 @@ def test_what_cannot_be_made_is_refused(
 def test_what_takes_long_is_asked_for_again(proxy: FaultyProxy, pauses: list[float]) -> None:
     with packstone.Client(proxy.url, retry_s=0.001) as client:
         job = client.submit(mixes.quick()).wait()
-        problem = {"type": "/problems/format-not-ready", "status": 503, "detail": "it is being made"}
+        problem = {"type": "/problems/format-not-ready", "status": 404, "detail": "it is being made"}
         headers = {"retry-after": "2", "content-type": "application/problem+json"}
-        proxy.faults.extend([Answered(503, headers, json.dumps(problem).encode())] * 2)
+        proxy.faults.extend([Answered(404, headers, json.dumps(problem).encode())] * 2)
         assert len(job.result().read("raw", cells=10)) == 1000
     assert pauses == [2.0, 2.0], "as long as the server asks for, and longer than failures are met"

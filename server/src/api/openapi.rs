@@ -143,12 +143,11 @@ problem_sets! {
     /// Of retries.
     RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
     /// Of results.
-    ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, NotAcceptable 406,
-        JobFailed 409, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503,
-        FormatNotReady 503;
+    ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, NotAcceptable 406,
+        JobFailed 409, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of cuts.
-    SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, RangeNotSatisfiable 416,
-        FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503, FormatNotReady 503;
+    SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, JobFailed 409,
+        RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of what is to be made of a result.
     DeriveProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
         JobFailed 409, Conflict 409, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422,

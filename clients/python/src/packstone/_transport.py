@@ -226,7 +226,8 @@ def _check(response: httpx.Response, safe: bool) -> None:
         to = response.headers.get("location", "elsewhere")
         raise PackstoneError(f"{response.url} redirects to {to}: use that address")
     error = _refusal(response)
-    if status in REFUSED_FOR_NOW or (safe and status in UNKNOWN_FOR_NOW):
+    for_now = status in REFUSED_FOR_NOW or error.kind == BEING_MADE
+    if for_now or (safe and status in UNKNOWN_FOR_NOW):
         raise _Again(error, _retry_after_s(response))
     raise error
 
