@@ -127,7 +127,7 @@ async fn voxels_are_a_format_of_the_result_in_any_resolution_and_part() {
 #[tokio::test]
 async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     let data_dir = DataDir::new();
-    let server = Launch::new(&data_dir).args(&["--max-memory-mib", "4096"]).start().await;
+    let server = Launch::new(&data_dir).args(&["--max-model-mib", "8"]).start().await;
     let client = server.client();
     let (id, _) = packed(&client, 3).await;
     let result = |query: &str| format!("/v1/jobs/{id}/result?{query}");
@@ -138,7 +138,7 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
         (result("format=raw&colour=red"), 400, "validation-error", "colour", "unknown option: raw has cells"),
         (result("format=raw&cells=8&cells=9"), 400, "validation-error", "cells", "more than once"),
         (result("format=inp&label=grain"), 400, "validation-error", "label", "unknown option: inp has"),
-        (result("format=raw&cells=2000"), 422, "too-large", "cells", "MB"),
+        (result("format=raw&cells=300"), 422, "too-large", "cells", "MB"),
         (result("format=csv&cells=8"), 400, "validation-error", "cells", "unknown parameter"),
         (slice("axis=w"), 400, "validation-error", "axis", "must be one of"),
         (slice("at=41"), 400, "validation-error", "at", "41 is out of range"),
@@ -158,7 +158,7 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     let derive = format!("/v1/jobs/{id}/derived");
     for (body, status, kind, pointer) in [
         (json!({"type": "raw", "cells": 0}), 422, "validation-error", "/cells"),
-        (json!({"type": "raw", "cells": 2000}), 422, "too-large", "/cells"),
+        (json!({"type": "raw", "cells": 300}), 422, "too-large", "/cells"),
         (json!({"type": "raw", "colour": "red"}), 422, "validation-error", "/colour"),
         (json!({"type": "ball"}), 422, "validation-error", "/type"),
         (json!({"cells": 3}), 422, "validation-error", "/type"),
@@ -339,9 +339,7 @@ async fn jobs_of_a_study_have_models_too() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let template = jobs::with(jobs::quick(0), "/postprocess", json!([{"type": "raw", "cells": 8}]));
-    let mut template = template;
-    template.as_object_mut().unwrap().remove("seed");
+    let template = jobs::with(template_of(), "/postprocess", json!([{"type": "raw", "cells": 8}]));
     let study =
         json!({"seed": 1, "template": template, "grid": {"/postprocess/0/cells": [6, 7]}, "replicates": 2});
     let study = client.submit_study(&study).await;

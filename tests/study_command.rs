@@ -232,3 +232,19 @@ async fn a_study_that_is_refused_runs_nothing() {
     let ended = run(directory.path(), &["--resume"]).await;
     assert!(ended.code != Some(0) && ended.stderr.contains("there is no study in out"), "{ended:?}");
 }
+
+#[tokio::test]
+async fn models_that_jobs_ask_for_lie_with_the_results() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut template = jobs::with(jobs::quick(0), "/seed", Value::Null);
+    template = jobs::with(template, "/postprocess", json!([{"type": "raw", "cells": 6}, {"type": "slice"}]));
+    let study = json!({"seed": 1, "template": template, "grid": {"/postprocess/0/cells": [6, 7]}});
+    write(directory.path(), &study);
+    let ended = run(directory.path(), &[]).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let results = directory.path().join("out/results");
+    let length =
+        |name: &str| fs::metadata(results.join(name)).unwrap_or_else(|e| panic!("{name}: {e}")).len();
+    assert_eq!((length("0-0.raw"), length("1-0.raw")), (216, 343));
+    assert!(length("0-0.slice.svg") > 0 && length("1-0.raw.report.json") > 0);
+}

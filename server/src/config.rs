@@ -49,10 +49,13 @@ pub(crate) struct ServeOptions {
     /// Most grains of one packing
     #[arg(long, env = "PACKSTONE_MAX_GRAINS", default_value_t = Limits::default().max_grains)]
     pub(crate) max_grains: u64,
-    /// Most memory of one packing or model, in MiB [default: four fifths of the machine's, shared by the
+    /// Most memory of one packing, in MiB [default: four fifths of the machine's, shared by the
     /// jobs and models that may run at once, and at most 8 GB]
     #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB")]
     pub(crate) max_memory_mib: Option<u64>,
+    /// Most memory of one model of a result, and longest file of one, in MiB [default: as for a packing]
+    #[arg(long, env = "PACKSTONE_MAX_MODEL_MIB")]
+    pub(crate) max_model_mib: Option<u64>,
     /// Most jobs that wait
     #[arg(long, env = "PACKSTONE_MAX_QUEUED", default_value_t = 100_000)]
     pub(crate) max_queued: u64,
@@ -87,7 +90,8 @@ impl ServeOptions {
             Some(mib) => mib.saturating_mul(1 << 20),
             None => default_memory_bytes(self.workers() + usize::from(self.derivers)),
         };
-        Limits { max_grains: self.max_grains, max_memory_bytes }
+        let max_model_bytes = self.max_model_mib.map_or(max_memory_bytes, |mib| mib.saturating_mul(1 << 20));
+        Limits { max_grains: self.max_grains, max_memory_bytes, max_model_bytes }
     }
 
     /// Time between two checkpoints of a running job.

@@ -36,9 +36,13 @@ database = "none"
 [dictionaries.ids]
 values = {ids}
 
+[dictionaries.derived]
+values = {derived}
+
 # Without real ids nearly every answer would be 404.
 [parameters]
 "path.id" = {{ dictionary = "ids", probability = 0.7 }}
+"path.derived_id" = {{ dictionary = "derived", probability = 0.7 }}
 
 [checks]
 enabled = false
@@ -78,7 +82,7 @@ def start(binary, data_dir, log):
     """Starts the server and returns it with its base URL, as soon as it says where it listens."""
     command = [binary, "serve", "--listen", "127.0.0.1:0", "--data-dir", data_dir, "--workers", "1"]
     # Generated mixes may be large; what is fuzzed is the interface, not the engine's patience.
-    command += ["--max-grains", "1000000"]
+    command += ["--max-grains", "1000000", "--max-model-mib", "16"]
     server = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, text=True)
     # Its one line of output; the pipe closes when it ends without having listened.
     found = re.search(r"http://[\d.]+:\d+", server.stdout.readline())
@@ -95,6 +99,11 @@ def submit(base, job, resource="jobs"):
     )
     with urllib.request.urlopen(request, timeout=60) as answer:
         return json.load(answer)["id"]
+
+
+def derive(base, job, model):
+    """Asks for a model of a job's result, and returns its id."""
+    return submit(base, model, f"jobs/{job}/derived")
 
 
 def cases_of(output):
@@ -124,10 +133,12 @@ def main():
             try:
                 # More finished jobs than one, since generated requests delete and cancel.
                 ids = [submit(base, SMALL | {"seed": seed}) for seed in range(20)]
+                derived = [derive(base, job, {"type": "raw", "cells": 8}) for job in ids[:10]]
                 ids += [submit(base, STUDY | {"seed": seed}, "studies") for seed in range(10)]
                 ids += [submit(base, LONG) for _ in range(3)]
                 config = Path(directory, "schemathesis.toml")
-                config.write_text(CONFIG.format(seed=options.seed, examples=options.examples, ids=json.dumps(ids)))
+                known = {"ids": json.dumps(ids), "derived": json.dumps(derived)}
+                config.write_text(CONFIG.format(seed=options.seed, examples=options.examples, **known))
                 command = [SCHEMATHESIS, "--config-file", config, "run", f"{base}/openapi.json"]
                 command += ["--phases", options.phases, "--no-color"]
                 run = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, cwd=directory)

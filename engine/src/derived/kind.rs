@@ -63,6 +63,7 @@ macro_rules! derivations {
             /// # Errors
             /// [`DerivedError::Invalid`], [`DerivedError::Unavailable`] or [`DerivedError::TooLarge`].
             pub fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), DerivedError> {
+                let limits = &of_models(limits);
                 match self { $(Self::$variant(options) => $($module)::+::check(specimen, options, limits),)* }
             }
 
@@ -77,6 +78,7 @@ macro_rules! derivations {
                 control: &dyn Control,
                 out: &mut dyn Write,
             ) -> Result<DerivedReport, DerivedError> {
+                let limits = &of_models(limits);
                 match self {
                     $(Self::$variant(options) => {
                         $($module)::+::write(model, options, limits, control, out).map(DerivedReport::$variant)
@@ -197,6 +199,11 @@ impl Derivation {
             Self::Ldpm(options) => options.file.extension(),
         }
     }
+}
+
+/// The limits as the modules read them, each of which makes but one thing.
+fn of_models(limits: &Limits) -> Limits {
+    Limits { max_memory_bytes: limits.max_model_bytes, ..*limits }
 }
 
 /// What a text stands for in JSON.

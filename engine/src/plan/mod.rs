@@ -26,12 +26,14 @@ pub struct Limits {
     pub max_grains: u64,
     /// Most memory of one packing, in bytes.
     pub max_memory_bytes: u64,
+    /// Most memory of one model of a packing, and longest file of one, in bytes.
+    pub max_model_bytes: u64,
 }
 
 impl Default for Limits {
     /// 20 million grains, 8 GB.
     fn default() -> Self {
-        Self { max_grains: 20_000_000, max_memory_bytes: 8_000_000_000 }
+        Self { max_grains: 20_000_000, max_memory_bytes: 8_000_000_000, max_model_bytes: 8_000_000_000 }
     }
 }
 

@@ -84,6 +84,8 @@ pub(super) struct LimitsInfo {
     max_grains: u64,
     /// Most memory of a packing.
     max_memory_bytes: u64,
+    /// Most memory of a model of a result, and longest file of one.
+    max_model_bytes: u64,
     /// Longest length in a request.
     max_length_mm: f64,
     /// Largest seed.
@@ -152,6 +154,7 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
         limits: LimitsInfo {
             max_grains: shared.limits.max_grains,
             max_memory_bytes: shared.limits.max_memory_bytes,
+            max_model_bytes: shared.limits.max_model_bytes,
             max_length_mm: MAX_LENGTH_MM,
             max_seed: MAX_SEED,
             max_body_bytes: shared.max_body_bytes,

@@ -51,7 +51,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         .map_err(|faults| format!("the options are refused:\n  {}", models::listed(&faults)))?;
     let (specimen, spheres) = read(&options.result)
         .map_err(|error| format!("{} cannot be read as a result: {error}", options.result.display()))?;
-    let limits = Limits { max_memory_bytes: default_memory_bytes(1), ..Limits::default() };
+    let limits = Limits { max_model_bytes: default_memory_bytes(1), ..Limits::default() };
     derivation
         .check(&specimen, &limits)
         .map_err(|error| format!("{} is refused:\n  {}", options.kind.name(), models::explained(error)))?;

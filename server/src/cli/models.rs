@@ -29,21 +29,13 @@ pub(super) fn write_all(
     out: &Path,
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
-    let mut taken = HashSet::new();
+    let mut names = Names::of("result");
     for derivation in derivations {
-        let name = free_name(derivation, &mut taken);
-        let file = out.join(&name);
+        let file = out.join(names.of_model(derivation));
         let watch = Watch { bar: Bar::new(), what: derivation.kind().name(), stop };
         let written = write(derivation, model, limits, &watch, &file);
         watch.bar.finish();
-        let report = written.map_err(|error| {
-            // A part of a file would be taken for the whole.
-            let _ = fs::remove_file(&file);
-            format!("{} was not made: {}", file.display(), explained(error))
-        })?;
-        let beside = out.join(format!("{name}.report.json"));
-        fs::write(&beside, report)
-            .map_err(|error| format!("{} cannot be written: {error}", beside.display()))?;
+        written.map_err(|error| format!("{} was not made: {}", file.display(), explained(error)))?;
         print(&format!("{}\n", file.display()))?;
     }
     Ok(())
@@ -64,30 +56,62 @@ pub(super) fn listed(faults: &[FieldError]) -> String {
     lines.join("\n  ")
 }
 
-/// `result.msh`, or `result-2.msh` where there is one.
-fn free_name(derivation: &Derivation, taken: &mut HashSet<String>) -> String {
-    let (kind, extension) = (derivation.kind().name(), derivation.file_extension());
-    let ending = if kind == extension { kind.to_owned() } else { format!("{kind}.{extension}") };
-    let mut name = format!("result.{ending}");
-    let mut n = 2;
-    while !taken.insert(name.clone()) {
-        name = format!("result-{n}.{ending}");
-        n += 1;
-    }
-    name
+/// Names of files that begin alike, none of them twice: `result.msh`, then `result-2.msh`.
+pub(super) struct Names {
+    stem: String,
+    taken: HashSet<String>,
 }
 
-fn write(
+impl Names {
+    /// Names that begin so.
+    pub(super) fn of(stem: &str) -> Self {
+        Self { stem: stem.to_owned(), taken: HashSet::new() }
+    }
+
+    /// The next free one for a model.
+    pub(super) fn of_model(&mut self, derivation: &Derivation) -> String {
+        let (kind, extension) = (derivation.kind().name(), derivation.file_extension());
+        let ending = if kind == extension { kind.to_owned() } else { format!("{kind}.{extension}") };
+        let mut name = format!("{}.{ending}", self.stem);
+        let mut n = 2;
+        while !self.taken.insert(name.clone()) {
+            name = format!("{}-{n}.{ending}", self.stem);
+            n += 1;
+        }
+        name
+    }
+}
+
+/// Makes a model as a file, with what there is to know about it in another beside it. Of what fails, nothing is left.
+pub(super) fn write(
     derivation: &Derivation,
     model: &Model<'_>,
     limits: &Limits,
-    watch: &Watch<'_>,
+    control: &dyn Control,
     file: &Path,
-) -> Result<String, DerivedError> {
+) -> Result<(), DerivedError> {
+    let written = try_write(derivation, model, limits, control, file);
+    if written.is_err() {
+        // A part of a file would be taken for the whole.
+        let _ = fs::remove_file(file);
+    }
+    written
+}
+
+fn try_write(
+    derivation: &Derivation,
+    model: &Model<'_>,
+    limits: &Limits,
+    control: &dyn Control,
+    file: &Path,
+) -> Result<(), DerivedError> {
     let mut out = BufWriter::with_capacity(1 << 18, File::create(file)?);
-    let report = derivation.write(model, limits, watch, &mut out)?;
+    let report = derivation.write(model, limits, control, &mut out)?;
     out.flush()?;
-    Ok(serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n")
+    let text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
+    let mut beside = file.as_os_str().to_owned();
+    beside.push(".report.json");
+    Ok(fs::write(beside, text)?)
 }
 
 struct Watch<'a> {

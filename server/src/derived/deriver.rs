@@ -165,13 +165,9 @@ impl Deriver {
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
         let spheres = format::load(&stored).map_err(|error| unreadable(&error))?;
         drop(stored);
-        let limits = Limits {
-            max_memory_bytes: self
-                .limits
-                .max_memory_bytes
-                .saturating_sub(SPHERE_BYTES * spheres.len() as u64),
-            ..self.limits
-        };
+        let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
+        let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
+        let limits = Limits { max_model_bytes, ..self.limits };
         let place = self.artifacts.begin_derived(&record.id.to_string(), record.attempt);
         let model = Model { specimen: &specimen, spheres: &spheres };
         let written = self

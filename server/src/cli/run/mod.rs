@@ -86,7 +86,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
     let request = JobRequest::read(&value, seed, None).map_err(|faults| listed(&options.job, &faults))?;
     let packing_request = request.packing();
-    let limits = Limits { max_grains: options.max_grains, max_memory_bytes: default_memory_bytes(1) };
+    let max_memory_bytes = default_memory_bytes(1);
+    let limits =
+        Limits { max_grains: options.max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes };
     let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, error))?;
     for warning in &plan.warnings {
         eprintln!("warning: {warning}");

@@ -15,9 +15,11 @@ use std::sync::mpsc::Sender;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use packstone_engine::derived::{DerivedError, Model};
 use packstone_engine::format::{EngineInfo, Format, Head};
 use packstone_engine::{Checkpoint, Control, Limits, PackError, Packing, Progress};
 
+use super::super::models::{self, Names};
 use super::super::run;
 use super::book::Entry;
 use crate::checkpoints::{Checkpoints, Keeper};
@@ -160,16 +162,45 @@ impl Crew<'_> {
                 (Outcome::Void, Facts { time_s, ..Facts::default() }, Some(fault))
             }
         };
-        let mut distance_curve = Vec::new();
+        let (mut distance_curve, mut unmade) = (Vec::new(), None);
         if let Ok(Ok(packing)) = packed {
             if replicate == 0 {
                 distance_curve.clone_from(&packing.report.distance_curve);
+            }
+            match self.derive(&id, &job, &packing, &control) {
+                Ok(()) => {}
+                Err(DerivedError::Stopped) => return Ok(None),
+                Err(DerivedError::Write(error)) => return Err(named(&self.results, &error)),
+                Err(error) => unmade = Some(models::explained(error)),
             }
             self.keep(&id, &job, packing)?;
         }
         self.checkpoints.remove(&id, ATTEMPT);
         let entry = Entry { point, replicate, seed: job.seed, outcome, facts, distance_curve };
-        Ok(Some(Ended { entry, fault }))
+        Ok(Some(Ended { entry, fault: fault.or(unmade) }))
+    }
+
+    /// Makes of a packing what its job asks for.
+    fn derive(
+        &self,
+        id: &str,
+        job: &JobRequest,
+        packing: &Packing,
+        control: &Watch<'_>,
+    ) -> Result<(), DerivedError> {
+        let items = job.postprocess.items();
+        if !items.is_empty() {
+            make_folder(&self.results)?;
+        }
+        // The time limit is the packing's.
+        let control = Unhurried(control);
+        let mut names = Names::of(id);
+        let model = Model { specimen: &job.specimen, spheres: &packing.spheres };
+        for (_, derivation) in items {
+            let file = self.results.join(names.of_model(derivation));
+            models::write(derivation, &model, &self.limits, &control, &file)?;
+        }
+        Ok(())
     }
 
     /// Writes a packing in the formats asked for.
@@ -188,6 +219,17 @@ impl Crew<'_> {
             run::write(&file, *format, &head, &packing.spheres).map_err(|error| named(&file, &error))?;
         }
         Ok(())
+    }
+}
+
+/// Control that stops where the crew is asked to, and tells of nothing.
+struct Unhurried<'a>(&'a Watch<'a>);
+
+impl Control for Unhurried<'_> {
+    fn report(&self, _: &Progress) {}
+
+    fn should_stop(&self) -> bool {
+        self.0.crew.stop.load(Ordering::Acquire)
     }
 }
 

@@ -100,7 +100,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         _ => {}
     }
     let workers = options.workers();
-    let limits = Limits { max_grains: options.max_grains, max_memory_bytes: default_memory_bytes(workers) };
+    let max_memory_bytes = default_memory_bytes(workers);
+    let limits =
+        Limits { max_grains: options.max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes };
     // A study that was started without a seed goes on with the one that was drawn for it.
     let seed = stored.as_ref().and_then(Record::seed).unwrap_or_else(draw_seed);
     let study = Study::read(&request, seed, None, &limits)
