@@ -41,7 +41,7 @@ use topology::Topology;
 use work::{Part, Work};
 
 /// Memory per node at the peak, in bytes: tetrahedra and their neighbours, lists of what meets at nodes, cells.
-const BYTES_PER_NODE: f64 = 800.0;
+const BYTES_PER_NODE: f64 = 600.0;
 
 /// A lattice, checked.
 #[derive(Debug)]

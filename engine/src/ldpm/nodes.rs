@@ -8,7 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::balls::Balls;
 use super::options::{BoundaryNodes, Options};
 use super::sample;
-use super::surface::Surface;
+use super::surface::{Edge, Face, Mantle, Surface};
 use crate::control::Control;
 use crate::derived::{DerivedError, Model, go_on};
 use crate::request::Specimen;
@@ -60,13 +60,116 @@ impl Nodes {
 pub(super) fn expected_on_boundary(specimen: &Specimen, options: &Options, d_min: f64) -> f64 {
     let surface = Surface::of(specimen);
     let distance = options.spacing * d_min;
-    let length: f64 = surface.edges.iter().map(super::surface::Edge::length).sum();
-    let area: f64 = surface.faces.iter().map(super::surface::Face::area).sum();
+    let length: f64 = surface.edges.iter().map(|edge| edge.length).sum();
+    let mantle = surface.mantle.map_or(0.0, |mantle| mantle.area());
+    let area: f64 = surface.faces.iter().map(Face::area).sum();
     let per_area = match options.boundary_nodes {
         BoundaryNodes::PoissonDisk => DISKS_PER_AREA,
         BoundaryNodes::Random => 1.0,
     };
-    surface.vertices.len() as f64 + length / distance + per_area * area / (distance * distance)
+    let on_faces = (per_area * area + mantle) / (distance * distance);
+    surface.vertices.len() as f64 + length / distance + on_faces
+}
+
+/// Nodes on a surface as they come to lie there.
+struct Layer<'a> {
+    options: &'a Options,
+    control: &'a dyn Control,
+    /// Distance that `random` nodes have on average.
+    spacing: f64,
+    /// Distance that all nodes keep.
+    distance: f64,
+    rng: Xoshiro256PlusPlus,
+    /// Grains that keep nodes from the surface, as balls.
+    grains: Vec<([f64; 3], f64)>,
+    /// These and the nodes so far.
+    balls: Balls,
+    points: Vec<[f64; 3]>,
+    complete: bool,
+}
+
+impl Layer<'_> {
+    fn push(&mut self, points: impl IntoIterator<Item = [f64; 3]>) {
+        for p in points {
+            self.points.push(p);
+            self.balls.push(p, self.distance);
+        }
+    }
+
+    fn is_random(&self) -> bool {
+        self.options.boundary_nodes == BoundaryNodes::Random
+    }
+
+    /// Takes as many random points as lie in a measure of length or area, `draw`n by the generator.
+    fn scatter(
+        &mut self,
+        count: f64,
+        draw: impl Fn(&mut Xoshiro256PlusPlus) -> Option<[f64; 3]>,
+    ) -> Result<(), DerivedError> {
+        let Self { distance, rng, balls, control, points, .. } = self;
+        self.complete &= sample::scatter(count as u64, *distance, balls, *control, points, || draw(rng))?;
+        Ok(())
+    }
+
+    fn lay_edge(&mut self, edge: &Edge) -> Result<(), DerivedError> {
+        go_on(self.control)?;
+        if self.is_random() {
+            return self.scatter(edge.length / self.spacing, |rng| Some(edge.at(edge.length * uniform(rng))));
+        }
+        let earlier = self.points.iter().map(|&p| (p, self.distance));
+        let points = sample::divide(edge, self.distance, self.grains.iter().copied().chain(earlier));
+        self.push(points);
+        Ok(())
+    }
+
+    /// Rims: where generators begin and end.
+    fn lay_rims(&mut self, generators: &[Edge]) {
+        for end in [0.0, 1.0] {
+            let free =
+                |p: &[f64; 3]| !self.grains.iter().any(|&(center, radius)| is_in_ball(*p, center, radius));
+            let rim: Vec<_> = generators.iter().map(|g| g.at(end * g.length)).filter(free).collect();
+            self.push(rim);
+        }
+    }
+
+    fn lay_mantle(&mut self, mantle: &Mantle, generators: &[Edge]) -> Result<(), DerivedError> {
+        if self.is_random() {
+            return self.scatter(mantle.area() / (self.spacing * self.spacing), |rng| {
+                let generator = &generators[(uniform(rng) * generators.len() as f64) as usize];
+                Some(generator.at(generator.length * uniform(rng)))
+            });
+        }
+        for (i, generator) in generators.iter().enumerate() {
+            go_on(self.control)?;
+            let ends = [0.0, 1.0].map(|end| generator.at(end * generator.length));
+            let mut own: Vec<_> = ends.into_iter().filter(|end| self.points.contains(end)).collect();
+            // Every other one begins half a step later, which makes better triangles; where grains leave too little
+            // for that, what is left is filled.
+            for share in if i % 2 == 0 { &[1.0][..] } else { &[1.5, 1.0] } {
+                let earlier = own.iter().map(|&p| (p, share * self.distance));
+                let taken = self.grains.iter().copied().chain(earlier);
+                let points = sample::divide(generator, self.distance, taken);
+                own.extend_from_slice(&points);
+                self.push(points);
+            }
+        }
+        Ok(())
+    }
+
+    fn lay_face(&mut self, face: &Face) -> Result<(), DerivedError> {
+        if self.is_random() {
+            let size = face.size();
+            return self.scatter(face.area() / (self.spacing * self.spacing), |rng| {
+                let uv = size.map(|side| side * uniform(rng));
+                face.has(uv).then(|| face.at(uv))
+            });
+        }
+        sample::fill(face, self.distance, &mut self.balls, &mut self.rng, self.control, &mut self.points)
+    }
+}
+
+fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
+    (0..3).map(|a| (p[a] - center[a]).powi(2)).sum::<f64>() < radius * radius
 }
 
 /// Lays nodes on the surface of a model, and appends its grains.
@@ -94,51 +197,33 @@ pub(super) fn lay(
             balls.push(center, radius + clear);
         }
     }
-    let mut points = surface.vertices.clone();
-    for &vertex in &points {
-        balls.push(vertex, distance);
-    }
-    let on_vertices = points.len();
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(options.seed ^ STREAM);
-    let mut complete = true;
+    let mut layer = Layer {
+        options,
+        control,
+        spacing,
+        distance,
+        rng: Xoshiro256PlusPlus::seed_from_u64(options.seed ^ STREAM),
+        grains: near_surface,
+        balls,
+        points: Vec::new(),
+        complete: true,
+    };
+    layer.push(surface.vertices.iter().copied());
+    let on_vertices = layer.points.len();
     for edge in &surface.edges {
-        go_on(control)?;
-        let before = points.len();
-        match options.boundary_nodes {
-            BoundaryNodes::PoissonDisk => {
-                let earlier = points.iter().map(|&p| (p, distance));
-                let start = uniform(&mut rng) * edge.length();
-                let along =
-                    sample::divide(edge, distance, start, near_surface.iter().copied().chain(earlier));
-                points.extend(along.into_iter().map(|along| edge.at(along)));
-                for &p in &points[before..] {
-                    balls.push(p, distance);
-                }
-            }
-            BoundaryNodes::Random => {
-                let count = (edge.length() / spacing) as u64;
-                let draw = || Some(edge.at(edge.length() * uniform(&mut rng)));
-                complete &= sample::scatter(count, distance, &mut balls, control, &mut points, draw)?;
-            }
-        }
+        layer.lay_edge(edge)?;
     }
-    let on_edges = points.len() - on_vertices;
+    let turn = uniform(&mut layer.rng);
+    let generators = surface.mantle.map(|mantle| mantle.generators(spacing, turn)).unwrap_or_default();
+    layer.lay_rims(&generators);
+    let on_edges = layer.points.len() - on_vertices;
+    if let Some(mantle) = &surface.mantle {
+        layer.lay_mantle(mantle, &generators)?;
+    }
     for face in &surface.faces {
-        match options.boundary_nodes {
-            BoundaryNodes::PoissonDisk => {
-                sample::fill(face, distance, &mut balls, &mut rng, control, &mut points)?;
-            }
-            BoundaryNodes::Random => {
-                let count = (face.area() / (spacing * spacing)) as u64;
-                let size = face.size();
-                let draw = || {
-                    let uv = size.map(|side| side * uniform(&mut rng));
-                    face.has(uv).then(|| face.at(uv))
-                };
-                complete &= sample::scatter(count, distance, &mut balls, control, &mut points, draw)?;
-            }
-        }
+        layer.lay_face(face)?;
     }
+    let Layer { mut points, complete, .. } = layer;
     let boundary = points.len();
     let mut radii_mm = vec![options.surface_radius * d_min; boundary];
     points.extend((0..grains.len()).map(|i| grains.center(i)));

@@ -25,45 +25,32 @@ const DRAWS_PER_LOOK: usize = 4096;
 pub(super) fn divide(
     edge: &Edge,
     distance: f64,
-    start: f64,
     balls: impl Iterator<Item = ([f64; 3], f64)>,
-) -> Vec<f64> {
-    let length = edge.length();
-    let step = edge.along(distance);
+) -> Vec<[f64; 3]> {
     let mut taken: Vec<(f64, f64)> =
         balls.filter_map(|(center, radius)| edge.inside(center, radius)).collect();
-    if edge.is_closed() {
-        if taken.is_empty() {
-            let count = ((length / step) as usize).max(1);
-            return (0..count).map(|i| start + length * i as f64 / count as f64).collect();
+    taken.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut points: Vec<f64> = Vec::new();
+    for (from, to) in free_parts(&taken, edge.length) {
+        let from = points.last().map_or(from, |last| from.max(last + distance));
+        if from > to {
+            continue;
         }
-        // The edge is unrolled from the end of a ball, so that no free part is cut.
-        let first = taken[0].1;
-        taken = taken
-            .into_iter()
-            .flat_map(|(from, to)| {
-                let shift = length * ((from - first) / length).floor();
-                [(from - shift, to - shift), (from - shift - length, to - shift - length)]
-            })
-            .map(|(from, to)| (from - first, to - first))
-            .collect();
-        let first_free = |taken: &[(f64, f64)]| free_parts(taken, length).first().map(|&(from, _)| from);
-        let Some(begin) = first_free(&taken) else { return Vec::new() };
-        // The last point is a neighbour of the first.
-        let parts =
-            free_parts(&taken, length).into_iter().map(|(from, to)| (from, to.min(begin + length - step)));
-        return spread(parts, step).into_iter().map(|along| first + along).collect();
+        let steps = ((to - from) / distance) as usize;
+        if steps == 0 {
+            points.push((from + to) / 2.0);
+        } else {
+            points.extend((0..=steps).map(|i| from + (to - from) * i as f64 / steps as f64));
+        }
     }
-    spread(free_parts(&taken, length).into_iter(), step)
+    points.into_iter().map(|along| edge.at(along)).collect()
 }
 
-/// What intervals leave of `0..=length`.
+/// What intervals in ascending order leave of `0..=length`.
 fn free_parts(taken: &[(f64, f64)], length: f64) -> Vec<(f64, f64)> {
-    let mut taken = taken.to_vec();
-    taken.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut parts = Vec::new();
     let mut free_from = 0.0;
-    for (from, to) in taken {
+    for &(from, to) in taken {
         if from.min(length) > free_from {
             parts.push((free_from, from.min(length)));
         }
@@ -73,23 +60,6 @@ fn free_parts(taken: &[(f64, f64)], length: f64) -> Vec<(f64, f64)> {
         parts.push((free_from, length));
     }
     parts
-}
-
-fn spread(parts: impl Iterator<Item = (f64, f64)>, step: f64) -> Vec<f64> {
-    let mut points: Vec<f64> = Vec::new();
-    for (from, to) in parts {
-        let from = points.last().map_or(from, |last| from.max(last + step));
-        if from > to {
-            continue;
-        }
-        let steps = ((to - from) / step) as usize;
-        if steps == 0 {
-            points.push((from + to) / 2.0);
-        } else {
-            points.extend((0..=steps).map(|i| from + (to - from) * i as f64 / steps as f64));
-        }
-    }
-    points
 }
 
 /// Fills a face with points that keep `distance` from one another, until no point has a place.

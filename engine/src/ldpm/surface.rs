@@ -1,5 +1,9 @@
 //! The surface of a specimen: its vertices, edges and faces, each with coordinates in which lengths and areas
-//! are true. It knows shapes; it must never know where nodes go.
+//! are true. It knows shapes; it must never know where nodes go, but for the lines that those of a mantle lie on.
+//!
+//! The convex hull of points scattered on a mantle is no good surface: where nothing is curved along the axis, its
+//! triangles are needles from end to end. So nodes of a mantle lie on common lines parallel to the axis, its
+//! *generators*, whose coordinates they share to the last bit: the hull is a prism of plane sides then, exactly.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,6 +14,7 @@ use crate::request::Specimen;
 pub(super) struct Surface {
     pub(super) vertices: Vec<[f64; 3]>,
     pub(super) edges: Vec<Edge>,
+    pub(super) mantle: Option<Mantle>,
     pub(super) faces: Vec<Face>,
 }
 
@@ -20,10 +25,12 @@ impl Surface {
             Specimen::Box { size_mm, .. } => Self::of_box(size_mm),
             Specimen::Cylinder { diameter_mm, height_mm } => {
                 let radius = diameter_mm / 2.0;
-                let heights = [0.0, height_mm];
-                let mut faces = heights.map(|z| Face::Disc { radius, z }).to_vec();
-                faces.push(Face::Mantle { radius, height: height_mm });
-                Self { vertices: Vec::new(), edges: heights.map(|z| Edge::Rim { radius, z }).to_vec(), faces }
+                Self {
+                    vertices: Vec::new(),
+                    edges: Vec::new(),
+                    mantle: Some(Mantle { radius, height: height_mm }),
+                    faces: [0.0, height_mm].map(|z| Face::Disc { radius, z }).to_vec(),
+                }
             }
         }
     }
@@ -38,100 +45,76 @@ impl Surface {
             let others = [(axis + 1) % 3, (axis + 2) % 3];
             for sides in 0..4 {
                 let origin = corner((sides & 1) << others[0] | (sides >> 1) << others[1]);
-                edges.push(Edge::Segment { origin, axis, length: size[axis] });
+                edges.push(Edge { origin, axis, length: size[axis] });
             }
             for side in 0..2 {
-                faces.push(Face::Rectangle {
-                    origin: corner(side << axis),
-                    axes: others,
-                    size: others.map(|a| size[a]),
-                });
+                let origin = corner(side << axis);
+                faces.push(Face::Rectangle { origin, axes: others, size: others.map(|a| size[a]) });
             }
         }
-        Self { vertices: (0..8).map(corner).collect(), edges, faces }
+        Self { vertices: (0..8).map(corner).collect(), edges, mantle: None, faces }
     }
 }
 
-/// An edge, measured by the length along it.
+/// A straight line along an axis, measured by the length along it: an edge of a box, a generator of a cylinder.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Edge {
-    /// Along an axis, between two vertices.
-    Segment { origin: [f64; 3], axis: usize, length: f64 },
-    /// A circle around the axis of a cylinder.
-    Rim { radius: f64, z: f64 },
+pub(super) struct Edge {
+    pub(super) origin: [f64; 3],
+    pub(super) axis: usize,
+    pub(super) length: f64,
 }
 
 impl Edge {
-    pub(super) fn length(&self) -> f64 {
-        match *self {
-            Self::Segment { length, .. } => length,
-            Self::Rim { radius, .. } => TAU * radius,
-        }
-    }
-
-    pub(super) fn is_closed(&self) -> bool {
-        matches!(self, Self::Rim { .. })
-    }
-
-    /// The point after a length, which wraps around on a rim.
+    /// The point after a length.
     pub(super) fn at(&self, along: f64) -> [f64; 3] {
-        match *self {
-            Self::Segment { mut origin, axis, .. } => {
-                origin[axis] += along;
-                origin
-            }
-            Self::Rim { radius, z } => around(radius, along, z),
-        }
+        let mut p = self.origin;
+        p[self.axis] += along;
+        p
     }
 
-    /// Length along the edge between points that are `distance` apart.
-    pub(super) fn along(&self, distance: f64) -> f64 {
-        match *self {
-            Self::Segment { .. } => distance,
-            // Beyond the diameter there is one point on a rim, no more.
-            Self::Rim { radius, .. } => 2.0 * radius * (distance / (2.0 * radius)).min(1.0).asin(),
-        }
-    }
-
-    /// The part of the edge inside a ball. On a rim it may begin below 0 or end beyond the length.
-    pub(super) fn inside(&self, center: [f64; 3], ball_radius: f64) -> Option<(f64, f64)> {
-        match *self {
-            Self::Segment { origin, axis, .. } => {
-                let off2: f64 = (0..3).filter(|&a| a != axis).map(|a| (center[a] - origin[a]).powi(2)).sum();
-                let half2 = ball_radius * ball_radius - off2;
-                let middle = center[axis] - origin[axis];
-                (half2 > 0.0).then(|| (middle - half2.sqrt(), middle + half2.sqrt()))
-            }
-            Self::Rim { radius, z } => {
-                let (x, y) = (center[0] - radius, center[1] - radius);
-                let off = x.hypot(y);
-                let far2 = (radius + off).powi(2) + (center[2] - z).powi(2);
-                if far2 <= ball_radius * ball_radius {
-                    return Some((0.0, TAU * radius));
-                }
-                // |p - c|^2 = radius^2 + off^2 - 2 radius off cos + dz^2
-                let cosine = (radius * radius + off * off + (center[2] - z).powi(2)
-                    - ball_radius * ball_radius)
-                    / (2.0 * radius * off);
-                if cosine >= 1.0 || cosine.is_nan() {
-                    return None;
-                }
-                let (middle, half) = (y.atan2(x).rem_euclid(TAU), cosine.max(-1.0).acos());
-                Some((radius * (middle - half), radius * (middle + half)))
-            }
-        }
+    /// The part of the line inside a ball.
+    pub(super) fn inside(&self, center: [f64; 3], radius: f64) -> Option<(f64, f64)> {
+        let off2: f64 =
+            (0..3).filter(|&a| a != self.axis).map(|a| (center[a] - self.origin[a]).powi(2)).sum();
+        let half2 = radius * radius - off2;
+        let middle = center[self.axis] - self.origin[self.axis];
+        (half2 > 0.0).then(|| (middle - half2.sqrt(), middle + half2.sqrt()))
     }
 }
 
-/// A face in plane coordinates; a mantle is unrolled.
+/// The mantle of a cylinder.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Mantle {
+    pub(super) radius: f64,
+    pub(super) height: f64,
+}
+
+impl Mantle {
+    pub(super) fn area(&self) -> f64 {
+        TAU * self.radius * self.height
+    }
+
+    /// As many generators as go around at distances of at least `distance`, the first after the share `turn` of a
+    /// step.
+    pub(super) fn generators(&self, distance: f64, turn: f64) -> Vec<Edge> {
+        let step = 2.0 * (distance / (2.0 * self.radius)).min(1.0).asin();
+        let count = ((TAU / step) as usize).max(1);
+        let generator = |i: usize| {
+            let (sine, cosine) = (TAU * (i as f64 + turn) / count as f64).sin_cos();
+            let origin = [self.radius * (1.0 + cosine), self.radius * (1.0 + sine), 0.0];
+            Edge { origin, axis: 2, length: self.height }
+        };
+        (0..count).map(generator).collect()
+    }
+}
+
+/// A plane face in plane coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Face {
     /// A side of a box.
     Rectangle { origin: [f64; 3], axes: [usize; 2], size: [f64; 2] },
     /// An end of a cylinder, in the square around it.
     Disc { radius: f64, z: f64 },
-    /// The mantle of a cylinder: length around, height.
-    Mantle { radius: f64, height: f64 },
 }
 
 impl Face {
@@ -140,14 +123,13 @@ impl Face {
         match *self {
             Self::Rectangle { size, .. } => size,
             Self::Disc { radius, .. } => [2.0 * radius; 2],
-            Self::Mantle { radius, height } => [TAU * radius, height],
         }
     }
 
     pub(super) fn area(&self) -> f64 {
         match *self {
+            Self::Rectangle { size: [width, height], .. } => width * height,
             Self::Disc { radius, .. } => PI * radius * radius,
-            _ => self.size().iter().product(),
         }
     }
 
@@ -159,7 +141,6 @@ impl Face {
                 origin
             }
             Self::Disc { z, .. } => [u, v, z],
-            Self::Mantle { radius, .. } => around(radius, u, v),
         }
     }
 
@@ -171,16 +152,11 @@ impl Face {
     /// Whether some point lies in a rectangle of coordinates, given by its middle and half its sides.
     pub(super) fn reaches(&self, middle: [f64; 2], half: [f64; 2]) -> bool {
         match *self {
+            Self::Rectangle { .. } => true,
             Self::Disc { radius, .. } => {
                 let off = |a: usize| ((middle[a] - radius).abs() - half[a]).max(0.0);
                 off(0).hypot(off(1)) <= radius
             }
-            _ => true,
         }
     }
-}
-
-fn around(radius: f64, along: f64, z: f64) -> [f64; 3] {
-    let (sine, cosine) = (along / radius).sin_cos();
-    [radius * (1.0 + cosine), radius * (1.0 + sine), z]
 }

@@ -53,16 +53,30 @@ fn assert_full(specimen: &Specimen, spheres: &Spheres, options: &Options) {
     }
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
     let mut asked = 0;
-    for face in Surface::of(specimen).faces {
-        for _ in 0..2000 {
-            let uv = face.size().map(|side| side * uniform(&mut rng));
-            let p = face.at(uv);
-            if !face.has(uv) || blocked(p) {
-                continue;
-            }
+    let mut assert_near_a_node = |p: [f64; 3]| {
+        if !blocked(p) {
             asked += 1;
             let nearest = surface.iter().map(|&q| distance(p, q)).fold(f64::INFINITY, f64::min);
             assert!(nearest <= spacing * (1.0 + 1e-9), "no node within {nearest} of {p:?}, not {spacing}");
+        }
+    };
+    let shape = Surface::of(specimen);
+    for face in shape.faces {
+        for _ in 0..2000 {
+            let uv = face.size().map(|side| side * uniform(&mut rng));
+            if face.has(uv) {
+                assert_near_a_node(face.at(uv));
+            }
+        }
+    }
+    // On a mantle, where a node may lie is a generator.
+    if let Some(mantle) = shape.mantle {
+        let is_on_mantle =
+            |p: &&[f64; 3]| ((p[0] - mantle.radius).hypot(p[1] - mantle.radius) - mantle.radius).abs() < 1e-9;
+        let on_mantle: Vec<_> = surface.iter().filter(is_on_mantle).collect();
+        for _ in 0..2000 {
+            let node = on_mantle[(uniform(&mut rng) * on_mantle.len() as f64) as usize];
+            assert_near_a_node([node[0], node[1], mantle.height * uniform(&mut rng)]);
         }
     }
     assert!(asked > 1000, "the grains left {asked} places to look at");
