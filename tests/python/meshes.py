@@ -75,8 +75,8 @@ def check_gmsh(path, expected, least_gamma):
         seen[phase] = float(np.sum(gmsh.model.mesh.getElementQualities(tags, "volume")))
         gammas.append(gmsh.model.mesh.getElementQualities(tags, "gamma"))
     gammas = np.concatenate(gammas)
-    # True spheres are meshed by Gmsh, which says little about their volume beforehand.
-    close = 1e-9 if path.suffix == ".msh" else 0.1
+    # Of true spheres Gmsh makes polyhedra of its own, of ten segments here.
+    close = 1e-9 if path.suffix == ".msh" else 0.15
     for name, volume in [("aggregates", seen["aggregates"]), ("specimen", sum(seen.values()))]:
         if not math.isclose(volume, expected[f"{name}_mm3"], rel_tol=close):
             sys.exit(f"{path}: {name} of {volume} mm3, expected {expected[f'{name}_mm3']}")

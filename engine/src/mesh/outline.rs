@@ -39,7 +39,7 @@ impl Outline {
             }
         }
         for (vertex, &bits) in shell.faces_of.iter().enumerate() {
-            if bits.count_ones() == 1 {
+            if bits.is_power_of_two() {
                 within[bits.trailing_zeros() as usize].push(vertex as u32);
             }
             for (pair, vertices) in on.iter_mut().filter(|(pair, _)| bits & pair == *pair) {

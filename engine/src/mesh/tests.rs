@@ -18,7 +18,9 @@ const CYLINDER: Specimen = Specimen::Cylinder { diameter_mm: 20.0, height_mm: 14
 
 fn spheres(rows: &[([f64; 3], f64)]) -> Spheres {
     let mut spheres = Spheres::with_capacity(rows.len());
-    rows.iter().for_each(|&(center, d)| spheres.push(center, d));
+    for &(center, d) in rows {
+        spheres.push(center, d);
+    }
     spheres
 }
 
