@@ -1,7 +1,7 @@
 """Renders a filled mesh as docs/meshes.md shows it: python mesh.py FILLED.msh OUT.png
 
-FILLED.msh is what Gmsh saved after filling a packing. Needs the wheels gmsh, vtk and numpy. The tetrahedra behind a cut stay whole;
-aggregates are brown, the matrix is grey.
+FILLED.msh is what Gmsh saved after filling a packing. Needs the wheels gmsh, vtk, numpy and pillow. The
+tetrahedra behind the cut stay whole; aggregates are brown, the matrix is grey.
 """
 
 import sys
@@ -9,6 +9,7 @@ import sys
 import gmsh
 import numpy as np
 import vtk
+from PIL import Image
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
 
 COLOURS = [(0.78, 0.79, 0.80), (0.66, 0.47, 0.30)]
@@ -29,13 +30,13 @@ def read(source):
             _, _, nodes = gmsh.model.mesh.getElements(3, entity)
             corners = row_of[nodes[0].astype(np.int64)].reshape(-1, 4)
             cells.append(corners)
-            phases.append(np.full(len(corners), phase, dtype=np.uint8))
+            phases.append(np.full(len(corners), float(phase)))
     gmsh.finalize()
     cells, phases = np.concatenate(cells), np.concatenate(phases)
     points = vtk.vtkPoints()
     points.SetData(numpy_to_vtk(places.reshape(-1, 3).copy(), deep=True))
     array = vtk.vtkCellArray()
-    array.SetCells(len(cells), numpy_to_vtkIdTypeArray(np.insert(cells, 0, 4, axis=1).ravel(), deep=True))
+    array.SetData(4, numpy_to_vtkIdTypeArray(cells.ravel(), deep=True))
     grid = vtk.vtkUnstructuredGrid()
     grid.SetPoints(points)
     grid.SetCells(vtk.VTK_TETRA, array)
@@ -49,12 +50,12 @@ def main(source, target):
     grid = read(source)
     low, high = np.reshape(grid.GetBounds(), (3, 2)).T
     middle = (low + high) / 2
-    # A wedge towards the camera is taken out, tetrahedron by tetrahedron.
-    corner = vtk.vtkBox()
-    corner.SetBounds(middle[0], high[0] + 1, low[1] - 1, middle[1], middle[2], high[2] + 1)
+    # The half towards the camera is taken off, tetrahedron by tetrahedron.
+    half = vtk.vtkBox()
+    half.SetBounds(low[0] - 1, high[0] + 1, low[1] - 1, middle[1], low[2] - 1, high[2] + 1)
     rest = vtk.vtkExtractGeometry()
     rest.SetInputData(grid)
-    rest.SetImplicitFunction(corner)
+    rest.SetImplicitFunction(half)
     rest.ExtractInsideOff()
     rest.ExtractBoundaryCellsOn()
     surface = vtk.vtkGeometryFilter()
@@ -71,8 +72,8 @@ def main(source, target):
     actor.SetMapper(mapper)
     look = actor.GetProperty()
     look.SetEdgeVisibility(True)
-    look.SetEdgeColor(0.25, 0.25, 0.25)
-    look.SetLineWidth(0.6)
+    look.SetEdgeColor(0.3, 0.3, 0.3)
+    look.SetLineWidth(0.8)
     look.SetInterpolationToFlat()
     look.SetAmbient(0.25)
     renderer = vtk.vtkRenderer()
@@ -81,14 +82,14 @@ def main(source, target):
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
     window.SetMultiSamples(8)
-    window.SetSize(900, 820)
+    window.SetSize(860, 760)
     window.AddRenderer(renderer)
     camera = renderer.GetActiveCamera()
     camera.SetFocalPoint(*middle)
-    camera.SetPosition(middle[0] + 4, middle[1] - 5, middle[2] + 3.6)
+    camera.SetPosition(middle[0] + 1.2, middle[1] - 5, middle[2] + 1.5)
     camera.SetViewUp(0, 0, 1)
     renderer.ResetCamera()
-    camera.Zoom(1.45)
+    camera.Zoom(1.25)
     window.Render()
     image = vtk.vtkWindowToImageFilter()
     image.SetInput(window)
@@ -96,6 +97,8 @@ def main(source, target):
     writer.SetFileName(target)
     writer.SetInputConnection(image.GetOutputPort())
     writer.Write()
+    # A few colours do, and keep the file small.
+    Image.open(target).convert("RGB").quantize(32).save(target, optimize=True)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@
 use super::surface::{distance2, dot};
 
 /// Edges in multiples of the gap they face. Measured: `docs/meshes.md`.
-pub(super) const EDGE_PER_GAP: f64 = 4.0;
+pub(super) const EDGE_PER_GAP: f64 = 3.0;
 
 /// Something that a surface faces.
 #[derive(Clone, Copy, Debug)]
