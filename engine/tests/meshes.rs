@@ -35,6 +35,7 @@ fn write(folder: &Path, job: &Value, options: &msh::Options) {
     std::fs::create_dir(folder).unwrap();
     let file = |name: &str| File::create(folder.join(name)).unwrap();
     let report = msh::write(&model, options, &limits, &Unattended, &mut file("packing.msh")).unwrap();
+    write!(file("script.geo"), "{}", msh::script("packing.msh")).unwrap();
     let of_stl = stl::write(&model, options, &limits, &Unattended, &mut file("packing.zip")).unwrap();
     assert_eq!(report, of_stl);
     geo::write(&model, &geo::Options { segments: 10 }, &limits, &Unattended, &mut file("packing.geo"))

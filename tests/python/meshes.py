@@ -2,8 +2,8 @@
 
     python meshes.py DIRECTORY
 
-DIRECTORY holds one folder per packing, with packing.msh, packing.geo, packing.zip and expected.json. Prints one line per packing and
-exits 0 when all is well; says what is wrong and exits 1 otherwise.
+DIRECTORY holds one folder per packing, with packing.msh and its script.geo, packing.geo, packing.zip and
+expected.json. Prints one line per packing and exits 0 when all is well; says what is wrong and exits 1 otherwise.
 """
 
 import json
@@ -45,10 +45,11 @@ def elements(dimension, entities, kind):
 
 def faces_of(tetrahedra):
     """The faces of tetrahedra as sorted rows."""
-    return np.sort(np.concatenate([tetrahedra[:, corners] for corners in ([0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3])]), axis=1)
+    corners = ([0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3])
+    return np.sort(np.concatenate([tetrahedra[:, three] for three in corners]), axis=1)
 
 
-def check_gmsh(path, expected, least_gamma):
+def check_gmsh(path, expected, least_gamma, rounding):
     """Fills a file with tetrahedra as the documentation tells, and looks at what came out."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
@@ -75,15 +76,13 @@ def check_gmsh(path, expected, least_gamma):
         seen[phase] = float(np.sum(gmsh.model.mesh.getElementQualities(tags, "volume")))
         gammas.append(gmsh.model.mesh.getElementQualities(tags, "gamma"))
     gammas = np.concatenate(gammas)
-    # Of true spheres Gmsh makes polyhedra of its own, of ten segments here.
-    close = 1e-9 if path.suffix == ".msh" else 0.15
     for name, volume in [("aggregates", seen["aggregates"]), ("specimen", sum(seen.values()))]:
-        if not math.isclose(volume, expected[f"{name}_mm3"], rel_tol=close):
+        if not math.isclose(volume, expected[f"{name}_mm3"], rel_tol=rounding):
             sys.exit(f"{path}: {name} of {volume} mm3, expected {expected[f'{name}_mm3']}")
     if gammas.min() < least_gamma:
         sys.exit(f"{path}: smallest gamma {gammas.min():.4f}")
 
-    # Conforming: the faces that both phases have are the triangles of the itz, those that one has alone are the specimen's.
+    # Conforming: the faces that both phases have are the triangles of the itz, the others those of the specimen.
     matrix, aggregates = (Counter(map(tuple, faces_of(of_phase[phase]))) for phase in ("matrix", "aggregates"))
     shared = {face for face, met in aggregates.items() if met == 1}
     outer = {face for face, met in matrix.items() if met == 1} - shared
@@ -117,7 +116,8 @@ def check_stl(path, expected):
         if archive.namelist() != ["aggregates.stl", "matrix.stl"] or archive.testzip():
             sys.exit(f"{path}: {archive.namelist()}")
         archive.extractall(path.parent)
-    volumes = {"aggregates": expected["aggregates_mm3"], "matrix": expected["specimen_mm3"] - expected["aggregates_mm3"]}
+    aggregates = expected["aggregates_mm3"]
+    volumes = {"aggregates": aggregates, "matrix": expected["specimen_mm3"] - aggregates}
     for name, volume in volumes.items():
         source = path.parent / f"{name}.stl"
         reader = vtkSTLReader()
@@ -143,9 +143,12 @@ def check_stl(path, expected):
 def main(directory):
     for folder in sorted(path for path in directory.iterdir() if path.is_dir()):
         expected = json.loads((folder / "expected.json").read_text())
-        msh = check_gmsh(folder / "packing.msh", expected, 0.05)
-        # OpenCASCADE's spheres have seams and poles, where triangles come out as they may.
-        geo = check_gmsh(folder / "packing.geo", expected, 0.001)
+        msh = check_gmsh(folder / "packing.msh", expected, least_gamma=0.05, rounding=1e-9)
+        script = check_gmsh(folder / "script.geo", expected, least_gamma=0.05, rounding=1e-9)
+        if script != msh:
+            sys.exit(f"{folder}: {msh}, but by the script {script}")
+        # Spheres of the kernel have seams and poles, where triangles come out as they may, and ten segments here.
+        geo = check_gmsh(folder / "packing.geo", expected, least_gamma=0.001, rounding=0.15)
         check_stl(folder / "packing.zip", expected)
         print(f"{folder.name}: msh {msh}; geo {geo}; stl closed")
 

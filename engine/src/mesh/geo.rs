@@ -1,8 +1,9 @@
-//! A Gmsh script: the specimen and its grains as solids of the `OpenCASCADE` kernel, true spheres, meshed by Gmsh.
+//! A Gmsh script: the specimen and its grains as solids of the `OpenCASCADE` kernel, true spheres, meshed by
+//! Gmsh.
 //!
-//! The matrix is bounded by the surfaces of the specimen and of the grains as they stand, so that no Boolean operation,
-//! whose cost grows with the square of the number of grains, has to be computed. It knows the script's language; it must
-//! never know triangles.
+//! The matrix is bounded by the surfaces of the specimen and of the grains as they stand, so that no Boolean
+//! operation, whose cost grows with the square of the number of grains, has to be computed. It knows the
+//! script's language; it must never know triangles.
 
 use std::f64::consts::PI;
 use std::io::Write;

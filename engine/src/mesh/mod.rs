@@ -1,7 +1,8 @@
-//! Surface meshes of a packing for finite elements: every grain an inscribed polyhedron, the specimen its faces.
+//! Surface meshes of a packing for finite elements: every grain an inscribed polyhedron, the specimen its
+//! faces.
 //!
-//! [`msh`] and [`stl`] write the triangles made here, [`geo`] leaves them to Gmsh. Polyhedra lie inside their spheres, so
-//! that grains which do not touch stay apart. Nothing here knows tetrahedra, files or HTTP.
+//! [`msh`] and [`stl`] write the triangles made here, [`geo`] leaves them to Gmsh. Polyhedra lie inside their
+//! spheres, so that grains which do not touch stay apart. Nothing here knows tetrahedra, files or HTTP.
 
 pub mod geo;
 pub mod msh;
@@ -47,7 +48,8 @@ pub struct SurfaceOptions {
     /// Segments of a grain's circumference; met in steps of 5.2.
     #[cfg_attr(feature = "openapi", schema(default = 16, required = false, minimum = 6, maximum = 256))]
     pub segments: u32,
-    /// Whether edges become shorter where surfaces come close to one another, in proportion to their clearance.
+    /// Whether edges become shorter where surfaces come close to one another, in proportion to their
+    /// clearance.
     #[cfg_attr(feature = "openapi", schema(default = true, required = false))]
     pub size_field: bool,
     /// Segments of a circumference that the size field may ask for; four times `segments` when absent.
@@ -232,8 +234,8 @@ impl Mesh {
 }
 
 impl Work<'_> {
-    /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that would take more
-    /// than `most_triangles`.
+    /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that
+    /// would take more than `most_triangles`.
     fn grain(&self, row: usize, template: &Surface, most_triangles: usize) -> Option<(Surface, bool)> {
         let spheres = self.model.spheres;
         let (center, diameter) = (spheres.center(row), spheres.d_mm[row]);
@@ -292,8 +294,8 @@ impl Work<'_> {
     }
 }
 
-/// Scales a polyhedron about the centre to the volume of its sphere, by no more than lets its vertices go `most_mm`
-/// beyond it; returns whether that was enough.
+/// Scales a polyhedron about the centre to the volume of its sphere, by no more than lets its vertices go
+/// `most_mm` beyond it; returns whether that was enough.
 fn correct(surface: &mut Surface, diameter: f64, most_mm: f64) -> bool {
     let wanted = (PI / 6.0 * diameter.powi(3) / surface.volume_mm3()).cbrt();
     let most = 1.0 + 2.0 * most_mm / diameter;
@@ -325,8 +327,8 @@ impl Shape for Ball {
     }
 }
 
-/// Mean diameter of the grains by surface, which is what most triangles are on; without grains, the shortest length of the
-/// specimen.
+/// Mean diameter of the grains by surface, which is what most triangles are on; without grains, the shortest
+/// length of the specimen.
 fn surface_mean_mm(model: &Model<'_>) -> f64 {
     let [x, y, z] = model.specimen.bounds_mm();
     let shortest = x.min(y).min(z);

@@ -1,9 +1,9 @@
 //! Gmsh's MSH 4.1: the surfaces of a packing as discrete entities, and the volumes that they bound.
 //!
-//! The file has the topology that Gmsh needs to fill it: points, curves and surfaces of the specimen, a closed surface and a
-//! volume for each grain, and the matrix, bounded by all of them. Volume 1 is the matrix, volume `2 + id` a grain. Binary,
-//! for it is read several times faster, and to the last bit. It knows the format; it must never know how triangles
-//! are made.
+//! The file has the topology that Gmsh needs to fill it: points, curves and surfaces of the specimen, a
+//! closed surface and a volume for each grain, and the matrix, bounded by all of them; [`script`] has the one
+//! word that cannot be said in it. Volume 1 is the matrix, volume `2 + id` a grain. Binary, for it is read
+//! several times faster, and to the last bit. It knows the format; it must never know how triangles are made.
 
 use std::io::Write;
 
@@ -54,6 +54,15 @@ pub fn write(
     file.elements(&node_of, control)?;
     file.out.flush()?;
     Ok(report)
+}
+
+/// A Gmsh script of two lines beside a file of that name: opened in its stead, the volumes are ready to be
+/// filled.
+///
+/// Gmsh leaves alone what it finds wholly discrete, volumes included, and nothing within an MSH file can tell
+/// it otherwise.
+pub fn script(file_name: &str) -> String {
+    format!("Merge \"{file_name}\";\nCreateGeometry {{ Volume{{:}}; }}\n")
 }
 
 struct File<'a, W: Write> {

@@ -42,7 +42,8 @@ impl<'a> Near<'a> {
         Self { spheres, octaves }
     }
 
-    /// Calls `visit(row, clear distance)` for every grain but `own` that stands within `reach_mm` of a sphere.
+    /// Calls `visit(row, clear distance)` for every grain but `own` that stands within `reach_mm` of a
+    /// sphere.
     pub(super) fn for_each(
         &self,
         own: Option<usize>,

@@ -1,7 +1,7 @@
 //! The surface of the specimen: its faces, the curves where two meet, and the points where curves end.
 //!
-//! Which of these a vertex lies on is kept as the set of faces it belongs to. It knows box and cylinder, and the grains
-//! as something close; it must never know what is written of it.
+//! Which of these a vertex lies on is kept as the set of faces it belongs to. It knows box and cylinder, and
+//! the grains as something close; it must never know what is written of it.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
@@ -244,8 +244,8 @@ fn side_gap_mm(radius: f64, spheres: &Spheres) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// How far from the axis the vertices of a mantle of so many columns lie: such that the polygon has the area of the
-/// circle, and no chord comes closer to a grain than half of what lay between.
+/// How far from the axis the vertices of a mantle of so many columns lie: such that the polygon has the area
+/// of the circle, and no chord comes closer to a grain than half of what lay between.
 fn vertex_radius(radius: f64, columns: f64, gap_mm: f64) -> f64 {
     let angle = TAU / columns;
     let of_equal_area = radius * (angle / angle.sin()).sqrt();
@@ -295,7 +295,8 @@ fn cuboid(size: [f64; 3], counts: [usize; 3]) -> Parts {
     (points, triangles, faces_of)
 }
 
-/// The faces of a cylinder: rings of triangles about the middle of each end, rectangles in four triangles on the mantle.
+/// The faces of a cylinder: rings of triangles about the middle of each end, rectangles in four triangles on
+/// the mantle.
 fn cylinder(axis: [f64; 2], radius: f64, height: f64, rings: usize, rows: usize) -> Parts {
     let (mut points, mut triangles, mut faces_of) = (Vec::new(), Vec::new(), Vec::new());
     let columns = 6 * rings;

@@ -1,12 +1,13 @@
 //! How long edges may be: in proportion to the gap that the mesh between two surfaces has to fill.
 //!
-//! A tetrahedron in a gap of width g with edges h on both its sides is as flat as g is small against h, whatever mesher
-//! places it. So edges follow the gap, down to a floor. It knows shapes and gaps; it must never know triangles.
+//! A tetrahedron in a gap of width g with edges h on both its sides is as flat as g is small against h,
+//! whatever mesher places it. So edges follow the gap, down to a floor. It knows shapes and gaps; it must
+//! never know triangles.
 
 use super::surface::{distance2, dot};
 
 /// Edges in multiples of the gap they face. Measured: `docs/meshes.md`.
-pub(super) const EDGE_PER_GAP: f64 = 4.0;
+pub(super) const EDGE_PER_GAP: f64 = 3.0;
 
 /// Something that a surface faces.
 #[derive(Clone, Copy, Debug)]
@@ -53,8 +54,8 @@ pub(super) struct Facing {
 impl Facing {
     /// The longest that an edge may be of a triangle.
     pub(super) fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
-        // The narrowest that a triangle faces is at its point nearest to `at`, which the circle about its centroid
-        // reaches.
+        // The narrowest that a triangle faces is at its point nearest to `at`, which the circle about its
+        // centroid reaches.
         let reach = longest_mm * CIRCUMRADIUS;
         let toward: [f64; 3] = std::array::from_fn(|a| self.at[a] - centroid[a]);
         let share = (reach / dot(toward, toward).sqrt()).min(1.0);

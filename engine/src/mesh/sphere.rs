@@ -6,8 +6,8 @@ use std::collections::HashMap;
 
 use super::surface::{Surface, cross, distance2, dot};
 
-/// Segments of a great circle for each division of an edge of the icosahedron: a triangle of the sphere divided into
-/// `20 n²` equal ones has edges of `1.2046 / n`.
+/// Segments of a great circle for each division of an edge of the icosahedron: a triangle of the sphere
+/// divided into `20 n²` equal ones has edges of `1.2046 / n`.
 const SEGMENTS_PER_DIVISION: f64 = 5.216;
 
 /// Largest number of divisions, that of 256 segments.
@@ -46,7 +46,8 @@ fn divided(divisions: usize) -> Surface {
     for face in faces {
         let mut point = |i: usize, j: usize| {
             let weights = [divisions - i - j, i, j];
-            // A vertex on an edge of the icosahedron is met from both its faces: named by what carries weight.
+            // A vertex on an edge of the icosahedron is met from both its faces: named by what carries
+            // weight.
             let mut name: [(usize, usize); 3] = std::array::from_fn(|k| (face[k], weights[k]));
             name.iter_mut().filter(|part| part.1 == 0).for_each(|part| *part = (usize::MAX, 0));
             name.sort_unstable();

@@ -1,7 +1,7 @@
 //! STL, a file for each phase in one zip: `aggregates.stl` and `matrix.stl`.
 //!
-//! The matrix is bounded by the specimen's faces and, turned inside out, by the grains; both files are closed and their normals
-//! point outwards. Binary STL has single precision, about 1e-5 mm in a specimen of 150 mm.
+//! The matrix is bounded by the specimen's faces and, turned inside out, by the grains; both files are closed
+//! and their normals point outwards. Binary STL has single precision, about 1e-5 mm in a specimen of 150 mm.
 
 use std::io::{BufWriter, Write};
 

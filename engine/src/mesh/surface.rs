@@ -1,11 +1,12 @@
 //! A closed triangulated surface that is refined where it has to be, and stays closed.
 //!
-//! Triangles are split at the middle of their longest edge, and with each the one behind that edge (Rivara 1984,
-//! longest-edge bisection): no vertex ever hangs on an edge, the refinement spreads no further than it must, and no angle
-//! falls below half of the smallest that the surface began with. Afterwards edges are flipped until the surface is
-//! Delaunay's (Lawson 1977); on a sphere that is the convex hull of its vertices, and it has to be: beyond an edge that
-//! is dented inwards, the mesher is left with a tetrahedron as flat as the dent. It knows triangles and a wanted length of
-//! edges; it must never know what the surface is of.
+//! Triangles are split at the middle of their longest edge, and with each the one behind that edge (Rivara
+//! 1984, longest-edge bisection): no vertex ever hangs on an edge, the refinement spreads no further than it
+//! must, and no angle falls below half of the smallest that the surface began with. Afterwards edges are
+//! flipped until the surface is Delaunay's (Lawson 1977); on a sphere that is the convex hull of its
+//! vertices, and it has to be: beyond an edge that is dented inwards, the mesher is left with a tetrahedron
+//! as flat as the dent. It knows triangles and a wanted length of edges; it must never know what the surface
+//! is of.
 
 /// Where new vertices go, how long edges may be, and which of two diagonals is the right one.
 pub(super) trait Shape {
@@ -31,7 +32,8 @@ pub(super) struct Surface {
 impl Surface {
     /// A closed surface of these triangles; every edge must be that of two.
     pub(super) fn new(points: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Self {
-        // (smaller vertex, larger vertex, triangle, edge), so that the two sides of an edge are neighbours in order.
+        // (smaller vertex, larger vertex, triangle, edge), so that the two sides of an edge are neighbours in
+        // order.
         let mut sides: Vec<(u32, u32, u32, u8)> = Vec::with_capacity(3 * triangles.len());
         for (t, corners) in triangles.iter().enumerate() {
             for edge in 0..3 {
@@ -50,8 +52,8 @@ impl Surface {
         Self { points, triangles, behind }
     }
 
-    /// Splits triangles until none has a longer edge than its shape wants, and flips what edges are wrong then. `false` when that would take more than
-    /// `most_triangles`.
+    /// Splits triangles until none has a longer edge than its shape wants, and flips what edges are wrong
+    /// then. `false` when that would take more than `most_triangles`.
     pub(super) fn refine(&mut self, shape: &mut impl Shape, most_triangles: usize) -> bool {
         let mut t = 0;
         // Those that come from a split stand behind, and are looked at in their turn.
@@ -110,8 +112,8 @@ impl Surface {
         longest_mm > shape.length_mm(centroid, longest_mm)
     }
 
-    /// The edge that a triangle is split at. Two triangles agree about which of two edges is longer, for equal lengths are
-    /// ordered by their vertices.
+    /// The edge that a triangle is split at. Two triangles agree about which of two edges is longer, for
+    /// equal lengths are ordered by their vertices.
     fn longest(&self, t: u32) -> usize {
         let corners = self.triangles[t as usize];
         let measure = |edge: usize| {

@@ -327,7 +327,8 @@ fn options_have_defaults_and_bounds() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Whatever stands around a grain, its polyhedron is closed, inside its sphere and beside its neighbour's.
+    /// Whatever stands around a grain, its polyhedron is closed, inside its sphere and beside its
+    /// neighbour's.
     #[test]
     fn polyhedra_of_disjoint_spheres_are_disjoint(
         gap in 1e-6..2.0_f64, d in 2.0..9.0_f64, turn in 0.0..6.3_f64, up in -1.5..1.5_f64, scaled: bool,
