@@ -214,6 +214,54 @@ fn job_fields() -> Vec<Case> {
     ]
 }
 
+fn placements_and_contents() -> Vec<Case> {
+    let gradient = |field: Value, pointer, says| {
+        at("/placement", json!({"type": "gradient", "field": field, "strength": 1}), pointer, says)
+    };
+    let content = |content: Value, pointer, says| {
+        let mut job = jobs::quick(1);
+        job["mix"].as_object_mut().unwrap().remove("volume_fraction");
+        Case { job: jobs::with(job, "/mix/content", content), kind: "validation-error", pointer, says }
+    };
+    vec![
+        at("/placement", json!({"type": "sorted"}), "/placement/type", &["\"sorted\"", "\"gradient\""]),
+        at("/placement", json!({"type": "random", "strength": 1}), "/placement/strength", &["unknown field"]),
+        at(
+            "/placement",
+            json!({"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": 1001}),
+            "/placement/strength",
+            &["1001", "at most 1000"],
+        ),
+        gradient(json!({"type": "linear", "axis": "r"}), "/placement/field/axis", &["\"r\"", "\"z\""]),
+        gradient(
+            json!({"type": "linear", "axis": "z", "direction": "left"}),
+            "/placement/field/direction",
+            &["\"left\"", "\"down\""],
+        ),
+        gradient(
+            json!({"type": "face", "face": "side"}),
+            "/placement/field/face",
+            &["\"side\"", "\"z_min\""],
+        ),
+        case(
+            "/mix/content",
+            json!({"cement_kg_m3": 300, "water_cement": 0.5}),
+            &["volume_fraction", "leave one"],
+        ),
+        content(json!({"water_cement": 0.5}), "/mix/content/cement_kg_m3", &["missing"]),
+        content(
+            json!({"cement_kg_m3": 300, "water_cement": 0.5, "air": 0.02, "aggregate_cement": 6}),
+            "/mix/content/air",
+            &["aggregate_cement", "leave one"],
+        ),
+        content(
+            json!({"cement_kg_m3": 300, "water_cement": 0.5, "aggregate_cement": 8}),
+            "/mix/content",
+            &["aggregate 0.9057", "sum to 1.1509", "-0.1509 of air"],
+        ),
+    ]
+}
+
 async fn refused(client: &Client, case: &Case) {
     let context = format!("{} at {:?}", case.kind, case.pointer);
     let reply = client.post("/v1/jobs").json(&case.job).send().await;
@@ -234,7 +282,14 @@ async fn every_faulty_field_is_named_with_its_value_and_bound() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let groups = [unknown_and_missing(), numbers(), gradings(), what_cannot_be_packed(), job_fields()];
+    let groups = [
+        unknown_and_missing(),
+        numbers(),
+        gradings(),
+        what_cannot_be_packed(),
+        job_fields(),
+        placements_and_contents(),
+    ];
     for case in groups.iter().flatten() {
         refused(&client, case).await;
     }

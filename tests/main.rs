@@ -26,6 +26,7 @@ mod deriving;
 mod determinism;
 mod events;
 mod formats;
+mod gradient;
 mod growth;
 mod idempotency;
 mod listing;

@@ -100,7 +100,7 @@ pub fn pack_or_resume(
     let summary = summary(&spheres, &mix, &rule, check.classes);
     let placement = match &request.placement {
         Placement::Gradient { field, .. } => {
-            Some(separation(&spheres, &request.specimen, &rule, field, request.seed))
+            Some(separation(&spheres, &request.specimen, &rule, *field, request.seed))
         }
         Placement::Random {} => None,
     };

@@ -91,7 +91,7 @@ pub struct PlacementReport {
     /// Along the field, which rises to where the coarse grains were asked for.
     pub along: Separation,
     /// Along the axes that the field does not lie along.
-    pub across: Across,
+    pub across: SeparationAcross,
     /// Times that the sizes were dealt out anew to the places for the p values.
     pub permutations: u32,
 }
@@ -99,7 +99,7 @@ pub struct PlacementReport {
 /// Separation along coordinate axes; that of the field itself is left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct Across {
+pub struct SeparationAcross {
     /// Along x.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub x: Option<Separation>,

@@ -8,21 +8,23 @@
 
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::request::{Axis, Direction, Face, Field, PackingRequest, Placement, Specimen};
+use crate::request::{
+    Axis, FieldDirection, GradientField, PackingRequest, Placement, Specimen, SpecimenFace,
+};
 use crate::specimen::Region;
 
 /// How far up a field a centre lies in the region that is left for it: 0 to 1.
-pub(crate) fn share_of_field(field: &Field, region: &Region, p: [f64; 3]) -> f64 {
-    let (axis, rises) = match *field {
-        Field::Linear { axis, direction } => (axis, direction == Direction::Up),
-        Field::Face { face } => match face {
-            Face::XMin => (Axis::X, false),
-            Face::XMax => (Axis::X, true),
-            Face::YMin => (Axis::Y, false),
-            Face::YMax => (Axis::Y, true),
-            Face::ZMin => (Axis::Z, false),
-            Face::ZMax => (Axis::Z, true),
-            Face::Side => return region.share_within(p),
+pub(crate) fn share_of_field(field: GradientField, region: &Region, p: [f64; 3]) -> f64 {
+    let (axis, rises) = match field {
+        GradientField::Linear { axis, direction } => (axis, direction == FieldDirection::Up),
+        GradientField::Face { face } => match face {
+            SpecimenFace::XMin => (Axis::X, false),
+            SpecimenFace::XMax => (Axis::X, true),
+            SpecimenFace::YMin => (Axis::Y, false),
+            SpecimenFace::YMax => (Axis::Y, true),
+            SpecimenFace::ZMin => (Axis::Z, false),
+            SpecimenFace::ZMax => (Axis::Z, true),
+            SpecimenFace::Side => return region.share_within(p),
         },
     };
     let below = region.share_below(axis as usize, p[axis as usize]);
@@ -32,7 +34,7 @@ pub(crate) fn share_of_field(field: &Field, region: &Region, p: [f64; 3]) -> f64
 /// The gradient of a request and the grains it sorts.
 #[derive(Clone, Debug)]
 pub(crate) struct Preference {
-    field: Field,
+    field: GradientField,
     strength: f64,
     specimen: Specimen,
     grains: Vec<Grain>,
@@ -74,7 +76,7 @@ impl Preference {
     /// Logarithm of the weight of a place for a grain whose centre has this region.
     #[inline]
     pub(crate) fn log_weight(&self, grain: usize, region: &Region, p: [f64; 3]) -> f64 {
-        let off = share_of_field(&self.field, region, p) - self.grains[grain].quantile;
+        let off = share_of_field(self.field, region, p) - self.grains[grain].quantile;
         -self.strength * off * off
     }
 

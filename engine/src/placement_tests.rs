@@ -10,15 +10,15 @@ use crate::rng::{Stream, stream, uniform};
 const CUBOID: Specimen = Specimen::Box { size_mm: [20.0, 30.0, 40.0], boundary: Boundary::Walls };
 const CYLINDER: Specimen = Specimen::Cylinder { diameter_mm: 30.0, height_mm: 50.0 };
 
-fn fields(specimen: &Specimen) -> Vec<Field> {
+fn fields(specimen: &Specimen) -> Vec<GradientField> {
     let mut fields = Vec::new();
     for axis in [Axis::X, Axis::Y, Axis::Z] {
-        for direction in [Direction::Up, Direction::Down] {
-            fields.push(Field::Linear { axis, direction });
+        for direction in [FieldDirection::Up, FieldDirection::Down] {
+            fields.push(GradientField::Linear { axis, direction });
         }
     }
     if matches!(specimen, Specimen::Cylinder { .. }) {
-        fields.push(Field::Face { face: Face::Side });
+        fields.push(GradientField::Face { face: SpecimenFace::Side });
     }
     fields
 }
@@ -36,7 +36,7 @@ fn a_share_of_the_field_is_a_share_of_the_volume() {
                     region.low[a] + uniform(&mut rng) * (region.high[a] - region.low[a])
                 });
                 if region.contains(p) {
-                    shares.push(share_of_field(&field, &region, p));
+                    shares.push(share_of_field(field, &region, p));
                 }
             }
             shares.sort_by(f64::total_cmp);
@@ -63,7 +63,7 @@ fn fields_rise_to_where_they_say() {
         });
         let request = PackingRequest::from_json(&request, 1).unwrap();
         let Placement::Gradient { field, .. } = request.placement else { panic!("no gradient") };
-        share_of_field(&field, &specimen.center_region(3.0).unwrap(), p)
+        share_of_field(field, &specimen.center_region(3.0).unwrap(), p)
     };
     // A centre 3.7, 9 and 20.4 mm from the lower faces, of a grain of 3 mm radius.
     let p = [3.7, 9.0, 20.4];

@@ -8,9 +8,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::packing::{Across, PlacementReport, Separation, Spheres};
+use crate::packing::{PlacementReport, Separation, SeparationAcross, Spheres};
 use crate::placement::share_of_field;
-use crate::request::{Axis, Direction, Face, Field, Specimen};
+use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace};
 use crate::rng::{Stream, stream, uniform};
 
 /// Times that sizes are dealt out anew.
@@ -27,13 +27,16 @@ pub fn separation(
     spheres: &Spheres,
     specimen: &Specimen,
     rule: &DistanceRule,
-    field: &Field,
+    field: GradientField,
     seed: u64,
 ) -> PlacementReport {
-    let fields = [Some(*field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
+    let fields = [Some(field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
     let thirds = Thirds::of(&spheres.d_mm);
-    let measured: Vec<Measured> =
-        fields.iter().flatten().map(|field| Measured::new(spheres, specimen, rule, field, &thirds)).collect();
+    let measured: Vec<Measured> = fields
+        .into_iter()
+        .flatten()
+        .map(|field| Measured::new(spheres, specimen, rule, field, &thirds))
+        .collect();
     let mut rng = stream(seed, Stream::Placement);
     let beyond = deal(&thirds, &measured, &mut rng);
     let mut separations = measured.iter().zip(beyond).map(|(measured, beyond)| Separation {
@@ -42,24 +45,24 @@ pub fn separation(
         difference: measured.coarsest - measured.finest,
         p_value: f64::from(beyond + 1) / f64::from(PERMUTATIONS + 1),
     });
-    let mut next = |field: Option<Field>| field.and_then(|_| separations.next());
+    let mut next = |field: Option<GradientField>| field.and_then(|_| separations.next());
     PlacementReport {
         along: next(fields[0]).unwrap_or_default(),
-        across: Across { x: next(fields[1]), y: next(fields[2]), z: next(fields[3]) },
+        across: SeparationAcross { x: next(fields[1]), y: next(fields[2]), z: next(fields[3]) },
         permutations: PERMUTATIONS,
     }
 }
 
 /// The field along an axis that a field does not lie along itself.
-fn across(field: &Field, axis: Axis) -> Option<Field> {
-    let own = match *field {
-        Field::Linear { axis, .. } => Some(axis),
-        Field::Face { face: Face::XMin | Face::XMax } => Some(Axis::X),
-        Field::Face { face: Face::YMin | Face::YMax } => Some(Axis::Y),
-        Field::Face { face: Face::ZMin | Face::ZMax } => Some(Axis::Z),
-        Field::Face { face: Face::Side } => None,
+fn across(field: GradientField, axis: Axis) -> Option<GradientField> {
+    let own = match field {
+        GradientField::Linear { axis, .. } => Some(axis),
+        GradientField::Face { face: SpecimenFace::XMin | SpecimenFace::XMax } => Some(Axis::X),
+        GradientField::Face { face: SpecimenFace::YMin | SpecimenFace::YMax } => Some(Axis::Y),
+        GradientField::Face { face: SpecimenFace::ZMin | SpecimenFace::ZMax } => Some(Axis::Z),
+        GradientField::Face { face: SpecimenFace::Side } => None,
     };
-    (own != Some(axis)).then_some(Field::Linear { axis, direction: Direction::Up })
+    (own != Some(axis)).then_some(GradientField::Linear { axis, direction: FieldDirection::Up })
 }
 
 /// Each grain's weight in the mean over a third of the mass.
@@ -90,7 +93,9 @@ impl Thirds {
         // What rounding leaves over or takes away.
         for weights in [&mut coarsest, &mut finest] {
             let sum: f64 = weights.iter().sum();
-            weights.iter_mut().for_each(|weight| *weight /= sum);
+            for weight in weights.iter_mut() {
+                *weight /= sum;
+            }
         }
         let mut thirds = Self { order: (0..d_mm.len() as u32).collect(), coarsest, finest };
         let weight: Vec<f64> = (0..d_mm.len()).map(|i| thirds.weight(i).abs()).collect();
@@ -118,7 +123,7 @@ impl Measured {
         spheres: &Spheres,
         specimen: &Specimen,
         rule: &DistanceRule,
-        field: &Field,
+        field: GradientField,
         thirds: &Thirds,
     ) -> Self {
         let share = |i: usize| {

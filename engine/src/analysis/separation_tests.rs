@@ -6,9 +6,9 @@ use super::*;
 use crate::request::{Boundary, Distance};
 
 const CUBE: Specimen = Specimen::Box { size_mm: [100.0; 3], boundary: Boundary::Walls };
-const UP: Field = Field::Linear { axis: Axis::Z, direction: Direction::Up };
+const UP: GradientField = GradientField::Linear { axis: Axis::Z, direction: FieldDirection::Up };
 
-fn report(spheres: &Spheres, field: &Field, seed: u64) -> PlacementReport {
+fn report(spheres: &Spheres, field: GradientField, seed: u64) -> PlacementReport {
     let rule = DistanceRule::new(&Distance::None { wall_mm: None }, &CUBE);
     separation(spheres, &CUBE, &rule, field, seed)
 }
@@ -29,7 +29,7 @@ fn scattered(n: usize, sorted: f64, seed: u64) -> Spheres {
 
 #[test]
 fn sorted_grains_are_seen_along_the_field_alone() {
-    let found = report(&scattered(3000, 1.0, 1), &UP, 1);
+    let found = report(&scattered(3000, 1.0, 1), UP, 1);
     assert!(found.along.difference > 0.4, "{found:?}");
     assert_eq!(found.along.p_value, 1.0 / 1000.0);
     assert!((found.along.coarsest_third - found.along.finest_third - found.along.difference).abs() < 1e-15);
@@ -37,8 +37,8 @@ fn sorted_grains_are_seen_along_the_field_alone() {
     for control in [found.across.x.unwrap(), found.across.y.unwrap()] {
         assert!(control.p_value > 0.01 && control.difference.abs() < 0.05, "{found:?}");
     }
-    let down = Field::Linear { axis: Axis::Z, direction: Direction::Down };
-    let turned = report(&scattered(3000, 1.0, 1), &down, 1);
+    let down = GradientField::Linear { axis: Axis::Z, direction: FieldDirection::Down };
+    let turned = report(&scattered(3000, 1.0, 1), down, 1);
     assert!((turned.along.difference + found.along.difference).abs() < 1e-12, "{turned:?}");
 }
 
@@ -51,7 +51,7 @@ fn three_grains_are_weighed_by_hand() {
     }
     // Diameters that differ by nothing that matters, so that the grains have an order.
     (spheres.d_mm[0], spheres.d_mm[2]) = (2.000_000_02e-4, 2.0e-4);
-    let found = report(&spheres, &UP, 1);
+    let found = report(&spheres, UP, 1);
     assert!((found.along.coarsest_third - 0.25).abs() < 1e-5, "{found:?}");
     assert!((found.along.finest_third - 1.0).abs() < 1e-5, "{found:?}");
     // One of three pairs is as far apart, in either order.
@@ -62,7 +62,7 @@ fn three_grains_are_weighed_by_hand() {
 fn equal_grains_cannot_be_apart() {
     let mut spheres = scattered(500, 1.0, 1);
     spheres.d_mm.fill(2.0);
-    let found = report(&spheres, &UP, 1);
+    let found = report(&spheres, UP, 1);
     assert!(found.along.difference.abs() < 1e-12, "{found:?}");
     assert_eq!(found.along.p_value, 1.0);
 }
@@ -72,7 +72,7 @@ fn chance_is_judged_fairly_whether_all_grains_are_dealt_out_or_most_are_summed_u
     const RUNS: usize = 100;
     for n in [300, 3 * DEALT] {
         let mut p_values: Vec<f64> =
-            (0..RUNS as u64).map(|seed| report(&scattered(n, 0.0, seed), &UP, seed).along.p_value).collect();
+            (0..RUNS as u64).map(|seed| report(&scattered(n, 0.0, seed), UP, seed).along.p_value).collect();
         p_values.sort_by(f64::total_cmp);
         let gap = p_values
             .iter()
@@ -94,7 +94,7 @@ fn a_mantle_is_a_field_with_three_controls() {
         let r = (50.0 - d / 2.0) * (1.0 - f64::from(i) / 200.0).sqrt();
         spheres.push([50.0 + r * angle.cos(), 50.0 + r * angle.sin(), 50.0], d);
     }
-    let found = separation(&spheres, &cylinder, &rule, &Field::Face { face: Face::Side }, 1);
+    let found = separation(&spheres, &cylinder, &rule, GradientField::Face { face: SpecimenFace::Side }, 1);
     assert!(found.along.difference > 0.5 && found.along.p_value == 0.001, "{found:?}");
     for control in [found.across.x, found.across.y, found.across.z] {
         assert!(control.unwrap().difference.abs() < 0.1, "{found:?}");

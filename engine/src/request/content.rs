@@ -29,7 +29,7 @@ const ROUNDING: f64 = 1.0e-9;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Content {
+pub struct MixContent {
     /// Mass of cement in a cubic metre of concrete.
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 10_000))]
     pub cement_kg_m3: f64,
@@ -47,7 +47,7 @@ pub struct Content {
     /// Fly ash, silica fume, fillers.
     #[cfg_attr(feature = "openapi", schema(required = false))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub additions: Vec<Addition>,
+    pub additions: Vec<MixAddition>,
     /// Volume of air over that of the concrete; 0.03 when absent.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -74,7 +74,7 @@ pub struct Content {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Addition {
+pub struct MixAddition {
     /// Mass of it in a cubic metre of concrete.
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 10_000))]
     pub mass_kg_m3: f64,
@@ -83,7 +83,7 @@ pub struct Addition {
     pub density_kg_m3: f64,
 }
 
-impl Content {
+impl MixContent {
     /// Volume of all aggregate over that of the concrete.
     pub fn aggregate_fraction(&self) -> f64 {
         match self.aggregate_cement {
@@ -139,7 +139,7 @@ impl Content {
 /// Reads a content with its defaults.
 ///
 /// `None` means that faults were reported.
-pub(super) fn read_content(at: &At<'_>) -> Option<Content> {
+pub(super) fn read_content(at: &At<'_>) -> Option<MixContent> {
     let mut object = at.object()?;
     let cement = object.required("cement_kg_m3").and_then(|at| at.number(MASS));
     let water_cement = object.required("water_cement").and_then(|at| at.number(WATER_RATIO));
@@ -147,7 +147,7 @@ pub(super) fn read_content(at: &At<'_>) -> Option<Content> {
     let aggregate_cement = ratio_at.as_ref().map(|at| at.number(AGGREGATE_RATIO));
     let additions = match object.optional("additions") {
         Some(at) => {
-            at.array().and_then(|items| items.iter().map(read_addition).collect::<Option<Vec<Addition>>>())
+            at.array().and_then(|items| items.iter().map(read_addition).collect::<Option<Vec<MixAddition>>>())
         }
         None => Some(Vec::new()),
     };
@@ -176,7 +176,7 @@ pub(super) fn read_content(at: &At<'_>) -> Option<Content> {
         None => Some(ratio_at.is_some().then_some(AGGREGATE_DENSITY_KG_M3)),
     };
     object.finish();
-    let content = Content {
+    let content = MixContent {
         cement_kg_m3: cement?,
         water_cement: water_cement?,
         aggregate_cement: match aggregate_cement {
@@ -198,12 +198,12 @@ pub(super) fn read_content(at: &At<'_>) -> Option<Content> {
     }
 }
 
-fn read_addition(at: &At<'_>) -> Option<Addition> {
+fn read_addition(at: &At<'_>) -> Option<MixAddition> {
     let mut object = at.object()?;
     let mass = object.required("mass_kg_m3").and_then(|at| at.number(MASS));
     let density = object.required("density_kg_m3").and_then(|at| at.number(DENSITY));
     object.finish();
-    Some(Addition { mass_kg_m3: mass?, density_kg_m3: density? })
+    Some(MixAddition { mass_kg_m3: mass?, density_kg_m3: density? })
 }
 
 #[cfg(test)]

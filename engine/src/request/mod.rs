@@ -13,10 +13,10 @@ mod read;
 
 use serde::Serialize;
 
-pub use content::{Addition, Content};
+pub use content::{MixAddition, MixContent};
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
-pub use placement::{Axis, Direction, Face, Field, Placement};
+pub use placement::{Axis, FieldDirection, GradientField, Placement, SpecimenFace};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
 /// up to 2^53 - 1.
@@ -110,7 +110,7 @@ pub struct Mix {
     /// `mixture`.
     #[cfg_attr(feature = "openapi", schema(required = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub content: Option<Content>,
+    pub content: Option<MixContent>,
     /// Which aggregate `volume_fraction` counts.
     #[cfg_attr(feature = "openapi", schema(default = "mixture", required = false))]
     pub basis: Basis,
@@ -120,7 +120,7 @@ impl Mix {
     /// Volume of the aggregate over that of the specimen in the basis of the mix, however it was named; `None`
     /// where explicit diameters prescribe it.
     pub fn asked_fraction(&self) -> Option<f64> {
-        self.volume_fraction.or_else(|| self.content.as_ref().map(Content::aggregate_fraction))
+        self.volume_fraction.or_else(|| self.content.as_ref().map(MixContent::aggregate_fraction))
     }
 }
 

@@ -15,14 +15,14 @@ pub const MAX_STRENGTH: f64 = 1000.0;
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Placement {
-    /// Random, whatever their size.
+    /// Anywhere, whatever their size.
     Random {},
     /// Coarse grains gather at one end of a field, fine ones at the other, as vibration and gravity make them: of
     /// several free places a grain takes one at random, with weights `exp(-strength (u - q)^2)`. `q` is the
     /// share of the mass that is finer than the grain, `u` the share of the volume that lies further down the field.
     Gradient {
         /// Where the coarse grains gather.
-        field: Field,
+        field: GradientField,
         /// How strictly: 0 is random placing, bit for bit; at 10 coarse grains still occur everywhere; 100 sorts
         /// sizes to 7 % of the specimen.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1000))]
@@ -42,19 +42,19 @@ impl Placement {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Field {
+pub enum GradientField {
     /// Along an axis.
     Linear {
         /// Which one.
         axis: Axis,
         /// The end at which the coarse grains gather; `down`, as they sink, when absent.
         #[cfg_attr(feature = "openapi", schema(default = "down", required = false))]
-        direction: Direction,
+        direction: FieldDirection,
     },
     /// By the distance from a face, at which the coarse grains gather.
     Face {
         /// Which one: that of a box, or `z_min`, `z_max` or `side` of a cylinder.
-        face: Face,
+        face: SpecimenFace,
     },
 }
 
@@ -73,7 +73,7 @@ pub enum Axis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Direction {
+pub enum FieldDirection {
     /// The far end.
     Up,
     /// The end at 0.
@@ -84,7 +84,7 @@ pub enum Direction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Face {
+pub enum SpecimenFace {
     /// Of a box, at x = 0.
     XMin,
     /// Of a box, at its far end in x.
@@ -101,7 +101,7 @@ pub enum Face {
     Side,
 }
 
-impl Face {
+impl SpecimenFace {
     const OF_A_BOX: [(&'static str, Self); 6] = [
         ("x_min", Self::XMin),
         ("x_max", Self::XMax),
@@ -138,7 +138,7 @@ pub(super) fn read_placement(at: &At<'_>, specimen: Option<&Specimen>) -> Option
     placement
 }
 
-fn read_field(at: &At<'_>, specimen: Option<&Specimen>) -> Option<Field> {
+fn read_field(at: &At<'_>, specimen: Option<&Specimen>) -> Option<GradientField> {
     #[derive(Clone, Copy)]
     enum Kind {
         Linear,
@@ -148,12 +148,12 @@ fn read_field(at: &At<'_>, specimen: Option<&Specimen>) -> Option<Field> {
     let field = match object.variant(&[("linear", Kind::Linear), ("face", Kind::Face)])? {
         Kind::Linear => read_linear(&mut object),
         Kind::Face => object.required("face").and_then(|at| {
-            let faces: Vec<(&str, Face)> = match specimen {
-                Some(Specimen::Box { .. }) => Face::OF_A_BOX.to_vec(),
-                Some(Specimen::Cylinder { .. }) => Face::OF_A_CYLINDER.to_vec(),
-                None => Face::OF_A_BOX.into_iter().chain(Face::OF_A_CYLINDER).collect(),
+            let faces: Vec<(&str, SpecimenFace)> = match specimen {
+                Some(Specimen::Box { .. }) => SpecimenFace::OF_A_BOX.to_vec(),
+                Some(Specimen::Cylinder { .. }) => SpecimenFace::OF_A_CYLINDER.to_vec(),
+                None => SpecimenFace::OF_A_BOX.into_iter().chain(SpecimenFace::OF_A_CYLINDER).collect(),
             };
-            at.choice(&faces).map(|face| Field::Face { face })
+            at.choice(&faces).map(|face| GradientField::Face { face })
         }),
     };
     object.finish();
@@ -164,14 +164,14 @@ fn read_field(at: &At<'_>, specimen: Option<&Specimen>) -> Option<Field> {
     field
 }
 
-fn read_linear(object: &mut Object<'_>) -> Option<Field> {
+fn read_linear(object: &mut Object<'_>) -> Option<GradientField> {
     let axis =
         object.required("axis").and_then(|at| at.choice(&[("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)]));
     let direction = match object.optional("direction") {
-        Some(at) => at.choice(&[("up", Direction::Up), ("down", Direction::Down)]),
-        None => Some(Direction::Down),
+        Some(at) => at.choice(&[("up", FieldDirection::Up), ("down", FieldDirection::Down)]),
+        None => Some(FieldDirection::Down),
     };
-    axis.zip(direction).map(|(axis, direction)| Field::Linear { axis, direction })
+    axis.zip(direction).map(|(axis, direction)| GradientField::Linear { axis, direction })
 }
 
 #[cfg(test)]

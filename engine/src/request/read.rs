@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::content::{Content, read_content};
+use super::content::{MixContent, read_content};
 use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
 use super::placement::read_placement;
@@ -160,7 +160,7 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
 }
 
 /// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.
-fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<Content>) {
+fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<MixContent>) {
     let content_at = object.optional("content");
     if is_list {
         for at in object.optional("volume_fraction").iter().chain(&content_at) {

@@ -34,8 +34,8 @@ const REQUEST_SCHEMAS: [&str; 16] = [
     "AxisRange",
     "JobRequest",
     "Mix",
-    "Content",
-    "Addition",
+    "MixContent",
+    "MixAddition",
     "SizeClass",
     "Specimen",
     "Grading",
@@ -44,7 +44,7 @@ const REQUEST_SCHEMAS: [&str; 16] = [
     "EdmdStop",
     "Derivation",
     "Placement",
-    "Field",
+    "GradientField",
 ];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
