@@ -141,9 +141,9 @@ async fn run_says_what_is_wrong_and_writes_nothing() {
     let ended = packstone(directory.path(), &["run", "missing.json", "--out", "out"]).await;
     assert!(ended.code != Some(0) && ended.stderr.contains("missing.json"), "{ended:?}");
     write_job(directory.path(), &jobs::quick(1));
-    let ended = packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "stl"]).await;
+    let ended = packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "step"]).await;
     assert!(
-        ended.code != Some(0) && ended.stderr.contains("stl") && ended.stderr.contains("vtp"),
+        ended.code != Some(0) && ended.stderr.contains("step") && ended.stderr.contains("vtp"),
         "{ended:?}"
     );
     fs::write(directory.path().join("file"), "").unwrap();
