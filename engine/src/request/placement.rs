@@ -1,6 +1,6 @@
 //! What a request says about where grains of which size are to lie.
 //!
-//! Types, bounds and JSON form only; what a field means at a point is [`crate::placement`]'s to know.
+//! Types, bounds and JSON form only; what a field means at a point is `crate::placement`'s to know.
 
 use serde::{Deserialize, Serialize};
 
