@@ -14,7 +14,7 @@ use crate::edmd::MAX_GRAINS;
 use crate::error::PlanError;
 use crate::mix::GradedMix;
 use crate::mix::sieve::sieve_classes;
-use crate::request::{Distance, FieldError, Method, Mix, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
 use crate::rsa::MAX_PLACED;
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
@@ -147,6 +147,7 @@ impl Plan {
         let mix = GradedMix::new(&request.mix, specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         check_list(&mix)?;
+        check_cut_off(&request.mix, &mix)?;
         check_largest(request, &mix, &rule)?;
         check_maximize(request, &mix)?;
         let grains = mix.expected_grains();
@@ -211,6 +212,22 @@ fn check_list(mix: &GradedMix) -> Result<(), PlanError> {
         "/mix/grading/mm",
         format!("the grains have {phi:.4} times the specimen's volume: must be at most 1"),
     ))
+}
+
+/// The cut-off must leave a share of the mass that is more than rounding.
+fn check_cut_off(asked: &Mix, mix: &GradedMix) -> Result<(), PlanError> {
+    // With the basis `effective` it is the mixture that has no bounds where nothing is left.
+    let (mixture, effective) = (mix.volume_fraction_mixture, mix.volume_fraction_effective);
+    if mixture.is_finite() && effective >= MIN_SHARE * mixture {
+        return Ok(());
+    }
+    Err(PlanError::Invalid(vec![FieldError {
+        pointer: "/mix/d_min_mm".into(),
+        detail: format!(
+            "{} mm leaves less than {MIN_SHARE:e} of the mass: must lie below a sieve that holds some back",
+            asked.d_min_mm.unwrap_or(mix.d_min_mm)
+        ),
+    }]))
 }
 
 /// The largest grain must fit, with its distance to the walls or to its own image.
@@ -353,6 +370,8 @@ fn warnings(case: &Case<'_>, likely: &MethodEstimate) -> Vec<String> {
     warnings
 }
 
+#[cfg(test)]
+mod extremes_tests;
 #[cfg(test)]
 mod tests;
 

@@ -108,3 +108,19 @@ fn walls_that_ask_for_less_than_half_the_distance_leave_more_room() {
     let request = box_of(10.0, &mix, &json!({"type": "constant", "mm": 2.0, "wall_mm": 0.0}));
     assert!(plan(&request).is_ok(), "{:?}", plan(&request));
 }
+
+#[test]
+fn a_cut_off_that_leaves_nothing_is_refused() {
+    let mut mix = json!({
+        "grading": {"type": "sieves", "points": [[2, 0.0], [8, 1.0], [16, 1.0]]}, "d_min_mm": 9,
+        "volume_fraction": 0.3
+    });
+    for basis in ["mixture", "effective"] {
+        mix["basis"] = json!(basis);
+        let Err(PlanError::Invalid(faults)) = plan(&box_of(80.0, &mix, &json!({"type": "none"}))) else {
+            panic!("{basis}")
+        };
+        assert_eq!(faults[0].pointer, "/mix/d_min_mm");
+        assert!(faults[0].detail.contains("9 mm leaves less than"), "{}", faults[0].detail);
+    }
+}

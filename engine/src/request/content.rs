@@ -5,6 +5,7 @@
 
 use serde::Serialize;
 
+use super::MIN_SHARE;
 use super::decode::{At, Bound};
 
 /// Density of Portland cement, in kg/m³.
@@ -112,14 +113,20 @@ impl MixContent {
 
     /// What is wrong with the parts together, if anything is.
     fn fault(&self) -> Option<String> {
+        let aggregate = self.aggregate_fraction();
         let mut parts = self.others();
         if self.aggregate_cement.is_some() {
-            parts.push(("aggregate", self.aggregate_fraction()));
+            parts.push(("aggregate", aggregate));
         }
         let sum: f64 = parts.iter().map(|(_, share)| share).sum();
         let terms: Vec<String> = parts.iter().map(|(name, share)| format!("{name} {share:.4}")).collect();
         let terms = terms.join(" + ");
         if self.aggregate_cement.is_some() {
+            if aggregate < MIN_SHARE {
+                return Some(format!(
+                    "{terms}: the aggregate is {aggregate:e} of the volume: must be at least {MIN_SHARE:e}"
+                ));
+            }
             return (sum > 1.0 + ROUNDING).then(|| {
                 format!(
                     "{terms}: the terms sum to {sum:.4} of the volume, which implies {:.4} of air: must sum to at \
@@ -128,7 +135,7 @@ impl MixContent {
                 )
             });
         }
-        (sum >= 1.0).then(|| {
+        (aggregate < MIN_SHARE).then(|| {
             format!(
                 "{terms}: the terms sum to {sum:.4} of the volume, which leaves no aggregate: must sum to less than 1"
             )

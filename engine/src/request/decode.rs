@@ -76,8 +76,14 @@ impl Bound {
     fn describe(&self) -> String {
         let low = if self.min_open { "greater than" } else { "at least" };
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
-        format!("must be {low} {} and at most {}{unit}", self.min, self.max)
+        format!("must be {low} {} and at most {}{unit}", figure(self.min), self.max)
     }
+}
+
+/// A number for a message: 1e-9 is read at a glance, 0.000000001 is not.
+fn figure(x: f64) -> String {
+    let size = x.abs();
+    if (size > 0.0 && size < 1e-4) || size >= 1e16 { format!("{x:e}") } else { x.to_string() }
 }
 
 /// A value at its place in the document.
@@ -163,7 +169,7 @@ impl<'a> At<'a> {
         if bound.contains(x) {
             Some(x)
         } else {
-            self.fault(format!("{x} is out of range: {}", bound.describe()));
+            self.fault(format!("{} is out of range: {}", figure(x), bound.describe()));
             None
         }
     }

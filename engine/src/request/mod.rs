@@ -22,8 +22,18 @@ pub use placement::{Axis, FieldDirection, GradientField, Placement, SpecimenFace
 /// up to 2^53 - 1.
 pub const MAX_SEED: u64 = (1 << 53) - 1;
 
+/// Smallest length that a request may name for a grain, a sieve or a specimen, in mm: a nanometre. Below it no
+/// aggregate is known, and ratios of lengths would leave the range of numbers.
+pub const MIN_LENGTH_MM: f64 = 1.0e-6;
+
 /// Largest length a request may name, in mm.
 pub const MAX_LENGTH_MM: f64 = 1.0e6;
+
+/// Smallest share of a volume or a mass that a request may name: what rounding may take from a sum of them.
+pub const MIN_SHARE: f64 = 1.0e-9;
+
+/// Smallest exponent of a Fuller curve; such a curve has 99 % of its mass in dust already.
+pub const MIN_FULLER_EXPONENT: f64 = 0.01;
 
 /// Cut-off diameter of `standard` and `fuller` mixes that name none, in mm: grains below it are
 /// mortar by convention (Titscher and Unger 2015, section 3).
@@ -67,10 +77,10 @@ pub enum Specimen {
     /// A cylinder that stands on z = 0 with its axis at x = y = diameter / 2.
     Cylinder {
         /// Diameter of the cylinder.
-        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
         diameter_mm: f64,
         /// Height of the cylinder.
-        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
         height_mm: f64,
     },
 }
@@ -95,15 +105,12 @@ pub struct Mix {
     pub grading: Grading,
     /// Cut-off: finer grains are mortar and are not placed. Default: 2 for `standard` and
     /// `fuller`, else the smallest diameter that the grading describes.
-    #[cfg_attr(
-        feature = "openapi",
-        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
-    )]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
     /// Volume of the aggregate over that of the specimen. Either this or `content` is required, except for the
     /// grading `diameters`, which prescribes it.
-    #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 1))]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-9, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume_fraction: Option<f64>,
     /// The same by the contents of a cubic metre of concrete. It counts all aggregate, so that the basis is
@@ -148,10 +155,10 @@ pub enum Grading {
     /// Fuller's curve `F(d) = (d / d_max)^exponent`.
     Fuller {
         /// Largest diameter.
-        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
         d_max_mm: f64,
         /// Exponent; 0.5 is Fuller's own.
-        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1))]
+        #[cfg_attr(feature = "openapi", schema(minimum = 0.01, maximum = 1))]
         exponent: f64,
     },
     /// Sieves of the user's: `[diameter in mm, passing 0..1]`, both rising, the last passing 1.
@@ -170,7 +177,7 @@ pub enum Grading {
     /// Equal spheres.
     Monodisperse {
         /// Their diameter.
-        #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+        #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
         diameter_mm: f64,
     },
     /// An explicit list; its volume is the mix's.
@@ -203,13 +210,13 @@ pub enum StandardCurve {
 #[serde(deny_unknown_fields)]
 pub struct SizeClass {
     /// Lower bound of the diameter.
-    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
     pub d_min_mm: f64,
     /// Upper bound of the diameter.
-    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1e6))]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
     pub d_max_mm: f64,
     /// Share of the whole aggregate's mass.
-    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1))]
+    #[cfg_attr(feature = "openapi", schema(minimum = 1e-9, maximum = 1))]
     pub mass_fraction: f64,
 }
 

@@ -7,14 +7,16 @@ use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
 use super::placement::read_placement;
 use super::{
-    Basis, Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED, Method, Mix,
-    PackingRequest, Placement, SizeClass, Specimen, StandardCurve,
+    Basis, Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED,
+    MIN_FULLER_EXPONENT, MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Placement, SizeClass,
+    Specimen, StandardCurve,
 };
 use crate::mix::standard;
 
-const LENGTH: Bound = Bound::positive(MAX_LENGTH_MM, "mm");
+const LENGTH: Bound = Bound::closed(MIN_LENGTH_MM, MAX_LENGTH_MM, "mm");
 const GAP: Bound = Bound::closed(0.0, MAX_LENGTH_MM, "mm");
-const FRACTION: Bound = Bound::positive(1.0, "");
+const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
+const EXPONENT: Bound = Bound::closed(MIN_FULLER_EXPONENT, 1.0, "");
 const FACTOR: Bound = Bound::closed(0.0, 100.0, "");
 const PASSING: Bound = Bound::closed(0.0, 1.0, "");
 /// Mass fractions typed by hand (three thirds as 0.333) may miss 1 by this much.
@@ -260,7 +262,7 @@ fn read_grading(at: &At<'_>) -> Option<Grading> {
             .map(|name| Grading::Standard { name }),
         Kind::Fuller => {
             let d_max = length(&mut object, "d_max_mm");
-            let exponent = object.required("exponent").and_then(|at| at.number(FRACTION));
+            let exponent = object.required("exponent").and_then(|at| at.number(EXPONENT));
             d_max.zip(exponent).map(|(d_max_mm, exponent)| Grading::Fuller { d_max_mm, exponent })
         }
         Kind::Sieves => {

@@ -94,12 +94,12 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["specimen"]["size_mm"][0] = json!(2e6),
-            "/specimen/size_mm/0: 2000000 is out of range: must be greater than 0 and at most 1000000 mm",
+            "/specimen/size_mm/0: 2000000 is out of range: must be at least 1e-6 and at most 1000000 mm",
         ),
         (|v| v["specimen"]["size_mm"][0] = json!("80"), "/specimen/size_mm/0: \"80\" is not a number"),
         (
             |v| v["mix"]["volume_fraction"] = json!(0),
-            "/mix/volume_fraction: 0 is out of range: must be greater than 0 and at most 1",
+            "/mix/volume_fraction: 0 is out of range: must be at least 1e-9 and at most 1",
         ),
         (
             |v| v["mix"]["volume_fraction"] = Value::Null,
@@ -123,7 +123,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["mix"]["grading"] = json!({"type": "fuller", "d_max_mm": 16, "exponent": 1.5}),
-            "/mix/grading/exponent: 1.5 is out of range: must be greater than 0 and at most 1",
+            "/mix/grading/exponent: 1.5 is out of range: must be at least 0.01 and at most 1",
         ),
         (
             |v| v["mix"] = json!({"grading": {"type": "fuller", "d_max_mm": 1.5, "exponent": 0.5}, "volume_fraction": 0.4}),
@@ -169,7 +169,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["mix"] = json!({"grading": {"type": "diameters", "mm": [5, -5]}}),
-            "/mix/grading/mm/1: -5 is out of range: must be greater than 0 and at most 1000000 mm",
+            "/mix/grading/mm/1: -5 is out of range: must be at least 1e-6 and at most 1000000 mm",
         ),
         (
             |v| v["mix"] = json!({"grading": {"type": "diameters", "mm": [5]}, "volume_fraction": 0.5}),
@@ -220,11 +220,11 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "growth_rate": 0}),
-            "/method/growth_rate: 0 is out of range: must be at least 0.000001 and at most 1000 per s",
+            "/method/growth_rate: 0 is out of range: must be at least 1e-6 and at most 1000 per s",
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "initial_velocity": 2e6}),
-            "/method/initial_velocity: 2000000 is out of range: must be at least 0.000001 and at most 1000000 mm/s",
+            "/method/initial_velocity: 2000000 is out of range: must be at least 1e-6 and at most 1000000 mm/s",
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "equal_mass": 1}),

@@ -6,7 +6,7 @@ use axum::response::{IntoResponse as _, Response};
 use packstone_engine::derived::DerivationKind;
 use packstone_engine::format::{EngineInfo, Format};
 use packstone_engine::mix::standard;
-use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, StandardCurve};
+use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, StandardCurve};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -86,6 +86,8 @@ pub(super) struct LimitsInfo {
     max_memory_bytes: u64,
     /// Most memory of a model of a result, and longest file of one.
     max_model_bytes: u64,
+    /// Shortest length of a grain, a sieve or a specimen.
+    min_length_mm: f64,
     /// Longest length in a request.
     max_length_mm: f64,
     /// Largest seed.
@@ -155,6 +157,7 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             max_grains: shared.limits.max_grains,
             max_memory_bytes: shared.limits.max_memory_bytes,
             max_model_bytes: shared.limits.max_model_bytes,
+            min_length_mm: MIN_LENGTH_MM,
             max_length_mm: MAX_LENGTH_MM,
             max_seed: MAX_SEED,
             max_body_bytes: shared.max_body_bytes,

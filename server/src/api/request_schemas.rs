@@ -5,7 +5,7 @@
 
 use packstone_engine::derived::DerivationKind;
 use packstone_engine::format::Format;
-use packstone_engine::request::MAX_LENGTH_MM;
+use packstone_engine::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
 use serde_json::{Map, Value, json};
 
 use super::formats::models;
@@ -193,7 +193,7 @@ fn allow_null(property: &mut Value) {
 }
 
 fn bound_items(schemas: &mut Map<String, Value>) {
-    let length = json!({"type": "number", "exclusiveMinimum": 0, "maximum": MAX_LENGTH_MM});
+    let length = json!({"type": "number", "minimum": MIN_LENGTH_MM, "maximum": MAX_LENGTH_MM});
     let passing = json!({"type": "number", "minimum": 0, "maximum": 1});
     for request in ["JobRequest", "StudyRequest"] {
         if let Some(labels) = at(schemas, request, "labels") {
