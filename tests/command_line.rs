@@ -52,18 +52,20 @@ async fn run_and_derive_make_models_that_the_service_would_make() {
     let job = jobs::with(jobs::quick(4), "/postprocess", postprocess);
     write_job(directory.path(), &job);
     let ended =
-        packstone(directory.path(), &["run", "job.json", "--out", "made", "--format", "json,slice,stl"])
+        packstone(directory.path(), &["run", "job.json", "--out", "made", "--format", "json,slice,stl,msh"])
             .await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let made = directory.path().join("made");
-    let models = ["result-2.raw", "result.raw", "result.slice.svg", "result.stl.zip"];
-    let mut expected: Vec<String> = vec!["result.json".into()];
+    let models = ["result-2.raw", "result.raw", "result.slice.svg", "result.stl.zip", "result.msh"];
+    let mut expected: Vec<String> = vec!["result.json".into(), "result.msh.geo".into()];
     expected.extend(models.iter().flat_map(|name| [(*name).to_owned(), format!("{name}.report.json")]));
     expected.sort();
     assert_eq!(files(&made), expected);
     let read = |name: &str| fs::read(directory.path().join(name)).unwrap();
     let report: Value = serde_json::from_slice(&read("made/result-2.raw.report.json")).unwrap();
     assert_eq!((&report["type"], &report["shape"]), (&json!("raw"), &json!([12, 12, 12])));
+    let script = String::from_utf8(read("made/result.msh.geo")).unwrap();
+    assert!(script.starts_with("Merge \"result.msh\";"), "{script}");
 
     // The same of the result in a file, and of what the service has stored.
     let data_dir = DataDir::new();

@@ -90,7 +90,7 @@ macro_rules! derivations {
 }
 
 derivations! {
-    /// Surfaces of grains and specimen as a Gmsh file, to be meshed in one call.
+    /// Surfaces of grains and specimen as a Gmsh file, to be filled with tetrahedra.
     Msh "msh" mesh::msh, mesh::msh::Options::read;
     /// Spheres and specimen as a Gmsh script.
     Geo "geo" mesh::geo, mesh::geo::Options::read;
@@ -197,6 +197,15 @@ impl Derivation {
             Self::Vti(options) | Self::Raw(options) | Self::Inp(options) => options.form.name(),
             Self::Slice(options) => options.form.name(),
             Self::Ldpm(options) => options.file.extension(),
+        }
+    }
+
+    /// What a file of that name needs beside it for its program to take it in one call, where it needs
+    /// anything: the ending that its name gets, and the text.
+    pub fn companion(&self, file_name: &str) -> Option<(&'static str, String)> {
+        match self {
+            Self::Msh(_) => Some(("geo", mesh::msh::script(file_name))),
+            _ => None,
         }
     }
 }

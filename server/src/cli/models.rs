@@ -5,7 +5,7 @@
 use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -82,7 +82,8 @@ impl Names {
     }
 }
 
-/// Makes a model as a file, with what there is to know about it in another beside it. Of what fails, nothing is left.
+/// Makes a model as a file, with what there is to know about it in another beside it, and the script that opens it
+/// where its program needs one. Of what fails, nothing is left.
 pub(super) fn write(
     derivation: &Derivation,
     model: &Model<'_>,
@@ -109,9 +110,20 @@ fn try_write(
     let report = derivation.write(model, limits, control, &mut out)?;
     out.flush()?;
     let text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
-    let mut beside = file.as_os_str().to_owned();
-    beside.push(".report.json");
-    Ok(fs::write(beside, text)?)
+    fs::write(beside(file, "report.json"), text)?;
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    if let Some((ending, text)) = derivation.companion(&name) {
+        fs::write(beside(file, ending), text)?;
+    }
+    Ok(())
+}
+
+/// The path with one more ending.
+fn beside(file: &Path, ending: &str) -> PathBuf {
+    let mut path = file.as_os_str().to_owned();
+    path.push(".");
+    path.push(ending);
+    path.into()
 }
 
 struct Watch<'a> {

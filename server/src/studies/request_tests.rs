@@ -232,11 +232,11 @@ fn faults_of_jobs_point_to_what_the_user_wrote() {
     assert_eq!(
         faults,
         [
-            "/template/specimen/size_mm/2: point 0 and 11 more: -50 is out of range: must be greater than 0 and at \
+            "/template/specimen/size_mm/2: point 0 and 11 more: -50 is out of range: must be at least 1e-6 and at \
              most 1000000 mm",
             "/zip/~1priority/1: point 1 and 5 more: \"high\" is not a whole number",
             "/grid/~1method/1/colour: point 2 and 5 more: unknown field: this object has type, attempts_per_grain",
-            "/grid/~1mix~1volume_fraction: point 8 and 3 more: 1.5 is out of range: must be greater than 0 and at \
+            "/grid/~1mix~1volume_fraction: point 8 and 3 more: 1.5 is out of range: must be at least 1e-9 and at \
              most 1",
         ]
     );
