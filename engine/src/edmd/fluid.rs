@@ -14,7 +14,7 @@ use crate::rng::{Stream, epoch_stream, stream};
 use crate::rsa::Rsa;
 
 /// Volume fraction that random placing starts from, and the pace of growth to the one asked for.
-const START_FRACTION: f64 = 0.3;
+const START_FRACTION: f64 = 0.25;
 const PACE: f64 = 0.3;
 /// Collisions per grain between two epochs while nothing grows.
 const EVENTS_PER_GRAIN: u64 = 25;
