@@ -114,6 +114,7 @@ impl Lattice {
         let Delaunay { nodes: tets, neighbors } =
             delaunay(&nodes.points_mm, &Part { control, from: 0.02, to: 0.4 })?;
         let topology = Topology::new(nodes.len(), &tets, &neighbors, control)?;
+        check_radii(&nodes, &topology)?;
         let (total, message) = (tets.len(), "cells, facets and their checks");
         let work = Work { control, from: 0.5, to: 1.0, total, unit: "tetrahedra", message };
         let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &work)?;
@@ -220,6 +221,26 @@ fn check_spacing(model: &Model<'_>, options: &Options) -> Result<(), DerivedErro
         }
         _ => Ok(()),
     }
+}
+
+/// Refuses surface nodes so large that the points of their edges, half way between the spheres at both ends, would lie
+/// beyond one of the ends.
+fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), DerivedError> {
+    let of_surface = |node: u32| (node as usize) < nodes.boundary;
+    for [a, b] in topology.edges() {
+        let (p, q) = (nodes.points_mm[a as usize], nodes.points_mm[b as usize]);
+        let length_mm = (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>().sqrt();
+        let (first, second) = (nodes.radii_mm[a as usize], nodes.radii_mm[b as usize]);
+        let reach_mm = if of_surface(a) && of_surface(b) { first } else { (first - second).abs() };
+        if reach_mm >= length_mm && (of_surface(a) || of_surface(b)) {
+            let radius_mm = if of_surface(a) { first } else { second };
+            return Err(DerivedError::Unavailable(format!(
+                "surface nodes of radius {radius_mm} mm are too large for an edge of {length_mm} mm from such a node to \
+                 the next node: choose a smaller \"surface_radius\" (half the fictitious diameter when absent)"
+            )));
+        }
+    }
+    Ok(())
 }
 
 fn check_memory(model: &Model<'_>, options: &Options, limits: &Limits) -> Result<(), DerivedError> {
