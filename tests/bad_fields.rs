@@ -40,7 +40,7 @@ fn unknown_and_missing() -> Vec<Case> {
         case("/specimen/type", json!("sphere"), &["\"sphere\"", "\"box\"", "\"cylinder\""]),
         case("/mix/grading/type", json!("gaudin"), &["\"gaudin\"", "\"fuller\"", "\"sieves\""]),
         case("/mix/grading/name", json!("A64"), &["\"A64\"", "\"A16\"", "\"C32\""]),
-        case("/mix/basis", json!("mass"), &["\"mass\"", "\"mixture\"", "\"effective\""]),
+        case("/mix/volume_fraction_of", json!("mass"), &["\"mass\"", "\"mixture\"", "\"effective\""]),
         case("/specimen/boundary", json!("open"), &["\"open\"", "\"walls\"", "\"periodic\""]),
         at("/distance", json!({"type": "minimize"}), "/distance/type", &["\"minimize\"", "\"maximize\""]),
         at(
@@ -54,7 +54,7 @@ fn unknown_and_missing() -> Vec<Case> {
         without("/specimen", "size_mm", "/specimen/size_mm"),
         without("/specimen", "type", "/specimen/type"),
         without("/mix", "volume_fraction", "/mix/volume_fraction"),
-        without("/distance", "mm", "/distance/mm"),
+        without("/distance", "mm", "/distance/gap_mm"),
         at("/mix", Value::Null, "/mix", &["null", "required"]),
     ]
 }
@@ -78,14 +78,19 @@ fn numbers() -> Vec<Case> {
         case("/specimen/size_mm", json!([40, 40]), &["2 items", "exactly 3"]),
         case("/specimen/size_mm", json!([40, 40, 40, 40]), &["4 items", "exactly 3"]),
         case("/specimen/size_mm", json!(40), &["40", "array"]),
-        at("/distance", json!({"type": "constant", "mm": -1}), "/distance/mm", &["-1", "at least 0"]),
+        at("/distance", json!({"type": "constant", "gap_mm": -1}), "/distance/gap_mm", &["-1", "at least 0"]),
         at(
             "/distance",
             json!({"type": "proportional", "factor": 101}),
             "/distance/factor",
             &["101", "at most 100"],
         ),
-        at("/distance", json!({"type": "none", "wall_mm": -1}), "/distance/wall_mm", &["-1", "at least 0"]),
+        at(
+            "/distance",
+            json!({"type": "none", "wall_gap_mm": -1}),
+            "/distance/wall_gap_mm",
+            &["-1", "at least 0"],
+        ),
         at(
             "/method",
             json!({"type": "rsa", "attempts_per_grain": 0}),
@@ -149,16 +154,16 @@ fn gradings() -> Vec<Case> {
         Case {
             job: json!({
                 "specimen": {"type": "box", "size_mm": [40, 40, 40]},
-                "mix": {"grading": {"type": "diameters", "mm": [4, 0, 4]}}
+                "mix": {"grading": {"type": "diameters", "diameters_mm": [4, 0, 4]}}
             }),
             kind: "validation-error",
-            pointer: "/mix/grading/mm/1",
+            pointer: "/mix/grading/diameters_mm/1",
             says: &["0", "at least 1e-6"],
         },
         Case {
             job: json!({
                 "specimen": {"type": "box", "size_mm": [40, 40, 40]},
-                "mix": {"grading": {"type": "diameters", "mm": [4]}, "volume_fraction": 0.3}
+                "mix": {"grading": {"type": "diameters", "diameters_mm": [4]}, "volume_fraction": 0.3}
             }),
             kind: "validation-error",
             pointer: "/mix/volume_fraction",
@@ -190,7 +195,7 @@ fn what_cannot_be_packed() -> Vec<Case> {
         // The grains themselves would fit; the shells of half the distance around them do not.
         of_kind(
             "infeasible-mix",
-            at("/distance", json!({"type": "constant", "mm": 5}), "/mix/volume_fraction", &["distance"]),
+            at("/distance", json!({"type": "constant", "gap_mm": 5}), "/mix/volume_fraction", &["distance"]),
         ),
         of_kind("too-large", at("/specimen/size_mm", json!([9e5, 9e5, 9e5]), "/mix/d_min_mm", &["20000000"])),
     ]
@@ -216,47 +221,52 @@ fn job_fields() -> Vec<Case> {
 
 fn placements_and_contents() -> Vec<Case> {
     let gradient = |field: Value, pointer, says| {
-        at("/placement", json!({"type": "gradient", "field": field, "strength": 1}), pointer, says)
+        at("/segregation", json!({"type": "gradient", "field": field, "strength": 1}), pointer, says)
     };
     let content = |content: Value, pointer, says| {
         let mut job = jobs::quick(1);
         job["mix"].as_object_mut().unwrap().remove("volume_fraction");
-        Case { job: jobs::with(job, "/mix/content", content), kind: "validation-error", pointer, says }
+        Case { job: jobs::with(job, "/mix/proportions", content), kind: "validation-error", pointer, says }
     };
     vec![
-        at("/placement", json!({"type": "sorted"}), "/placement/type", &["\"sorted\"", "\"gradient\""]),
-        at("/placement", json!({"type": "random", "strength": 1}), "/placement/strength", &["unknown field"]),
+        at("/segregation", json!({"type": "sorted"}), "/segregation/type", &["\"sorted\"", "\"gradient\""]),
         at(
-            "/placement",
+            "/segregation",
+            json!({"type": "none", "strength": 1}),
+            "/segregation/strength",
+            &["unknown field"],
+        ),
+        at(
+            "/segregation",
             json!({"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": 1001}),
-            "/placement/strength",
+            "/segregation/strength",
             &["1001", "at most 1000"],
         ),
-        gradient(json!({"type": "linear", "axis": "r"}), "/placement/field/axis", &["\"r\"", "\"z\""]),
+        gradient(json!({"type": "linear", "axis": "r"}), "/segregation/field/axis", &["\"r\"", "\"z\""]),
         gradient(
             json!({"type": "linear", "axis": "z", "direction": "left"}),
-            "/placement/field/direction",
+            "/segregation/field/direction",
             &["\"left\"", "\"down\""],
         ),
         gradient(
             json!({"type": "face", "face": "side"}),
-            "/placement/field/face",
+            "/segregation/field/face",
             &["\"side\"", "\"z_min\""],
         ),
         case(
-            "/mix/content",
+            "/mix/proportions",
             json!({"cement_kg_m3": 300, "water_cement": 0.5}),
             &["volume_fraction", "leave one"],
         ),
-        content(json!({"water_cement": 0.5}), "/mix/content/cement_kg_m3", &["missing"]),
+        content(json!({"water_cement": 0.5}), "/mix/proportions/cement_kg_m3", &["missing"]),
         content(
             json!({"cement_kg_m3": 300, "water_cement": 0.5, "air": 0.02, "aggregate_cement": 6}),
-            "/mix/content/air",
+            "/mix/proportions/air",
             &["aggregate_cement", "leave one"],
         ),
         content(
             json!({"cement_kg_m3": 300, "water_cement": 0.5, "aggregate_cement": 8}),
-            "/mix/content",
+            "/mix/proportions",
             &["aggregate 0.9057", "sum to 1.1509", "-0.1509 of air"],
         ),
     ]
@@ -308,7 +318,7 @@ async fn all_faults_are_reported_at_once() {
         "name": 1, "priority": 1000, "seed": -1, "colour": "red",
         "specimen": {"type": "box", "size_mm": [0, -1, 40], "boundary": "open"},
         "mix": {"grading": {"type": "standard", "name": "A64"}, "d_min_mm": -1, "volume_fraction": 2},
-        "distance": {"type": "constant", "mm": -1, "a/b~c": 1}
+        "distance": {"type": "constant", "gap_mm": -1, "a/b~c": 1}
     });
     let problem =
         server.client().post("/v1/jobs").json(&job).send().await.expect_problem(422, "validation-error");
@@ -322,7 +332,7 @@ async fn all_faults_are_reported_at_once() {
     let expected = [
         "/colour",
         "/distance/a~1b~0c",
-        "/distance/mm",
+        "/distance/gap_mm",
         "/mix/d_min_mm",
         "/mix/grading/name",
         "/mix/volume_fraction",

@@ -80,8 +80,8 @@ async fn run_and_derive_make_models_that_the_service_would_make() {
         let ended = packstone(directory.path(), &derive).await;
         assert_eq!(ended.code, Some(0), "{ended:?}");
         assert_eq!(ended.stdout.trim(), format!("{out}/result.raw"));
-        let derived = read(&format!("{out}/result.raw"));
-        assert!(derived == read("made/result-2.raw") && derived == of_service, "{out}: other labels");
+        let export = read(&format!("{out}/result.raw"));
+        assert!(export == read("made/result-2.raw") && export == of_service, "{out}: other labels");
     }
     server.stop().await;
 
@@ -125,7 +125,7 @@ async fn run_says_what_is_wrong_and_writes_nothing() {
     let directory = tempfile::tempdir().unwrap();
     for (job, says) in [
         (jobs::with(jobs::quick(1), "/mix/volume_fraction", json!(2)), "/mix/volume_fraction"),
-        (jobs::with(jobs::quick(1), "/distance/mm", json!(5)), "/mix/volume_fraction"),
+        (jobs::with(jobs::quick(1), "/distance/gap_mm", json!(5)), "/mix/volume_fraction"),
         (jobs::unreachable(), "placed "),
         (json!([]), "an array"),
     ] {

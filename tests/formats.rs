@@ -103,12 +103,12 @@ async fn a_packing_of_one_grain_has_every_format() {
     let job = json!({
         "seed": 1,
         "specimen": {"type": "cylinder", "diameter_mm": 20, "height_mm": 20},
-        "mix": {"grading": {"type": "diameters", "mm": [10]}}
+        "mix": {"grading": {"type": "diameters", "diameters_mm": [10]}}
     });
     let job = client.succeed(&job).await;
     let id = id_of(&job);
     let result = client.result(id).await;
-    assert!(result["verification"]["min_clearance_mm"].is_null(), "one grain has no neighbour");
+    assert!(result["check"]["min_gap_mm"].is_null(), "one grain has no neighbour");
     let expected = results::from_json(&result);
     assert_eq!(expected.len(), 1);
     assert_eq!(results::from_csv(&client.result_in(id, "csv").await), expected);

@@ -20,8 +20,8 @@ async fn the_job_of_the_contract_succeeds() {
     assert!(number("/summary/grains") > 4500.0);
     assert!((number("/summary/volume_fraction_mixture") - 0.535).abs() < 1e-12);
     assert_eq!(number("/summary/distance_mm"), 1.0);
-    assert!(number("/verification/min_clearance_mm") >= 1.0);
-    assert!(number("/verification/min_wall_clearance_mm") >= 0.5);
+    assert!(number("/check/min_gap_mm") >= 1.0);
+    assert!(number("/check/min_wall_gap_mm") >= 0.5);
     assert_eq!(result["statistics"]["edmd"]["stop"], "target");
     assert!(number("/statistics/edmd/grain_collisions") > 1000.0);
     assert!(number("/statistics/edmd/wall_collisions") > 100.0);
@@ -77,8 +77,8 @@ async fn the_largest_distance_that_was_reached_in_time_is_a_success() {
         result["summary"]["distance_mm"].as_f64().unwrap_or_else(|| panic!("{:#}", result["summary"]));
     assert!(reached > 0.0, "{reached} mm");
     assert_eq!(result["statistics"]["edmd"]["stop"], "time_limit");
-    assert!(result["verification"]["min_clearance_mm"].as_f64() >= Some(reached));
-    assert!(result["verification"]["min_wall_clearance_mm"].as_f64() >= Some(reached / 2.0));
+    assert!(result["check"]["min_gap_mm"].as_f64() >= Some(reached));
+    assert!(result["check"]["min_wall_gap_mm"].as_f64() >= Some(reached / 2.0));
     let curve: Vec<[f64; 2]> = serde_json::from_value(result["distance_curve"].clone()).unwrap();
     assert!(curve.len() >= 2, "{curve:?}");
     assert!(curve.windows(2).all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1]), "{curve:?}");
@@ -95,7 +95,7 @@ async fn a_target_beyond_reach_fails_and_says_how_far_it_came() {
     let job = client.finished(id_of(&client.submit(&job).await)).await;
     assert_eq!(job["state"], "failed", "{job:#}");
     let error = &job["error"];
-    assert_eq!(error["type"], "/problems/packing-not-reached", "{error:#}");
+    assert_eq!(error["type"], "/problems/target-not-reached", "{error:#}");
     assert_eq!(error["end"], "event_limit", "{error:#}");
     let number = |field: &str| error[field].as_f64().unwrap_or_else(|| panic!("no {field} in {error:#}"));
     assert!(number("scale_reached") > 0.5 && number("scale_reached") < 1.0, "{error:#}");

@@ -42,7 +42,7 @@ fn least_job() -> Value {
         "seed": 1,
         "labels": {"series": "load"},
         "specimen": {"type": "box", "size_mm": [10, 10, 10]},
-        "mix": {"grading": {"type": "diameters", "mm": [2]}}
+        "mix": {"grading": {"type": "diameters", "diameters_mm": [2]}}
     })
 }
 
@@ -331,7 +331,7 @@ fn a_tenth_of_a_second() -> Value {
         "specimen": {"type": "box", "size_mm": [60, 60, 60]},
         "mix": {
             "grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 2,
-            "volume_fraction": 0.6, "basis": "effective"
+            "volume_fraction": 0.6, "volume_fraction_of": "placed_grains"
         }
     })
 }

@@ -155,7 +155,7 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
             "{path}: {problem:#}"
         );
     }
-    let derive = format!("/v1/jobs/{id}/derived");
+    let derive = format!("/v1/jobs/{id}/exports");
     for (body, status, kind, pointer) in [
         (json!({"type": "raw", "cells": 0}), 422, "validation-error", "/cells"),
         (json!({"type": "raw", "cells": 300}), 422, "too-large", "/cells"),
@@ -174,7 +174,7 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     client.get(&format!("{derive}/{none}")).send().await.expect_problem(404, "not-found");
     client.get(&format!("{derive}/nonsense/file")).send().await.expect_problem(404, "not-found");
     client.delete(&format!("{derive}/{none}")).send().await.expect_problem(404, "not-found");
-    client.get(&format!("/v1/jobs/{none}/derived")).send().await.expect_problem(404, "not-found");
+    client.get(&format!("/v1/jobs/{none}/exports")).send().await.expect_problem(404, "not-found");
 
     let endless = client.submit(&jobs::endless()).await;
     let endless = id_of(&endless);
@@ -183,7 +183,7 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
         client.get(path).send().await.expect_problem(404, "result-not-ready");
     }
     let body = json!({"type": "raw"});
-    let post = |id: &str| client.post(&format!("/v1/jobs/{id}/derived")).json(&body);
+    let post = |id: &str| client.post(&format!("/v1/jobs/{id}/exports")).json(&body);
     post(endless).send().await.expect_problem(404, "result-not-ready");
     client.post(&format!("/v1/jobs/{endless}/cancel")).send().await;
     client.finished(endless).await;
@@ -208,7 +208,7 @@ async fn what_does_not_exist_of_a_periodic_box_says_what_to_do_instead() {
     for kind in ["msh", "geo", "stl", "ldpm"] {
         let by_format = client.get(&format!("/v1/jobs/{id}/result?format={kind}")).send().await;
         let body = json!({"type": kind});
-        let by_post = client.post(&format!("/v1/jobs/{id}/derived")).json(&body).send().await;
+        let by_post = client.post(&format!("/v1/jobs/{id}/exports")).json(&body).send().await;
         let beforehand = jobs::with(periodic.clone(), "/postprocess", json!([{"type": "vti"}, body]));
         let beforehand = client.post("/v1/jobs").json(&beforehand).send().await;
         for reply in [&by_format, &by_post, &beforehand] {
@@ -231,10 +231,10 @@ async fn a_model_is_kept_with_its_job_until_it_or_the_job_is_deleted() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let (id, rows) = packed(&client, 4).await;
-    let derive = format!("/v1/jobs/{id}/derived");
+    let derive = format!("/v1/jobs/{id}/exports");
     let before = client.get(&format!("/v1/jobs/{id}")).send().await;
-    assert_eq!(before.json()["links"]["derived"], derive);
-    assert_eq!(before.json()["derived"], json!([]));
+    assert_eq!(before.json()["links"]["export"], derive);
+    assert_eq!(before.json()["export"], json!([]));
 
     let ask = |body: &Value| client.post(&derive).json(body).header("prefer", "wait=60");
     let reply = ask(&json!({"type": "raw", "cells": 10})).send().await;
@@ -256,8 +256,8 @@ async fn a_model_is_kept_with_its_job_until_it_or_the_job_is_deleted() {
 
     let job = client.get(&format!("/v1/jobs/{id}")).send().await;
     assert_ne!(job.header("etag"), before.header("etag"));
-    assert_eq!(job.json()["derived"][0]["id"], made["id"]);
-    assert_eq!(job.json()["derived"][0]["links"]["self"], this);
+    assert_eq!(job.json()["export"][0]["id"], made["id"]);
+    assert_eq!(job.json()["export"][0]["links"]["self"], this);
     let again = ask(&json!({"cells": 10.0, "type": "raw"})).send().await;
     assert_eq!(again.expect(200).json()["id"], made["id"]);
     let known = client.get(this).header("if-none-match", reply.header("etag")).send().await;
@@ -277,7 +277,7 @@ async fn a_model_is_kept_with_its_job_until_it_or_the_job_is_deleted() {
     assert_eq!(data_dir.artifacts().len(), 3);
     client.delete(this).send().await.expect(204);
     client.get(this).send().await.expect_problem(404, "not-found");
-    assert_eq!(client.job(&id).await["derived"].as_array().unwrap().len(), 1);
+    assert_eq!(client.job(&id).await["export"].as_array().unwrap().len(), 1);
     assert_eq!(data_dir.artifacts().len(), 2);
     client.delete(&format!("/v1/jobs/{id}")).send().await.expect(204);
     assert_eq!(data_dir.artifacts().len(), 0);
@@ -302,7 +302,7 @@ async fn a_job_may_say_beforehand_what_is_to_be_made_of_it() {
         json!([{"type": "slice", "axis": "x"}, {"type": "raw", "cells": 8}, {"type": "raw", "cells": 8}]);
     let job = client.succeed(&jobs::with(jobs::quick(5), "/postprocess", postprocess)).await;
     assert_eq!(job["request"]["postprocess"][1]["samples"], 4, "defaults are filled in");
-    let made = job["derived"].as_array().unwrap();
+    let made = job["export"].as_array().unwrap();
     assert_eq!(made.len(), 2, "the same twice is one: {made:#?}");
     for model in made {
         let this = model["links"]["self"].as_str().unwrap();
@@ -313,7 +313,7 @@ async fn a_job_may_say_beforehand_what_is_to_be_made_of_it() {
     let one = json!({"type": "slice"});
     let single = client.succeed(&jobs::with(jobs::quick(6), "/postprocess", one)).await;
     assert_eq!(single["request"]["postprocess"], json!({"type": "slice", "form": "svg", "axis": "z"}));
-    assert_eq!(single["derived"].as_array().unwrap().len(), 1);
+    assert_eq!(single["export"].as_array().unwrap().len(), 1);
 
     let nine: Vec<Value> = (1..10).map(|cells| json!({"type": "raw", "cells": cells})).collect();
     for (postprocess, kind, pointer) in [
@@ -346,7 +346,7 @@ async fn jobs_of_a_study_have_models_too() {
     client.study_finished(id_of(&study)).await;
     for job in client.jobs_of(id_of(&study)).await {
         let job = client.job(id_of(&job)).await;
-        let [model] = &job["derived"].as_array().unwrap()[..] else { panic!("{job:#}") };
+        let [model] = &job["export"].as_array().unwrap()[..] else { panic!("{job:#}") };
         let path = model["links"]["self"].as_str().unwrap();
         let done = client.get(path).header("prefer", "wait=60").send().await.expect(200).json();
         assert_eq!(done["report"]["shape"][0], job["request"]["postprocess"][0]["cells"]);
@@ -372,20 +372,20 @@ async fn capabilities_and_metrics_tell_of_models() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let capabilities = client.get("/v1/capabilities").send().await.expect(200).json();
-    let derivations = capabilities["derivations"].as_array().unwrap();
-    let of = |kind: &str| derivations.iter().find(|found| found["type"] == kind).expect("a derivation");
+    let exports = capabilities["exports"].as_array().unwrap();
+    let of = |kind: &str| exports.iter().find(|found| found["type"] == kind).expect("a export");
     assert_eq!(of("vti")["media_type"], "application/vnd.vtk.imagedata+xml");
     assert_eq!((&of("raw")["format"], &of("slice")["format"]), (&json!("raw"), &Value::Null));
     let (id, _) = packed(&client, 8).await;
-    for derivation in derivations {
-        if let Some(format) = derivation["format"].as_str() {
+    for export in exports {
+        if let Some(format) = export["format"].as_str() {
             let reply = client.head(&format!("/v1/jobs/{id}/result?format={format}")).send().await;
-            assert_eq!(reply.expect(200).header("content-type"), derivation["media_type"].as_str().unwrap());
+            assert_eq!(reply.expect(200).header("content-type"), export["media_type"].as_str().unwrap());
         }
     }
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
-    let counted = "packstone_derivation_duration_seconds_count{type=\"raw\",outcome=\"succeeded\"} 1";
+    let counted = "packstone_export_duration_seconds_count{type=\"raw\",outcome=\"succeeded\"} 1";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");
-    assert!(metrics.lines().any(|line| line == "packstone_derived{state=\"failed\"} 0"), "{metrics}");
+    assert!(metrics.lines().any(|line| line == "packstone_exports{state=\"failed\"} 0"), "{metrics}");
     server.stop().await;
 }

@@ -20,11 +20,11 @@ fn cases() -> Vec<(&'static str, Value)> {
         ("walls, touching", json!({"specimen": cube("walls"), "mix": a16})),
         (
             "walls, constant",
-            json!({"specimen": cube("walls"), "mix": a16, "distance": {"type": "constant", "mm": 0.4}}),
+            json!({"specimen": cube("walls"), "mix": a16, "distance": {"type": "constant", "gap_mm": 0.4}}),
         ),
         (
             "walls, a wall distance of its own",
-            json!({"specimen": cube("walls"), "mix": a16, "distance": {"type": "constant", "mm": 0.2, "wall_mm": 1.5}}),
+            json!({"specimen": cube("walls"), "mix": a16, "distance": {"type": "constant", "gap_mm": 0.2, "wall_gap_mm": 1.5}}),
         ),
         (
             "periodic, proportional",
@@ -39,7 +39,7 @@ fn cases() -> Vec<(&'static str, Value)> {
             json!({
                 "specimen": {"type": "box", "size_mm": [100, 60, 20]},
                 "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 1.5,
-                        "volume_fraction": 0.40, "basis": "effective"}
+                        "volume_fraction": 0.40, "volume_fraction_of": "placed_grains"}
             }),
         ),
         (
@@ -72,7 +72,7 @@ fn cases() -> Vec<(&'static str, Value)> {
             "explicit diameters by plain attempts",
             json!({
                 "specimen": cube("walls"),
-                "mix": {"grading": {"type": "diameters", "mm": [3, 20, 7, 7, 12.5]}},
+                "mix": {"grading": {"type": "diameters", "diameters_mm": [3, 20, 7, 7, 12.5]}},
                 "method": {"type": "rsa", "attempts_per_grain": 100_000}
             }),
         ),
@@ -134,12 +134,12 @@ fn check_clearances(name: &str, result: &Value, rows: &results::Rows) {
         }
     }
     assert!(least_slack_mm >= -ROUNDING_MM, "{name}: a pair is {least_slack_mm} mm short of its distance");
-    let reported = &result["verification"];
-    close(name, "min_clearance_mm", &reported["min_clearance_mm"], least_mm);
-    close(name, "min_slack_mm", &reported["min_slack_mm"], least_slack_mm);
+    let reported = &result["check"];
+    close(name, "min_gap_mm", &reported["min_gap_mm"], least_mm);
+    close(name, "min_excess_gap_mm", &reported["min_excess_gap_mm"], least_slack_mm);
 
     if let (Some(size), Some(_)) = (size, period) {
-        assert!(reported["min_wall_clearance_mm"].is_null(), "{name}: a periodic box has no walls");
+        assert!(reported["min_wall_gap_mm"].is_null(), "{name}: a periodic box has no walls");
         assert!(
             rows.iter().all(|row| (0..3).all(|k| (0.0..=size[k]).contains(&row[k]))),
             "{name}: out of the box"
@@ -150,14 +150,14 @@ fn check_clearances(name: &str, result: &Value, rows: &results::Rows) {
     for row in rows {
         let clearance = wall_clearance_mm(specimen, size, row);
         let demanded =
-            distance["wall_mm"].as_f64().unwrap_or_else(|| demanded_mm(distance, row[3], row[3]) / 2.0);
+            distance["wall_gap_mm"].as_f64().unwrap_or_else(|| demanded_mm(distance, row[3], row[3]) / 2.0);
         assert!(
             clearance >= demanded - ROUNDING_MM,
             "{name}: {row:?} is {clearance} mm from a wall, not {demanded}"
         );
         least_wall_mm = least_wall_mm.min(clearance);
     }
-    close(name, "min_wall_clearance_mm", &reported["min_wall_clearance_mm"], least_wall_mm);
+    close(name, "min_wall_gap_mm", &reported["min_wall_gap_mm"], least_wall_mm);
 }
 
 fn wall_clearance_mm(specimen: &Value, size: Option<[f64; 3]>, row: &[f64; 4]) -> f64 {
@@ -198,7 +198,9 @@ fn check_volumes(name: &str, result: &Value, rows: &results::Rows) {
 
     // Drawing ends where the volume is reached: it misses by less than the last grain drawn, which is of the
     // smallest of the narrow classes, twelve to an octave.
-    if let (Some(fraction), true) = (mix["volume_fraction"].as_f64(), mix["basis"] == "effective") {
+    if let (Some(fraction), true) =
+        (mix["volume_fraction"].as_f64(), mix["volume_fraction_of"] == "effective")
+    {
         let missed = (grains_mm3 - fraction * specimen_mm3).abs();
         assert!(missed <= volume(1.06 * smallest), "{name}: the volume is missed by {missed} mm3");
     }

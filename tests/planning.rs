@@ -46,7 +46,7 @@ async fn a_dry_run_refuses_what_a_submission_refuses() {
     let client = server.client();
     for (pointer, value) in [
         ("/mix/volume_fraction", json!(1.5)),
-        ("/distance/mm", json!(5)),
+        ("/distance/gap_mm", json!(5)),
         ("/mix/d_min_mm", json!(1.0e-3)),
         ("/specimen/size_mm", json!([10, 40, 40])),
         ("/priority", json!(1000)),

@@ -49,7 +49,7 @@ async fn vtk_and_numpy_read_what_the_json_says() {
     assert!(said.contains("agree"), "{said}");
     check(&python, &jobs::equal_spheres(50_000, 1)).await;
     // One grain, and classes with a gap between them.
-    let diameters = json!({"type": "diameters", "mm": [10]});
+    let diameters = json!({"type": "diameters", "diameters_mm": [10]});
     check(&python, &json!({"seed": 1, "specimen": {"type": "box", "size_mm": [20, 20, 20]}, "mix": {"grading": diameters}})).await;
     let classes = json!({"type": "classes", "classes": [
         {"d_min_mm": 2, "d_max_mm": 4, "mass_fraction": 0.4},

@@ -107,7 +107,7 @@ async fn faults_point_to_the_job_and_the_field_and_nothing_is_taken_in() {
         study["grid"]["/mix/volume_fraction"] = values;
         study
     };
-    let far_apart = with("/template/distance", json!({"type": "constant", "mm": 5}));
+    let far_apart = with("/template/distance", json!({"type": "constant", "gap_mm": 5}));
     let list = json!({"list": [jobs::quick(1), jobs::with(jobs::quick(2), "/priority", json!(1000))]});
     for (study, status, slug, pointer) in [
         (with("/replicates", json!(0)), 422, "validation-error", "/replicates"),

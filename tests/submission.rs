@@ -57,7 +57,7 @@ async fn defaults_are_filled_in_and_the_drawn_seed_is_recorded() {
     let (first, second) = (client.submit(&job).await, client.submit(&job).await);
     let request = &first["request"];
     assert_eq!(request["specimen"]["boundary"], "walls");
-    assert_eq!(request["mix"]["basis"], "mixture");
+    assert_eq!(request["mix"]["volume_fraction_of"], "mixture");
     assert_eq!(request["distance"]["type"], "none");
     assert_eq!(request["method"]["type"], "auto");
     assert_eq!(request["seed"], first["seed"]);
@@ -90,12 +90,12 @@ async fn a_packing_that_cannot_be_reached_is_an_answer_and_has_no_result() {
     let finished = client.finished(id_of(&submitted)).await;
     assert_eq!(finished["state"], "failed", "{finished:#}");
     let error = &finished["error"];
-    assert!(error["type"].as_str().unwrap().ends_with("/packing-not-reached"), "{error:#}");
+    assert!(error["type"].as_str().unwrap().ends_with("/target-not-reached"), "{error:#}");
     assert_eq!(finished["attempt"], 1, "an answer of the method is not tried again");
     let detail = error["detail"].as_str().unwrap();
     assert!(detail.contains("placed ") && detail.contains("attempts"), "{detail}");
     assert!(error["placed"].as_u64() < error["grains"].as_u64(), "{error:#}");
-    assert!(error["attempts"].as_u64() >= Some(1000) && error["proven"] == false, "{error:#}");
+    assert!(error["attempts"].as_u64() >= Some(1000) && error["saturation_proven"] == false, "{error:#}");
     assert!(finished["result"].is_null());
 
     let path = format!("/v1/jobs/{}/result", id_of(&submitted));
@@ -115,7 +115,7 @@ async fn that_no_place_is_left_is_reported_as_proven() {
     let job = json!({
         "seed": 3,
         "specimen": {"type": "box", "size_mm": [20, 20, 20]},
-        "mix": {"grading": {"type": "diameters", "mm": [12, 12, 12]}},
+        "mix": {"grading": {"type": "diameters", "diameters_mm": [12, 12, 12]}},
         "method": {"type": "rsa"}
     });
     let submitted = client.submit(&job).await;

@@ -33,7 +33,7 @@ request='{
   "template": {
     "specimen": {"type": "box", "size_mm": [60, 60, 60]},
     "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.65},
-    "distance": {"type": "constant", "mm": 0.5},
+    "distance": {"type": "constant", "gap_mm": 0.5},
     "method": {"type": "auto"}
   },
   "grid": {

@@ -24,7 +24,7 @@ def job(size, clearance):
         "seed": 1,
         "specimen": {"type": "box", "size_mm": [size] * 3},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": 0.5},
-        "distance": {"type": "constant", "mm": clearance},
+        "distance": {"type": "constant", "gap_mm": clearance},
         "method": {"type": "edmd"},
     }
 

@@ -28,10 +28,10 @@ def packing(program, strength):
             "grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5},
             "d_min_mm": 2,
             "volume_fraction": 0.65,
-            "basis": "effective",
+            "volume_fraction_of": "placed_grains",
         },
         "method": {"type": "edmd"},
-        "placement": {"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": strength},
+        "segregation": {"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": strength},
     }
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "job.json")

@@ -6,10 +6,10 @@ use std::hint::black_box;
 use std::io::Write;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use packstone_engine::delaunay::delaunay;
-use packstone_engine::edmd::Fluid;
-use packstone_engine::format::{self, EngineInfo, Format, Head};
-use packstone_engine::{Limits, Packing, PackingRequest, Plan, Unattended, pack, verify};
+use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
+use packstone_engine::geometry::delaunay::delaunay;
+use packstone_engine::methods::edmd::Fluid;
+use packstone_engine::{Limits, Packing, PackingRequest, Plan, Unattended, check, pack};
 use serde_json::{Value, json};
 
 fn fuller(phi: f64) -> Value {
@@ -19,7 +19,7 @@ fn fuller(phi: f64) -> Value {
 fn fuller_in(size: f64, phi: f64) -> Value {
     json!({
         "specimen": {"type": "box", "size_mm": [size, size, size]},
-        "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": phi, "basis": "effective"},
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": phi, "volume_fraction_of": "placed_grains"},
     })
 }
 
@@ -75,12 +75,12 @@ fn edmd(c: &mut Criterion) {
 }
 
 fn check(c: &mut Criterion) {
-    let mut group = c.benchmark_group("verify");
+    let mut group = c.benchmark_group("check");
     group.sample_size(20);
     for (name, value) in [("fuller 0.60", fuller(0.60)), ("b16 1e5 grains", b16(54.9))] {
         let (request, packing) = packed(&value);
         group.throughput(Throughput::Elements(packing.spheres.len() as u64));
-        group.bench_function(name, |b| b.iter(|| verify::verify(black_box(&packing.spheres), &request)));
+        group.bench_function(name, |b| b.iter(|| check::check(black_box(&packing.spheres), &request)));
     }
 }
 
@@ -105,9 +105,9 @@ fn formats(c: &mut Criterion) {
     let (_, packing) = packed(&value);
     let head = Head { job_id: None, request: value, engine: EngineInfo::current(), report: packing.report };
     for format in Format::ALL {
-        group.throughput(Throughput::Bytes(format::length(format, &head, &packing.spheres).unwrap()));
+        group.throughput(Throughput::Bytes(tables::length(format, &head, &packing.spheres).unwrap()));
         group.bench_function(format.name(), |b| {
-            b.iter(|| format::write(format, &head, &packing.spheres, &mut Sink(0)));
+            b.iter(|| tables::write(format, &head, &packing.spheres, &mut Sink(0)));
         });
     }
 }

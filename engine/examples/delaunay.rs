@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use packstone_engine::Unattended;
-use packstone_engine::delaunay::delaunay;
+use packstone_engine::geometry::delaunay::delaunay;
 
 /// `SplitMix64`, so that the points are the same everywhere.
 fn uniform(state: &mut u64) -> f64 {

@@ -39,9 +39,9 @@ fn request(phi: f64, method: &Value, strength: f64, seed: u64) -> Result<Packing
     let value = json!({
         "specimen": {"type": "box", "size_mm": [60, 60, 60]},
         "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 2,
-                "volume_fraction": phi, "basis": "effective"},
+                "volume_fraction": phi, "volume_fraction_of": "placed_grains"},
         "method": method,
-        "placement": {"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": strength},
+        "segregation": {"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": strength},
     });
     PackingRequest::from_json(&value, seed).map_err(|faults| format!("{faults:?}").into())
 }
@@ -51,14 +51,15 @@ fn row(phi: f64, name: &str, method: &Value, strength: f64) -> Result<(), Box<dy
     for seed in 0..SEEDS {
         match pack(&request(phi, method, strength, seed)?, &Limits::default(), &Unattended) {
             Ok(packing) => found.push(packing),
-            Err(PackError::NotReached(_)) => {}
+            Err(PackError::TargetNotReached(_)) => {}
             Err(other) => return Err(other.into()),
         }
     }
     let mean = |of: &dyn Fn(&Packing) -> f64| found.iter().map(of).sum::<f64>() / found.len() as f64;
-    let difference = |p: &Packing| p.report.placement.as_ref().map_or(0.0, |found| found.along.difference);
-    let by_chance =
-        found.iter().filter(|p| p.report.placement.as_ref().is_some_and(|found| found.along.p_value > 0.05));
+    let difference = |p: &Packing| p.report.segregation.as_ref().map_or(0.0, |found| found.along.difference);
+    let by_chance = found
+        .iter()
+        .filter(|p| p.report.segregation.as_ref().is_some_and(|found| found.along.p_value > 0.05));
     let accepted = |edmd: EdmdStatistics| edmd.swaps_accepted as f64 / edmd.swaps_tried.max(1) as f64;
     println!(
         "{phi:.2}   {name:<14} {strength:>9}  {:>2} of {SEEDS}  {:>10.3}  {:>7} of {}  {:>7.2}  {:.2}",
@@ -80,7 +81,7 @@ fn write_packings(dir: &Path) -> Result<(), Box<dyn Error>> {
         ("edmd", 0.65, json!({"type": "edmd"}), 30.0),
     ] {
         let packing = pack(&request(phi, &method, strength, 1)?, &Limits::default(), &Unattended)?;
-        println!("{name}: {:?}", packing.report.placement);
+        println!("{name}: {:?}", packing.report.segregation);
         fs::write(dir.join(format!("{name}.csv")), csv(&packing.spheres)?)?;
     }
     Ok(())

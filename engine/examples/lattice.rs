@@ -13,10 +13,10 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Instant;
 
-use packstone_engine::derived::Model;
-use packstone_engine::ldpm::{self, Lattice, Options};
+use packstone_engine::export::Model;
+use packstone_engine::export::ldpm::{self, Lattice, Options};
 use packstone_engine::request::decode::{At, Faults};
-use packstone_engine::{Limits, PackingRequest, Unattended, delaunay, pack};
+use packstone_engine::{Limits, PackingRequest, Unattended, geometry::delaunay, pack};
 use serde_json::{Value, json};
 
 /// Counts what it passes on.
@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let distance = match keys.remove("clearance") {
         Some(_) => json!({"type": "none"}),
-        None => json!({"type": "constant", "mm": 0.4, "wall_mm": 1.1}),
+        None => json!({"type": "constant", "gap_mm": 0.4, "wall_gap_mm": 1.1}),
     };
     let request = json!({
         "specimen": specimen,
@@ -92,7 +92,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let nodes = lattice.nodes().points_mm.clone();
     delaunay::delaunay(&nodes, &Unattended)?;
     lap("of it, Delaunay", "");
-    for file in [ldpm::File::Chrono, ldpm::File::Tets, ldpm::File::Facets, ldpm::File::Cells] {
+    for file in [ldpm::Format::Chrono, ldpm::Format::Tets, ldpm::Format::Facets, ldpm::Format::Cells] {
         let out: Box<dyn Write> = match &directory {
             Some(directory) => Box::new(File::create(
                 directory.join(format!("{file:?}.{}", file.extension()).to_lowercase()),
@@ -100,7 +100,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             None => Box::new(io::sink()),
         };
         let mut out = Counted { out, bytes: 0 };
-        lattice.write(&Options { file, ..options.clone() }, &Unattended, &mut out)?;
+        lattice.write(&Options { format: file, ..options.clone() }, &Unattended, &mut out)?;
         lap(&format!("{file:?}"), &format!("{:.1} MB", out.bytes as f64 / 1e6));
     }
     println!("{}", serde_json::to_string_pretty(lattice.report())?);

@@ -4,8 +4,8 @@
 use std::fs::File;
 use std::time::Instant;
 
-use packstone_engine::derived::Model;
-use packstone_engine::mesh::{geo, msh, stl};
+use packstone_engine::export::Model;
+use packstone_engine::export::mesh::{geo, msh, stl};
 use packstone_engine::request::decode::{At, Faults};
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::Value;

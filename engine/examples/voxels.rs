@@ -9,9 +9,13 @@ use std::fs::File;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use packstone_engine::derived::Model;
+use packstone_engine::export::Model;
 use packstone_engine::request::decode::{At, Faults, Object};
-use packstone_engine::{Limits, Packing, PackingRequest, Unattended, pack, slice, voxels};
+use packstone_engine::{
+    Limits, Packing, PackingRequest, Unattended,
+    export::{slice, voxels},
+    pack,
+};
 use serde_json::{Value, json};
 
 /// The mix of the README: DIN 1045-2 A16, grains above 2 mm.
@@ -19,7 +23,7 @@ fn a16(size_mm: f64, boundary: &str, volume_fraction: f64, distance_mm: f64) -> 
     let request = json!({
         "specimen": {"type": "box", "size_mm": [size_mm, size_mm, size_mm], "boundary": boundary},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": volume_fraction},
-        "distance": {"type": "constant", "mm": distance_mm},
+        "distance": {"type": "constant", "gap_mm": distance_mm},
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
@@ -49,11 +53,12 @@ fn timed<T>(run: impl Fn() -> T) -> (f64, T) {
 
 fn grid(
     model: &Model<'_>,
-    form: voxels::Form,
+    format: voxels::Format,
     options: &Value,
     out: &mut dyn std::io::Write,
 ) -> voxels::Report {
-    let options = read(options, |object| voxels::Options::read(form, object));
+    let options = with_format(options, format);
+    let options = read(&options, voxels::Options::read);
     voxels::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
 }
 
@@ -68,26 +73,26 @@ fn main() {
     println!("A16 in 150 mm: {} grains", packing.spheres.len());
 
     println!("\nform, options: time in s, bytes");
-    for (form, options) in [
-        (voxels::Form::Raw, json!({"cells": 400})),
-        (voxels::Form::Raw, json!({"cells": 400, "label": "grain"})),
-        (voxels::Form::Vti, json!({"cells": 400, "label": "grain", "fractions": true})),
-        (voxels::Form::Raw, json!({"cells": 1000})),
-        (voxels::Form::Inp, json!({"cells": 100})),
+    for (format, options) in [
+        (voxels::Format::Raw, json!({"cells": 400})),
+        (voxels::Format::Raw, json!({"cells": 400, "label": "grain"})),
+        (voxels::Format::Vti, json!({"cells": 400, "label": "grain", "fractions": true})),
+        (voxels::Format::Raw, json!({"cells": 1000})),
+        (voxels::Format::Inp, json!({"cells": 100})),
     ] {
         let (time, bytes) = timed(|| {
             let mut count = Count(0);
-            grid(&model, form, &options, &mut count);
+            grid(&model, format, &options, &mut count);
             count.0
         });
-        println!("{} {options}: {time:.2} s, {bytes}", form.name());
+        println!("{} {options}: {time:.2} s, {bytes}", format.name());
     }
     for options in [
-        json!({"form": "svg"}),
-        json!({"form": "png"}),
-        json!({"form": "png", "pixels": 8192}),
-        json!({"form": "json"}),
-        json!({"form": "geo"}),
+        json!({"format": "svg"}),
+        json!({"format": "png"}),
+        json!({"format": "png", "pixels": 8192}),
+        json!({"format": "json"}),
+        json!({"format": "geo"}),
     ] {
         let (time, bytes) = timed(|| {
             let mut count = Count(0);
@@ -104,7 +109,7 @@ fn main() {
     for cells in [25, 50, 100, 200, 400, 800] {
         let by = |samples: u32| {
             let options = json!({"cells": cells, "samples": samples});
-            grid(&model, voxels::Form::Raw, &options, &mut std::io::sink())
+            grid(&model, voxels::Format::Raw, &options, &mut std::io::sink())
         };
         let reports = [1, 2, 4, 8].map(by);
         let (exact, voxel_mm) = (reports[0].volume_fraction, reports[0].spacing_mm[0]);
@@ -134,21 +139,21 @@ fn main() {
         return;
     };
     let file = |name: &str| File::create(directory.join(name)).unwrap();
-    cut(&model, &json!({"form": "geo"}), &mut file("slice-150.geo"));
-    for form in slice::Form::ALL {
-        cut(&small, &json!({"form": form}), &mut file(&format!("slice.{}", form.name())));
+    cut(&model, &json!({"format": "geo"}), &mut file("slice-150.geo"));
+    for format in slice::Format::ALL {
+        cut(&small, &json!({"format": format}), &mut file(&format!("slice.{}", format.name())));
     }
     let options = json!({"cells": 120, "label": "grain"});
-    grid(&small, voxels::Form::Vti, &options, &mut file("voxels.vti"));
+    grid(&small, voxels::Format::Vti, &options, &mut file("voxels.vti"));
     let (request, packing) = a16(100.0, "periodic", 0.7, 0.0);
     let periodic = Model { specimen: &request.specimen, spheres: &packing.spheres };
-    let report = cut(&periodic, &json!({"form": "geo"}), &mut file("slice-periodic.geo"));
+    let report = cut(&periodic, &json!({"format": "geo"}), &mut file("slice-periodic.geo"));
     println!("\nslice-periodic.geo: {} circles", report.circle_count);
-    let report = cut(&model, &json!({"form": "svg"}), &mut file("slice-150.svg"));
+    let report = cut(&model, &json!({"format": "svg"}), &mut file("slice-150.svg"));
     for distance_mm in [0.1, 0.25, 0.5, 1.0] {
         let (request, packing) = a16(60.0, "walls", 0.5, distance_mm);
         let apart = Model { specimen: &request.specimen, spheres: &packing.spheres };
-        cut(&apart, &json!({"form": "geo"}), &mut file(&format!("slice-apart-{distance_mm}.geo")));
+        cut(&apart, &json!({"format": "geo"}), &mut file(&format!("slice-apart-{distance_mm}.geo")));
     }
     println!("slice-150.geo: {} circles", report.circle_count);
 }
@@ -160,7 +165,7 @@ const CELLS: usize = 60;
 fn shares(model: &Model<'_>, samples: u32) -> Vec<f64> {
     let mut bytes = Vec::new();
     let options = json!({"cells": CELLS, "fractions": true, "samples": samples});
-    grid(model, voxels::Form::Vti, &options, &mut bytes);
+    grid(model, voxels::Format::Vti, &options, &mut bytes);
     let end = bytes.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
     let array = &bytes[end - 4 * CELLS.pow(3)..end];
     array.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()).into()).collect()
@@ -169,7 +174,7 @@ fn shares(model: &Model<'_>, samples: u32) -> Vec<f64> {
 /// Shares by points: the labels of a finer grid.
 fn points(model: &Model<'_>, samples: usize) -> Vec<f64> {
     let mut fine = Vec::new();
-    grid(model, voxels::Form::Raw, &json!({"cells": CELLS * samples}), &mut fine);
+    grid(model, voxels::Format::Raw, &json!({"cells": CELLS * samples}), &mut fine);
     let mut shares = vec![0.0; CELLS.pow(3)];
     let n = CELLS * samples;
     for (at, label) in fine.iter().enumerate() {
@@ -198,4 +203,10 @@ impl std::io::Write for Count {
     fn flush(&mut self) -> std::io::Result<()> {
         Ok(())
     }
+}
+
+fn with_format(options: &Value, format: voxels::Format) -> Value {
+    let mut options = options.clone();
+    options["format"] = json!(format);
+    options
 }

@@ -262,7 +262,7 @@ mod tests {
         let value = json!({
             "specimen": {"type": "box", "size_mm": [80, 80, 80]},
             "mix": {"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.535},
-            "distance": {"type": "constant", "mm": 0.1},
+            "distance": {"type": "constant", "gap_mm": 0.1},
             "method": {"type": "edmd", "growth_rate": 0.3},
         });
         PackingRequest::from_json(&value, seed).unwrap()

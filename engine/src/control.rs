@@ -13,15 +13,15 @@ use crate::checkpoint::Checkpoint;
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// Drawing the diameters.
-    Take,
+    Sampling,
     /// Placing grains by random sequential addition.
     Rsa,
     /// Growing grains by event-driven molecular dynamics.
     Edmd,
     /// The independent check.
-    Verify,
+    Check,
     /// Making a model of the finished packing: a mesh, voxels, a lattice.
-    Derive,
+    Export,
     /// Writing the result. The engine never reports it; whoever stores the result does.
     Write,
 }

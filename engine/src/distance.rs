@@ -6,7 +6,7 @@ use crate::request::{Boundary, Distance, Specimen};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceRule {
     kind: Kind,
-    wall_mm: Option<f64>,
+    wall_gap_mm: Option<f64>,
     walls: bool,
 }
 
@@ -47,9 +47,9 @@ impl DistanceRule {
             Kind::Proportional(factor) => (1.0 + factor, 0.0, 0.0),
             Kind::SmallerDiameter(factor) => (1.0, 0.0, 2.0 * factor),
         };
-        let (wall_factor, wall_offset_mm) = match self.wall_mm {
+        let (wall_factor, wall_offset_mm) = match self.wall_gap_mm {
             // From the contact radius back to the true one, and on by the wall's own distance.
-            Some(wall_mm) => (1.0 / factor, wall_mm - offset_mm),
+            Some(wall_gap_mm) => (1.0 / factor, wall_gap_mm - offset_mm),
             None => (1.0 + smaller_share / 2.0, 0.0),
         };
         ContactParts { factor, offset_mm, smaller_share, wall_factor, wall_offset_mm }
@@ -57,15 +57,17 @@ impl DistanceRule {
 
     /// The rule of a request.
     pub fn new(distance: &Distance, specimen: &Specimen) -> Self {
-        let (kind, wall_mm) = match *distance {
+        let (kind, wall_gap_mm) = match *distance {
             // What is to be maximized is no distance before the grains have grown.
-            Distance::None { wall_mm } | Distance::Maximize { wall_mm } => (Kind::Constant(0.0), wall_mm),
-            Distance::Constant { mm, wall_mm } => (Kind::Constant(mm), wall_mm),
-            Distance::Proportional { factor, wall_mm } => (Kind::Proportional(factor), wall_mm),
-            Distance::SmallerDiameter { factor, wall_mm } => (Kind::SmallerDiameter(factor), wall_mm),
+            Distance::None { wall_gap_mm } | Distance::Maximize { wall_gap_mm } => {
+                (Kind::Constant(0.0), wall_gap_mm)
+            }
+            Distance::Constant { gap_mm: mm, wall_gap_mm } => (Kind::Constant(mm), wall_gap_mm),
+            Distance::Proportional { factor, wall_gap_mm } => (Kind::Proportional(factor), wall_gap_mm),
+            Distance::SmallerDiameter { factor, wall_gap_mm } => (Kind::SmallerDiameter(factor), wall_gap_mm),
         };
         let walls = !matches!(specimen, Specimen::Box { boundary: Boundary::Periodic, .. });
-        Self { kind, wall_mm, walls }
+        Self { kind, wall_gap_mm, walls }
     }
 
     /// The rule with all lengths scaled, as diameters are while they grow by a scale.
@@ -74,7 +76,7 @@ impl DistanceRule {
             Kind::Constant(mm) => Kind::Constant(scale * mm),
             other => other,
         };
-        Self { kind, wall_mm: self.wall_mm.map(|mm| scale * mm), walls: self.walls }
+        Self { kind, wall_gap_mm: self.wall_gap_mm.map(|mm| scale * mm), walls: self.walls }
     }
 
     /// Clear distance that grains of two diameters keep.
@@ -89,7 +91,7 @@ impl DistanceRule {
     /// Clear distance that a grain keeps from the walls: by default half of what it keeps from its
     /// own kind, which is what enlarging the grains for the placement amounts to.
     pub fn wall_gap_mm(&self, d: f64) -> f64 {
-        if self.walls { self.wall_mm.unwrap_or(self.gap_mm(d, d) / 2.0) } else { 0.0 }
+        if self.walls { self.wall_gap_mm.unwrap_or(self.gap_mm(d, d) / 2.0) } else { 0.0 }
     }
 
     /// The exclusion that a new grain of diameter `d`, no larger than any placed one, meets.

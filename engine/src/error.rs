@@ -33,7 +33,7 @@ pub enum PackError {
     },
     /// The method came to its end before the target. An answer, not a fault.
     #[error("{0}")]
-    NotReached(NotReached),
+    TargetNotReached(TargetNotReached),
     /// The independent check refused the packing: a defect of this program.
     #[error("the packing failed its check: {0}")]
     CheckFailed(String),
@@ -41,18 +41,18 @@ pub enum PackError {
 
 /// How far a method came that did not reach its target.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum NotReached {
+pub enum TargetNotReached {
     /// Random sequential addition found no place for a grain.
     #[error(transparent)]
-    NoPlace(NoPlace),
+    InsertionFailed(InsertionFailed),
     /// The grains did not grow to their size and distance.
     #[error(transparent)]
-    NotGrown(NotGrown),
+    GrowthStopped(GrowthStopped),
 }
 
 /// How far random sequential addition came.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub struct NoPlace {
+pub struct InsertionFailed {
     /// Grains placed.
     pub placed: u64,
     /// Grains of the mix.
@@ -64,19 +64,19 @@ pub struct NoPlace {
     /// Volume fraction asked for (`phi_eff`).
     pub volume_fraction_asked: f64,
     /// Whether it is proven that the grain has no place, rather than none found.
-    pub proven: bool,
+    pub saturation_proven: bool,
     /// Attempts spent on that grain.
     pub attempts: u64,
 }
 
-impl std::fmt::Display for NoPlace {
+impl std::fmt::Display for InsertionFailed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
             "placed {} of {} grains (volume fraction {:.4} of {:.4}): ",
             self.placed, self.grains, self.volume_fraction_reached, self.volume_fraction_asked
         )?;
-        if self.proven {
+        if self.saturation_proven {
             write!(f, "it is proven that no place is left for a grain of {:.4} mm", self.diameter_mm)
         } else {
             write!(
@@ -90,7 +90,7 @@ impl std::fmt::Display for NoPlace {
 
 /// How far growth came.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub struct NotGrown {
+pub struct GrowthStopped {
     /// Grains of the mix.
     pub grains: u64,
     /// Volume fraction of the grains at the size they reached (`phi_eff`).
@@ -111,7 +111,7 @@ pub struct NotGrown {
     pub end: EdmdEnd,
 }
 
-impl std::fmt::Display for NotGrown {
+impl std::fmt::Display for GrowthStopped {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn growth_that_ended_early_says_how_far_it_came_and_what_to_change() {
-        let not_grown = NotGrown {
+        let not_grown = GrowthStopped {
             grains: 9307,
             volume_fraction_reached: 0.6981,
             volume_fraction_asked: 0.7,
@@ -157,12 +157,12 @@ mod tests {
             end: EdmdEnd::Stalled,
         };
         assert_eq!(
-            NotReached::NotGrown(not_grown.clone()).to_string(),
+            TargetNotReached::GrowthStopped(not_grown.clone()).to_string(),
             "growth stopped at 0.9991 of the final diameters (volume fraction 0.6981 of 0.7000) after 12000000 events \
              and 2.500 s of simulated time: it stalled, for the grains jam before their target; lower the volume \
              fraction, or try another seed or a lower growth_rate"
         );
-        let limited = NotGrown {
+        let limited = GrowthStopped {
             distance_mm_reached: Some(0.92),
             distance_mm_asked: Some(1.0),
             end: EdmdEnd::TimeLimit,

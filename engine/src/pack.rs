@@ -4,19 +4,19 @@ use std::cell::Cell;
 use std::time::Instant;
 
 use crate::analysis::separation;
+use crate::check;
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::edmd::Edmd;
-use crate::error::{NoPlace, NotGrown, NotReached, PackError};
-use crate::mix::{GradedMix, sphere_volume, take::take};
+use crate::error::{GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::methods::edmd::Edmd;
+use crate::methods::rsa::{End, Rsa};
+use crate::mix::{GradedMix, sampling::sample, sphere_volume};
 use crate::packing::{GrowthPoint, Packing, Report, Spheres, Statistics, Summary, Timings};
-use crate::placement::Preference;
 use crate::plan::{Limits, Plan};
-use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Placement};
+use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
-use crate::rsa::{End, Rsa};
-use crate::verify;
+use crate::segregation::Preference;
 
 /// Share of a run's progress that placing takes; the rest is the check.
 const PLACING_SHARE: f64 = 0.95;
@@ -45,7 +45,7 @@ pub fn pack_or_resume(
     let start = Instant::now();
     let control: &dyn Control = &Share::new(control, 0.0, 1.0);
     control.report(&Progress {
-        phase: Phase::Take,
+        phase: Phase::Sampling,
         fraction: 0.0,
         done: 0,
         total: 0,
@@ -54,18 +54,18 @@ pub fn pack_or_resume(
         growth: None,
     });
     let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-    let mut take_rng = stream(request.seed, Stream::Take);
-    let Some(diameters) = take(&mix, &mut take_rng, &|| control.should_stop()) else {
+    let mut sampling_rng = stream(request.seed, Stream::Sampling);
+    let Some(diameters) = sample(&mix, &mut sampling_rng, &|| control.should_stop()) else {
         return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
     };
-    let take_s = start.elapsed().as_secs_f64();
+    let sampling_s = start.elapsed().as_secs_f64();
 
     let job = Job { request, mix: &mix, diameters: &diameters };
     let share = Share::new(control, 0.0, PLACING_SHARE);
     let placed = match route(request, &plan) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenEdmd if resume.is_none() => match job.place(None, &share) {
-            Err(PackError::NotReached(_)) => job.grow(EdmdOptions::default(), None, &share),
+            Err(PackError::TargetNotReached(_)) => job.grow(EdmdOptions::default(), None, &share),
             other => other,
         },
         Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, &share),
@@ -77,17 +77,17 @@ pub fn pack_or_resume(
     let spheres = columns(&placed.centers_mm, diameters);
     // What was found to be the largest distance is checked like one asked for.
     let mut checked = request.clone();
-    if let (Distance::Maximize { wall_mm }, Some(mm)) = (request.distance, placed.distance_mm) {
-        checked.distance = Distance::Constant { mm, wall_mm };
+    if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (request.distance, placed.distance_mm) {
+        checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
     }
     let checking = Instant::now();
     let share = Share::new(control, PLACING_SHARE, 1.0);
-    let check = verify::verify_controlled(&spheres, &checked, &share).map_err(|fault| match fault {
-        verify::Fault::Stopped => PackError::Stopped { placed: grains, grains },
+    let check = check::check_with(&spheres, &checked, &share).map_err(|fault| match fault {
+        check::Fault::Stopped => PackError::Stopped { placed: grains, grains },
         fault => PackError::CheckFailed(fault.to_string()),
     })?;
     control.report(&Progress {
-        phase: Phase::Verify,
+        phase: Phase::Check,
         fraction: 1.0,
         done: grains,
         total: grains,
@@ -98,28 +98,28 @@ pub fn pack_or_resume(
 
     let rule = DistanceRule::new(&checked.distance, &checked.specimen);
     let summary = summary(&spheres, &mix, &rule, check.classes);
-    let placement = match &request.placement {
-        Placement::Gradient { field, .. } => {
+    let segregation = match &request.segregation {
+        Segregation::Gradient { field, .. } => {
             Some(separation(&spheres, &request.specimen, &rule, *field, request.seed))
         }
-        Placement::Random {} => None,
+        Segregation::None {} => None,
     };
     Ok(Packing {
         spheres,
         report: Report {
             summary,
             timings_s: Timings {
-                take: take_s,
+                sampling: sampling_s,
                 rsa: placed.rsa_s,
                 edmd: placed.edmd_s,
-                verify: checking.elapsed().as_secs_f64(),
+                check: checking.elapsed().as_secs_f64(),
                 total: start.elapsed().as_secs_f64(),
             },
             statistics: placed.statistics,
-            verification: check.found,
+            check: check.found,
             distance_curve: placed.distance_curve,
             growth_curve: placed.growth_curve,
-            placement,
+            segregation,
         },
     })
 }
@@ -196,15 +196,17 @@ impl Job<'_> {
                 edmd_s: 0.0,
             }),
             End::Stopped => Err(self.stopped(placed)),
-            End::NoPlace { proven, attempts } => Err(PackError::NotReached(NotReached::NoPlace(NoPlace {
-                placed: placed as u64,
-                grains: self.diameters.len() as u64,
-                diameter_mm: self.diameters[placed],
-                volume_fraction_reached: self.volume_fraction(&self.diameters[..placed]),
-                volume_fraction_asked: self.volume_fraction(self.diameters),
-                proven,
-                attempts,
-            }))),
+            End::InsertionFailed { saturation_proven, attempts } => {
+                Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
+                    placed: placed as u64,
+                    grains: self.diameters.len() as u64,
+                    diameter_mm: self.diameters[placed],
+                    volume_fraction_reached: self.volume_fraction(&self.diameters[..placed]),
+                    volume_fraction_asked: self.volume_fraction(self.diameters),
+                    saturation_proven,
+                    attempts,
+                })))
+            }
         }
     }
 
@@ -222,13 +224,13 @@ impl Job<'_> {
         let statistics = outcome.statistics;
         let maximize = matches!(self.request.distance, Distance::Maximize { .. });
         if statistics.growth_scale < 1.0 {
-            return Err(PackError::NotReached(NotReached::NotGrown(NotGrown {
+            return Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(GrowthStopped {
                 grains: self.diameters.len() as u64,
                 volume_fraction_reached: outcome.volume_fraction,
                 volume_fraction_asked: self.volume_fraction(self.diameters),
                 distance_mm_reached: outcome.distance_mm,
                 distance_mm_asked: match self.request.distance {
-                    Distance::Constant { mm, .. } => Some(mm),
+                    Distance::Constant { gap_mm: mm, .. } => Some(mm),
                     _ => None,
                 },
                 scale_reached: statistics.growth_scale,

@@ -73,21 +73,22 @@ pub struct Report {
     /// What the algorithms counted.
     pub statistics: Statistics,
     /// What the independent check found.
-    pub verification: Verification,
+    #[serde(alias = "verification")]
+    pub check: CheckReport,
     /// Packing time in s and distance reached in mm, where the largest distance was asked for; else empty.
     pub distance_curve: Vec<[f64; 2]>,
     /// The growth of grains over the run; empty for methods that do not grow them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub growth_curve: Vec<GrowthPoint>,
     /// How far coarse and fine grains lie apart, where a gradient was asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub placement: Option<PlacementReport>,
+    #[serde(default, skip_serializing_if = "Option::is_none", alias = "placement")]
+    pub segregation: Option<SegregationReport>,
 }
 
 /// How far coarse and fine grains lie apart: along the field asked for, and across it as a control.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct PlacementReport {
+pub struct SegregationReport {
     /// Along the field, which rises to where the coarse grains were asked for.
     pub along: Separation,
     /// Along the axes that the field does not lie along.
@@ -193,14 +194,16 @@ pub struct ClassReport {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Timings {
     /// Drawing the diameters.
-    pub take: f64,
+    #[serde(alias = "take")]
+    pub sampling: f64,
     /// Random sequential addition.
     pub rsa: f64,
     /// Event-driven molecular dynamics; 0 where nothing was grown.
     #[serde(default)]
     pub edmd: f64,
     /// The independent check.
-    pub verify: f64,
+    #[serde(alias = "verify")]
+    pub check: f64,
     /// All of it.
     pub total: f64,
 }
@@ -254,10 +257,9 @@ pub struct EdmdStatistics {
     pub grain_collisions: u64,
     /// Collisions with a wall.
     pub wall_collisions: u64,
-    /// Always 0: there are no cells to cross, and list renewals take their part.
-    pub cell_crossings: u64,
     /// Lists of near neighbours made anew.
-    pub list_renewals: u64,
+    #[serde(alias = "list_renewals")]
+    pub list_rebuilds: u64,
     /// Pairs of grains whose next collision was computed.
     pub predictions: u64,
     /// Events dropped because a partner had changed its course.
@@ -269,9 +271,11 @@ pub struct EdmdStatistics {
     /// Times that all velocities were scaled back.
     pub velocity_rescalings: u64,
     /// Epochs: the moments at which the run may be interrupted.
-    pub epochs: u64,
+    #[serde(alias = "epochs")]
+    pub compression_cycles: u64,
     /// Grains that kept colliding on the spot and were moved.
-    pub stuck_grains: u64,
+    #[serde(alias = "stuck_grains")]
+    pub pinned_grains: u64,
     /// Times that the run went on from a checkpoint.
     pub resumes: u64,
     /// Predictions over events.
@@ -293,13 +297,16 @@ pub struct EdmdStatistics {
 /// What the independent check found. A packing that fails is never returned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct Verification {
+pub struct CheckReport {
     /// Smallest clear distance between two grains; `null` where there is one grain only.
-    pub min_clearance_mm: Option<f64>,
+    #[serde(alias = "min_clearance_mm")]
+    pub min_gap_mm: Option<f64>,
     /// Smallest clear distance from a grain to a wall; `null` in a periodic box.
-    pub min_wall_clearance_mm: Option<f64>,
+    #[serde(alias = "min_wall_clearance_mm")]
+    pub min_wall_gap_mm: Option<f64>,
     /// Smallest excess of a pair's clear distance over what its rule demands; never negative.
-    pub min_slack_mm: Option<f64>,
+    #[serde(alias = "min_slack_mm")]
+    pub min_excess_gap_mm: Option<f64>,
     /// Largest miss of a size class, as a share of the mass of all grains.
     pub max_class_mass_error: f64,
     /// Pairs whose distance was computed.

@@ -9,13 +9,13 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stream {
     /// Diameters.
-    Take,
+    Sampling,
     /// Places.
     Rsa,
     /// Velocities and exchanges of growing grains.
     Edmd,
     /// The chance that a gradient is compared with.
-    Placement,
+    Segregation,
 }
 
 /// The stream of a seed for one use.

@@ -3,7 +3,7 @@
 
 use std::cell::RefCell;
 
-use packstone_engine::packing::{PlacementReport, Separation};
+use packstone_engine::packing::{SegregationReport, Separation};
 use packstone_engine::{
     Checkpoint, Control, Limits, Packing, PackingRequest, Plan, Progress, Resume, Unattended, pack,
     pack_or_resume,
@@ -26,12 +26,12 @@ fn job(specimen: &Value, phi: f64, method: &Value) -> Value {
     json!({
         "specimen": specimen, "method": method,
         "mix": {"grading": {"type": "fuller", "d_max_mm": 12, "exponent": 0.5}, "d_min_mm": 2.5,
-                "volume_fraction": phi, "basis": "effective"},
+                "volume_fraction": phi, "volume_fraction_of": "placed_grains"},
     })
 }
 
 fn with_gradient(mut job: Value, field: &Value, strength: f64) -> Value {
-    job["placement"] = json!({"type": "gradient", "field": field, "strength": strength});
+    job["segregation"] = json!({"type": "gradient", "field": field, "strength": strength});
     job
 }
 
@@ -40,11 +40,11 @@ fn packed(job: &Value, seed: u64) -> Packing {
     pack(&request, &Limits::default(), &Unattended).unwrap()
 }
 
-fn placement(job: &Value, seed: u64) -> PlacementReport {
-    packed(job, seed).report.placement.unwrap()
+fn placement(job: &Value, seed: u64) -> SegregationReport {
+    packed(job, seed).report.segregation.unwrap()
 }
 
-fn controls(report: &PlacementReport) -> Vec<Separation> {
+fn controls(report: &SegregationReport) -> Vec<Separation> {
     let across = report.across;
     [across.x, across.y, across.z].into_iter().flatten().collect()
 }
@@ -112,19 +112,19 @@ fn no_strength_is_random_placing_bit_for_bit() {
         let random = job(&cube(), 0.35, &method);
         let (a, b) = (packed(&random, 1), packed(&with_gradient(random, &linear(), 0.0), 1));
         assert_eq!(a.spheres, b.spheres);
-        assert!(a.report.placement.is_none() && b.report.placement.is_some());
+        assert!(a.report.segregation.is_none() && b.report.segregation.is_some());
     }
 }
 
 const SEEDS: u64 = 50;
 
-fn reports(job: &Value) -> Vec<PlacementReport> {
+fn reports(job: &Value) -> Vec<SegregationReport> {
     (0..SEEDS).map(|seed| placement(job, seed)).collect()
 }
 
 /// Largest excess of the share of p values below one over it, and the other way round, in units in which 1.86
 /// has probability 1e-3 (Kolmogorov and Smirnov, one-sided).
-fn gaps(reports: &[PlacementReport]) -> (f64, f64) {
+fn gaps(reports: &[SegregationReport]) -> (f64, f64) {
     let mut p: Vec<f64> = reports.iter().map(|report| report.along.p_value).collect();
     p.sort_by(f64::total_cmp);
     let n = p.len() as f64;
@@ -163,7 +163,7 @@ fn a_gradient_leaves_the_diameters_alone_and_is_reproducible() {
     let gradient = with_gradient(random.clone(), &linear(), 10.0);
     let (first, again) = (packed(&gradient, 7), packed(&gradient, 7));
     assert_eq!(first.spheres, again.spheres);
-    assert_eq!(first.report.placement, again.report.placement);
+    assert_eq!(first.report.segregation, again.report.segregation);
     let random = packed(&random, 7);
     assert_eq!(first.spheres.d_mm, random.spheres.d_mm);
     assert_ne!(first.spheres.z_mm, random.spheres.z_mm);
@@ -198,7 +198,7 @@ fn a_run_that_was_interrupted_ends_as_it_would_have() {
     let resume = Resume::read_from(&mut &kept[kept.len() / 2][..], &request).unwrap();
     let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
     assert_eq!(resumed.spheres, whole.spheres);
-    assert_eq!(resumed.report.placement, whole.report.placement);
+    assert_eq!(resumed.report.segregation, whole.report.segregation);
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn the_plan_says_that_it_does_not_know_gradients() {
 #[test]
 fn even_one_grain_has_a_report() {
     let value = json!({
-        "specimen": cube(), "mix": {"grading": {"type": "diameters", "mm": [10.0]}}, "method": {"type": "rsa"},
+        "specimen": cube(), "mix": {"grading": {"type": "diameters", "diameters_mm": [10.0]}}, "method": {"type": "rsa"},
     });
     let found = placement(&with_gradient(value, &linear(), 100.0), 1);
     assert_eq!((found.along.difference, found.along.p_value), (0.0, 1.0));

@@ -6,8 +6,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
-use packstone_engine::derived::Model;
-use packstone_engine::ldpm::{self, BoundaryNodes, Options};
+use packstone_engine::export::Model;
+use packstone_engine::export::ldpm::{self, BoundaryNodes, Options};
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
 
@@ -38,13 +38,13 @@ fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &Options)
     let directory = tempfile::tempdir().unwrap();
     let mut volume_mm3 = 0.0;
     for (file, name) in [
-        (ldpm::File::Chrono, "chrono.zip"),
-        (ldpm::File::Tets, "tets.vtu"),
-        (ldpm::File::Facets, "facets.vtu"),
-        (ldpm::File::Cells, "cells.vtu"),
+        (ldpm::Format::Chrono, "chrono.zip"),
+        (ldpm::Format::Tets, "tets.vtu"),
+        (ldpm::Format::Facets, "facets.vtu"),
+        (ldpm::Format::Cells, "cells.vtu"),
     ] {
         let mut out = File::create(directory.path().join(name)).unwrap();
-        let options = Options { file, ..options.clone() };
+        let options = Options { format: file, ..options.clone() };
         volume_mm3 =
             ldpm::write(&model, &options, &Limits::default(), &Unattended, &mut out).unwrap().volume_mm3;
     }
@@ -67,7 +67,7 @@ fn vtk_meshio_and_the_rules_of_chrono_find_one_lattice() {
     read(
         &python,
         &cube,
-        &json!({"type": "constant", "mm": 0.3, "wall_mm": 1.65}),
+        &json!({"type": "constant", "gap_mm": 0.3, "wall_gap_mm": 1.65}),
         &Options { spacing: 1.3, ..Options::default() },
     );
     // Grains that touch walls, inverted pieces, radii of zero on a surface that is no plane.

@@ -6,8 +6,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine::derived::Model;
-use packstone_engine::mesh::{geo, msh, stl};
+use packstone_engine::export::Model;
+use packstone_engine::export::mesh::{geo, msh, stl};
 use packstone_engine::request::Specimen;
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
@@ -71,16 +71,16 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
     let directory = tempfile::tempdir().unwrap();
     let grains = json!({"type": "classes", "classes": [{"d_min_mm": 4, "d_max_mm": 10, "mass_fraction": 1}]});
     let cube = json!({"seed": 1, "specimen": {"type": "box", "size_mm": [24, 20, 18]},
-                      "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "mm": 0.3}});
+                      "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.3}});
     let core = json!({"seed": 2, "specimen": {"type": "cylinder", "diameter_mm": 20, "height_mm": 24},
-                      "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "mm": 0.5}});
+                      "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.5}});
     write(
         &directory.path().join("box"),
         &cube,
         &msh::Options { segments: 10, max_segments: 40, ..msh::Options::default() },
     );
     let corrected = msh::Options {
-        volume_correction: packstone_engine::mesh::VolumeCorrection::Scaled,
+        volume_correction: packstone_engine::export::mesh::VolumeCorrection::Scaled,
         ..msh::Options::default()
     };
     write(&directory.path().join("cylinder"), &core, &corrected);

@@ -4,7 +4,7 @@
 
 use packstone_engine::packing::EdmdEnd;
 use packstone_engine::{
-    Control, Limits, NotReached, PackError, PackingRequest, Phase, Progress, Unattended, pack, verify,
+    Control, Limits, PackError, PackingRequest, Phase, Progress, TargetNotReached, Unattended, check, pack,
 };
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -37,9 +37,9 @@ fn grading() -> impl Strategy<Value = Value> {
 fn distance() -> impl Strategy<Value = Value> {
     prop_oneof![
         Just(json!({"type": "none"})),
-        (0.0..1.5_f64).prop_map(|mm| json!({"type": "constant", "mm": mm})),
+        (0.0..1.5_f64).prop_map(|mm| json!({"type": "constant", "gap_mm": mm})),
         (0.0..0.3_f64, 0.0..1.0_f64)
-            .prop_map(|(f, w)| json!({"type": "proportional", "factor": f, "wall_mm": w})),
+            .prop_map(|(f, w)| json!({"type": "proportional", "factor": f, "wall_gap_mm": w})),
         (0.0..0.4_f64).prop_map(|f| json!({"type": "smaller_diameter", "factor": f})),
     ]
 }
@@ -64,21 +64,21 @@ proptest! {
         let grows = method["type"] == "edmd";
         let value = json!({
             "specimen": specimen, "distance": distance, "method": method,
-            "mix": {"grading": grading, "d_min_mm": 2.0, "volume_fraction": fraction, "basis": "effective"},
+            "mix": {"grading": grading, "d_min_mm": 2.0, "volume_fraction": fraction, "volume_fraction_of": "placed_grains"},
         });
         let request = request(&value, seed);
         match pack(&request, &Limits::default(), &Unattended) {
             Ok(packing) => {
-                prop_assert!(packing.report.verification.min_slack_mm.is_none_or(|slack| slack >= 0.0));
-                prop_assert!(verify::verify(&packing.spheres, &request).is_ok());
+                prop_assert!(packing.report.check.min_excess_gap_mm.is_none_or(|slack| slack >= 0.0));
+                prop_assert!(check::check(&packing.spheres, &request).is_ok());
             }
-            Err(PackError::NotReached(NotReached::NoPlace(short))) => {
+            Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(short))) => {
                 prop_assert!(short.placed < short.grains);
-                prop_assert!(short.proven || (limited && short.attempts == 3000), "{:?}", short);
+                prop_assert!(short.saturation_proven || (limited && short.attempts == 3000), "{:?}", short);
                 prop_assert!(!limited || short.attempts <= 3000, "{:?}", short);
                 prop_assert!(short.volume_fraction_reached < short.volume_fraction_asked);
             }
-            Err(PackError::NotReached(NotReached::NotGrown(short))) => {
+            Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(short))) => {
                 prop_assert!(grows, "{}", short);
                 prop_assert!(short.scale_reached > 0.0 && short.scale_reached < 1.0, "{:?}", short);
                 prop_assert!(short.volume_fraction_reached < short.volume_fraction_asked, "{:?}", short);
@@ -109,7 +109,7 @@ fn the_same_seed_gives_the_same_packing_and_another_does_not() {
 fn the_stream_behind_a_seed_is_pinned() {
     let value = json!({
         "specimen": {"type": "box", "size_mm": [50, 50, 50]},
-        "mix": {"grading": {"type": "diameters", "mm": [10.0, 5.0]}},
+        "mix": {"grading": {"type": "diameters", "diameters_mm": [10.0, 5.0]}},
     });
     let packing = pack(&request(&value, 1), &Limits::default(), &Unattended).unwrap();
     assert_eq!(
@@ -138,7 +138,7 @@ fn a_run_can_be_stopped_in_every_phase() {
         "specimen": {"type": "box", "size_mm": [100, 100, 100]},
         "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
     });
-    for phase in [Phase::Take, Phase::Rsa, Phase::Verify] {
+    for phase in [Phase::Sampling, Phase::Rsa, Phase::Check] {
         let control = StopIn(phase, std::cell::Cell::new(false));
         let ended =
             pack(&request(&value, 1), &Limits::default(), &control).map(|packing| packing.spheres.len());

@@ -6,9 +6,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine::derived::Model;
+use packstone_engine::export::Model;
 use packstone_engine::request::decode::{At, Faults, Object};
-use packstone_engine::{Limits, PackingRequest, Unattended, pack, slice, voxels};
+use packstone_engine::{
+    Limits, PackingRequest, Unattended,
+    export::{slice, voxels},
+    pack,
+};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -48,34 +52,38 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
     let request = json!({
         "specimen": specimen,
         "mix": {"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "volume_fraction": 0.5},
-        "distance": {"type": "constant", "mm": 0.2},
+        "distance": {"type": "constant", "gap_mm": 0.2},
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
     let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
     let volume = json!({"specimen_volume_mm3": request.specimen.volume_mm3()});
     let grids = [
-        ("voxels", voxels::Form::Vti, json!({"cells": 41, "label": "grain", "fractions": true})),
-        ("voxels", voxels::Form::Raw, json!({"cells": 41, "label": "grain"})),
-        ("coarse", voxels::Form::Raw, json!({"voxel_mm": 1.3})),
-        ("voxels", voxels::Form::Inp, json!({"voxel_mm": 1.3})),
+        ("voxels", voxels::Format::Vti, json!({"cells": 41, "label": "grain", "fractions": true})),
+        ("voxels", voxels::Format::Raw, json!({"cells": 41, "label": "grain"})),
+        ("coarse", voxels::Format::Raw, json!({"voxel_mm": 1.3})),
+        ("voxels", voxels::Format::Inp, json!({"voxel_mm": 1.3})),
     ];
-    for (name, form, options) in grids {
-        let options = read(&options, |object| voxels::Options::read(form, object));
+    for (name, format, options) in grids {
+        let options = {
+            let mut options = options.clone();
+            options["format"] = json!(format);
+            read(&options, voxels::Options::read)
+        };
         let mut bytes = Vec::new();
         let report = voxels::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
-        keep(directory, &format!("{name}.{}", form.name()), &bytes, &report, &volume);
+        keep(directory, &format!("{name}.{}", format.name()), &bytes, &report, &volume);
     }
     for axis in ["x", "y", "z"] {
-        for form in slice::Form::ALL {
-            let mut options = json!({"form": form, "axis": axis, "at_mm": at});
-            if form == slice::Form::Png {
+        for format in slice::Format::ALL {
+            let mut options = json!({"format": format, "axis": axis, "at_mm": at});
+            if format == slice::Format::Png {
                 options["pixels"] = json!(400);
             }
             let options = read(&options, slice::Options::read);
             let mut bytes = Vec::new();
             let report = slice::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
-            keep(directory, &format!("slice-{axis}.{}", form.name()), &bytes, &report, &json!({}));
+            keep(directory, &format!("slice-{axis}.{}", format.name()), &bytes, &report, &json!({}));
         }
     }
 }

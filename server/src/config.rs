@@ -32,11 +32,11 @@ pub(crate) struct ServeOptions {
     /// Models of results (meshes, voxels, lattices) that are made at once, beside the jobs; cuts, which take a moment,
     /// have one more
     #[arg(long, env = "PACKSTONE_DERIVERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
-    pub(crate) derivers: u16,
+    pub(crate) export_workers: u16,
     /// Most bytes of models that were made for a download only; beyond, those used longest ago go, and are made again
     /// when they are asked for
     #[arg(long, env = "PACKSTONE_DERIVED_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
-    pub(crate) derived_cache_bytes: u64,
+    pub(crate) export_cache_bytes: u64,
     /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
@@ -88,7 +88,7 @@ impl ServeOptions {
     pub(crate) fn limits(&self) -> Limits {
         let max_memory_bytes = match self.max_memory_mib {
             Some(mib) => mib.saturating_mul(1 << 20),
-            None => default_memory_bytes(self.workers() + usize::from(self.derivers)),
+            None => default_memory_bytes(self.workers() + usize::from(self.export_workers)),
         };
         let max_model_bytes = self.max_model_mib.map_or(max_memory_bytes, |mib| mib.saturating_mul(1 << 20));
         Limits { max_grains: self.max_grains, max_memory_bytes, max_model_bytes }

@@ -34,7 +34,7 @@ ids! {
     /// Name of a study.
     StudyId
     /// Name of something made of a result.
-    DerivedId
+    ExportId
 }
 
 #[cfg(test)]

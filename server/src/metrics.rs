@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::derived::DerivedState;
+use crate::exports::ExportState;
 use crate::jobs::State;
 
 /// Upper bounds of the classes of a request's time, in s.
@@ -24,7 +24,7 @@ pub(crate) struct Metrics {
     studies_submitted: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
-    derivations: Mutex<BTreeMap<(&'static str, &'static str), Histogram>>,
+    exports: Mutex<BTreeMap<(&'static str, &'static str), Histogram>>,
     requests: Mutex<BTreeMap<(String, String), Requests>>,
 }
 
@@ -67,8 +67,8 @@ impl Histogram {
 pub(crate) struct Gauges {
     pub(crate) jobs: BTreeMap<State, u64>,
     pub(crate) open_studies: u64,
-    pub(crate) derived: BTreeMap<DerivedState, u64>,
-    pub(crate) derived_cache_bytes: u64,
+    pub(crate) export: BTreeMap<ExportState, u64>,
+    pub(crate) export_cache_bytes: u64,
     pub(crate) workers: usize,
     pub(crate) connections: usize,
     pub(crate) results_being_sent: usize,
@@ -93,9 +93,9 @@ impl Metrics {
     }
 
     /// Making something of a result ended after some time.
-    pub(crate) fn derivation_ended(&self, kind: &'static str, outcome: &'static str, took: Duration) {
-        let mut derivations = self.derivations.lock().unwrap_or_else(PoisonError::into_inner);
-        derivations.entry((kind, outcome)).or_default().record(JOB_BOUNDS_S, took);
+    pub(crate) fn export_ended(&self, kind: &'static str, outcome: &'static str, took: Duration) {
+        let mut exports = self.exports.lock().unwrap_or_else(PoisonError::into_inner);
+        exports.entry((kind, outcome)).or_default().record(JOB_BOUNDS_S, took);
     }
 
     /// A request was answered: its head was ready after some time. `route` is a pattern, never a
@@ -116,12 +116,12 @@ impl Metrics {
         }
         out.head("packstone_studies_open", "gauge", "Studies with jobs left to run.");
         out.line("packstone_studies_open", "", gauges.open_studies);
-        out.head("packstone_derived", "gauge", "Models of results in the store by state.");
-        for (state, derived) in &gauges.derived {
-            out.line("packstone_derived", &format!("state=\"{}\"", state.name()), derived);
+        out.head("packstone_exports", "gauge", "Models of results in the store by state.");
+        for (state, export) in &gauges.export {
+            out.line("packstone_exports", &format!("state=\"{}\"", state.name()), export);
         }
-        out.head("packstone_derived_cache_bytes", "gauge", "Bytes of models that nobody asked to be kept.");
-        out.line("packstone_derived_cache_bytes", "", gauges.derived_cache_bytes);
+        out.head("packstone_export_cache_bytes", "gauge", "Bytes of models that nobody asked to be kept.");
+        out.line("packstone_export_cache_bytes", "", gauges.export_cache_bytes);
         out.head("packstone_workers", "gauge", "Jobs that may run at once.");
         out.line("packstone_workers", "", gauges.workers);
         out.head("packstone_http_connections", "gauge", "Open connections.");
@@ -137,10 +137,9 @@ impl Metrics {
             let labels = format!("outcome=\"{outcome}\"");
             times.render(&mut out, "packstone_job_duration_seconds", &labels, JOB_BOUNDS_S);
         }
-        let name = "packstone_derivation_duration_seconds";
+        let name = "packstone_export_duration_seconds";
         out.head(name, "histogram", "Time of making models of results, by type and outcome.");
-        for ((kind, outcome), times) in self.derivations.lock().unwrap_or_else(PoisonError::into_inner).iter()
-        {
+        for ((kind, outcome), times) in self.exports.lock().unwrap_or_else(PoisonError::into_inner).iter() {
             let labels = format!("type=\"{kind}\",outcome=\"{outcome}\"");
             times.render(&mut out, name, &labels, JOB_BOUNDS_S);
         }
@@ -191,7 +190,7 @@ mod tests {
         metrics.study_submitted(100);
         metrics.job_ended("succeeded", Duration::from_millis(300));
         metrics.job_ended("succeeded", Duration::from_secs(3));
-        metrics.derivation_ended("slice", "succeeded", Duration::from_millis(300));
+        metrics.export_ended("slice", "succeeded", Duration::from_millis(300));
         metrics.request_answered("GET", "/v1/jobs/{id}", 200, Duration::from_millis(2));
         let text = metrics.render(&Gauges { workers: 2, ..Gauges::default() });
         for line in [
@@ -204,7 +203,7 @@ mod tests {
             "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"5\"} 2",
             "packstone_job_duration_seconds_bucket{outcome=\"succeeded\",le=\"+Inf\"} 2",
             "packstone_job_duration_seconds_count{outcome=\"succeeded\"} 2",
-            "packstone_derivation_duration_seconds_bucket{type=\"slice\",outcome=\"succeeded\",le=\"0.5\"} 1",
+            "packstone_export_duration_seconds_bucket{type=\"slice\",outcome=\"succeeded\",le=\"0.5\"} 1",
             "packstone_http_requests_total{method=\"GET\",route=\"/v1/jobs/{id}\",status=\"200\"} 1",
         ] {
             assert!(text.lines().any(|l| l == line), "{line} is missing in:\n{text}");

@@ -82,9 +82,9 @@ mod tests {
     fn what_was_done_before_is_no_part_of_the_pace() {
         let mut pace = Pace::default();
         pace.resumed();
-        assert_eq!(after(&mut pace, Phase::Take, 0.0), (0.0, None));
+        assert_eq!(after(&mut pace, Phase::Sampling, 0.0), (0.0, None));
         assert_eq!(after(&mut pace, Phase::Edmd, 0.6), (0.6, None));
         assert_eq!(after(&mut pace, Phase::Edmd, 0.8), (0.8, Some(10.0)));
-        assert_eq!(after(&mut pace, Phase::Verify, 1.0), (1.0, Some(0.0)));
+        assert_eq!(after(&mut pace, Phase::Check, 1.0), (1.0, Some(0.0)));
     }
 }

@@ -4,8 +4,8 @@
 //! means. Jobs keep the problem that ended them in the same form. How a problem becomes a response
 //! is [`crate::api`]'s business; nothing here knows HTTP beyond status codes.
 
-use packstone_engine::derived::DerivedError;
-use packstone_engine::{FieldError, NotReached, PackError, PlanError};
+use packstone_engine::export::ExportError;
+use packstone_engine::{FieldError, PackError, PlanError, TargetNotReached};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
@@ -57,7 +57,7 @@ kinds! {
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."
     NotFound "not-found" 404 "Not found"
-        "There is no such route, job, study or derived model; what has expired is gone too."
+        "There is no such route, job, study or export model; what has expired is gone too."
     ResultNotReady "result-not-ready" 404 "No result yet"
         "The job, or what is made of its result, has not finished. Wait for its end with `Prefer: wait=N`, or the job's events."
     MethodNotAllowed "method-not-allowed" 405 "Method not allowed"
@@ -67,11 +67,11 @@ kinds! {
     RequestTimeout "request-timeout" 408 "The request took too long"
         "The body arrived with too long a pause, or too slowly. Send it again without pauses."
     Conflict "conflict" 409 "The state of the job or study forbids it"
-        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled job can be retried, and a job keeps a bounded number of derived models."
+        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled job can be retried, and a job keeps a bounded number of export models."
     JobFailed "job-failed" 409 "The job has no result"
         "The job failed or was cancelled, so that there never will be a result; `job_error` says why. Retry it, or submit another."
-    DerivationFailed "derivation-failed" 409 "The model could not be made"
-        "What was to be made of the result could not be, so that there is no file; `derived_error` says why. Delete it, or ask for it with other options."
+    ExportFailed "export-failed" 409 "The model could not be made"
+        "What was to be made of the result could not be, so that there is no file; `export_error` says why. Delete it, or ask for it with other options."
     PayloadTooLarge "payload-too-large" 413 "The body is too large"
         "The body is longer than this server reads; `/v1/capabilities` tells the limit."
     UnsupportedMediaType "unsupported-media-type" 415 "Unsupported media type"
@@ -85,19 +85,19 @@ kinds! {
     Busy "busy" 503 "Busy"
         "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
     FormatNotReady "format-not-ready" 404 "The format is being made"
-        "What was asked for takes longer to make than an answer is held back; it goes on being made. Ask again after `Retry-After`, or ask for it at `/v1/jobs/{id}/derived`, where its progress can be followed."
+        "What was asked for takes longer to make than an answer is held back; it goes on being made. Ask again after `Retry-After`, or ask for it at `/v1/jobs/{id}/exports`, where its progress can be followed."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     InternalError "internal-error" 500 "Internal error"
         "A fault of this server, recorded in its log under the request's or the job's id."
-    PackingNotReached "packing-not-reached" 422 "The packing was not reached"
+    TargetNotReached "target-not-reached" 422 "The packing was not reached"
         "The end of a job: the method came to its end before all grains were placed, or had grown to their size and distance. The document tells how far it came. Another seed, a lower volume fraction or another method may succeed."
     TimedOut "timed-out" 422 "The job timed out"
         "The end of a job: it ran longer than its `timeout_s`."
     AttemptsExhausted "attempts-exhausted" 500 "Too many attempts"
-        "The end of a job, or of a derived model: the server stopped while it ran as often as its `max_attempts` allows (three times, of a model). It may be what makes the server stop, by its memory for example."
+        "The end of a job, or of a export model: the server stopped while it ran as often as its `max_attempts` allows (three times, of a model). It may be what makes the server stop, by its memory for example."
     CheckFailed "check-failed" 500 "The packing or the model failed its check"
-        "The end of a job, or of a derived model: its independent check refused the packing, or the model. A defect of this program; please report it with the request."
+        "The end of a job, or of a export model: its independent check refused the packing, or the model. A defect of this program; please report it with the request."
 }
 
 impl Kind {
@@ -200,10 +200,10 @@ impl Problem {
         Self::new(Kind::NotFound, format!("there is no study {shown:?}"))
     }
 
-    /// There is nothing derived of that name.
-    pub(crate) fn no_derived(id: &str) -> Self {
+    /// There is nothing export of that name.
+    pub(crate) fn no_export(id: &str) -> Self {
         let shown: String = id.chars().take(64).collect();
-        Self::new(Kind::NotFound, format!("the job has nothing derived that is named {shown:?}"))
+        Self::new(Kind::NotFound, format!("the job has nothing export that is named {shown:?}"))
     }
 
     /// Faulty fields of the body.
@@ -327,8 +327,8 @@ impl From<PackError> for Problem {
         let detail = error.to_string();
         match error {
             PackError::Plan(plan) => plan.into(),
-            PackError::NotReached(NotReached::NotGrown(reached)) => {
-                Self::new(Kind::PackingNotReached, detail)
+            PackError::TargetNotReached(TargetNotReached::GrowthStopped(reached)) => {
+                Self::new(Kind::TargetNotReached, detail)
                     .with("grains", reached.grains.into())
                     .with("volume_fraction_reached", reached.volume_fraction_reached.into())
                     .with("volume_fraction_asked", reached.volume_fraction_asked.into())
@@ -339,32 +339,34 @@ impl From<PackError> for Problem {
                     .with("simulated_time_s", reached.simulated_time_s.into())
                     .with("end", json!(reached.end))
             }
-            PackError::NotReached(NotReached::NoPlace(reached)) => Self::new(Kind::PackingNotReached, detail)
-                .with("placed", reached.placed.into())
-                .with("grains", reached.grains.into())
-                .with("diameter_mm", reached.diameter_mm.into())
-                .with("volume_fraction_reached", reached.volume_fraction_reached.into())
-                .with("volume_fraction_asked", reached.volume_fraction_asked.into())
-                .with("proven", reached.proven.into())
-                .with("attempts", reached.attempts.into()),
+            PackError::TargetNotReached(TargetNotReached::InsertionFailed(reached)) => {
+                Self::new(Kind::TargetNotReached, detail)
+                    .with("placed", reached.placed.into())
+                    .with("grains", reached.grains.into())
+                    .with("diameter_mm", reached.diameter_mm.into())
+                    .with("volume_fraction_reached", reached.volume_fraction_reached.into())
+                    .with("volume_fraction_asked", reached.volume_fraction_asked.into())
+                    .with("saturation_proven", reached.saturation_proven.into())
+                    .with("attempts", reached.attempts.into())
+            }
             PackError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
             PackError::Stopped { .. } => Self::new(Kind::InternalError, detail),
         }
     }
 }
 
-/// A model that was not made of a packing, as it is kept. [`DerivedError::Stopped`] is not an end of its own either,
+/// A model that was not made of a packing, as it is kept. [`ExportError::Stopped`] is not an end of its own either,
 /// and what could not be written is this server's matter: the log has it.
-impl From<DerivedError> for Problem {
-    fn from(error: DerivedError) -> Self {
+impl From<ExportError> for Problem {
+    fn from(error: ExportError) -> Self {
         let detail = error.to_string();
         match error {
-            DerivedError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
-            DerivedError::Unavailable(_) => Self::new(Kind::FormatNotAvailable, detail),
-            DerivedError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
-            DerivedError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
-            DerivedError::Stopped => Self::new(Kind::InternalError, detail),
-            DerivedError::Write(error) => {
+            ExportError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
+            ExportError::Unavailable(_) => Self::new(Kind::FormatNotAvailable, detail),
+            ExportError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
+            ExportError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
+            ExportError::Stopped => Self::new(Kind::InternalError, detail),
+            ExportError::Write(error) => {
                 Self::new(Kind::InternalError, format!("it could not be written: {}", error.kind()))
             }
         }

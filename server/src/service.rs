@@ -19,7 +19,7 @@ use crate::api::{self, App};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
-use crate::derived::deriver::Deriver;
+use crate::exports::worker::ExportWorker;
 use crate::http_server;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::{Store, StoreError, StoreLimits};
@@ -96,7 +96,7 @@ impl Service {
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
-        let recovered = store.recover_derived().await?;
+        let recovered = store.recover_exports().await?;
         if recovered > 0 {
             tracing::info!(recovered, "models that were being made were taken back");
         }
@@ -139,7 +139,7 @@ impl Service {
     }
 }
 
-/// Runs the workers, the derivers and the sweeper to their end. The first sweep comes before the first job: what
+/// Runs the workers, the export_workers and the sweeper to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions) {
     if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints).await {
@@ -153,18 +153,18 @@ async fn work(runner: Runner, options: ServeOptions) {
         options.sweep_interval(),
         runner.shutdown.clone(),
     ));
-    let deriver = Deriver {
+    let export_worker = ExportWorker {
         store: runner.store.clone(),
         artifacts: runner.artifacts.clone(),
         limits: runner.limits,
         metrics: Arc::clone(&runner.metrics),
         shutdown: runner.shutdown.clone(),
-        cache_bytes: options.derived_cache_bytes,
+        cache_bytes: options.export_cache_bytes,
     };
-    for _ in 0..options.derivers {
-        tasks.spawn(deriver.clone().work(false));
+    for _ in 0..options.export_workers {
+        tasks.spawn(export_worker.clone().work(false));
     }
-    tasks.spawn(deriver.work(true));
+    tasks.spawn(export_worker.work(true));
     for _ in 0..options.workers() {
         tasks.spawn(runner.clone().work());
     }

@@ -8,7 +8,7 @@ pub(crate) fn quick(seed: u64) -> Value {
         "seed": seed,
         "specimen": {"type": "box", "size_mm": [40, 40, 40], "boundary": "walls"},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": 0.40},
-        "distance": {"type": "constant", "mm": 0.2}
+        "distance": {"type": "constant", "gap_mm": 0.2}
     })
 }
 
@@ -34,7 +34,7 @@ pub(crate) fn endless() -> Value {
     with(job, "/method", json!({"type": "rsa"}))
 }
 
-/// Ends soon as `packing-not-reached`, for the reason that [`endless`] takes so long.
+/// Ends soon as `target-not-reached`, for the reason that [`endless`] takes so long.
 pub(crate) fn unreachable() -> Value {
     with(equal_spheres_at(0.5, 5000, 1), "/method", json!({"type": "rsa", "attempts_per_grain": 1000}))
 }
@@ -45,7 +45,7 @@ pub(crate) fn quick_growth(seed: u64) -> Value {
         "seed": seed,
         "specimen": {"type": "box", "size_mm": [40, 40, 40]},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4.0, "volume_fraction": 0.50},
-        "distance": {"type": "constant", "mm": 0.5},
+        "distance": {"type": "constant", "gap_mm": 0.5},
         "method": {"type": "edmd"}
     })
 }
@@ -57,9 +57,9 @@ pub(crate) fn growth() -> Value {
         "specimen": {"type": "box", "size_mm": [80, 80, 80], "boundary": "walls"},
         "mix": {
             "grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0,
-            "volume_fraction": 0.535, "basis": "mixture"
+            "volume_fraction": 0.535, "volume_fraction_of": "all_aggregate"
         },
-        "distance": {"type": "constant", "mm": 1.0},
+        "distance": {"type": "constant", "gap_mm": 1.0},
         "method": {"type": "edmd"}
     })
 }

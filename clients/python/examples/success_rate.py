@@ -24,7 +24,7 @@ client = packstone.Client()
 job = {
     "specimen": {"type": "box", "size_mm": [50, 50, 50]},
     "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 4, "volume_fraction": 0.6},
-    "distance": {"type": "constant", "mm": 0.5},
+    "distance": {"type": "constant", "gap_mm": 0.5},
     "method": {"type": "rsa"},
 }
 PHI, METHOD = "/mix/volume_fraction", "/method"

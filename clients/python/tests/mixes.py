@@ -14,7 +14,7 @@ def quick(seed: int = 1) -> Json:
         "seed": seed,
         "specimen": {"type": "box", "size_mm": [40, 40, 40]},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.3},
-        "distance": {"type": "constant", "mm": 0.2},
+        "distance": {"type": "constant", "gap_mm": 0.2},
     }
 
 
@@ -31,7 +31,7 @@ def endless() -> Json:
 
 
 def unreachable() -> Json:
-    """Ends soon as `packing-not-reached`: equal spheres added at random jam near 0.384."""
+    """Ends soon as `target-not-reached`: equal spheres added at random jam near 0.384."""
     return {
         "seed": 1,
         "specimen": {"type": "box", "size_mm": [(1000 * pi / 6 / 0.5) ** (1 / 3)] * 3, "boundary": "periodic"},

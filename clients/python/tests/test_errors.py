@@ -41,7 +41,7 @@ def test_faults_of_a_query_name_the_parameter(client: packstone.Client) -> None:
 
 def test_a_mix_that_cannot_fit_is_refused_by_a_dry_run(client: packstone.Client) -> None:
     job = mixes.quick()
-    job["mix"] |= {"volume_fraction": 0.99, "basis": "effective"}
+    job["mix"] |= {"volume_fraction": 0.99, "volume_fraction_of": "placed_grains"}
     with pytest.raises(packstone.PackstoneError) as refused:
         client.dry_run(job)
     assert refused.value.kind == "infeasible-mix"
@@ -52,7 +52,7 @@ def test_a_packing_that_is_not_reached_tells_how_far_it_came(client: packstone.C
     with pytest.raises(packstone.PackingNotReached, match="The packing was not reached") as ended:
         job.result()
     error = ended.value
-    assert error.kind == "packing-not-reached"
+    assert error.kind == "target-not-reached"
     assert error.volume_fraction_asked == pytest.approx(0.5, abs=0.01)
     assert error.volume_fraction_reached is not None and 0.2 < error.volume_fraction_reached < 0.4
     assert error.distance_mm_reached is None

@@ -36,10 +36,10 @@ def test_numbers_and_arrays_of_numpy_are_taken(client: packstone.Client) -> None
     job = client.submit(
         seed=np.int64(5),
         specimen=MappingProxyType({"type": "box", "size_mm": np.full(3, 40.0)}),
-        mix={"grading": {"type": "diameters", "mm": np.array([12.5, 10.0])}},
+        mix={"grading": {"type": "diameters", "diameters_mm": np.array([12.5, 10.0])}},
     )
     assert job.seed == 5
-    assert job.request["mix"]["grading"]["mm"] == [12.5, 10]
+    assert job.request["mix"]["grading"]["diameters_mm"] == [12.5, 10]
     with pytest.raises(ValueError, match="JSON"):
         client.submit(mixes.quick(), timeout_s=float("nan"))
     with pytest.raises(TypeError, match="has no form in JSON"):

@@ -3,7 +3,7 @@
 //!
 //! Pure functions over [`Spheres`](crate::packing::Spheres) and a [`Specimen`](crate::request::Specimen),
 //! for whoever draws or tabulates them. They judge nothing: whether a packing is valid is
-//! [`crate::verify`]'s question. They must never know how a packing was computed, nor how a curve is drawn.
+//! [`crate::check`]'s question. They must never know how a packing was computed, nor how a curve is drawn.
 
 pub mod depth_profile;
 pub mod grading;

@@ -8,10 +8,10 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::packing::{PlacementReport, Separation, SeparationAcross, Spheres};
-use crate::placement::share_of_field;
+use crate::packing::{SegregationReport, Separation, SeparationAcross, Spheres};
 use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace};
 use crate::rng::{Stream, stream, uniform};
+use crate::segregation::share_of_field;
 
 /// Times that sizes are dealt out anew.
 const PERMUTATIONS: u32 = 999;
@@ -29,7 +29,7 @@ pub fn separation(
     rule: &DistanceRule,
     field: GradientField,
     seed: u64,
-) -> PlacementReport {
+) -> SegregationReport {
     let fields = [Some(field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
     let thirds = Thirds::of(&spheres.d_mm);
     let measured: Vec<Measured> = fields
@@ -37,7 +37,7 @@ pub fn separation(
         .flatten()
         .map(|field| Measured::new(spheres, specimen, rule, field, &thirds))
         .collect();
-    let mut rng = stream(seed, Stream::Placement);
+    let mut rng = stream(seed, Stream::Segregation);
     let beyond = deal(&thirds, &measured, &mut rng);
     let mut separations = measured.iter().zip(beyond).map(|(measured, beyond)| Separation {
         coarsest_third: measured.coarsest,
@@ -46,7 +46,7 @@ pub fn separation(
         p_value: f64::from(beyond + 1) / f64::from(PERMUTATIONS + 1),
     });
     let mut next = |field: Option<GradientField>| field.and_then(|_| separations.next());
-    PlacementReport {
+    SegregationReport {
         along: next(fields[0]).unwrap_or_default(),
         across: SeparationAcross { x: next(fields[1]), y: next(fields[2]), z: next(fields[3]) },
         permutations: PERMUTATIONS,

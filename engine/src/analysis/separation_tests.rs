@@ -8,8 +8,8 @@ use crate::request::{Boundary, Distance};
 const CUBE: Specimen = Specimen::Box { size_mm: [100.0; 3], boundary: Boundary::Walls };
 const UP: GradientField = GradientField::Linear { axis: Axis::Z, direction: FieldDirection::Up };
 
-fn report(spheres: &Spheres, field: GradientField, seed: u64) -> PlacementReport {
-    let rule = DistanceRule::new(&Distance::None { wall_mm: None }, &CUBE);
+fn report(spheres: &Spheres, field: GradientField, seed: u64) -> SegregationReport {
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &CUBE);
     separation(spheres, &CUBE, &rule, field, seed)
 }
 
@@ -87,7 +87,7 @@ fn chance_is_judged_fairly_whether_all_grains_are_dealt_out_or_most_are_summed_u
 #[test]
 fn a_mantle_is_a_field_with_three_controls() {
     let cylinder = Specimen::Cylinder { diameter_mm: 100.0, height_mm: 100.0 };
-    let rule = DistanceRule::new(&Distance::None { wall_mm: None }, &cylinder);
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &cylinder);
     let mut spheres = Spheres::default();
     for i in 0..200 {
         let (d, angle) = (4.0 - f64::from(i) / 100.0, f64::from(i));

@@ -12,7 +12,7 @@ use crate::packing::Spheres;
 use crate::request::{Boundary, Distance, PackingRequest, Specimen};
 use crate::rng::{Stream, stream, uniform};
 
-const TOUCHING: Distance = Distance::None { wall_mm: None };
+const TOUCHING: Distance = Distance::None { wall_gap_mm: None };
 
 fn cube(edge: f64, boundary: Boundary) -> Specimen {
     Specimen::Box { size_mm: [edge; 3], boundary }
@@ -125,7 +125,7 @@ fn distances_that_are_kept_show_as_an_edge() {
     let request = json!({
         "specimen": {"type": "box", "size_mm": [40, 40, 40]},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": 0.4},
-        "distance": {"type": "constant", "mm": 0.5}
+        "distance": {"type": "constant", "gap_mm": 0.5}
     });
     let request = PackingRequest::from_json(&request, 3).unwrap();
     let packing = crate::pack(&request, &crate::Limits::default(), &crate::Unattended).unwrap();
@@ -257,7 +257,7 @@ fn mix(grading: &serde_json::Value, volume_fraction: Option<f64>, d_min: Option<
 }
 
 fn taken(mix: &GradedMix) -> Spheres {
-    let d_mm = crate::mix::take::take(mix, &mut stream(2, Stream::Take), &|| false).unwrap();
+    let d_mm = crate::mix::sampling::sample(mix, &mut stream(2, Stream::Sampling), &|| false).unwrap();
     Spheres { d_mm, ..Spheres::default() }
 }
 
@@ -287,7 +287,7 @@ fn the_target_is_the_standard_and_the_grains_drawn_follow_it() {
 #[test]
 fn equal_grains_and_lists_are_steps() {
     let equal = mix(&json!({"type": "monodisperse", "diameter_mm": 5.0}), Some(0.3), None);
-    let listed = mix(&json!({"type": "diameters", "mm": [5.0, 5.0, 5.0]}), None, None);
+    let listed = mix(&json!({"type": "diameters", "diameters_mm": [5.0, 5.0, 5.0]}), None, None);
     for mix in [equal, listed] {
         let found = grading(&taken(&mix), &mix);
         for point in &found.curve {

@@ -2,14 +2,14 @@
 //!
 //! A grading becomes a list of classes, each with a closed law of diameters ([`class`]); the
 //! cut-off splits the class it falls into; diameters are drawn class by class from the coarsest
-//! down ([`take`]). This module knows volumes and diameters; it must never know where grains lie.
+//! down ([`sampling`]). This module knows volumes and diameters; it must never know where grains lie.
 
 pub mod class;
+pub mod sampling;
 pub mod sieve;
 pub mod standard;
-pub mod take;
 
-use crate::request::{Basis, Grading, Mix};
+use crate::request::{Grading, Mix, VolumeFractionOf};
 use class::{Class, Law};
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest
@@ -52,7 +52,7 @@ pub fn sphere_volume(d: f64) -> f64 {
 impl GradedMix {
     /// Resolves a mix whose fields were checked by [`crate::request`].
     pub fn new(mix: &Mix, specimen_volume_mm3: f64) -> Self {
-        if let Grading::Diameters { mm } = &mix.grading {
+        if let Grading::Diameters { diameters_mm: mm } = &mix.grading {
             return Self::from_list(mm, mix.d_min_mm, specimen_volume_mm3);
         }
         let d_min = mix.d_min_mm.unwrap_or(0.0);
@@ -60,9 +60,9 @@ impl GradedMix {
         let classes: Vec<Class> = sieve_classes.iter().flat_map(Class::narrow).collect();
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
         let asked = mix.asked_fraction().unwrap_or(0.0);
-        let (mixture, effective) = match mix.basis {
-            Basis::Mixture => (asked, asked * kept),
-            Basis::Effective => (asked / kept, asked),
+        let (mixture, effective) = match mix.volume_fraction_of {
+            VolumeFractionOf::AllAggregate => (asked, asked * kept),
+            VolumeFractionOf::PlacedGrains => (asked / kept, asked),
         };
         let d_min_mm = classes.first().map_or(0.0, |c| c.low_mm);
         let d_max_mm = classes.last().map_or(0.0, |c| c.high_mm);

@@ -3,8 +3,8 @@
 use proptest::prelude::*;
 use serde_json::json;
 
+use super::sampling::sample;
 use super::sieve::sieve_classes;
-use super::take::take;
 use super::*;
 use crate::request::PackingRequest;
 use crate::rng::{Stream, stream};
@@ -12,7 +12,7 @@ use crate::rng::{Stream, stream};
 fn mix(grading: serde_json::Value, d_min: f64, fraction: f64, basis: &str) -> Mix {
     let request = json!({
         "specimen": {"type": "box", "size_mm": [150, 150, 150]},
-        "mix": {"grading": grading, "d_min_mm": d_min, "volume_fraction": fraction, "basis": basis},
+        "mix": {"grading": grading, "d_min_mm": d_min, "volume_fraction": fraction, "volume_fraction_of": basis},
     });
     PackingRequest::from_json(&request, 1).unwrap().mix
 }
@@ -98,8 +98,9 @@ fn drawn_numbers_scatter_around_the_expected_ones() {
     let graded =
         GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), 2.0, 0.7, "mixture"), CUBE_150);
     let seeds = 8;
-    let drawn: usize =
-        (0..seeds).map(|seed| take(&graded, &mut stream(seed, Stream::Take), &|| false).unwrap().len()).sum();
+    let drawn: usize = (0..seeds)
+        .map(|seed| sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap().len())
+        .sum();
     // Given its volume, the count of a class scatters less than a Poisson number.
     let expected = graded.expected_grains() * seeds as f64;
     assert!((drawn as f64 - expected).abs() < 4.0 * expected.sqrt(), "{drawn} of {expected}");
@@ -112,7 +113,7 @@ fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
         let graded =
             GradedMix::new(&mix(json!({"type": "standard", "name": name}), 2.0, 0.6, "mixture"), volume);
         for seed in 0..20 {
-            let drawn = take(&graded, &mut stream(seed, Stream::Take), &|| false).unwrap();
+            let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
             let asked = graded.volume_fraction_effective * volume;
             let miss = drawn.iter().map(|&d| sphere_volume(d)).sum::<f64>() - asked;
             assert!(miss > -1e-6 && miss < sphere_volume(2.0 * 2.0_f64.powf(1.0 / 12.0)), "{name}: {miss}");
@@ -124,7 +125,7 @@ fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
 fn drawn_diameters_follow_the_law_of_their_class() {
     for law in [Law::LogUniform, Law::Fuller { exponent: 0.5 }] {
         let class = Class { law, low_mm: 2.0, high_mm: 4.0, mass_fraction: 1.0 };
-        let mut rng = stream(7, Stream::Take);
+        let mut rng = stream(7, Stream::Sampling);
         let n = 200_000;
         let drawn: Vec<f64> = (0..n).map(|_| class.diameter(crate::rng::uniform(&mut rng))).collect();
         assert!(drawn.iter().all(|&d| (2.0..=4.0).contains(&d)));
@@ -166,7 +167,7 @@ proptest! {
         let grading = json!({"type": "fuller", "d_max_mm": d_max, "exponent": exponent});
         let volume = 60.0 * 60.0 * 60.0;
         let graded = GradedMix::new(&mix(grading, d_max / ratio, fraction, "effective"), volume);
-        let drawn = take(&graded, &mut stream(seed, Stream::Take), &|| false).unwrap();
+        let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
         prop_assert!(drawn.windows(2).all(|pair| pair[0] >= pair[1]));
         prop_assert!(drawn.iter().all(|&d| d >= graded.d_min_mm && d <= d_max));
         let miss = drawn.iter().map(|&d| sphere_volume(d)).sum::<f64>() - fraction * volume;
@@ -186,7 +187,7 @@ proptest! {
     ) {
         let first = mm[0];
         mm.extend(std::iter::repeat_n(first, same));
-        let grading = json!({"type": "diameters", "mm": mm});
+        let grading = json!({"type": "diameters", "diameters_mm": mm});
         let value = json!({"specimen": {"type": "box", "size_mm": [150, 150, 150]}, "mix": {"grading": grading}});
         let mix = GradedMix::new(&PackingRequest::from_json(&value, 1).unwrap().mix, CUBE_150);
         let sizes = mix.expected_sizes();

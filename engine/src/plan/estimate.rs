@@ -7,7 +7,9 @@ use serde::Serialize;
 use super::model::{Features, LIKELY, bisect};
 use crate::distance::DistanceRule;
 use crate::mix::GradedMix;
-use crate::request::{Basis, Boundary, Distance, EdmdOptions, Method, PackingRequest, Placement, Specimen};
+use crate::request::{
+    Boundary, Distance, EdmdOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
+};
 
 /// What one method is likely to do with a mix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -117,15 +119,15 @@ impl<'a> Case<'a> {
     pub(super) fn proposal(&self, of_request: &MethodEstimate) -> Proposal {
         let by_rsa = matches!(self.request.method, Method::Rsa { .. });
         let reach = of_request.volume_fraction_with_coating_reach;
-        let asked = match self.request.mix.basis {
-            Basis::Mixture => self.mix.volume_fraction_mixture,
-            Basis::Effective => self.mix.volume_fraction_effective,
+        let asked = match self.request.mix.volume_fraction_of {
+            VolumeFractionOf::AllAggregate => self.mix.volume_fraction_mixture,
+            VolumeFractionOf::PlacedGrains => self.mix.volume_fraction_effective,
         };
         let volume_fraction = self.mix.list.is_none().then(|| round(asked * reach / self.filled).min(1.0));
         let distance_mm = match self.request.distance {
-            Distance::None { wall_mm: None }
-            | Distance::Constant { wall_mm: None, .. }
-            | Distance::Maximize { wall_mm: None }
+            Distance::None { wall_gap_mm: None }
+            | Distance::Constant { wall_gap_mm: None, .. }
+            | Distance::Maximize { wall_gap_mm: None }
                 if self.grains > 1.5 =>
             {
                 let most = self.mix.d_max_mm;
@@ -168,7 +170,7 @@ impl<'a> Case<'a> {
         if options != unmoved || options.stop.stall_dt_s.is_some() {
             beyond.push("options of edmd other than the limits of time and events".into());
         }
-        if matches!(self.request.placement, Placement::Gradient { strength, .. } if strength > 0.0) {
+        if matches!(self.request.segregation, Segregation::Gradient { strength, .. } if strength > 0.0) {
             beyond.push("a gradient in the placement, taken as if grains lay anywhere".into());
         }
         beyond

@@ -120,7 +120,7 @@ fn a_proposal_is_likely() {
         let request = PackingRequest::from_json(value, 1).unwrap();
         Plan::new(&request, &Limits::default()).unwrap().with_proposal(&request)
     };
-    let constant = |mm: f64| json!({"type": "constant", "mm": mm});
+    let constant = |mm: f64| json!({"type": "constant", "gap_mm": mm});
     let dense = plan(&request(0.57, constant(1.0)));
     assert!(dense.success_probability < 0.5, "{dense:?}");
     assert!(dense.warnings.iter().any(|w| w.starts_with("growth is unlikely")), "{:?}", dense.warnings);
@@ -139,7 +139,7 @@ fn what_was_not_studied_is_said() {
         Plan::new(&PackingRequest::from_json(value, 1).unwrap(), &Limits::default()).unwrap().extrapolations
     };
     let mix = json!({"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 2,
-        "volume_fraction": 0.5, "basis": "effective"});
+        "volume_fraction": 0.5, "volume_fraction_of": "placed_grains"});
     let cube = json!({"type": "box", "size_mm": [80, 80, 80]});
     assert!(beyond(&json!({"specimen": cube, "mix": mix})).is_empty());
     let few = beyond(&json!({"specimen": {"type": "box", "size_mm": [20, 20, 20]}, "mix": mix}));

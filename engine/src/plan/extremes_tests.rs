@@ -44,7 +44,8 @@ fn grading() -> impl Strategy<Value = Value> {
             json!({"type": "classes", "classes": classes})
         }),
         magnitude().prop_map(|d| json!({"type": "monodisperse", "diameter_mm": d})),
-        prop::collection::vec(magnitude(), 1..4).prop_map(|mm| json!({"type": "diameters", "mm": mm})),
+        prop::collection::vec(magnitude(), 1..4)
+            .prop_map(|mm| json!({"type": "diameters", "diameters_mm": mm})),
     ]
 }
 
@@ -52,7 +53,7 @@ fn amount() -> impl Strategy<Value = Value> {
     prop_oneof![
         3 => share().prop_map(|phi| json!({"volume_fraction": phi})),
         1 => (magnitude(), share(), prop::option::of(magnitude())).prop_map(|(cement, water, ratio)| {
-            json!({"content": {"cement_kg_m3": cement, "water_cement": water, "aggregate_cement": ratio}})
+            json!({"proportions": {"cement_kg_m3": cement, "water_cement": water, "aggregate_cement": ratio}})
         }),
     ]
 }
@@ -79,17 +80,22 @@ fn largest_mm(grading: &Value) -> f64 {
             let classes = grading["classes"].as_array().unwrap();
             classes.iter().map(|c| c["d_max_mm"].as_f64().unwrap()).fold(0.0, f64::max)
         }
-        _ => grading["mm"].as_array().unwrap().iter().map(|d| d.as_f64().unwrap()).fold(0.0, f64::max),
+        _ => grading["diameters_mm"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|d| d.as_f64().unwrap())
+            .fold(0.0, f64::max),
     }
 }
 
 fn distance() -> impl Strategy<Value = Value> {
     prop_oneof![
         Just(json!({"type": "none"})),
-        magnitude().prop_map(|mm| json!({"type": "constant", "mm": mm})),
+        magnitude().prop_map(|mm| json!({"type": "constant", "gap_mm": mm})),
         magnitude().prop_map(|factor| json!({"type": "proportional", "factor": factor})),
         (magnitude(), magnitude())
-            .prop_map(|(f, wall)| json!({"type": "smaller_diameter", "factor": f, "wall_mm": wall})),
+            .prop_map(|(f, wall)| json!({"type": "smaller_diameter", "factor": f, "wall_gap_mm": wall})),
         Just(json!({"type": "maximize"})),
     ]
 }
@@ -103,7 +109,7 @@ fn request() -> impl Strategy<Value = Value> {
                 mix["d_min_mm"] = json!(d_min);
             }
             if effective && mix.get("volume_fraction").is_some() {
-                mix["basis"] = json!("effective");
+                mix["volume_fraction_of"] = json!("effective");
             }
             mix
         },

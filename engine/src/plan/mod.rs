@@ -10,12 +10,12 @@ mod rods;
 use serde::Serialize;
 
 use crate::distance::DistanceRule;
-use crate::edmd::MAX_GRAINS;
 use crate::error::PlanError;
+use crate::methods::edmd::MAX_GRAINS;
+use crate::methods::rsa::MAX_PLACED;
 use crate::mix::GradedMix;
 use crate::mix::sieve::sieve_classes;
 use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
-use crate::rsa::MAX_PLACED;
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
@@ -209,7 +209,7 @@ fn check_list(mix: &GradedMix) -> Result<(), PlanError> {
         return Ok(());
     }
     Err(infeasible(
-        "/mix/grading/mm",
+        "/mix/grading/diameters_mm",
         format!("the grains have {phi:.4} times the specimen's volume: must be at most 1"),
     ))
 }
@@ -265,12 +265,12 @@ fn check_largest(request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule)
 
 /// A single grain has a largest distance only where that to the walls grows with it.
 fn check_maximize(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanError> {
-    let fixed_wall = matches!(request.distance, Distance::Maximize { wall_mm: Some(_) });
+    let fixed_wall = matches!(request.distance, Distance::Maximize { wall_gap_mm: Some(_) });
     let single = mix.list.as_ref().is_some_and(|list| list.len() < 2);
     if fixed_wall && single && !request.specimen.is_periodic() {
         return Err(PlanError::Invalid(vec![FieldError {
-            pointer: "/distance/wall_mm".into(),
-            detail: "a single grain has no distance to maximize but that to the walls: leave wall_mm out"
+            pointer: "/distance/wall_gap_mm".into(),
+            detail: "a single grain has no distance to maximize but that to the walls: leave wall_gap_mm out"
                 .into(),
         }]));
     }
@@ -278,7 +278,7 @@ fn check_maximize(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanE
 }
 
 fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits) -> Result<(), PlanError> {
-    let field = if mix.list.is_some() { "/mix/grading/mm" } else { "/mix/d_min_mm" };
+    let field = if mix.list.is_some() { "/mix/grading/diameters_mm" } else { "/mix/d_min_mm" };
     let advice = if mix.list.is_some() { "name fewer" } else { "raise d_min_mm or take a smaller specimen" };
     let too_large = |detail: String| {
         Err(PlanError::TooLarge(FieldError { pointer: field.into(), detail: format!("{detail}: {advice}") }))
@@ -318,8 +318,8 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     };
     let pointer = match &request.mix {
         Mix { volume_fraction: Some(_), .. } => "/mix/volume_fraction",
-        Mix { content: Some(_), .. } => "/mix/content",
-        _ => "/mix/grading/mm",
+        Mix { proportions: Some(_), .. } => "/mix/proportions",
+        _ => "/mix/grading/diameters_mm",
     };
     Err(infeasible(
         pointer,

@@ -28,8 +28,8 @@ fn a_plan_states_the_known_figures() {
 #[test]
 fn coating_counts_the_distance() {
     // The paper's 6.3: phi_M 0.535 with 1 mm is 0.693 with the coating.
-    let plan =
-        plan(&box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "mm": 1.0}))).unwrap();
+    let plan = plan(&box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "gap_mm": 1.0})))
+        .unwrap();
     assert!(
         (plan.volume_fraction_with_coating - 0.693).abs() < 0.001,
         "{}",
@@ -38,7 +38,7 @@ fn coating_counts_the_distance() {
     // Growth reaches it, random sequential addition does not.
     assert!(plan.success_probability > 0.9 && plan.warnings.is_empty(), "{plan:?}");
     assert!(plan.methods.rsa.success_probability < 1e-3, "{:?}", plan.methods.rsa);
-    let mut by_rsa = box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "mm": 1.0}));
+    let mut by_rsa = box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "gap_mm": 1.0}));
     by_rsa["method"] = json!({"type": "rsa"});
     let warnings = self::plan(&by_rsa).unwrap().warnings;
     assert!(warnings[0].starts_with("random sequential addition is unlikely"), "{warnings:?}");
@@ -53,7 +53,7 @@ fn a_grain_larger_than_the_specimen_is_refused_with_its_field() {
     let fault = refused(&box_of(15.0, &standard("A16", 2.0, 0.3), &json!({"type": "none"})));
     assert_eq!(fault.pointer, "/specimen/size_mm/0");
     assert!(fault.detail.contains("15 mm") && fault.detail.contains("16 mm"), "{}", fault.detail);
-    let coated = box_of(16.5, &standard("A16", 2.0, 0.3), &json!({"type": "constant", "mm": 1.0}));
+    let coated = box_of(16.5, &standard("A16", 2.0, 0.3), &json!({"type": "constant", "gap_mm": 1.0}));
     assert!(refused(&coated).detail.contains("17 mm with its distance"));
     let cylinder = json!({"specimen": {"type": "cylinder", "diameter_mm": 100, "height_mm": 10}, "mix": standard("A16", 2.0, 0.3)});
     assert_eq!(refused(&cylinder).pointer, "/specimen/height_mm");
@@ -91,21 +91,21 @@ fn what_no_packing_reaches_is_infeasible_and_says_why() {
     assert_eq!(fault.pointer, "/mix/volume_fraction");
     assert!(fault.detail.contains("0.7500") && fault.detail.contains("0.7405"), "{}", fault.detail);
     let coated =
-        infeasible(&box_of(80.0, &standard("A16", 2.0, 0.7), &json!({"type": "constant", "mm": 4.0})));
+        infeasible(&box_of(80.0, &standard("A16", 2.0, 0.7), &json!({"type": "constant", "gap_mm": 4.0})));
     assert!(coated.detail.contains("with the distance as a coating"), "{}", coated.detail);
     let list = box_of(
         20.0,
-        &json!({"grading": {"type": "diameters", "mm": vec![10.0; 20]}}),
+        &json!({"grading": {"type": "diameters", "diameters_mm": vec![10.0; 20]}}),
         &json!({"type": "none"}),
     );
-    assert_eq!(infeasible(&list).pointer, "/mix/grading/mm");
+    assert_eq!(infeasible(&list).pointer, "/mix/grading/diameters_mm");
 }
 
 #[test]
 fn walls_that_ask_for_less_than_half_the_distance_leave_more_room() {
-    let mix = json!({"grading": {"type": "diameters", "mm": vec![4.0; 8]}});
+    let mix = json!({"grading": {"type": "diameters", "diameters_mm": vec![4.0; 8]}});
     // Eight grains of 4 mm, 2 mm apart, fill a cube of 10 mm to the walls: (4 + 2 + 4)^3.
-    let request = box_of(10.0, &mix, &json!({"type": "constant", "mm": 2.0, "wall_mm": 0.0}));
+    let request = box_of(10.0, &mix, &json!({"type": "constant", "gap_mm": 2.0, "wall_gap_mm": 0.0}));
     assert!(plan(&request).is_ok(), "{:?}", plan(&request));
 }
 
@@ -116,7 +116,7 @@ fn a_cut_off_that_leaves_nothing_is_refused() {
         "volume_fraction": 0.3
     });
     for basis in ["mixture", "effective"] {
-        mix["basis"] = json!(basis);
+        mix["volume_fraction_of"] = json!(basis);
         let Err(PlanError::Invalid(faults)) = plan(&box_of(80.0, &mix, &json!({"type": "none"}))) else {
             panic!("{basis}")
         };

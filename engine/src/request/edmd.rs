@@ -56,7 +56,7 @@ pub struct EdmdOptions {
     pub stop: EdmdStop,
 }
 
-/// When a run gives up. With a prescribed target that is `packing-not-reached`; with `maximize` the
+/// When a run gives up. With a prescribed target that is `target-not-reached`; with `maximize` the
 /// distance reached so far is the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

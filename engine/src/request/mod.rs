@@ -5,18 +5,20 @@
 //! specimen is the plan's question ([`crate::plan`]). This module must never know how a packing is
 //! computed.
 
-pub mod content;
 pub mod decode;
 pub mod edmd;
-pub mod placement;
+pub mod proportions;
 mod read;
+pub mod segregation;
+mod upgrade;
 
 use serde::Serialize;
 
-pub use content::{MixAddition, MixContent};
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
-pub use placement::{Axis, FieldDirection, GradientField, Placement, SpecimenFace};
+pub use proportions::{MixAddition, MixProportions};
+pub use segregation::{Axis, FieldDirection, GradientField, Segregation, SpecimenFace};
+pub use upgrade::{upgrade, upgrade_export};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
 /// up to 2^53 - 1.
@@ -56,8 +58,8 @@ pub struct PackingRequest {
     pub method: Method,
     /// Where grains of which size are to lie; anywhere when absent.
     #[cfg_attr(feature = "openapi", schema(required = false))]
-    #[serde(skip_serializing_if = "Placement::is_random")]
-    pub placement: Placement,
+    #[serde(skip_serializing_if = "Segregation::is_none")]
+    pub segregation: Segregation,
 }
 
 /// The region that grains are placed in.
@@ -108,26 +110,26 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
-    /// Volume of the aggregate over that of the specimen. Either this or `content` is required, except for the
+    /// Volume of the aggregate over that of the specimen. Either this or `proportions` is required, except for the
     /// grading `diameters`, which prescribes it.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-9, maximum = 1))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume_fraction: Option<f64>,
-    /// The same by the contents of a cubic metre of concrete. It counts all aggregate, so that the basis is
-    /// `mixture`.
+    /// The same by the contents of a cubic metre of concrete. It counts all aggregate, so that `volume_fraction_of` is
+    /// `all_aggregate`.
     #[cfg_attr(feature = "openapi", schema(required = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub content: Option<MixContent>,
+    pub proportions: Option<MixProportions>,
     /// Which aggregate `volume_fraction` counts.
-    #[cfg_attr(feature = "openapi", schema(default = "mixture", required = false))]
-    pub basis: Basis,
+    #[cfg_attr(feature = "openapi", schema(default = "all_aggregate", required = false))]
+    pub volume_fraction_of: VolumeFractionOf,
 }
 
 impl Mix {
     /// Volume of the aggregate over that of the specimen in the basis of the mix, however it was named; `None`
     /// where explicit diameters prescribe it.
     pub fn asked_fraction(&self) -> Option<f64> {
-        self.volume_fraction.or_else(|| self.content.as_ref().map(MixContent::aggregate_fraction))
+        self.volume_fraction.or_else(|| self.proportions.as_ref().map(MixProportions::aggregate_fraction))
     }
 }
 
@@ -135,11 +137,11 @@ impl Mix {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Basis {
+pub enum VolumeFractionOf {
     /// All aggregate of the mix, that below the cut-off too (`phi_M`).
-    Mixture,
+    AllAggregate,
     /// Only the grains that are placed (`phi_eff`).
-    Effective,
+    PlacedGrains,
 }
 
 /// The cumulative mass fraction passing each diameter, in one of its usual forms.
@@ -184,7 +186,7 @@ pub enum Grading {
     Diameters {
         /// Diameter of every grain, in any order.
         #[cfg_attr(feature = "openapi", schema(min_items = 1, example = json!([12.0, 10.0, 8.0])))]
-        mm: Vec<f64>,
+        diameters_mm: Vec<f64>,
     },
 }
 
@@ -222,7 +224,7 @@ pub struct SizeClass {
 
 /// The clear distance `g(i, j)` between two grains, and that to the walls (`engine.md` section 3).
 ///
-/// `wall_mm` replaces the default distance to the walls, which is half of what the grain keeps
+/// `wall_gap_mm` replaces the default distance to the walls, which is half of what the grain keeps
 /// from another of its own size. It means nothing in a periodic box.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -233,17 +235,17 @@ pub enum Distance {
         /// Distance to the walls; 0 when absent.
         #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
         #[serde(skip_serializing_if = "Option::is_none")]
-        wall_mm: Option<f64>,
+        wall_gap_mm: Option<f64>,
     },
     /// The same for every pair.
     Constant {
         /// The distance.
         #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1e6))]
-        mm: f64,
-        /// Distance to the walls; `mm / 2` when absent.
+        gap_mm: f64,
+        /// Distance to the walls; `gap_mm / 2` when absent.
         #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
         #[serde(skip_serializing_if = "Option::is_none")]
-        wall_mm: Option<f64>,
+        wall_gap_mm: Option<f64>,
     },
     /// `factor (d_i + d_j) / 2` (Schlangen and van Mier use 0.1).
     Proportional {
@@ -253,7 +255,7 @@ pub enum Distance {
         /// Distance to the walls; `factor d_i / 2` when absent.
         #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
         #[serde(skip_serializing_if = "Option::is_none")]
-        wall_mm: Option<f64>,
+        wall_gap_mm: Option<f64>,
     },
     /// `factor min(d_i, d_j)` (Wang et al.).
     SmallerDiameter {
@@ -263,14 +265,14 @@ pub enum Distance {
         /// Distance to the walls; `factor d_i / 2` when absent.
         #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
         #[serde(skip_serializing_if = "Option::is_none")]
-        wall_mm: Option<f64>,
+        wall_gap_mm: Option<f64>,
     },
     /// The largest distance, the same for every pair, that can be reached with these grains.
     Maximize {
         /// Distance to the walls; half of the distance reached when absent.
         #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
         #[serde(skip_serializing_if = "Option::is_none")]
-        wall_mm: Option<f64>,
+        wall_gap_mm: Option<f64>,
     },
 }
 

@@ -2,14 +2,14 @@
 
 use serde_json::Value;
 
-use super::content::{MixContent, read_content};
 use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
-use super::placement::read_placement;
+use super::proportions::{MixProportions, read_proportions};
+use super::segregation::read_segregation;
 use super::{
-    Basis, Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED,
-    MIN_FULLER_EXPONENT, MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Placement, SizeClass,
-    Specimen, StandardCurve,
+    Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED, MIN_FULLER_EXPONENT,
+    MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Segregation, SizeClass, Specimen, StandardCurve,
+    VolumeFractionOf,
 };
 use crate::mix::standard;
 
@@ -55,15 +55,15 @@ impl PackingRequest {
         let distance_at = object.optional("distance");
         let distance = match &distance_at {
             Some(at) => read_distance(at),
-            None => Some(Distance::None { wall_mm: None }),
+            None => Some(Distance::None { wall_gap_mm: None }),
         };
         let method = match object.optional("method") {
             Some(at) => read_method(&at),
             None => Some(Method::Auto {}),
         };
-        let placement = match object.optional("placement") {
-            Some(at) => read_placement(&at, specimen.as_ref()),
-            None => Some(Placement::Random {}),
+        let segregation = match object.optional("segregation") {
+            Some(at) => read_segregation(&at, specimen.as_ref()),
+            None => Some(Segregation::None {}),
         };
         if let (Some(at), Some(Distance::Maximize { .. }), Some(Method::Rsa { .. })) =
             (&distance_at, &distance, &method)
@@ -80,7 +80,7 @@ impl PackingRequest {
             mix: mix?,
             distance: distance?,
             method: method?,
-            placement: placement?,
+            segregation: segregation?,
         })
     }
 }
@@ -137,16 +137,19 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
     let d_min = d_min_at.as_ref().and_then(|at| at.number(LENGTH));
     // By its name, for a list with a fault in it is a list too.
     let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
-    let (volume_fraction, content) = read_amount(&mut object, is_list);
-    let basis = match object.optional("basis") {
+    let (volume_fraction, proportions) = read_amount(&mut object, is_list);
+    let volume_fraction_of = match object.optional("volume_fraction_of") {
         Some(at) => {
-            let basis = at.choice(&[("mixture", Basis::Mixture), ("effective", Basis::Effective)]);
-            if basis == Some(Basis::Effective) && content.is_some() {
-                at.fault("content counts all aggregate, that below the cut-off too: must be \"mixture\"");
+            let volume_fraction_of = at.choice(&[
+                ("all_aggregate", VolumeFractionOf::AllAggregate),
+                ("placed_grains", VolumeFractionOf::PlacedGrains),
+            ]);
+            if volume_fraction_of == Some(VolumeFractionOf::PlacedGrains) && proportions.is_some() {
+                at.fault("`proportions` count all aggregate, that below the cut-off too: must be \"all_aggregate\"");
             }
-            basis
+            volume_fraction_of
         }
-        None => Some(Basis::Mixture),
+        None => Some(VolumeFractionOf::AllAggregate),
     };
     object.finish();
     let (grading, grading_at) = (grading?, grading_at?);
@@ -158,12 +161,12 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         (Grading::Standard { .. } | Grading::Fuller { .. }, None) => Some(DEFAULT_D_MIN_MM),
         (_, given) => given,
     };
-    Some(Mix { grading, d_min_mm, volume_fraction, content, basis: basis? })
+    Some(Mix { grading, d_min_mm, volume_fraction, proportions, volume_fraction_of: volume_fraction_of? })
 }
 
 /// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.
-fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<MixContent>) {
-    let content_at = object.optional("content");
+fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<MixProportions>) {
+    let content_at = object.optional("proportions");
     if is_list {
         for at in object.optional("volume_fraction").iter().chain(&content_at) {
             at.fault("an explicit list of diameters prescribes the volume: leave this field out");
@@ -177,7 +180,7 @@ fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<M
         content_at.fault("the mix has a volume_fraction too: leave one of the two out");
         return (None, None);
     }
-    (None, read_content(&content_at))
+    (None, read_proportions(&content_at))
 }
 
 /// The cut-off must leave something to place, and must lie where the curve is known.
@@ -219,7 +222,7 @@ fn described_range(grading: &Grading) -> (f64, f64) {
         Grading::Sieves { points } => span(&mut points.iter().map(|p| p[0])),
         Grading::Classes { classes } => span(&mut classes.iter().flat_map(|c| [c.d_min_mm, c.d_max_mm])),
         Grading::Monodisperse { diameter_mm } => (*diameter_mm, *diameter_mm),
-        Grading::Diameters { mm } => span(&mut mm.iter().copied()),
+        Grading::Diameters { diameters_mm } => span(&mut diameters_mm.iter().copied()),
     }
 }
 
@@ -275,9 +278,10 @@ fn read_grading(at: &At<'_>) -> Option<Grading> {
         Kind::Monodisperse => {
             length(&mut object, "diameter_mm").map(|diameter_mm| Grading::Monodisperse { diameter_mm })
         }
-        Kind::Diameters => {
-            object.required("mm").and_then(|at| read_diameters(&at)).map(|mm| Grading::Diameters { mm })
-        }
+        Kind::Diameters => object
+            .required("diameters_mm")
+            .and_then(|at| read_diameters(&at))
+            .map(|diameters_mm| Grading::Diameters { diameters_mm }),
     };
     object.finish();
     grading
@@ -389,24 +393,24 @@ fn read_distance(at: &At<'_>) -> Option<Distance> {
     ])?;
     let size = match kind {
         Kind::None | Kind::Maximize => Some(0.0),
-        Kind::Constant => object.required("mm").and_then(|at| at.number(GAP)),
+        Kind::Constant => object.required("gap_mm").and_then(|at| at.number(GAP)),
         Kind::Proportional | Kind::SmallerDiameter => {
             object.required("factor").and_then(|at| at.number(FACTOR))
         }
     };
-    let wall_at = object.optional("wall_mm");
-    let wall_mm = wall_at.as_ref().and_then(|at| at.number(GAP));
+    let wall_at = object.optional("wall_gap_mm");
+    let wall_gap_mm = wall_at.as_ref().and_then(|at| at.number(GAP));
     object.finish();
     let size = size?;
-    if wall_at.is_some() && wall_mm.is_none() {
+    if wall_at.is_some() && wall_gap_mm.is_none() {
         return None;
     }
     Some(match kind {
-        Kind::None => Distance::None { wall_mm },
-        Kind::Constant => Distance::Constant { mm: size, wall_mm },
-        Kind::Proportional => Distance::Proportional { factor: size, wall_mm },
-        Kind::SmallerDiameter => Distance::SmallerDiameter { factor: size, wall_mm },
-        Kind::Maximize => Distance::Maximize { wall_mm },
+        Kind::None => Distance::None { wall_gap_mm },
+        Kind::Constant => Distance::Constant { gap_mm: size, wall_gap_mm },
+        Kind::Proportional => Distance::Proportional { factor: size, wall_gap_mm },
+        Kind::SmallerDiameter => Distance::SmallerDiameter { factor: size, wall_gap_mm },
+        Kind::Maximize => Distance::Maximize { wall_gap_mm },
     })
 }
 

@@ -10,8 +10,8 @@ fn valid() -> Value {
     json!({
         "seed": 7,
         "specimen": {"type": "box", "size_mm": [80, 80, 80], "boundary": "walls"},
-        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": 0.535, "basis": "mixture"},
-        "distance": {"type": "constant", "mm": 1.0},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": 0.535, "volume_fraction_of": "all_aggregate"},
+        "distance": {"type": "constant", "gap_mm": 1.0},
         "method": {"type": "rsa", "attempts_per_grain": 100_000},
     })
 }
@@ -46,7 +46,7 @@ fn only_specimen_and_mix_are_required() {
     let request = PackingRequest::from_json(&value, 42).unwrap();
     assert_eq!(request.seed, 42);
     assert_eq!(request.mix.d_min_mm, Some(DEFAULT_D_MIN_MM));
-    assert_eq!(request.distance, Distance::None { wall_mm: None });
+    assert_eq!(request.distance, Distance::None { wall_gap_mm: None });
     assert_eq!(request.method, Method::Auto {});
     let missing = PackingRequest::from_json(&json!({}), 1).unwrap_err();
     assert_eq!(missing.iter().map(|f| f.pointer.as_str()).collect::<Vec<_>>(), ["/specimen", "/mix"]);
@@ -106,8 +106,8 @@ fn every_fault_names_field_value_and_bound() {
             "/mix/volume_fraction: is null: the field is required",
         ),
         (
-            |v| v["mix"]["basis"] = json!("eff"),
-            "/mix/basis: \"eff\" is unknown: must be one of \"mixture\", \"effective\"",
+            |v| v["mix"]["volume_fraction_of"] = json!("eff"),
+            "/mix/volume_fraction_of: \"eff\" is unknown: must be one of \"mixture\", \"effective\"",
         ),
         (
             |v| v["mix"]["d_min_mm"] = json!(16),
@@ -168,24 +168,27 @@ fn every_fault_names_field_value_and_bound() {
             "/mix/grading/classes/0: d_min_mm 4 lies inside the class 2..5 mm: classes must not overlap",
         ),
         (
-            |v| v["mix"] = json!({"grading": {"type": "diameters", "mm": [5, -5]}}),
-            "/mix/grading/mm/1: -5 is out of range: must be at least 1e-6 and at most 1000000 mm",
+            |v| v["mix"] = json!({"grading": {"type": "diameters", "diameters_mm": [5, -5]}}),
+            "/mix/grading/diameters_mm/1: -5 is out of range: must be at least 1e-6 and at most 1000000 mm",
         ),
         (
-            |v| v["mix"] = json!({"grading": {"type": "diameters", "mm": [5]}, "volume_fraction": 0.5}),
+            |v| {
+                v["mix"] =
+                    json!({"grading": {"type": "diameters", "diameters_mm": [5]}, "volume_fraction": 0.5})
+            },
             "/mix/volume_fraction: an explicit list of diameters prescribes the volume: leave this field out",
         ),
         (
-            |v| v["distance"]["mm"] = json!(-1),
-            "/distance/mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
+            |v| v["distance"]["gap_mm"] = json!(-1),
+            "/distance/gap_mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
         ),
         (
-            |v| v["distance"]["wall_mm"] = json!(-1),
-            "/distance/wall_mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
+            |v| v["distance"]["wall_gap_mm"] = json!(-1),
+            "/distance/wall_gap_mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
         ),
         (
-            |v| v["distance"] = json!({"type": "none", "mm": 1}),
-            "/distance/mm: unknown field: this object has type, wall_mm",
+            |v| v["distance"] = json!({"type": "none", "gap_mm": 1}),
+            "/distance/gap_mm: unknown field: this object has type, wall_gap_mm",
         ),
         (
             |v| v["method"]["attempts_per_grain"] = json!(0),
@@ -206,9 +209,9 @@ fn every_fault_names_field_value_and_bound() {
         (
             |v| {
                 v["method"] = json!({"type": "auto"});
-                v["distance"] = json!({"type": "maximize", "mm": 1});
+                v["distance"] = json!({"type": "maximize", "gap_mm": 1});
             },
-            "/distance/mm: unknown field: this object has type, wall_mm",
+            "/distance/gap_mm: unknown field: this object has type, wall_gap_mm",
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "attempts_per_grain": 5}),
@@ -264,7 +267,7 @@ fn parameters_that_are_absent_stay_absent() {
     value["distance"] = json!({"type": "maximize"});
     let request = PackingRequest::from_json(&value, 1).unwrap();
     assert_eq!(request.method, Method::Edmd { options: EdmdOptions::default() });
-    assert_eq!(request.distance, Distance::Maximize { wall_mm: None });
+    assert_eq!(request.distance, Distance::Maximize { wall_gap_mm: None });
     let written = serde_json::to_value(&request).unwrap();
     assert_eq!(written["method"], json!({"type": "edmd"}));
     assert_eq!(written["distance"], json!({"type": "maximize"}));
@@ -317,10 +320,10 @@ fn edmd_options() -> impl Strategy<Value = EdmdOptions> {
 
 proptest! {
     #[test]
-    fn every_growth_is_written_as_it_is_read(options in edmd_options(), wall_mm in some(0.0..=10.0)) {
+    fn every_growth_is_written_as_it_is_read(options in edmd_options(), wall_gap_mm in some(0.0..=10.0)) {
         let mut request = PackingRequest::from_json(&valid(), 1).unwrap();
         request.method = Method::Edmd { options };
-        request.distance = Distance::Maximize { wall_mm };
+        request.distance = Distance::Maximize { wall_gap_mm };
         let text = serde_json::to_string(&request).unwrap();
         let read = PackingRequest::from_json(&serde_json::from_str(&text).unwrap(), 2).unwrap();
         prop_assert_eq!(&read, &request);

@@ -35,13 +35,13 @@ fn wide_grains_in_a_flat_periodic_box_find_their_neighbours() {
     let rule = json!({"type": "smaller_diameter", "factor": 0.3});
     for seed in 0..3 {
         let ended = grown(&job(&flat, &diameters(&[7.6; 12]), &rule, &method), seed);
-        assert!(matches!(ended, Ok(_) | Err(PackError::NotReached(_))), "{ended:?}");
+        assert!(matches!(ended, Ok(_) | Err(PackError::TargetNotReached(_))), "{ended:?}");
     }
 }
 
 #[test]
 fn one_grain_with_walls_at_a_distance_of_their_own_has_no_distance_to_maximize() {
-    let maximize = json!({"type": "maximize", "wall_mm": 0.0});
+    let maximize = json!({"type": "maximize", "wall_gap_mm": 0.0});
     let value =
         job(&cube(10.0, "walls"), &diameters(&[2.0]), &maximize, &json!({"growth_rate": 1000.0, "stop": {}}));
     match grown(&value, 0) {
@@ -75,7 +75,7 @@ fn the_smallest_numbers_a_request_may_have_are_refused_or_served() {
             job(&cube(20.0, "walls"), &diameters(&[8.0, 6.0, 5.0]), &json!({"type": "none"}), &method);
         let Ok(request) = PackingRequest::from_json(&value, 0) else { continue };
         let ended = pack(&request, &Limits::default(), &Patience::new(100_000));
-        assert!(matches!(ended, Ok(_) | Err(PackError::NotReached(_))), "{method}: {ended:?}");
+        assert!(matches!(ended, Ok(_) | Err(PackError::TargetNotReached(_))), "{method}: {ended:?}");
     }
 }
 
@@ -83,7 +83,7 @@ fn the_smallest_numbers_a_request_may_have_are_refused_or_served() {
 #[test]
 fn grains_of_very_different_sizes_grow_valid() {
     let fuller = json!({"type": "fuller", "d_max_mm": 16.0, "exponent": 0.5});
-    let mix = json!({"grading": fuller, "d_min_mm": 0.5, "volume_fraction": 0.6, "basis": "effective"});
+    let mix = json!({"grading": fuller, "d_min_mm": 0.5, "volume_fraction": 0.6, "volume_fraction_of": "placed_grains"});
     let method = json!({"initial_scale": 0.97, "stop": {"events": 2_000_000}});
     for specimen in [cube(22.0, "walls"), cube(22.0, "periodic")] {
         let packing =
@@ -119,7 +119,7 @@ fn growth_that_gets_nowhere_is_valid_all_the_same() {
     let value = job(&cube(20.0, "walls"), &diameters(&CROWDED_MM), &json!({"type": "maximize"}), &method);
     for seed in 0..40 {
         let ended = grown(&value, seed);
-        assert!(matches!(ended, Ok(_) | Err(PackError::NotReached(_))), "{ended:?}");
+        assert!(matches!(ended, Ok(_) | Err(PackError::TargetNotReached(_))), "{ended:?}");
     }
 }
 
@@ -137,7 +137,7 @@ fn a_target_is_reached_with_its_margin_or_not_at_all() {
 #[test]
 fn the_largest_distance_leaves_the_walls_theirs() {
     let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 3.0}, "volume_fraction": 0.3});
-    let value = job(&cube(20.0, "walls"), &mix, &json!({"type": "maximize", "wall_mm": 0.3}), &json!({}));
+    let value = job(&cube(20.0, "walls"), &mix, &json!({"type": "maximize", "wall_gap_mm": 0.3}), &json!({}));
     for seed in 0..60 {
         grown(&value, seed).unwrap();
     }

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use packstone_engine::packing::EdmdEnd;
-use packstone_engine::{Limits, NotReached, PackError, pack};
+use packstone_engine::{Limits, PackError, TargetNotReached, pack};
 use proptest::prelude::*;
 use proptest::test_runner::{TestCaseError, TestRunner};
 use serde_json::{Value, json};
@@ -33,13 +33,13 @@ fn distance() -> impl Strategy<Value = Value> {
     let wall = || prop::option::of(0.0..1.0_f64);
     let with = |mut rule: Value, wall: Option<f64>| {
         if let Some(mm) = wall {
-            rule["wall_mm"] = json!(mm);
+            rule["wall_gap_mm"] = json!(mm);
         }
         rule
     };
     prop_oneof![
         wall().prop_map(move |w| with(json!({"type": "none"}), w)),
-        (0.0..1.0_f64, wall()).prop_map(move |(mm, w)| with(json!({"type": "constant", "mm": mm}), w)),
+        (0.0..1.0_f64, wall()).prop_map(move |(mm, w)| with(json!({"type": "constant", "gap_mm": mm}), w)),
         (0.0..0.4_f64, wall()).prop_map(move |(f, w)| with(json!({"type": "proportional", "factor": f}), w)),
         (0.0..0.6_f64, wall())
             .prop_map(move |(f, w)| with(json!({"type": "smaller_diameter", "factor": f}), w)),
@@ -88,13 +88,13 @@ fn small_mix() -> impl Strategy<Value = (Value, u64)> {
             let unit = (fraction * volume / filled).cbrt();
             let mm: Vec<f64> = sizes.iter().map(|d| unit * d).collect();
             let least = mm.iter().copied().fold(f64::INFINITY, f64::min);
-            for length in ["mm", "wall_mm"] {
+            for length in ["mm", "wall_gap_mm"] {
                 if let Some(share) = distance[length].as_f64() {
                     distance[length] = json!(share * least);
                 }
             }
             without_nulls(&mut method);
-            let mix = json!({"grading": {"type": "diameters", "mm": mm}});
+            let mix = json!({"grading": {"type": "diameters", "diameters_mm": mm}});
             (json!({"specimen": specimen, "mix": mix, "distance": distance, "method": method}), seed)
         },
     )
@@ -117,7 +117,7 @@ fn random_small_mixes_grow_valid_or_say_why_not() {
                 let swaps = value["method"]["swap"] != json!(false);
                 prop_assert!(swaps || grown.swaps_tried == 0);
             }
-            Err(PackError::NotReached(NotReached::NotGrown(not_grown))) => {
+            Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(not_grown))) => {
                 count(&short);
                 prop_assert!(not_grown.scale_reached < 1.0, "{}", not_grown);
                 prop_assert!(

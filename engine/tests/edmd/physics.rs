@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_6, PI, SQRT_2};
 
-use packstone_engine::edmd::Fluid;
+use packstone_engine::methods::edmd::Fluid;
 use packstone_engine::packing::EdmdEnd;
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 fn jammed(spheres: usize, method: &Value, seed: u64) -> f64 {
     let value = json!({
         "specimen": {"type": "box", "size_mm": [10, 10, 10]},
-        "mix": {"grading": {"type": "diameters", "mm": vec![1.0; spheres]}},
+        "mix": {"grading": {"type": "diameters", "diameters_mm": vec![1.0; spheres]}},
         "distance": {"type": "maximize"}, "method": method,
     });
     let request = PackingRequest::from_json(&value, seed).unwrap();

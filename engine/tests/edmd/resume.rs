@@ -77,7 +77,7 @@ fn assert_same(one: &Packing, other: &Packing, what: &str) {
     assert_eq!(columns(one), columns(other), "{what}");
     assert_eq!(counted(one), counted(other), "{what}");
     assert_eq!(one.report.summary, other.report.summary, "{what}");
-    assert_eq!(one.report.verification, other.report.verification, "{what}");
+    assert_eq!(one.report.check, other.report.check, "{what}");
     let distances =
         |p: &Packing| p.report.distance_curve.iter().map(|point| point[1].to_bits()).collect::<Vec<_>>();
     assert_eq!(distances(one), distances(other), "{what}");
@@ -106,9 +106,9 @@ const WALLS: &str = r#"{"type": "box", "size_mm": [24, 20, 18]}"#;
 const CYLINDER: &str = r#"{"type": "cylinder", "diameter_mm": 20, "height_mm": 24}"#;
 /// A graded mix of about a hundred grains, dense enough that it takes many epochs.
 const GRADED: &str = r#"{"grading": {"type": "fuller", "d_max_mm": 6, "exponent": 0.5}, "d_min_mm": 2,
-    "volume_fraction": 0.57, "basis": "effective"}"#;
+    "volume_fraction": 0.57, "volume_fraction_of": "placed_grains"}"#;
 const LOOSE: &str = r#"{"grading": {"type": "fuller", "d_max_mm": 6, "exponent": 0.5}, "d_min_mm": 2,
-    "volume_fraction": 0.45, "basis": "effective"}"#;
+    "volume_fraction": 0.45, "volume_fraction_of": "placed_grains"}"#;
 
 fn job(specimen: &str, mix: &str, distance: &Value, method: &Value) -> Value {
     let read = |text: &str| serde_json::from_str::<Value>(text).unwrap();
@@ -121,7 +121,7 @@ fn a_prescribed_target_is_reached_the_same_after_a_kill_anywhere() {
     for (name, specimen) in [("walls", WALLS), ("periodic", PERIODIC), ("cylinder", CYLINDER)] {
         for (rule, mix, distance) in [
             ("none", GRADED, json!({"type": "none"})),
-            ("constant", LOOSE, json!({"type": "constant", "mm": 0.2, "wall_mm": 0.05})),
+            ("constant", LOOSE, json!({"type": "constant", "gap_mm": 0.2, "wall_gap_mm": 0.05})),
             ("smaller_diameter", LOOSE, json!({"type": "smaller_diameter", "factor": 0.08})),
         ] {
             let value = job(specimen, mix, &distance, &method);

@@ -4,8 +4,8 @@ use std::cell::{Cell, RefCell};
 
 use packstone_engine::packing::EdmdEnd;
 use packstone_engine::{
-    Control, Limits, NotGrown, NotReached, PackError, Packing, PackingRequest, Phase, Progress, Unattended,
-    pack,
+    Control, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase, Progress, TargetNotReached,
+    Unattended, pack,
 };
 use serde_json::{Value, json};
 
@@ -33,9 +33,9 @@ fn packed(request: &PackingRequest) -> Packing {
     pack(request, &Limits::default(), &Unattended).unwrap()
 }
 
-fn not_grown(request: &PackingRequest) -> NotGrown {
+fn not_grown(request: &PackingRequest) -> GrowthStopped {
     match pack(request, &Limits::default(), &Unattended) {
-        Err(PackError::NotReached(NotReached::NotGrown(not_grown))) => not_grown,
+        Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(not_grown))) => not_grown,
         other => panic!("{other:?}"),
     }
 }
@@ -78,7 +78,7 @@ fn a_limit_of_time_ends_growth() {
 
 #[test]
 fn a_prescribed_distance_that_was_not_reached_is_told() {
-    let distance = json!({"type": "constant", "mm": 0.6});
+    let distance = json!({"type": "constant", "gap_mm": 0.6});
     let short = not_grown(&spheres(0.32, &distance, &json!({"stop": {"events": 3000}})));
     let (reached, asked) = (short.distance_mm_reached.unwrap(), short.distance_mm_asked.unwrap());
     assert_eq!(asked, 0.6);
@@ -99,7 +99,7 @@ fn the_largest_distance_comes_with_the_way_to_it() {
         curve[0][1] < 0.3 * distance && curve.last().unwrap()[1] == distance,
         "{distance} after {curve:?}"
     );
-    let slack = report.verification.min_slack_mm.unwrap();
+    let slack = report.check.min_excess_gap_mm.unwrap();
     assert!((0.0..1e-3).contains(&slack), "the distance is kept, and some pair keeps no more: {slack}");
 }
 

@@ -36,11 +36,11 @@ impl Control for Patience {
 /// what was found to be the largest distance.
 fn rule(distance: &Distance, maximized: f64, d_i: f64, d_j: f64) -> (f64, f64) {
     let (gap, wall) = match *distance {
-        Distance::None { wall_mm } => (0.0, wall_mm),
-        Distance::Constant { mm, wall_mm } => (mm, wall_mm),
-        Distance::Proportional { factor, wall_mm } => (factor * (d_i + d_j) / 2.0, wall_mm),
-        Distance::SmallerDiameter { factor, wall_mm } => (factor * d_i.min(d_j), wall_mm),
-        Distance::Maximize { wall_mm } => (maximized, wall_mm),
+        Distance::None { wall_gap_mm } => (0.0, wall_gap_mm),
+        Distance::Constant { gap_mm: mm, wall_gap_mm } => (mm, wall_gap_mm),
+        Distance::Proportional { factor, wall_gap_mm } => (factor * (d_i + d_j) / 2.0, wall_gap_mm),
+        Distance::SmallerDiameter { factor, wall_gap_mm } => (factor * d_i.min(d_j), wall_gap_mm),
+        Distance::Maximize { wall_gap_mm } => (maximized, wall_gap_mm),
     };
     (gap, wall.unwrap_or(gap / 2.0))
 }
@@ -113,7 +113,7 @@ pub(super) fn cube(edge: f64, boundary: &str) -> Value {
 }
 
 pub(super) fn diameters(mm: &[f64]) -> Value {
-    json!({"grading": {"type": "diameters", "mm": mm}})
+    json!({"grading": {"type": "diameters", "diameters_mm": mm}})
 }
 
 /// Packs with the patience of a run that ends, and checks what comes out.

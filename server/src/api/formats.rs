@@ -1,6 +1,6 @@
 //! Models of a packing as formats of its result: `?format=` with options, and cuts by an address of their own.
 //!
-//! The file comes from the same place as everything that is derived, where it is made if nobody has asked for it before;
+//! The file comes from the same place as everything that is export, where it is made if nobody has asked for it before;
 //! who asks waits. However many ask for the same, it is made once.
 
 use std::fs::File;
@@ -9,9 +9,9 @@ use std::io;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
-use packstone_engine::derived::{Derivation, DerivationKind};
+use packstone_engine::export::slice;
+use packstone_engine::export::{ExportRequest, ExportType};
 use packstone_engine::request::Specimen;
-use packstone_engine::slice;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -23,7 +23,7 @@ use super::params::{JobPath, Query};
 use super::problem::refused;
 use super::results::finished;
 use super::waiting;
-use crate::derived::{self, DerivedRecord, DerivedState, NewDerived};
+use crate::exports::{self, ExportRecord, ExportState, NewExport};
 use crate::jobs::store::{StoreError, Wish};
 use crate::jobs::{JobId, JobRecord};
 use crate::problem::{Kind, Problem};
@@ -40,19 +40,19 @@ const TRIES: u32 = 3;
 pub(super) struct ResultFormat(String);
 
 /// Models that are a format of the result. Cuts are not: they have an address of their own, and several formats.
-pub(super) fn models() -> impl Iterator<Item = DerivationKind> {
-    DerivationKind::ALL.iter().copied().filter(|kind| *kind != DerivationKind::Slice)
+pub(super) fn models() -> impl Iterator<Item = ExportType> {
+    ExportType::ALL.into_iter().filter(|kind| *kind != ExportType::Slice)
 }
 
 /// The model that is a format of that name.
-pub(super) fn model(name: &str) -> Option<DerivationKind> {
+pub(super) fn model(name: &str) -> Option<ExportType> {
     models().find(|kind| kind.name() == name)
 }
 
 /// Its media type, if no option changes it.
-pub(super) fn media_type(kind: DerivationKind) -> &'static str {
-    let plain = Derivation::from_text(kind, []);
-    plain.map_or("application/octet-stream", |derivation| derivation.media_type())
+pub(super) fn media_type(kind: ExportType) -> &'static str {
+    let plain = ExportRequest::from_text(kind, []);
+    plain.map_or("application/octet-stream", |export| export.media_type())
 }
 
 /// Options by name.
@@ -64,7 +64,7 @@ pub(super) struct FormatOptions(std::collections::BTreeMap<String, String>);
 pub(super) async fn get(
     app: &App,
     id: JobId,
-    kind: DerivationKind,
+    kind: ExportType,
     mut query: Query,
     method: &Method,
     headers: &HeaderMap,
@@ -81,12 +81,12 @@ const CALLED: [(&str, &str); 1] = [("at", "at_mm")];
 async fn respond(
     app: &App,
     id: JobId,
-    kind: DerivationKind,
+    kind: ExportType,
     options: &[(String, String)],
     method: &Method,
     headers: &HeaderMap,
 ) -> Result<Response, Problem> {
-    let short = |name: &str| CALLED.iter().find(|(short, _)| kind == DerivationKind::Slice && *short == name);
+    let short = |name: &str| CALLED.iter().find(|(short, _)| kind == ExportType::Slice && *short == name);
     let used: Vec<&str> = options.iter().map(|(name, _)| name.as_str()).collect();
     // Who said `at` is told of `at`.
     let called = |name: &str| {
@@ -96,12 +96,12 @@ async fn respond(
     let pairs = options
         .iter()
         .map(|(name, value)| (short(name).map_or(name.as_str(), |(_, whole)| whole), value.as_str()));
-    let derivation = Derivation::from_text(kind, pairs)
+    let export = ExportRequest::from_text(kind, pairs)
         .map_err(|faults| Problem::fields(Kind::ValidationError, faults).of_parameters(called))?;
     let (job, result) = finished(app, id).await?;
-    let new = NewDerived::new(&derivation, &result.sha256);
-    check(app, &job, &derivation, &new).await.map_err(|problem| problem.of_parameters(called))?;
-    let described = described(derivation.media_type(), &new.key, &format!("{id}.{}", name_of(&derivation)));
+    let new = NewExport::new(&export, &result.sha256);
+    check(app, &job, &export, &new).await.map_err(|problem| problem.of_parameters(called))?;
+    let described = described(export.media_type(), &new.key, &format!("{id}.{}", export.file_ending()));
     if let Some(response) = described.not_modified(headers) {
         return Ok(response);
     }
@@ -109,12 +109,6 @@ async fn respond(
     let (file, length) = made(app, &job, new, wait).await.map_err(|problem| problem.of_parameters(called))?;
     let part = described.part(method, headers, length)?;
     described.respond(part, |range| files::send_file(app, file, range)).await
-}
-
-/// What a file is called after its job.
-fn name_of(derivation: &Derivation) -> String {
-    let (kind, extension) = (derivation.kind().name(), derivation.file_extension());
-    if kind == extension { kind.to_owned() } else { format!("{kind}.{extension}") }
 }
 
 /// How a file of that key is described.
@@ -132,11 +126,11 @@ pub(super) fn described(media_type: &'static str, key: &str, filename: &str) -> 
 pub(super) async fn check(
     app: &App,
     job: &JobRecord,
-    derivation: &Derivation,
-    new: &NewDerived,
+    export: &ExportRequest,
+    new: &NewExport,
 ) -> Result<(), Problem> {
     let store = &app.shared.store;
-    if store.knows_derived(job.seq, &new.key).await? {
+    if store.knows_export(job.seq, &new.key).await? {
         return Ok(());
     }
     let request = store.request(job.seq).await.map_err(|error| refused(error, job.id))?;
@@ -144,27 +138,27 @@ pub(super) async fn check(
         tracing::error!(job_id = %job.id, ?faults, "the stored request is unreadable");
         Problem::internal()
     })?;
-    Ok(derivation.check(&specimen, &app.shared.limits)?)
+    Ok(export.check(&specimen, &app.shared.limits)?)
 }
 
-/// The file of something derived and its length, once it is made.
-async fn made(app: &App, job: &JobRecord, new: NewDerived, wait: Wait) -> Result<(File, u64), Problem> {
+/// The file of something export and its length, once it is made.
+async fn made(app: &App, job: &JobRecord, new: NewExport, wait: Wait) -> Result<(File, u64), Problem> {
     let store = &app.shared.store;
     for _ in 0..TRIES {
         let (asked, _) = store
-            .ask_derived(job.id, new.clone(), Wish::Use)
+            .request_export(job.id, new.clone(), Wish::Use)
             .await
             .map_err(|error| refused(error, job.id))?;
         let record = match until_finished(app, &asked, wait).await {
             Ok(record) => record,
             // Dropped before it was seen, or called off: if its job is there still, it can be had.
-            Err(StoreError::NoDerived) => continue,
+            Err(StoreError::NoExport) => continue,
             Err(error) => return Err(error.into()),
         };
         match record.state {
-            DerivedState::Succeeded => {}
-            DerivedState::Failed => return Err(derived::failure(&record)),
-            DerivedState::Queued | DerivedState::Running => return Err(not_yet(&record)),
+            ExportState::Succeeded => {}
+            ExportState::Failed => return Err(exports::failure(&record)),
+            ExportState::Queued | ExportState::Running => return Err(not_yet(&record)),
         }
         if let Some(found) = open(app, &record).await? {
             return Ok(found);
@@ -174,19 +168,19 @@ async fn made(app: &App, job: &JobRecord, new: NewDerived, wait: Wait) -> Result
 }
 
 /// Opens the file of something that was made; `None` where it is not what was stored, and is made again.
-pub(super) async fn open(app: &App, record: &DerivedRecord) -> Result<Option<(File, u64)>, Problem> {
+pub(super) async fn open(app: &App, record: &ExportRecord) -> Result<Option<(File, u64)>, Problem> {
     let Some(stored) = record.file.clone() else {
-        tracing::error!(derived_id = %record.id, "something was made without a file");
+        tracing::error!(export_id = %record.id, "something was made without a file");
         return Err(Problem::internal());
     };
     let artifacts = app.shared.artifacts.clone();
     let (path, length) = (stored.path.clone(), stored.bytes);
-    let opened = tokio::task::spawn_blocking(move || artifacts.open_derived(&stored)).await;
+    let opened = tokio::task::spawn_blocking(move || artifacts.open_export(&stored)).await;
     match opened.unwrap_or_else(|error| Err(io::Error::other(error))) {
         Ok(file) => Ok(Some((file, length))),
         Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidData) => {
-            tracing::warn!(%error, path, derived_id = %record.id, "a file is not what was stored; it is made again");
-            app.shared.store.remake_derived(record.seq, path).await?;
+            tracing::warn!(%error, path, export_id = %record.id, "a file is not what was stored; it is made again");
+            app.shared.store.requeue_export(record.seq, path).await?;
             Ok(None)
         }
         Err(error) => {
@@ -196,25 +190,25 @@ pub(super) async fn open(app: &App, record: &DerivedRecord) -> Result<Option<(Fi
     }
 }
 
-/// Waits until something derived is finished, the time is over, or the server stops.
+/// Waits until something export is finished, the time is over, or the server stops.
 pub(super) async fn until_finished(
     app: &App,
-    of: &DerivedRecord,
+    of: &ExportRecord,
     wait: Wait,
-) -> Result<DerivedRecord, StoreError> {
+) -> Result<ExportRecord, StoreError> {
     let (store, job, id) = (&app.shared.store, of.job, of.id);
-    let read = move || async move { store.derived(job, id).await?.ok_or(StoreError::NoDerived) };
-    waiting::wait_until(app, wait, store.subscribe_derived(id), read, |record| record.state.is_finished())
+    let read = move || async move { store.export(job, id).await?.ok_or(StoreError::NoExport) };
+    waiting::wait_until(app, wait, store.subscribe_export(id), read, |record| record.state.is_finished())
         .await
 }
 
-fn not_yet(record: &DerivedRecord) -> Problem {
+fn not_yet(record: &ExportRecord) -> Problem {
     let done = record.progress.as_ref().and_then(|progress| progress["fraction"].as_f64());
     not_ready(match (record.state, done) {
-        (DerivedState::Running, Some(done)) => {
+        (ExportState::Running, Some(done)) => {
             format!("it is being made, {:.0} % of it are done", 100.0 * done)
         }
-        (DerivedState::Running, None) => "it is being made".into(),
+        (ExportState::Running, None) => "it is being made".into(),
         _ => "it waits to be made behind others".into(),
     })
 }
@@ -248,7 +242,7 @@ macro_rules! slices {
         #[doc = $title]
         ///
         /// The plane `axis` = `at_mm` through the packing, its grains as circles, with their share of its area. Supports
-        /// `Range`, `If-Range` and `If-None-Match` as results do; further options are those of the schema `Derivation`.
+        /// `Range`, `If-Range` and `If-None-Match` as results do; further options are those of the schema `ExportRequest`.
         #[utoipa::path(
             get, path = $path, tag = "results", operation_id = $operation,
             params(
@@ -277,7 +271,7 @@ macro_rules! slices {
         ) -> Result<Response, Problem> {
             let mut options = query.rest();
             options.push(("form".into(), $form.into()));
-            respond(&app, id, DerivationKind::Slice, &options, &method, &headers).await
+            respond(&app, id, ExportType::Slice, &options, &method, &headers).await
         }
     )*};
 }

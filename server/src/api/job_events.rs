@@ -21,7 +21,7 @@ use super::job_view::JobSummary;
 use super::openapi::JobProblems;
 use super::params::{JobPath, Query};
 use super::problem::refused;
-use crate::jobs::changes::Subscription;
+use crate::jobs::notifications::Subscription;
 use crate::jobs::store::StoreError;
 use crate::jobs::{self, JobId, JobRecord};
 use crate::problem::Problem;

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use jiff::Timestamp;
-use packstone_engine::format::{EngineInfo, Format};
+use packstone_engine::export::tables::{EngineInfo, Format};
 use packstone_engine::packing::Summary;
 use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::App;
-use super::derived_view::DerivedLink;
+use super::export_view::ExportLink;
 use super::waiting::Changing;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
@@ -93,8 +93,8 @@ pub(super) struct JobSummary {
 pub(super) struct Job {
     #[serde(flatten)]
     summary: JobSummary,
-    /// What is kept of its result besides: asked for in `postprocess`, or by `POST /v1/jobs/{id}/derived`.
-    derived: Vec<DerivedLink>,
+    /// What is kept of its result besides: asked for in `postprocess`, or by `POST /v1/jobs/{id}/exports`.
+    export: Vec<ExportLink>,
     /// The request as submitted, with its defaults filled in.
     #[schema(value_type = JobRequest)]
     request: Value,
@@ -131,7 +131,7 @@ pub(super) struct Links {
     /// Its plots; which, says `kind`.
     plot: String,
     /// What is made of its result.
-    derived: String,
+    export: String,
     /// Where to cancel it.
     cancel: String,
     /// Where to retry it.
@@ -169,7 +169,7 @@ impl JobSummary {
                 result: format!("{this}/result"),
                 summary: format!("{this}/result/summary"),
                 plot: format!("{this}/plot.svg"),
-                derived: format!("{this}/derived"),
+                export: format!("{this}/exports"),
                 cancel: format!("{this}/cancel"),
                 retry: format!("{this}/retry"),
                 this,
@@ -194,8 +194,8 @@ pub(super) async fn whole(app: &App, job: &JobRecord) -> Result<Job, StoreError>
     let store = &app.shared.store;
     let request = store.request(job.seq).await?;
     let kept = if job.state == State::Succeeded { store.kept_of(job.seq).await? } else { Vec::new() };
-    let derived = kept.into_iter().map(|(id, kind)| DerivedLink::of(job.id, id, kind)).collect();
-    Ok(Job { summary: JobSummary::of(job), derived, request })
+    let export = kept.into_iter().map(|(id, kind)| ExportLink::of(job.id, id, kind)).collect();
+    Ok(Job { summary: JobSummary::of(job), export, request })
 }
 
 /// The job as a response with its tag, and a hint when to come back while it is not finished.

@@ -3,8 +3,8 @@
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::derived::DerivationKind;
-use packstone_engine::format::{EngineInfo, Format};
+use packstone_engine::export::ExportType;
+use packstone_engine::export::tables::{EngineInfo, Format};
 use packstone_engine::mix::standard;
 use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, StandardCurve};
 use serde::Serialize;
@@ -15,7 +15,7 @@ use super::conditional::MAX_WAIT_S;
 use super::formats;
 use super::openapi::{OpenProblems, ReadyProblems};
 use super::params::Query;
-use crate::derived;
+use crate::exports;
 use crate::jobs::request;
 use crate::metrics::Gauges;
 use crate::problem::{Kind, Problem};
@@ -41,8 +41,8 @@ pub(super) struct Capabilities {
     /// Formats of results.
     formats: Vec<FormatInfo>,
     /// What can be made of results: formats with options of their own, and what `postprocess` and
-    /// `POST /v1/jobs/{id}/derived` take.
-    derivations: Vec<DerivationInfo>,
+    /// `POST /v1/jobs/{id}/exports` take.
+    exports: Vec<ExportInfo>,
     /// Bounds.
     limits: LimitsInfo,
 }
@@ -67,9 +67,9 @@ pub(super) struct FormatInfo {
 
 /// Something that can be made of results.
 #[derive(Serialize, ToSchema)]
-pub(super) struct DerivationInfo {
+pub(super) struct ExportInfo {
     /// Its `type`.
-    r#type: DerivationKind,
+    r#type: ExportType,
     /// Media type of the file, if no option changes it.
     media_type: &'static str,
     /// Its name in `?format=`; `null` where it is no format of results, as cuts, which have an address of their own.
@@ -116,10 +116,10 @@ pub(super) struct LimitsInfo {
     max_downloads: usize,
     /// Most things in `postprocess`.
     max_postprocess: usize,
-    /// Most things derived that are kept of one result.
-    max_kept_derived: u64,
-    /// Bytes that things derived may hold which nobody asked to be kept.
-    derived_cache_bytes: u64,
+    /// Most things export that are kept of one result.
+    max_kept_exports: u64,
+    /// Bytes that things export may hold which nobody asked to be kept.
+    export_cache_bytes: u64,
 }
 
 /// What this server can do
@@ -145,12 +145,12 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })
             .collect(),
-        derivations: DerivationKind::ALL
+        exports: ExportType::ALL
             .iter()
-            .map(|&kind| DerivationInfo {
+            .map(|&kind| ExportInfo {
                 r#type: kind,
                 media_type: formats::media_type(kind),
-                format: formats::model(kind.name()).map(DerivationKind::name),
+                format: formats::model(kind.name()).map(ExportType::name),
             })
             .collect(),
         limits: LimitsInfo {
@@ -171,9 +171,9 @@ pub(super) async fn capabilities(State(app): State<App>, query: Query) -> Result
             max_study_jobs: studies::MAX_JOBS,
             max_wait_s: MAX_WAIT_S,
             max_downloads: shared.max_downloads,
-            max_postprocess: derived::MAX_POSTPROCESS,
-            max_kept_derived: derived::MAX_KEPT,
-            derived_cache_bytes: shared.derived_cache_bytes,
+            max_postprocess: exports::MAX_POSTPROCESS,
+            max_kept_exports: exports::MAX_KEPT,
+            export_cache_bytes: shared.export_cache_bytes,
         },
     };
     Ok(axum::Json(capabilities).into_response())
@@ -221,10 +221,10 @@ pub(super) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
 )]
 pub(super) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     let shared = &app.shared;
-    let derived = shared.store.derived_counts().await?;
+    let export = shared.store.export_counts().await?;
     let gauges = Gauges {
-        derived: derived.states,
-        derived_cache_bytes: derived.cache_bytes,
+        export: export.states,
+        export_cache_bytes: export.cache_bytes,
         jobs: shared.store.counts().await?,
         open_studies: shared.store.open_studies().await?,
         workers: shared.workers,

@@ -7,8 +7,8 @@
 pub(crate) mod auth;
 mod body;
 mod conditional;
-mod derived;
-mod derived_view;
+mod export_view;
+mod exports;
 mod files;
 mod formats;
 mod job_actions;
@@ -83,7 +83,7 @@ struct Shared {
     /// One permit per result being sent.
     downloads: Arc<Semaphore>,
     max_downloads: usize,
-    derived_cache_bytes: u64,
+    export_cache_bytes: u64,
     /// One permit per plot being drawn.
     plots: Arc<Semaphore>,
     large_bodies: Semaphore,
@@ -114,7 +114,7 @@ impl App {
                 max_connections: options.max_connections,
                 downloads: Arc::new(Semaphore::new(options.max_downloads)),
                 max_downloads: options.max_downloads,
-                derived_cache_bytes: options.derived_cache_bytes,
+                export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Semaphore::new(LARGE_BODIES),
                 ready: AtomicBool::new(false),

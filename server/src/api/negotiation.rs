@@ -1,7 +1,7 @@
 //! Which format of a result or a table a request wants: `?format=` first, then `Accept` (RFC 9110, 12.5.1).
 
 use axum::http::{HeaderMap, header};
-use packstone_engine::format::Format;
+use packstone_engine::export::tables::Format;
 use utoipa::ToSchema;
 
 use super::formats;

@@ -21,10 +21,10 @@ use crate::plots::job::JobPlot;
 use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};
 use packstone_engine::Plan;
-use packstone_engine::format::EngineInfo;
-use packstone_engine::ldpm::File;
-use packstone_engine::packing::{GrowthPoint, Statistics, Summary, Timings, Verification};
-use packstone_engine::slice::Form;
+use packstone_engine::export::ldpm;
+use packstone_engine::export::slice;
+use packstone_engine::export::tables::EngineInfo;
+use packstone_engine::packing::{CheckReport, GrowthPoint, Statistics, Summary, Timings};
 
 use crate::jobs::JobRequest;
 
@@ -88,7 +88,7 @@ pub(super) struct ResultDocument {
     /// What the algorithms counted.
     statistics: Statistics,
     /// What the independent check found.
-    verification: Verification,
+    check: CheckReport,
     /// Packing time in s and distance reached in mm, where the largest distance was asked for; else empty.
     distance_curve: Vec<[f64; 2]>,
     /// The growth of grains over the run; absent for methods that do not grow them.
@@ -149,11 +149,11 @@ problem_sets! {
     SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, JobFailed 409,
         RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of what is to be made of a result.
-    DeriveProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
+    ExportProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
         JobFailed 409, Conflict 409, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422,
         FormatNotAvailable 422, TooLarge 422, QueueFull 429;
     /// Of the files of what was made.
-    DerivedFileProblems: ValidationError 400, NotFound 404, ResultNotReady 404, DerivationFailed 409,
+    ExportFileProblems: ValidationError 400, NotFound 404, ResultNotReady 404, ExportFailed 409,
         RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
@@ -214,13 +214,13 @@ pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
 
 /// Says in which media types models come: as many as there are of them.
 fn add_media_types(document: &mut Value) {
-    let cuts = Form::ALL.map(Form::media_type);
-    let lattice = File::Cells.media_type();
+    let cuts = slice::Format::ALL.map(slice::Format::media_type);
+    let lattice = ldpm::Format::Cells.media_type();
     let models: Vec<_> = formats::models().map(formats::media_type).chain([lattice]).collect();
-    let file = "/v1/jobs/{id}/derived/{derived_id}/file";
+    let file = "/v1/jobs/{id}/exports/{export_id}/file";
     for (path, media_types) in [("/v1/jobs/{id}/result", &models), (file, &[&cuts[..], &models].concat())] {
         for status in ["200", "206"] {
-            let content = &mut document["paths"][path]["get"]["responses"][status]["content"];
+            let content = &mut document["paths"][path]["get"]["responses"][status]["proportions"];
             for media_type in media_types {
                 let schema = if *media_type == "application/json" {
                     json!({"$ref": "#/components/schemas/SliceDocument"})
@@ -331,7 +331,7 @@ mod tests {
         let value = router::document();
         assert_eq!(value["components"]["schemas"]["JobRequest"]["additionalProperties"], false);
         assert_eq!(
-            value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
+            value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["proportions"][PROBLEM_JSON]["schema"]["$ref"],
             "#/components/schemas/Problem"
         );
         assert_eq!(value["components"]["securitySchemes"]["api_key"]["scheme"], "bearer");

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 
-use crate::ids::{DerivedId, JobId, StudyId};
+use crate::ids::{ExportId, JobId, StudyId};
 use crate::problem::{Fault, Problem};
 
 /// The job that a path names.
@@ -38,18 +38,18 @@ impl<S: Send + Sync> FromRequestParts<S> for StudyPath {
     }
 }
 
-/// Something derived, and its job, that a path names.
+/// Something export, and its job, that a path names.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct DerivedPath(pub(super) JobId, pub(super) DerivedId);
+pub(super) struct ExportPath(pub(super) JobId, pub(super) ExportId);
 
-impl<S: Send + Sync> FromRequestParts<S> for DerivedPath {
+impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         match Path::<(String, String)>::from_request_parts(parts, state).await {
             Ok(Path((job, id))) => {
                 let job = JobId::parse(&job).ok_or_else(|| Problem::no_job(&job))?;
-                DerivedId::parse(&id).map(|id| Self(job, id)).ok_or_else(|| Problem::no_derived(&id))
+                ExportId::parse(&id).map(|id| Self(job, id)).ok_or_else(|| Problem::no_export(&id))
             }
             Err(_) => Err(Problem::no_job(parts.uri.path())),
         }

@@ -35,7 +35,7 @@ pub(super) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem 
     match error {
         StoreError::NoJob => Problem::no_job(&id.to_string()),
         StoreError::NoStudy => Problem::no_study(&id.to_string()),
-        StoreError::NoDerived => Problem::no_derived(&id.to_string()),
+        StoreError::NoExport => Problem::no_export(&id.to_string()),
         StoreError::StudyForbidden(state) => {
             Problem::new(Kind::Conflict, format!("the study {id} is {}, which forbids this", state.name()))
                 .with("state", state.name().into())
@@ -59,7 +59,7 @@ impl From<StoreError> for Problem {
                 Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")
             }
             StoreError::TooManyKept { .. } => Self::new(Kind::Conflict, error.to_string()),
-            StoreError::NoDerived => Self::new(Kind::NotFound, "it has been deleted meanwhile"),
+            StoreError::NoExport => Self::new(Kind::NotFound, "it has been deleted meanwhile"),
             StoreError::NoJob => Self::new(Kind::NotFound, "there is no such job any more"),
             StoreError::NoStudy => Self::new(Kind::NotFound, "there is no such study any more"),
             other => {

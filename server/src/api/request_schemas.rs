@@ -3,13 +3,13 @@
 //! What reads requests refuses unknown fields, takes `null` for absent, and bounds the items of
 //! arrays; the derives can say none of it.
 
-use packstone_engine::derived::DerivationKind;
-use packstone_engine::format::Format;
+use packstone_engine::export::ExportType;
+use packstone_engine::export::tables::Format;
 use packstone_engine::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
 use serde_json::{Map, Value, json};
 
 use super::formats::models;
-use crate::derived::MAX_POSTPROCESS;
+use crate::exports::MAX_POSTPROCESS;
 
 use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS};
 
@@ -34,7 +34,7 @@ const REQUEST_SCHEMAS: [&str; 16] = [
     "AxisRange",
     "JobRequest",
     "Mix",
-    "MixContent",
+    "MixProportions",
     "MixAddition",
     "SizeClass",
     "Specimen",
@@ -42,8 +42,8 @@ const REQUEST_SCHEMAS: [&str; 16] = [
     "Distance",
     "Method",
     "EdmdStop",
-    "Derivation",
-    "Placement",
+    "ExportRequest",
+    "Segregation",
     "GradientField",
 ];
 /// Characters that may not be in names and labels, as part of a class of a pattern.
@@ -53,7 +53,7 @@ const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
 pub(super) fn polish(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
     join_options(schemas, "Method");
-    join_options(schemas, "Derivation");
+    join_options(schemas, "ExportRequest");
     part_voxels(schemas);
     name_formats(schemas);
     describe_cuts(schemas);
@@ -123,7 +123,7 @@ fn join_options(schemas: &mut Map<String, Value>, name: &str) {
 
 /// Options that voxel models have in common in the code, and not in requests.
 fn part_voxels(schemas: &mut Map<String, Value>) {
-    let variants = schemas.get_mut("Derivation").and_then(|schema| schema["oneOf"].as_array_mut());
+    let variants = schemas.get_mut("ExportRequest").and_then(|schema| schema["oneOf"].as_array_mut());
     for variant in variants.into_iter().flatten() {
         let foreign: &[&str] = match variant["properties"]["type"]["enum"][0].as_str() {
             Some("raw") => &["fractions"],
@@ -153,7 +153,7 @@ fn describe_cuts(schemas: &mut Map<String, Value>) {
 /// The names of formats: those of the grains, then the models.
 fn name_formats(schemas: &mut Map<String, Value>) {
     if let Some(schema) = schemas.get_mut("ResultFormat") {
-        let names = Format::ALL.into_iter().map(Format::name).chain(models().map(DerivationKind::name));
+        let names = Format::ALL.into_iter().map(Format::name).chain(models().map(ExportType::name));
         schema["enum"] = names.collect();
     }
 }
@@ -244,7 +244,7 @@ mod tests {
     fn optional_fields_may_be_null_and_others_may_not_be_there() {
         let mut document = json!({"components": {"schemas": {"Mix": {
             "type": "object", "required": ["grading"],
-            "properties": {"grading": {"$ref": "#/g"}, "basis": {"$ref": "#/b", "default": "mixture"}, "n": {"type": "number"}}
+            "properties": {"grading": {"$ref": "#/g"}, "volume_fraction_of": {"$ref": "#/b", "default": "mixture"}, "n": {"type": "number"}}
         }}}});
         polish(&mut document);
         assert_eq!(
@@ -253,7 +253,7 @@ mod tests {
                 "type": "object", "required": ["grading"],
                 "properties": {
                     "grading": {"$ref": "#/g"},
-                    "basis": {"anyOf": [{"$ref": "#/b"}, {"type": "null"}], "default": "mixture"},
+                    "volume_fraction_of": {"anyOf": [{"$ref": "#/b"}, {"type": "null"}], "default": "mixture"},
                     "n": {"type": ["number", "null"]}
                 },
                 "additionalProperties": false
@@ -272,12 +272,12 @@ mod tests {
         assert!(methods.iter().any(|m| m["properties"]["type"]["enum"] == json!(["edmd"])
             && m["properties"]["initial_scale"]["minimum"] == 0.5));
         assert_eq!(schemas.get("EdmdOptions"), None, "its fields are those of the method");
-        let derivations = schemas["Derivation"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
-        assert_eq!(derivations.len(), DerivationKind::ALL.len());
-        for (derivation, kind) in derivations.iter().zip(DerivationKind::ALL) {
-            assert_eq!(derivation["properties"]["type"]["enum"], json!([kind.name()]));
+        let exports = schemas["ExportRequest"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        assert_eq!(exports.len(), ExportType::ALL.len());
+        for (export, kind) in exports.iter().zip(ExportType::ALL) {
+            assert_eq!(export["properties"]["type"]["enum"], json!([kind.name()]));
             assert!(
-                derivation["properties"].as_object().is_some_and(|fields| fields.len() > 1),
+                export["properties"].as_object().is_some_and(|fields| fields.len() > 1),
                 "{}",
                 kind.name()
             );

@@ -10,7 +10,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::format::{self, EngineInfo, Format};
+use packstone_engine::export::tables::{self, EngineInfo, Format};
 use packstone_engine::packing::Report;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -72,7 +72,7 @@ pub(super) async fn summary(
 /// one part, `If-Range` and `If-None-Match`.
 ///
 /// Formats that are models of the packing (meshes, voxels, cuts, lattices) take options, each a parameter of its own, as
-/// `?format=msh&segments=24`; they are those of the schema `Derivation`. Such a file is made when it is first asked for, and
+/// `?format=msh&segments=24`; they are those of the schema `ExportRequest`. Such a file is made when it is first asked for, and
 /// kept for a while; the answer is held back for it, at most 30 s or as long as `Prefer: wait=N` says.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
@@ -127,7 +127,7 @@ pub(super) async fn get(
             "\"{}-{}-{}\"",
             &artifact.sha256[..32.min(artifact.sha256.len())],
             format.name(),
-            format::REVISION
+            tables::REVISION
         ),
         content_type: content_type(format),
         filename: format!("{id}.{}", format.name()),
@@ -137,7 +137,7 @@ pub(super) async fn get(
     if let Some(response) = described.not_modified(&headers) {
         return Ok(response);
     }
-    if artifact.format_revision != format::REVISION {
+    if artifact.format_revision != tables::REVISION {
         artifact = recount(&app, &job, artifact).await?;
     }
     let length = *artifact.format_lengths.get(format.name()).ok_or_else(|| {
@@ -198,11 +198,11 @@ async fn recount(app: &App, job: &JobRecord, artifact: ArtifactRecord) -> Result
     let artifacts = app.shared.artifacts.clone();
     let counted = blocking(job.id, move || {
         let lengths = artifacts.read(&artifact)?.count_lengths()?;
-        Ok(ArtifactRecord { format_revision: format::REVISION, format_lengths: lengths, ..artifact })
+        Ok(ArtifactRecord { format_revision: tables::REVISION, format_lengths: lengths, ..artifact })
     })
     .await?;
     let (store, lengths) = (&app.shared.store, counted.format_lengths.clone());
-    store.record_lengths(job.seq, format::REVISION, lengths).await?;
+    store.record_lengths(job.seq, tables::REVISION, lengths).await?;
     Ok(counted)
 }
 

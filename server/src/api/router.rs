@@ -10,7 +10,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::{
-    App, derived, formats, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots,
+    App, exports, formats, job_actions, job_events, job_list, jobs, meta, observe, openapi, plots,
     problem_pages, results, studies, study_actions, study_list, study_table,
 };
 use crate::problem::{Kind, Problem};
@@ -46,9 +46,9 @@ fn documented() -> OpenApiRouter<App> {
         .routes(routes!(formats::slice_png))
         .routes(routes!(formats::slice_json))
         .routes(routes!(formats::slice_geo))
-        .routes(routes!(derived::submit, derived::list))
-        .routes(routes!(derived::get, derived::delete))
-        .routes(routes!(derived::file))
+        .routes(routes!(exports::submit, exports::list))
+        .routes(routes!(exports::get, exports::delete))
+        .routes(routes!(exports::file))
         .routes(routes!(studies::submit, study_list::list))
         .routes(routes!(studies::get, study_actions::delete))
         .routes(routes!(job_list::list_of_study))

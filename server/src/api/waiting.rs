@@ -9,7 +9,7 @@ use tokio::time::{Instant, timeout_at};
 use super::App;
 use super::conditional::{self, Wait};
 use super::job_view::set;
-use crate::jobs::changes::Subscription;
+use crate::jobs::notifications::Subscription;
 use crate::jobs::store::StoreError;
 
 pub(super) const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");

@@ -4,7 +4,7 @@
 //! once the store refers to it; whatever else lies in the folder is left over from a crash and is
 //! swept. The form inside the file is the engine's; nothing here knows jobs' states or HTTP.
 
-mod derived;
+mod exports;
 #[cfg(test)]
 #[path = "tests.rs"]
 mod on_disk;
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Ending of a complete result.
 const RESULT: &str = ".packstone";
 /// Ending of a complete file that was made of one.
-const DERIVED: &str = ".derived";
+const DERIVED: &str = ".export";
 /// What follows the ending of one that is being written.
 const PARTIAL: &str = ".tmp";
 
@@ -59,7 +59,7 @@ impl Artifacts {
     }
 
     /// Claims the place of a file that an attempt makes of a result.
-    pub(crate) fn begin_derived(&self, id: &str, attempt: i64) -> InFlight {
+    pub(crate) fn begin_export(&self, id: &str, attempt: i64) -> InFlight {
         self.claim(id, attempt, DERIVED)
     }
 
@@ -136,23 +136,22 @@ mod tests {
             "ab/xab.2.packstone.tmp",
             "ab/notes.txt",
             "ab/notes.tmp",
-            "ab/yab.1.derived",
-            "ab/yab.2.derived.tmp",
+            "ab/yab.1.export",
+            "ab/yab.2.export.tmp",
         ] {
             fs::write(folder.path().join("artifacts").join(name), "x").unwrap();
         }
         let writing = artifacts.begin("xab", 2);
-        let deriving = artifacts.begin_derived("yab", 2);
+        let deriving = artifacts.begin_export("yab", 2);
         let mut settled = artifacts.settled().unwrap();
         settled.sort();
         let itself = |path: &str| (path.to_owned(), path.to_owned());
-        assert_eq!(settled, [itself("ab/xab.1.packstone"), itself("ab/yab.1.derived")]);
+        assert_eq!(settled, [itself("ab/xab.1.packstone"), itself("ab/yab.1.export")]);
         drop((writing, deriving));
         let mut settled: Vec<String> =
             artifacts.settled().unwrap().into_iter().map(|(path, _)| path).collect();
         settled.sort();
-        let all =
-            ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/yab.1.derived", "ab/yab.2.derived.tmp"];
+        let all = ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/yab.1.export", "ab/yab.2.export.tmp"];
         assert_eq!(settled, all);
         artifacts.remove("ab/xab.1.packstone").unwrap();
         artifacts.remove("ab/xab.1.packstone").unwrap();

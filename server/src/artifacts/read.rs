@@ -7,7 +7,7 @@ use std::os::unix::fs::FileExt as _;
 use std::sync::PoisonError;
 
 use packstone_engine::Unattended;
-use packstone_engine::format::{Column, Head, SphereSource, stored::Layout};
+use packstone_engine::export::tables::{Column, Head, SphereSource, stored::Layout};
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, write};

@@ -11,7 +11,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use bytes::{Bytes, BytesMut};
-use packstone_engine::format::{self, Format};
+use packstone_engine::export::tables::{self, Format};
 use tokio::runtime::Handle;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc;
@@ -33,7 +33,7 @@ pub(crate) fn start(
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tokio::task::spawn_blocking(move || {
         let mut window = Window::new(range, Blocks { sender: sender.clone(), handle: Handle::current() });
-        let written = format::write(format, result.head(), &result, &mut window);
+        let written = tables::write(format, result.head(), &result, &mut window);
         if let Err(error) = window.finish(written) {
             tracing::warn!(%error, format = format.name(), "a result was not sent to its end");
             let _ = sender.try_send(Err(error));

@@ -4,7 +4,7 @@
 
 use std::io;
 
-use packstone_engine::format::{self, EngineInfo, Format, Head};
+use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::{Limits, Packing, PackingRequest, Unattended, pack};
 use serde_json::json;
 use tokio::sync::Semaphore;
@@ -46,7 +46,7 @@ impl Stored {
 
     fn formatted(&self, format: Format) -> Vec<u8> {
         let mut bytes = Vec::new();
-        format::write(format, &self.head, &self.packing.spheres, &mut bytes).unwrap();
+        tables::write(format, &self.head, &self.packing.spheres, &mut bytes).unwrap();
         bytes
     }
 }

@@ -9,7 +9,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use packstone_engine::Control;
-use packstone_engine::format::{self, Format, Head, SphereSource, stored};
+use packstone_engine::export::tables::{self, Format, Head, SphereSource, stored};
 use serde_json::Map;
 use sha2::{Digest, Sha256};
 
@@ -48,7 +48,7 @@ impl Artifacts {
             bytes,
             sha256,
             report,
-            format_revision: format::REVISION,
+            format_revision: tables::REVISION,
             format_lengths,
         })
     }
@@ -114,7 +114,7 @@ pub(super) fn count_lengths(
         .into_iter()
         .map(|format| {
             check(control)?;
-            Ok((format.name().to_owned(), format::length(format, head, spheres)?))
+            Ok((format.name().to_owned(), tables::length(format, head, spheres)?))
         })
         .collect()
 }

@@ -60,9 +60,9 @@ mod tests {
 
     #[test]
     fn differences_name_field_and_values() {
-        let job = json!({"seed": 1, "mix": {"volume_fraction": 0.5, "d_min_mm": 2.0, "mm": [1, 2, 3, 4]}});
-        let checkpoint =
-            json!({"seed": 1, "mix": {"volume_fraction": 0.6, "mm": [1, 2, 3]}, "distance": {"mm": 1}});
+        let job =
+            json!({"seed": 1, "mix": {"volume_fraction": 0.5, "d_min_mm": 2.0, "gap_mm": [1, 2, 3, 4]}});
+        let checkpoint = json!({"seed": 1, "mix": {"volume_fraction": 0.6, "gap_mm": [1, 2, 3]}, "distance": {"gap_mm": 1}});
         assert_eq!(
             differences(&job, "the job", &checkpoint, "the checkpoint"),
             [

@@ -3,8 +3,8 @@
 mod bar;
 mod bench;
 mod demo;
-mod derive;
 mod differences;
+mod export;
 mod key;
 mod models;
 mod openapi;
@@ -34,7 +34,7 @@ enum Command {
     /// Run one job without a service
     Run(run::Options),
     /// Make a model of a result: a mesh, voxels, a cut, a lattice
-    Derive(derive::Options),
+    Derive(export::Options),
     /// Run a study without a service: many packings, and the table of what became of them
     Study(Box<study::Options>),
     /// Print the interface as an OpenAPI document
@@ -55,7 +55,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Serve(options) => serve::run(*options),
         Command::Demo(options) => demo::run(options),
         Command::Run(options) => run::run(&options),
-        Command::Derive(options) => derive::run(&options),
+        Command::Derive(options) => export::run(&options),
         Command::Study(options) => study::run(&options),
         Command::Openapi => openapi::run(),
         Command::Bench(options) => bench::run(&options),

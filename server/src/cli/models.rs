@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use packstone_engine::derived::{Derivation, DerivationKind, DerivedError, Model};
+use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model};
 use packstone_engine::{Control, FieldError, Limits, Progress};
 
 use super::bar::Bar;
@@ -17,23 +17,23 @@ use super::{Failure, print};
 
 /// Names of all models, for a list of what there is.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
-    DerivationKind::ALL.iter().map(|kind| kind.name())
+    ExportType::ALL.into_iter().map(ExportType::name)
 }
 
 /// Makes each of these in a folder that exists, and prints the name of its file; what there is to know about it stands
 /// beside it.
 pub(super) fn write_all(
-    derivations: &[Derivation],
+    exports: &[ExportRequest],
     model: &Model<'_>,
     limits: &Limits,
     out: &Path,
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
     let mut names = Names::of("result");
-    for derivation in derivations {
-        let file = out.join(names.of_model(derivation));
-        let watch = Watch { bar: Bar::new(), what: derivation.kind().name(), stop };
-        let written = write(derivation, model, limits, &watch, &file);
+    for export in exports {
+        let file = out.join(names.of_model(export));
+        let watch = Watch { bar: Bar::new(), what: export.export_type().name(), stop };
+        let written = write(export, model, limits, &watch, &file);
         watch.bar.finish();
         written.map_err(|error| format!("{} was not made: {}", file.display(), explained(error)))?;
         print(&format!("{}\n", file.display()))?;
@@ -42,10 +42,10 @@ pub(super) fn write_all(
 }
 
 /// What stops a model from being made, as lines for a person.
-pub(super) fn explained(error: DerivedError) -> String {
+pub(super) fn explained(error: ExportError) -> String {
     match error {
-        DerivedError::Invalid(faults) => listed(&faults),
-        DerivedError::TooLarge(fault) => listed(&[fault]),
+        ExportError::Invalid(faults) => listed(&faults),
+        ExportError::TooLarge(fault) => listed(&[fault]),
         other => other.to_string(),
     }
 }
@@ -69,9 +69,8 @@ impl Names {
     }
 
     /// The next free one for a model.
-    pub(super) fn of_model(&mut self, derivation: &Derivation) -> String {
-        let (kind, extension) = (derivation.kind().name(), derivation.file_extension());
-        let ending = if kind == extension { kind.to_owned() } else { format!("{kind}.{extension}") };
+    pub(super) fn of_model(&mut self, export: &ExportRequest) -> String {
+        let ending = export.file_ending();
         let mut name = format!("{}.{ending}", self.stem);
         let mut n = 2;
         while !self.taken.insert(name.clone()) {
@@ -85,13 +84,13 @@ impl Names {
 /// Makes a model as a file, with what there is to know about it in another beside it, and the script that opens it
 /// where its program needs one. Of what fails, nothing is left.
 pub(super) fn write(
-    derivation: &Derivation,
+    export: &ExportRequest,
     model: &Model<'_>,
     limits: &Limits,
     control: &dyn Control,
     file: &Path,
-) -> Result<(), DerivedError> {
-    let written = try_write(derivation, model, limits, control, file);
+) -> Result<(), ExportError> {
+    let written = try_write(export, model, limits, control, file);
     if written.is_err() {
         // A part of a file would be taken for the whole.
         let _ = fs::remove_file(file);
@@ -100,19 +99,19 @@ pub(super) fn write(
 }
 
 fn try_write(
-    derivation: &Derivation,
+    export: &ExportRequest,
     model: &Model<'_>,
     limits: &Limits,
     control: &dyn Control,
     file: &Path,
-) -> Result<(), DerivedError> {
+) -> Result<(), ExportError> {
     let mut out = BufWriter::with_capacity(1 << 18, File::create(file)?);
-    let report = derivation.write(model, limits, control, &mut out)?;
+    let report = export.write(model, limits, control, &mut out)?;
     out.flush()?;
     let text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
     fs::write(beside(file, "report.json"), text)?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
-    if let Some((ending, text)) = derivation.companion(&name) {
+    if let Some((ending, text)) = export.companion(&name) {
         fs::write(beside(file, ending), text)?;
     }
     Ok(())

@@ -5,8 +5,8 @@
 //! delete; the [`store`] decides in one transaction whether the state allows it. [`runner`] leases
 //! jobs and runs them, [`sweeper`] clears up behind them. Nothing here knows HTTP.
 
-pub(crate) mod changes;
 pub(crate) mod control;
+pub(crate) mod notifications;
 pub(crate) mod request;
 pub(crate) mod runner;
 pub(crate) mod store;

@@ -6,15 +6,15 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
-use packstone_engine::derived::Derivation;
+use packstone_engine::export::ExportRequest;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
-use packstone_engine::request::{Distance, Method, Mix, Placement, Specimen};
+use packstone_engine::request::{Distance, Method, Mix, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use crate::derived::MAX_POSTPROCESS;
+use crate::exports::MAX_POSTPROCESS;
 use crate::problem::Problem;
 
 /// Longest name of a job, in characters.
@@ -75,10 +75,10 @@ pub(crate) struct JobRequest {
     pub(crate) method: Method,
     /// Where grains of which size are to lie; anywhere when absent.
     #[schema(required = false)]
-    #[serde(skip_serializing_if = "Placement::is_random")]
-    pub(crate) placement: Placement,
+    #[serde(skip_serializing_if = "Segregation::is_none")]
+    pub(crate) segregation: Segregation,
     /// What to make of the packing once it is there: one thing or a list of at most 8, each as in
-    /// `POST /v1/jobs/{id}/derived`.
+    /// `POST /v1/jobs/{id}/exports`.
     #[schema(required = false)]
     #[serde(skip_serializing_if = "Postprocess::is_empty")]
     pub(crate) postprocess: Postprocess,
@@ -89,9 +89,9 @@ pub(crate) struct JobRequest {
 #[serde(untagged)]
 pub(crate) enum Postprocess {
     /// One thing.
-    One(Box<Derivation>),
+    One(Box<ExportRequest>),
     /// A list of them.
-    List(Vec<Derivation>),
+    List(Vec<ExportRequest>),
 }
 
 impl Default for Postprocess {
@@ -106,7 +106,7 @@ impl Postprocess {
     }
 
     /// What is to be made, each with its place in the request.
-    pub(crate) fn items(&self) -> Vec<(String, &Derivation)> {
+    pub(crate) fn items(&self) -> Vec<(String, &ExportRequest)> {
         match self {
             Self::One(one) => vec![("/postprocess".into(), one)],
             Self::List(list) => {
@@ -143,7 +143,7 @@ impl JobRequest {
             mix: self.mix.clone(),
             distance: self.distance,
             method: self.method,
-            placement: self.placement,
+            segregation: self.segregation,
         }
     }
 
@@ -152,8 +152,8 @@ impl JobRequest {
     /// # Errors
     /// What is wrong with the first that cannot be made, at its place.
     pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Problem> {
-        for (place, derivation) in self.postprocess.items() {
-            derivation.check(&self.specimen, limits).map_err(|error| Problem::from(error).below(&place))?;
+        for (place, export) in self.postprocess.items() {
+            export.check(&self.specimen, limits).map_err(|error| Problem::from(error).below(&place))?;
         }
         Ok(())
     }
@@ -203,14 +203,14 @@ fn read_fields(
         mix: packing.mix,
         distance: packing.distance,
         method: packing.method,
-        placement: packing.placement,
+        segregation: packing.segregation,
         postprocess: postprocess?,
     })
 }
 
 fn read_postprocess(at: &At<'_>) -> Option<Postprocess> {
     if !at.value().is_array() {
-        return Derivation::read(at).map(|one| Postprocess::One(Box::new(one)));
+        return ExportRequest::read(at).map(|one| Postprocess::One(Box::new(one)));
     }
     let items = at.array()?;
     if items.len() > MAX_POSTPROCESS {
@@ -218,7 +218,7 @@ fn read_postprocess(at: &At<'_>) -> Option<Postprocess> {
         return None;
     }
     // All of them, so that every fault is told.
-    let read: Vec<Option<Derivation>> = items.iter().map(Derivation::read).collect();
+    let read: Vec<Option<ExportRequest>> = items.iter().map(ExportRequest::read).collect();
     read.into_iter().collect::<Option<Vec<_>>>().map(Postprocess::List)
 }
 

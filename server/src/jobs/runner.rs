@@ -10,7 +10,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use packstone_engine::format::{EngineInfo, Head};
+use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::{Control as _, Limits, PackError, Phase, Progress};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -23,7 +23,7 @@ use super::store::{Claimed, Store, StoreError};
 use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
-use crate::derived::NewDerived;
+use crate::exports::NewExport;
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
@@ -63,7 +63,7 @@ struct Stored {
     artifact: ArtifactRecord,
     facts: Facts,
     grains: u64,
-    postprocess: Vec<NewDerived>,
+    postprocess: Vec<NewExport>,
     _place: InFlight,
 }
 
@@ -247,7 +247,7 @@ impl Runner {
             .write(&place, &head, &packed.spheres, control)
             .map_err(|error| unwritten(&error))?;
         let postprocess =
-            postprocess.items().iter().map(|(_, item)| NewDerived::new(item, &artifact.sha256)).collect();
+            postprocess.items().iter().map(|(_, item)| NewExport::new(item, &artifact.sha256)).collect();
         Ok(End::Stored(Box::new(Stored { artifact, facts, grains, postprocess, _place: place })))
     }
 

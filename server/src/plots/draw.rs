@@ -18,7 +18,7 @@ use plotters::style::{BLACK, Color as _, IntoFont as _, RGBColor, ShapeStyle, Te
 
 use super::axis::Settled;
 use super::chart::{Chart, Look, Marks, Point, Series};
-use super::look::{self, Marker};
+use super::style::{self, Marker};
 use super::text::{FAMILY, cut, escaped, printable, width_em};
 
 /// Units of the drawing per mm.
@@ -252,10 +252,10 @@ impl Pen {
                 Self { color: REFERENCE, width_mm: THIN_MM, dashes: &[1.5, 1.0], marker: Marker::Dot }
             }
             Look::Numbered(number) => Self {
-                color: look::color(number),
+                color: style::color(number),
                 width_mm: LINE_MM,
-                dashes: look::dashes(number),
-                marker: look::marker(number),
+                dashes: style::dashes(number),
+                marker: style::marker(number),
             },
         }
     }
@@ -266,7 +266,7 @@ impl Pen {
 
     fn line(&self, canvas: &Canvas<'_>, path: &[Px]) -> Result<(), Failure> {
         let dashes: Vec<f64> = self.dashes.iter().map(|mm| mm * PER_MM).collect();
-        for piece in look::dashed(path, &dashes) {
+        for piece in style::dashed(path, &dashes) {
             canvas.draw(&PathElement::new(piece, self.stroke(self.width_mm)))?;
         }
         Ok(())

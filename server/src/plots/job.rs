@@ -6,7 +6,7 @@ use std::io;
 use packstone_engine::Spheres;
 use packstone_engine::analysis::{self, RadialOptions, SizeRange, Surface};
 use packstone_engine::distance::DistanceRule;
-use packstone_engine::format::{Column, Head, SphereSource};
+use packstone_engine::export::tables::{Column, Head, SphereSource};
 use packstone_engine::mix::GradedMix;
 use packstone_engine::request::{Distance, PackingRequest, Specimen};
 
@@ -145,13 +145,13 @@ fn distance(head: &Head, name: Option<&str>) -> Chart {
 fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
     let summary = &head.report.summary;
     let mut distance = request.distance;
-    if let (Distance::Maximize { wall_mm }, Some(mm)) = (distance, summary.distance_mm) {
-        distance = Distance::Constant { mm, wall_mm };
+    if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (distance, summary.distance_mm) {
+        distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
     }
     let rule = DistanceRule::new(&distance, &request.specimen);
     // Largest first, so the middle one is the median.
     let median = spheres.d_mm.get(spheres.len() / 2).copied().unwrap_or(1.0);
-    let nearest = head.report.verification.min_clearance_mm.unwrap_or(0.0);
+    let nearest = head.report.check.min_gap_mm.unwrap_or(0.0);
     let upper: Vec<f64> = summary.classes.iter().map(|class| class.d_max_mm).collect();
     let upper = joined(&upper);
     let options = RadialOptions {

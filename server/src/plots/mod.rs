@@ -8,8 +8,8 @@ pub(crate) mod axis;
 pub(crate) mod chart;
 pub(crate) mod draw;
 pub(crate) mod job;
-mod look;
 pub(crate) mod study;
+mod style;
 mod text;
 
 /// Media type of a plot.

@@ -1,6 +1,6 @@
 //! What a study keeps of a run: taken from the engine's report, or from how far a run came that failed.
 
-use packstone_engine::{NotReached, PackError, Report};
+use packstone_engine::{PackError, Report, TargetNotReached};
 
 use super::{Facts, Outcome};
 
@@ -11,7 +11,7 @@ impl Facts {
         let grown = report.statistics.edmd;
         Self {
             // Not `total`: of a run that went on from a checkpoint it lacks what came before.
-            time_s: timings.total.max(timings.take + timings.rsa + timings.edmd + timings.verify),
+            time_s: timings.total.max(timings.sampling + timings.rsa + timings.edmd + timings.check),
             grains: Some(summary.grains),
             volume_fraction_effective: Some(summary.volume_fraction_effective),
             volume_fraction_with_coating: Some(summary.volume_fraction_with_coating),
@@ -25,21 +25,21 @@ impl Facts {
     /// Of a run that ended without a packing after `time_s`.
     pub(crate) fn of_failure(error: &PackError, time_s: f64) -> Self {
         match error {
-            PackError::NotReached(reached) => Self::of_not_reached(reached, time_s),
+            PackError::TargetNotReached(reached) => Self::of_not_reached(reached, time_s),
             _ => Self { time_s, ..Self::default() },
         }
     }
 
     /// Of a run whose method could not.
-    pub(crate) fn of_not_reached(reached: &NotReached, time_s: f64) -> Self {
+    pub(crate) fn of_not_reached(reached: &TargetNotReached, time_s: f64) -> Self {
         match reached {
-            NotReached::NoPlace(reached) => Self {
+            TargetNotReached::InsertionFailed(reached) => Self {
                 time_s,
                 grains: Some(reached.grains),
                 volume_fraction_effective: Some(reached.volume_fraction_asked),
                 ..Self::default()
             },
-            NotReached::NotGrown(reached) => Self {
+            TargetNotReached::GrowthStopped(reached) => Self {
                 time_s,
                 grains: Some(reached.grains),
                 volume_fraction_effective: Some(reached.volume_fraction_asked),
@@ -54,10 +54,10 @@ impl Facts {
 
 impl Outcome {
     /// How a study counts a run that ended without a packing, unless whoever stopped it knows better: past
-    /// its time it is [`Outcome::NotReached`].
+    /// its time it is [`Outcome::TargetNotReached`].
     pub(crate) fn of_failure(error: &PackError) -> Self {
         match error {
-            PackError::NotReached(_) => Self::NotReached,
+            PackError::TargetNotReached(_) => Self::TargetNotReached,
             PackError::Plan(_) | PackError::Stopped { .. } | PackError::CheckFailed(_) => Self::Void,
         }
     }

@@ -126,7 +126,7 @@ pub(crate) enum Outcome {
     /// A packing as asked for.
     Succeeded,
     /// The method's answer that it could not, within its limits or those of the job.
-    NotReached,
+    TargetNotReached,
     /// It says nothing about the mix: cancelled, or a fault of the program or the machine.
     Void,
 }

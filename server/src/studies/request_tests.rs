@@ -112,7 +112,7 @@ fn a_template_alone_is_one_point() {
 #[test]
 fn a_missing_member_may_be_set_and_a_seed_varied() {
     let study = read(&json!({
-        "template": job(), "grid": {"/distance": [null, {"type": "constant", "mm": 1}], "/seed": [3, 4]}
+        "template": job(), "grid": {"/distance": [null, {"type": "constant", "gap_mm": 1}], "/seed": [3, 4]}
     }))
     .unwrap();
     let seeds: Vec<u64> = study.points.iter().map(|point| point.seeds[0]).collect();
@@ -294,7 +294,7 @@ fn too_many_jobs_are_refused_before_they_are_made() {
 #[test]
 fn long_lists_times_many_jobs_are_refused() {
     let mut template = job();
-    template["mix"] = json!({"grading": {"type": "diameters", "mm": vec![1.5; 100_000]}});
+    template["mix"] = json!({"grading": {"type": "diameters", "diameters_mm": vec![1.5; 100_000]}});
     let (kind, faults) = refused(&json!({"template": template, "replicates": 200}));
     assert_eq!(kind, Kind::TooLarge);
     assert!(faults[0].contains("bytes of JSON together: must be at most 67108864"), "{faults:?}");

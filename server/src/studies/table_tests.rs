@@ -44,7 +44,7 @@ fn every_figure_is_what_its_definition_says() {
         ..Facts::default()
     };
     let runs = [
-        run(1, 2, Outcome::NotReached, not_grown),
+        run(1, 2, Outcome::TargetNotReached, not_grown),
         run(1, 0, Outcome::Succeeded, grown(1.0, 0.3, 1000, 0.5)),
         run(1, 1, Outcome::Succeeded, grown(2.0, 0.2, 2000, 0.25)),
         run(1, 3, Outcome::Void, taking(100.0)),
@@ -85,7 +85,8 @@ fn every_figure_is_what_its_definition_says() {
 
 #[test]
 fn a_point_without_success_has_no_time_per_success() {
-    let runs = [run(0, 0, Outcome::NotReached, taking(3.0)), run(7, 0, Outcome::Succeeded, taking(1.0))];
+    let runs =
+        [run(0, 0, Outcome::TargetNotReached, taking(3.0)), run(7, 0, Outcome::Succeeded, taking(1.0))];
     let table = Table::new(&two_points(), &runs, &[]);
     let cells = &table.rows[0].cells;
     assert_eq!((cells.time_s_total, cells.time_s_per_success, cells.time_s_median), (Some(3.0), None, None));
@@ -146,7 +147,7 @@ proptest! {
         times in prop::collection::vec((0.0..1e6_f64, any::<bool>()), 1..20),
     ) {
         let keys = keys(vec![vec![json!(phi), json!(text)]]);
-        let outcome = |ok| if ok { Outcome::Succeeded } else { Outcome::NotReached };
+        let outcome = |ok| if ok { Outcome::Succeeded } else { Outcome::TargetNotReached };
         let runs: Vec<Run> = (times.iter().enumerate())
             .map(|(i, (time_s, ok))| run(0, i, outcome(*ok), taking(*time_s)))
             .collect();
@@ -170,7 +171,7 @@ proptest! {
         times in prop::collection::vec((0.0..1e3_f64, any::<bool>()), 1..20),
         turn in any::<prop::sample::Index>(),
     ) {
-        let outcome = |ok| if ok { Outcome::Succeeded } else { Outcome::NotReached };
+        let outcome = |ok| if ok { Outcome::Succeeded } else { Outcome::TargetNotReached };
         let mut runs: Vec<Run> = (times.iter().enumerate())
             .map(|(i, (time_s, ok))| run(i % 2, i, outcome(*ok), taking(*time_s)))
             .collect();

@@ -113,7 +113,7 @@ def error_of(problem: Mapping[str, Any]) -> PackstoneError:
     """The exception that a problem document stands for."""
     message = _message(problem)
     error = PackstoneError(message, problem)
-    return PackingNotReached(message, problem) if error.kind == "packing-not-reached" else error
+    return PackingNotReached(message, problem) if error.kind == "target-not-reached" else error
 
 
 def _message(problem: Mapping[str, Any]) -> str:

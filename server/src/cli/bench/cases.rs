@@ -217,7 +217,7 @@ fn fuller(size_mm: f64, phi_eff: f64) -> Value {
     json!({
         "specimen": {"type": "box", "size_mm": [size_mm, size_mm, size_mm]},
         "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5},
-                "d_min_mm": 2, "volume_fraction": phi_eff, "basis": "effective"},
+                "d_min_mm": 2, "volume_fraction": phi_eff, "volume_fraction_of": "placed_grains"},
     })
 }
 
@@ -235,14 +235,14 @@ fn jamming(spheres: usize) -> Value {
     let diameter_mm = (6.0 * volume_mm3 / std::f64::consts::PI).cbrt();
     let request = json!({
         "specimen": {"type": "box", "size_mm": [CUBE_MM, CUBE_MM, CUBE_MM]},
-        "mix": {"grading": {"type": "diameters", "mm": vec![diameter_mm; spheres]}},
+        "mix": {"grading": {"type": "diameters", "diameters_mm": vec![diameter_mm; spheres]}},
         "distance": {"type": "maximize"},
     });
     growing(request, Some(MOST_JAMMING_S))
 }
 
 fn apart(request: Value, distance_mm: f64) -> Value {
-    with(request, "distance", json!({"type": "constant", "mm": distance_mm}))
+    with(request, "distance", json!({"type": "constant", "gap_mm": distance_mm}))
 }
 
 fn growing(request: Value, most_time_s: Option<f64>) -> Value {

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use packstone_engine::edmd::Fluid;
+use packstone_engine::methods::edmd::Fluid;
 use packstone_engine::{Limits, PackError, PackingRequest, PlanError, Report, Unattended, pack};
 use serde_json::Value;
 
@@ -61,7 +61,7 @@ impl Runs {
         self.taken.push(taken);
         let outcome = match &packed {
             Ok(_) => "succeeded".into(),
-            Err(ended @ (PackError::NotReached(_) | PackError::Plan(PlanError::Infeasible(_)))) => {
+            Err(ended @ (PackError::TargetNotReached(_) | PackError::Plan(PlanError::Infeasible(_)))) => {
                 ended.to_string()
             }
             Err(fault) => return Err(format!("{what}: {fault}").into()),
@@ -83,7 +83,7 @@ impl Runs {
             median_us_per_grain: of_reports(|report| {
                 (report.timings_s.rsa + report.timings_s.edmd) / report.summary.grains as f64 * 1e6
             }),
-            median_verify_share: of_reports(|report| report.timings_s.verify / report.timings_s.total),
+            median_check_share: of_reports(|report| report.timings_s.check / report.timings_s.total),
             ..times(&self.taken)
         }
     }

@@ -61,7 +61,7 @@ struct Figures {
     /// Medians over the runs that succeeded: wall-clock time of placing and growing over the number of
     /// grains, and the independent check's part of the whole run.
     median_us_per_grain: Option<f64>,
-    median_verify_share: Option<f64>,
+    median_check_share: Option<f64>,
     /// Highest resident memory of the process, where the system tells it.
     peak_mb: Option<f64>,
 }
@@ -132,7 +132,7 @@ fn row(f: &Figures) -> String {
         f.longest_cpu_s,
         f.median_wall_s,
         or_dash(f.median_us_per_grain, 2, ""),
-        or_dash(f.median_verify_share.map(|share| share * 100.0), 1, " %"),
+        or_dash(f.median_check_share.map(|share| share * 100.0), 1, " %"),
         or_dash(f.peak_mb, 0, ""),
     )
 }

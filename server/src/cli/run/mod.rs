@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
-use packstone_engine::derived::{Derivation, DerivationKind, Model};
-use packstone_engine::format::{self, EngineInfo, Format, Head};
+use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
+use packstone_engine::export::{ExportRequest, ExportType, Model};
 use packstone_engine::{FieldError, Limits, PackError, Plan, PlanError};
 
 use super::{Failure, models, print};
@@ -54,14 +54,14 @@ pub(super) struct Options {
 #[derive(Clone, Debug)]
 enum Output {
     Grains(Format),
-    Model(Derivation),
+    Model(ExportRequest),
 }
 
 fn output_parser() -> impl clap::builder::TypedValueParser<Value = Output> {
     PossibleValuesParser::new(Format::ALL.map(Format::name).into_iter().chain(models::names())).try_map(
         |name| {
             let model =
-                || Derivation::from_text(DerivationKind::from_name(&name)?, []).ok().map(Output::Model);
+                || ExportRequest::from_text(ExportType::from_name(&name)?, []).ok().map(Output::Model);
             Format::from_name(&name).map(Output::Grains).or_else(model).ok_or("no such format")
         },
     )
@@ -95,7 +95,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let models = models_of(options, &request);
     for model in &models {
-        let named = |error| format!("{} is refused:\n  {}", model.kind().name(), models::explained(error));
+        let named =
+            |error| format!("{} is refused:\n  {}", model.export_type().name(), models::explained(error));
         model.check(&request.specimen, &limits).map_err(named)?;
     }
     let resume = stored
@@ -167,13 +168,13 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 }
 
 /// What is to be made of the packing: by the command's formats, then by the job.
-fn models_of(options: &Options, request: &JobRequest) -> Vec<Derivation> {
+fn models_of(options: &Options, request: &JobRequest) -> Vec<ExportRequest> {
     let by_format = options.format.iter().filter_map(|output| match output {
         Output::Grains(_) => None,
-        Output::Model(derivation) => Some(derivation.clone()),
+        Output::Model(export) => Some(export.clone()),
     });
-    let by_job = request.postprocess.items().into_iter().map(|(_, derivation)| derivation.clone());
-    let mut models: Vec<Derivation> = Vec::new();
+    let by_job = request.postprocess.items().into_iter().map(|(_, export)| export.clone());
+    let mut models: Vec<ExportRequest> = Vec::new();
     for model in by_format.chain(by_job) {
         if !models.contains(&model) {
             models.push(model);
@@ -225,7 +226,7 @@ pub(super) fn write(
     spheres: &packstone_engine::Spheres,
 ) -> std::io::Result<()> {
     let mut out = BufWriter::with_capacity(1 << 18, File::create(file)?);
-    format::write(format, head, spheres, &mut out)?;
+    tables::write(format, head, spheres, &mut out)?;
     out.flush()
 }
 

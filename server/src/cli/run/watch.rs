@@ -88,11 +88,11 @@ impl Control for Watch {
 /// One line about where the run stands.
 fn message(progress: &Progress, eta_s: Option<f64>) -> String {
     let phase = match progress.phase {
-        Phase::Take => "take",
+        Phase::Sampling => "sampling",
         Phase::Rsa => "rsa",
         Phase::Edmd => "edmd",
-        Phase::Verify => "verify",
-        Phase::Derive => "derive",
+        Phase::Check => "check",
+        Phase::Export => "derive",
         Phase::Write => "write",
     };
     let line = match &progress.growth {

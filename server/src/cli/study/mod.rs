@@ -4,10 +4,10 @@
 //! the person at the terminal how far the study is, `report` writes and prints what came out. What the study is
 //! and what its table says is `crate::studies`' matter.
 
-mod book;
-mod crew;
 mod report;
+mod run_log;
 mod watch;
+mod worker_pool;
 
 use std::collections::VecDeque;
 use std::io;
@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use clap::Args;
 use packstone_engine::Limits;
-use packstone_engine::format::Format;
+use packstone_engine::export::tables::Format;
 
 use super::run::{format_parser, listed, read};
 use super::signals::stop_on_signals;
@@ -31,9 +31,9 @@ use crate::strict_json;
 use crate::studies::stop::Tally;
 use crate::studies::table::Rest;
 use crate::studies::{Outcome, Run, Study, Table};
-use book::{Book, Entry, Folder, Record};
-use crew::{Board, Crew, Ended};
+use run_log::{Book, Entry, Folder, Record};
 use watch::Watch;
+use worker_pool::{Board, Crew, Ended};
 
 /// How often the bar moves while no run ends.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
@@ -183,7 +183,7 @@ impl<'a> Done<'a> {
         }
         let (results, checkpoints) = (options.out.join("results"), options.checkpoints());
         if !options.formats.is_empty() {
-            crew::make_folder(&results)?;
+            worker_pool::make_folder(&results)?;
         }
         let stop = stop_on_signals()?;
         let crew = Crew {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::super::Failure;
-use super::book::{Entry, write_whole};
+use super::run_log::{Entry, write_whole};
 use crate::plots::draw;
 use crate::plots::study::{RunCurve, StudyPlot, charts};
 use crate::studies::table::{Cells, Row};

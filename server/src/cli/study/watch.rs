@@ -5,7 +5,7 @@ use std::time::Duration;
 use indicatif::HumanDuration;
 
 use super::super::bar::Bar;
-use super::crew::Crew;
+use super::worker_pool::Crew;
 
 /// Before this share of the work, the time that is left is a guess not worth showing.
 const LEFT_FROM_SHARE: f64 = 0.02;

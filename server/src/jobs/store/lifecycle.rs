@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 
-use super::derived::{files_of_job, insert_beforehand};
+use super::exports::{files_of_job, insert_beforehand};
 use super::studies::runs;
 use super::submit::to_json;
 use super::{Store, StoreError, detached, micros, now_us, rows, turns};
-use crate::derived::NewDerived;
+use crate::exports::NewExport;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;
 use crate::studies::{Facts, Outcome};
@@ -122,7 +122,7 @@ impl Store {
         artifact: ArtifactRecord,
         progress: JobProgress,
         facts: Facts,
-        postprocess: Vec<NewDerived>,
+        postprocess: Vec<NewExport>,
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
@@ -162,7 +162,7 @@ impl Store {
             store.announce_lease(lease);
             store.announce_all(&called_off);
             if !postprocess.is_empty() {
-                store.wake_derivers();
+                store.wake_export_workers();
             }
             Ok(())
         })
@@ -323,13 +323,13 @@ impl Store {
             if !job.state.is_finished() {
                 return Err(StoreError::Forbidden(job.state));
             }
-            let (mut files, derived) = files_of_job(&mut tx, job.seq).await?;
+            let (mut files, export) = files_of_job(&mut tx, job.seq).await?;
             sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
             tx.commit().await?;
             drop(writer);
             store.announce(id);
-            for id in derived {
-                store.announce_derived(id);
+            for id in export {
+                store.notify_export(id);
             }
             files.extend(job.artifact.map(|artifact| artifact.path));
             Ok(files)
@@ -349,7 +349,7 @@ async fn claim(writer: &mut SqliteConnection, lease: Duration) -> Result<Option<
     ))
     .bind(now)
     .bind(now.saturating_add(micros(lease)))
-    .bind(to_json(&packstone_engine::format::EngineInfo::current())?)
+    .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
     .fetch_optional(&mut *tx)
     .await?;
     let Some(row) = row else {

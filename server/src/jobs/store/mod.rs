@@ -8,8 +8,9 @@
 //! Every change a client can see moves `version` on and is announced to [`Changes`] after its commit.
 //! It must never know HTTP, and it never opens an artifact.
 
-mod derived;
+mod exports;
 mod lifecycle;
+mod migrations;
 mod query;
 mod rows;
 mod studies;
@@ -28,11 +29,11 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::{Mutex, Notify};
 
-use super::changes::{Changes, Subscription};
+use super::notifications::{Changes, Subscription};
 use super::{JobId, JobRecord, Lease, State};
-use crate::ids::{DerivedId, StudyId};
+use crate::ids::{ExportId, StudyId};
 
-pub(crate) use derived::{ClaimedDerived, Wish};
+pub(crate) use exports::{ClaimedExport, Wish};
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
@@ -75,14 +76,14 @@ pub(crate) enum StoreError {
     /// The study's state forbids it.
     #[error("the study is {}", .0.name())]
     StudyForbidden(StudyState),
-    /// There is nothing derived of that name.
-    #[error("there is nothing derived of that name")]
-    NoDerived,
-    /// So much waits to be derived that there is no room for more.
+    /// There is nothing export of that name.
+    #[error("there is nothing export of that name")]
+    NoExport,
+    /// So much waits to be export that there is no room for more.
     #[error("{most} models wait to be made, as many as may")]
     TooManyWait { most: u64 },
     /// So much is kept of a job that there is no room for more.
-    #[error("the job keeps {most} derived models, as many as it may: delete some")]
+    #[error("the job keeps {most} export models, as many as it may: delete some")]
     TooManyKept { most: u64 },
     /// So many jobs wait that there is no room for more.
     #[error("the queue holds {queued} jobs of at most {most}, without room for {more} more")]
@@ -113,10 +114,10 @@ struct Shared {
     readers: SqlitePool,
     changes: Changes<JobId>,
     study_changes: Changes<StudyId>,
-    derived_changes: Changes<DerivedId>,
+    export_changes: Changes<ExportId>,
     queue: Notify,
     /// Of those who make anything, and of those who make only what is quick.
-    derivers: [Notify; 2],
+    export_workers: [Notify; 2],
     limits: StoreLimits,
 }
 
@@ -137,7 +138,7 @@ impl Store {
             .pragma("temp_store", "memory")
             .busy_timeout(WAIT);
         let mut writer = SqliteConnection::connect_with(&options).await?;
-        sqlx::migrate!("../migrations").run(&mut writer).await?;
+        migrations::migrations_to(i64::MAX).run(&mut writer).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(READERS)
             .min_connections(1)
@@ -154,9 +155,9 @@ impl Store {
                 readers,
                 changes: Changes::default(),
                 study_changes: Changes::default(),
-                derived_changes: Changes::default(),
+                export_changes: Changes::default(),
                 queue: Notify::new(),
-                derivers: [Notify::new(), Notify::new()],
+                export_workers: [Notify::new(), Notify::new()],
                 limits,
             }),
         })
@@ -172,19 +173,19 @@ impl Store {
         self.shared.study_changes.subscribe(id)
     }
 
-    /// Starts to listen for changes of something derived. Subscribe first, then read.
-    pub(crate) fn subscribe_derived(&self, id: DerivedId) -> Subscription<DerivedId> {
-        self.shared.derived_changes.subscribe(id)
+    /// Starts to listen for changes of something export. Subscribe first, then read.
+    pub(crate) fn subscribe_export(&self, id: ExportId) -> Subscription<ExportId> {
+        self.shared.export_changes.subscribe(id)
     }
 
     /// Waits until there may be something to derive.
-    pub(crate) async fn derived_grew(&self, quick: bool) {
-        self.shared.derivers[usize::from(quick)].notified().await;
+    pub(crate) async fn exports_queued(&self, quick: bool) {
+        self.shared.export_workers[usize::from(quick)].notified().await;
     }
 
-    /// After a commit that put something derived into its queue; of a burst, each that wakes wakes one more.
-    pub(crate) fn wake_derivers(&self) {
-        self.shared.derivers.iter().for_each(Notify::notify_one);
+    /// After a commit that put something export into its queue; of a burst, each that wakes wakes one more.
+    pub(crate) fn wake_export_workers(&self) {
+        self.shared.export_workers.iter().for_each(Notify::notify_one);
     }
 
     /// Waits until a job may have come into the queue.
@@ -248,9 +249,9 @@ impl Store {
         self.shared.study_changes.announce(id);
     }
 
-    /// After a commit that changed what clients see of something derived.
-    fn announce_derived(&self, id: DerivedId) {
-        self.shared.derived_changes.announce(id);
+    /// After a commit that changed what clients see of something export.
+    fn notify_export(&self, id: ExportId) {
+        self.shared.export_changes.announce(id);
     }
 
     /// After a commit that put a job into the queue.

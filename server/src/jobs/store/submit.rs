@@ -3,7 +3,7 @@
 //! The idempotency key, the bound of the queue and the insert share one transaction: of two
 //! submissions with one key that arrive together, one inserts and the other finds it.
 
-use packstone_engine::format::EngineInfo;
+use packstone_engine::export::tables::EngineInfo;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 
 use super::{Store, StoreError, detached, now_us, rows, turns};

@@ -81,8 +81,8 @@ impl Store {
             let mut tx = writer.begin_with("begin immediate").await?;
             let expired = sqlx::query(
                 "select jobs.seq, jobs.id, artifacts.path,
-                     (select json_group_array(derived.path) from derived
-                      where derived.job = jobs.seq and derived.path is not null) as derived_paths
+                     (select json_group_array(exports.path) from exports
+                      where exports.job = jobs.seq and exports.path is not null) as export_paths
                  from jobs left join artifacts on artifacts.job = jobs.seq
                  where jobs.expires_at <= ? and jobs.state in ('succeeded', 'failed', 'cancelled')
                      and not exists (
@@ -112,7 +112,7 @@ impl Store {
     /// Whether a job's result, or something made of one, is at this path.
     pub(crate) async fn refers_to(&self, path: &str) -> Result<bool, StoreError> {
         let row = sqlx::query(
-            "select 1 from artifacts where path = ?1 union all select 1 from derived where path = ?1",
+            "select 1 from artifacts where path = ?1 union all select 1 from exports where path = ?1",
         )
         .bind(path)
         .fetch_optional(self.readers())
@@ -143,9 +143,9 @@ impl Store {
 }
 
 impl Removed {
-    /// Reads a row with `id`, `path` of the result, and `derived_paths` as an array.
+    /// Reads a row with `id`, `path` of the result, and `export_paths` as an array.
     pub(super) fn read(row: &SqliteRow) -> Result<Self, StoreError> {
-        let mut files: Vec<String> = rows::json(&row.try_get::<String, _>("derived_paths")?)?;
+        let mut files: Vec<String> = rows::json(&row.try_get::<String, _>("export_paths")?)?;
         files.extend(row.try_get::<Option<String>, _>("path")?);
         Ok(Self { id: rows::job_id(&row.try_get::<String, _>("id")?)?, files })
     }

@@ -174,8 +174,8 @@ impl Store {
 async fn remove(connection: &mut SqliteConnection, study: i64) -> Result<Vec<Removed>, StoreError> {
     let jobs = sqlx::query(
         "select jobs.id, artifacts.path,
-             (select json_group_array(derived.path) from derived
-              where derived.job = jobs.seq and derived.path is not null) as derived_paths
+             (select json_group_array(exports.path) from exports
+              where exports.job = jobs.seq and exports.path is not null) as export_paths
          from jobs left join artifacts on artifacts.job = jobs.seq
          where jobs.study = ?",
     )

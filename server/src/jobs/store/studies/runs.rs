@@ -13,12 +13,12 @@ use crate::studies::{Facts, Outcome, StopWhen};
 
 /// Outcomes with their names in the store.
 const OUTCOMES: [(Outcome, &str); 3] =
-    [(Outcome::Succeeded, "succeeded"), (Outcome::NotReached, "not_reached"), (Outcome::Void, "void")];
+    [(Outcome::Succeeded, "succeeded"), (Outcome::TargetNotReached, "not_reached"), (Outcome::Void, "void")];
 
 /// How a study counts a job that failed with this problem.
 pub(in super::super) fn outcome_of(kind: Kind) -> Outcome {
     match kind {
-        Kind::PackingNotReached | Kind::TimedOut => Outcome::NotReached,
+        Kind::TargetNotReached | Kind::TimedOut => Outcome::TargetNotReached,
         _ => Outcome::Void,
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use packstone_engine::format::EngineInfo;
+use packstone_engine::export::tables::EngineInfo;
 use serde_json::Value;
 use sqlx::{Connection as _, QueryBuilder, Row as _, Sqlite, SqliteConnection};
 

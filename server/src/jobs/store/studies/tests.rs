@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 
+use super::super::migrations::migrations_to;
 use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
 use super::super::{Filter, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
@@ -161,7 +162,7 @@ async fn what_is_given_back_keeps_its_turn_and_what_is_retried_takes_a_new_one()
     let second = claim(&store).await;
     store.give_back(first).await.unwrap();
     assert_eq!(claim(&store).await.id, first.id);
-    fail(&store, second, Kind::PackingNotReached, 1.0).await;
+    fail(&store, second, Kind::TargetNotReached, 1.0).await;
     store.retry(second.id).await.unwrap();
     let mut last = claim(&store).await;
     for _ in 0..7 {
@@ -181,7 +182,7 @@ async fn runs_come_to_a_table_and_void_ones_say_nothing() {
     }
     // Points alternate: the even ones are of point 0.
     succeed(&store, leases[0], 2.0).await;
-    fail(&store, leases[2], Kind::PackingNotReached, 3.0).await;
+    fail(&store, leases[2], Kind::TargetNotReached, 3.0).await;
     fail(&store, leases[4], Kind::TimedOut, 5.0).await;
     fail(&store, leases[6], Kind::InternalError, 100.0).await;
     store.cancel(leases[1].id).await.unwrap();
@@ -230,12 +231,12 @@ async fn a_met_rule_calls_off_what_waits_of_its_point_only() {
     for _ in 0..6 {
         leases.push(claim(&store).await);
     }
-    fail(&store, leases[0], Kind::PackingNotReached, 1.0).await;
+    fail(&store, leases[0], Kind::TargetNotReached, 1.0).await;
     fail(&store, leases[2], Kind::InternalError, 1.0).await;
     assert_eq!(again(&store, &study).await.counts.cancelled, 0, "a void run is no failure");
     // Whoever waits for the study is told of what its rule does.
     let mut changes = store.subscribe_study(study.id);
-    fail(&store, leases[4], Kind::PackingNotReached, 1.0).await;
+    fail(&store, leases[4], Kind::TargetNotReached, 1.0).await;
     changes.changed().await;
     let [zero, one] = &cells(&store, &study).await[..] else { panic!("two points") };
     assert_eq!((zero.runs, zero.void, zero.stopped_early, zero.waiting), (2, 1, 3, 0));
@@ -401,9 +402,7 @@ async fn old_file(folder: &TempDir) -> Vec<String> {
     let path = folder.path().join("packstone.sqlite");
     let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path).create_if_missing(true);
     let mut file = SqliteConnection::connect_with(&options).await.unwrap();
-    let mut first = sqlx::migrate!("../migrations");
-    first.migrations = first.migrations.iter().take(1).cloned().collect::<Vec<_>>().into();
-    first.run(&mut file).await.unwrap();
+    migrations_to(1).run(&mut file).await.unwrap();
     let mut ids = Vec::new();
     for (i, state) in ["queued", "running", "succeeded", "failed", "cancelled", "queued"].iter().enumerate() {
         let id = crate::ids::JobId::new().to_string();

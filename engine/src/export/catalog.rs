@@ -1,0 +1,280 @@
+//! The types of exports, and dispatch to the module of each.
+
+use std::io::Write;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::{ExportError, Model};
+use super::{ldpm, mesh, slice, voxels};
+use crate::control::Control;
+use crate::plan::Limits;
+use crate::request::decode::{At, Faults, Object};
+use crate::request::{FieldError, Specimen};
+
+/// What can be made of a finished packing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum ExportType {
+    /// Surfaces of grains and specimen.
+    Mesh,
+    /// A voxel model: labels, or hexahedra.
+    Voxels,
+    /// A plane cross-section.
+    Slice,
+    /// A lattice discrete particle model, checked.
+    Ldpm,
+}
+
+impl ExportType {
+    /// All types, in the order of the documentation.
+    pub const ALL: [Self; 4] = [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm];
+
+    /// Its name in requests and addresses.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mesh => "mesh",
+            Self::Voxels => "voxels",
+            Self::Slice => "slice",
+            Self::Ldpm => "ldpm",
+        }
+    }
+
+    /// The type of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|export| export.name() == name)
+    }
+
+    /// Names of its file formats, the default first.
+    pub fn formats(self) -> &'static [&'static str] {
+        match self {
+            Self::Mesh => &["msh", "geo", "stl"],
+            Self::Voxels => &["vti", "raw", "inp"],
+            Self::Slice => &["svg", "png", "json", "geo"],
+            Self::Ldpm => &["chrono", "tets", "facets", "cells"],
+        }
+    }
+
+    /// Whether it takes less than a second for every packing, so that it need not wait behind exports that take minutes.
+    pub fn is_quick(self) -> bool {
+        matches!(self, Self::Slice)
+    }
+
+    fn read_options(self, object: &mut Object<'_>) -> Option<ExportRequest> {
+        match self {
+            Self::Mesh => mesh::MeshRequest::read(object).map(ExportRequest::Mesh),
+            Self::Voxels => voxels::Options::read(object).map(ExportRequest::Voxels),
+            Self::Slice => slice::Options::read(object).map(ExportRequest::Slice),
+            Self::Ldpm => ldpm::Options::read(object).map(ExportRequest::Ldpm),
+        }
+    }
+}
+
+/// An export: its type, its file format and the options of both.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ExportRequest {
+    /// Surfaces of grains and specimen.
+    Mesh(mesh::MeshRequest),
+    /// A voxel model.
+    Voxels(voxels::Options),
+    /// A plane cross-section.
+    Slice(slice::Options),
+    /// A lattice discrete particle model, checked.
+    Ldpm(ldpm::Options),
+}
+
+/// The figures of an export, beside its file.
+// There is one of them at a time.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ExportReport {
+    /// Surfaces of grains and specimen.
+    Mesh(mesh::MeshReport),
+    /// A voxel model.
+    Voxels(voxels::Report),
+    /// A plane cross-section.
+    Slice(slice::Report),
+    /// A lattice discrete particle model.
+    Ldpm(ldpm::Report),
+}
+
+impl ExportRequest {
+    /// Its type.
+    pub fn export_type(&self) -> ExportType {
+        match self {
+            Self::Mesh(_) => ExportType::Mesh,
+            Self::Voxels(_) => ExportType::Voxels,
+            Self::Slice(_) => ExportType::Slice,
+            Self::Ldpm(_) => ExportType::Ldpm,
+        }
+    }
+
+    /// Name of its file format.
+    pub fn format(&self) -> &'static str {
+        match self {
+            Self::Mesh(mesh) => mesh.format(),
+            Self::Voxels(options) => options.format.name(),
+            Self::Slice(options) => options.format.name(),
+            Self::Ldpm(options) => options.format.name(),
+        }
+    }
+
+    /// Judges what can be judged before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::Invalid`], [`ExportError::Unavailable`] or [`ExportError::TooLarge`].
+    pub fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
+        let limits = &of_exports(limits);
+        match self {
+            Self::Mesh(mesh) => mesh.check(specimen),
+            Self::Voxels(options) => voxels::check(specimen, options, limits),
+            Self::Slice(options) => slice::check(specimen, options, limits),
+            Self::Ldpm(options) => ldpm::check(specimen, options, limits),
+        }
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// See [`ExportError`].
+    pub fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<ExportReport, ExportError> {
+        let limits = &of_exports(limits);
+        match self {
+            Self::Mesh(mesh) => mesh.write(model, limits, control, out).map(ExportReport::Mesh),
+            Self::Voxels(options) => {
+                voxels::write(model, options, limits, control, out).map(ExportReport::Voxels)
+            }
+            Self::Slice(options) => {
+                slice::write(model, options, limits, control, out).map(ExportReport::Slice)
+            }
+            Self::Ldpm(options) => ldpm::write(model, options, limits, control, out).map(ExportReport::Ldpm),
+        }
+    }
+
+    /// Reads an object with a `type`, a `format` and options.
+    ///
+    /// `None` means that faults were reported; the reverse does not hold, so ask the faults.
+    pub fn read(at: &At<'_>) -> Option<Self> {
+        let choices = ExportType::ALL.map(|export| (export.name(), export));
+        let mut object = at.object()?;
+        let export = object.variant(&choices)?;
+        let read = export.read_options(&mut object);
+        object.finish();
+        read
+    }
+
+    /// Reads a document.
+    ///
+    /// # Errors
+    /// All its faults, each with its pointer.
+    pub fn from_json(value: &Value) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        let read = Self::read(&At::root(value, &faults));
+        Self::without_faults(read, faults)
+    }
+
+    /// Reads options that came as text, as `segments=16` does in a query or on a command line: what looks like a
+    /// number, `true`, `false`, an object or an array is one.
+    ///
+    /// # Errors
+    /// All faults, the pointer of each beginning with the name of its option.
+    pub fn from_text<'a>(
+        export: ExportType,
+        options: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) -> Result<Self, Vec<FieldError>> {
+        let mut map = Map::new();
+        let faults = Faults::default();
+        for (name, text) in options {
+            if map.insert(name.to_owned(), value_of(text)).is_some() {
+                faults.add(pointer_to(name), "is given more than once: must be given once");
+            }
+        }
+        let value = Value::Object(map);
+        let read = At::root(&value, &faults).object().and_then(|mut object| {
+            let read = export.read_options(&mut object);
+            object.finish_as("option", export.name());
+            read
+        });
+        Self::without_faults(read, faults)
+    }
+
+    fn without_faults(read: Option<Self>, faults: Faults) -> Result<Self, Vec<FieldError>> {
+        match read {
+            Some(read) if faults.count() == 0 => Ok(read),
+            _ => Err(faults.into_vec()),
+        }
+    }
+
+    /// Media type of what is written, without parameters.
+    pub fn media_type(&self) -> &'static str {
+        match self {
+            Self::Mesh(mesh) => mesh.media_type(),
+            Self::Voxels(options) => options.format.media_type(),
+            Self::Slice(options) => options.format.media_type(),
+            Self::Ldpm(options) => options.format.media_type(),
+        }
+    }
+
+    /// Ending of the name of a file that holds it.
+    pub fn file_extension(&self) -> &'static str {
+        match self {
+            Self::Mesh(mesh) => mesh.file_extension(),
+            Self::Voxels(options) => options.format.name(),
+            Self::Slice(options) => options.format.name(),
+            Self::Ldpm(options) => options.format.extension(),
+        }
+    }
+
+    /// Ending of the name of a file that holds it, which tells exports of one packing apart: `msh`, `slice.svg`,
+    /// `ldpm.tets.vtu`.
+    pub fn file_ending(&self) -> String {
+        let extension = self.file_extension();
+        match self {
+            Self::Mesh(_) if extension == "zip" => format!("{}.zip", self.format()),
+            Self::Mesh(_) | Self::Voxels(_) => extension.to_owned(),
+            Self::Slice(_) => format!("slice.{extension}"),
+            Self::Ldpm(_) => format!("ldpm.{}.{extension}", self.format()),
+        }
+    }
+
+    /// A second file that the program which reads the export needs beside it, where it needs one: the ending that the
+    /// name of the first file gets, and the text.
+    pub fn companion(&self, file_name: &str) -> Option<(&'static str, String)> {
+        match self {
+            Self::Mesh(mesh::MeshRequest::Msh(_)) => Some(("geo", mesh::msh::script(file_name))),
+            _ => None,
+        }
+    }
+}
+
+/// The limits of exports in the place where the modules of the types read them.
+fn of_exports(limits: &Limits) -> Limits {
+    Limits { max_memory_bytes: limits.max_model_bytes, ..*limits }
+}
+
+/// What a text stands for in JSON.
+fn value_of(text: &str) -> Value {
+    let looks_like_json =
+        text.starts_with(|c: char| "{[-0123456789".contains(c)) || text == "true" || text == "false";
+    let parsed = looks_like_json.then(|| serde_json::from_str(text).ok()).flatten();
+    parsed.unwrap_or_else(|| Value::String(text.to_owned()))
+}
+
+fn pointer_to(name: &str) -> String {
+    format!("/{}", name.replace('~', "~0").replace('/', "~1"))
+}
+
+#[cfg(test)]
+#[path = "catalog_tests.rs"]
+mod tests;

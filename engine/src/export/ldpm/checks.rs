@@ -1,0 +1,299 @@
+//! The checks T1 to T10 and T12 of a lattice, run on every one that is made: a pass over its tetrahedra, one over
+//! its surface, and what the topology says. (T11 and T14 are tests of the code; T13 is in `spheres`.)
+
+use std::cmp::Ordering;
+
+use super::nodes::Nodes;
+use super::report::Checks;
+use super::tessellation::{self, Facet, Point, Tet, edge_share, face_point, point, triangle_area};
+use super::topology::{self, NONE, Topology, has_first};
+use super::work::Work;
+use crate::export::ExportError;
+use crate::geometry::delaunay::inside_circumsphere;
+
+/// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
+/// nodes.
+pub(super) const TOLERANCE: f64 = 1.0e-12;
+
+/// What a cell encloses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Signed volume.
+    pub volume_mm3: f64,
+    /// Volume times the way from the node to the centre of mass.
+    pub first_moment_mm4: [f64; 3],
+}
+
+/// Sums and extremes of a lattice, and what they come to.
+pub(super) struct Checked {
+    pub(super) cells: Vec<Cell>,
+    pub(super) checks: Checks,
+    /// Volume inside the surface, by its triangles.
+    pub(super) volume_mm3: f64,
+    pub(super) surface_triangles: u64,
+}
+
+/// A sum that keeps what addition loses (Neumaier).
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    sum: f64,
+    lost: f64,
+}
+
+impl Sum {
+    fn add(&mut self, x: f64) {
+        let sum = self.sum + x;
+        self.lost += if self.sum.abs() >= x.abs() { (self.sum - sum) + x } else { (x - sum) + self.sum };
+        self.sum = sum;
+    }
+
+    fn get(self) -> f64 {
+        self.sum + self.lost
+    }
+}
+
+/// Outward area vectors of a cell, and the sum of their lengths.
+#[derive(Clone, Copy, Default)]
+struct Closure {
+    vector: Point,
+    area: f64,
+}
+
+pub(super) fn check(
+    nodes: &Nodes,
+    tets: &[[u32; 4]],
+    neighbors: &[[u32; 4]],
+    topology: &Topology,
+    work: &Work<'_>,
+) -> Result<Checked, ExportError> {
+    let mut cells = vec![Cell::default(); nodes.len()];
+    let mut closures = vec![Closure::default(); nodes.len()];
+    let mut checks = Checks { edge_share_min: f64::INFINITY, ..Checks::default() };
+    let mut sums = Sums::default();
+    for (t, &tet) in tets.iter().enumerate() {
+        work.look(t)?;
+        let tet = Tet::new(nodes, tet);
+        let facets: [Facet; 12] = std::array::from_fn(|facet| tet.facet(facet));
+        sums.add(&tet, &facets, &mut checks);
+        for facet in &facets {
+            let [from, to] = facet.ends.map(|end| tet.nodes[end] as usize);
+            let area = facet.area();
+            closures[from].add(facet.area_vector, area);
+            closures[to].add(-facet.area_vector, area);
+            let corners: Point = facet.vertices.iter().sum();
+            for (end, volume) in facet.ends.into_iter().zip(facet.volumes) {
+                let cell = &mut cells[tet.nodes[end] as usize];
+                cell.volume_mm3 += volume;
+                // The piece's centre of mass is the mean of its four corners, of which the node is one.
+                let moment = (corners - 3.0 * tet.corners[end]) * (volume / 4.0);
+                for (sum, part) in cell.first_moment_mm4.iter_mut().zip(moment.iter()) {
+                    *sum += part;
+                }
+            }
+        }
+        for (k, &other) in neighbors[t].iter().enumerate() {
+            if other == NONE || !has_first(t as u32, other) {
+                continue;
+            }
+            let across = neighbors[other as usize].iter().position(|&back| back as usize == t);
+            let seen = across.map(|k| tessellation::FACES[k].map(|i| tets[other as usize][i]));
+            let point = seen.map(|face| face_point(nodes, face));
+            checks.nonconforming_faces += u64::from(point != Some(tet.faces[k]));
+            checks.delaunay_violations += u64::from(across.is_some_and(|k| {
+                let sphere = tet.nodes.map(|node| nodes.points_mm[node as usize]);
+                let beyond = nodes.points_mm[tets[other as usize][k] as usize];
+                inside_circumsphere(sphere, beyond) == Ordering::Greater
+            }));
+        }
+    }
+    let surface = Surface::add(nodes, tets, neighbors, &mut closures);
+    checks.closure_error = closures.iter().map(|c| c.vector.norm() / c.area).fold(0.0, f64::max);
+    checks.cells_not_positive =
+        cells.iter().filter(|cell| cell.volume_mm3.is_nan() || cell.volume_mm3 <= 0.0).count() as u64;
+    checks.smallest_cell_mm3 = cells.iter().map(|cell| cell.volume_mm3).fold(f64::INFINITY, f64::min);
+    sums.conclude(nodes, &cells, surface.volume_mm3, &mut checks);
+    count(nodes, tets.len(), topology, &surface, &mut checks);
+    shares(nodes, topology, &mut checks);
+    judge(&checks)?;
+    Ok(Checked { cells, checks, volume_mm3: surface.volume_mm3, surface_triangles: surface.triangles })
+}
+
+impl Closure {
+    fn add(&mut self, vector: Point, area: f64) {
+        self.vector += vector;
+        self.area += area;
+    }
+}
+
+/// Sums over all tetrahedra.
+#[derive(Default)]
+struct Sums {
+    volume: Sum,
+    unsigned: Sum,
+    projected: Sum,
+    moment: [Sum; 3],
+    fabric: [Sum; 6],
+}
+
+impl Sums {
+    fn add(&mut self, tet: &Tet, facets: &[Facet; 12], checks: &mut Checks) {
+        let volume = tet.volume();
+        // Plain sums of a tetrahedron's own, so that the careful ones have few terms.
+        let (mut pieces, mut unsigned, mut projected, mut fabric) = (0.0, 0.0, 0.0, [0.0; 6]);
+        let mut inverted = 0;
+        for facet in facets {
+            for piece in facet.volumes {
+                pieces += piece;
+                inverted += u64::from(piece < 0.0);
+            }
+            unsigned += facet.unsigned_volume();
+            let (area, along) = (facet.area(), facet.projected_area());
+            let excess = (along.abs() - area) / area.max(f64::MIN_POSITIVE);
+            checks.projected_area_error = checks.projected_area_error.max(excess);
+            checks.facets_not_positive += u64::from(along <= 0.0);
+            let weight = along * facet.length;
+            projected += weight / 3.0;
+            let n = facet.normal;
+            let products = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.y * n.z, n.z * n.x];
+            for (sum, product) in fabric.iter_mut().zip(products) {
+                *sum += weight * product;
+            }
+        }
+        self.unsigned.add(unsigned);
+        self.projected.add(projected);
+        for (sum, part) in self.fabric.iter_mut().zip(fabric) {
+            sum.add(part);
+        }
+        self.volume.add(volume);
+        let corners: Point = tet.corners.iter().sum();
+        for (sum, part) in self.moment.iter_mut().zip((corners * (volume / 4.0)).iter()) {
+            sum.add(*part);
+        }
+        let longest2 = tessellation::EDGES
+            .map(|[i, j]| (tet.corners[j] - tet.corners[i]).norm_squared())
+            .into_iter()
+            .fold(0.0, f64::max);
+        let error = (pieces - volume).abs() / (longest2 * longest2.sqrt());
+        checks.tetrahedron_volume_error = checks.tetrahedron_volume_error.max(error);
+        checks.inverted_pieces += inverted;
+        checks.inverted_tetrahedra += u64::from(inverted > 0);
+    }
+
+    fn conclude(&self, nodes: &Nodes, cells: &[Cell], volume: f64, checks: &mut Checks) {
+        let mut cell_volume = Sum::default();
+        let mut moment = [Sum::default(); 3];
+        for (cell, p) in cells.iter().zip(&nodes.points_mm) {
+            cell_volume.add(cell.volume_mm3);
+            for a in 0..3 {
+                moment[a].add(cell.volume_mm3 * p[a] + cell.first_moment_mm4[a]);
+            }
+        }
+        let miss = |sum: f64| (sum - volume).abs() / volume;
+        // Both the tetrahedra and the cells fill what the surface encloses.
+        checks.cell_volume_error = miss(cell_volume.get()).max(miss(self.volume.get()));
+        let off2: f64 = (0..3).map(|a| ((moment[a].get() - self.moment[a].get()) / volume).powi(2)).sum();
+        checks.center_of_mass_error = off2.sqrt() / volume.cbrt();
+        checks.unsigned_excess = (self.unsigned.get() - volume) / volume;
+        checks.projected_volume_error = miss(self.projected.get());
+        checks.fabric = self.fabric.map(|sum| sum.get() / (3.0 * volume));
+        checks.fabric_trace_error = (checks.fabric[..3].iter().sum::<f64>() - 1.0).abs();
+    }
+}
+
+/// What the triangles of the surface enclose.
+struct Surface {
+    triangles: u64,
+    nodes: u64,
+    volume_mm3: f64,
+}
+
+impl Surface {
+    fn add(nodes: &Nodes, tets: &[[u32; 4]], neighbors: &[[u32; 4]], closures: &mut [Closure]) -> Self {
+        let mut volume = Sum::default();
+        let mut triangles = 0;
+        let mut met = vec![false; nodes.len()];
+        // From a point near the middle, for the sake of rounding.
+        let mut apex = Point::zeros();
+        let far = nodes.points_mm.iter().flatten().copied().fold(0.0, f64::max);
+        apex.fill(far / 2.0);
+        for face in topology::boundary(tets, neighbors) {
+            triangles += 1;
+            for node in face {
+                met[node as usize] = true;
+            }
+            let corners = face.map(|node| point(nodes.points_mm[node as usize]));
+            volume.add(triangle_area(corners).dot(&(corners[0] - apex)) / 3.0);
+            for (node, part) in tessellation::boundary_facets(nodes, face) {
+                let vector = triangle_area(part);
+                closures[node as usize].add(vector, vector.norm());
+            }
+        }
+        let nodes = met.iter().filter(|&&met| met).count() as u64;
+        Self { triangles, nodes, volume_mm3: volume.get() }
+    }
+}
+
+fn count(nodes: &Nodes, tets: usize, topology: &Topology, surface: &Surface, checks: &mut Checks) {
+    let rings = topology.rings;
+    checks.rings_closed = rings.closed;
+    checks.rings_open = rings.open;
+    checks.rings_other = rings.other;
+    // A node that no tetrahedron has would be no part of the ball.
+    let unmet = nodes.len() as i64 - topology.nodes_met() as i64;
+    let (edges, faces) = (topology.edge_ends.len() as i64, i64::from(topology.faces));
+    checks.euler_volume = nodes.len() as i64 - edges + faces - tets as i64 - unmet;
+    checks.euler_surface = surface.nodes as i64 - rings.open as i64 + surface.triangles as i64;
+}
+
+fn shares(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
+    for [a, b] in topology.edges() {
+        let [a, b] = [a as usize, b as usize];
+        let length = (point(nodes.points_mm[b]) - point(nodes.points_mm[a])).norm();
+        let (r, s) = (nodes.radii_mm[a], nodes.radii_mm[b]);
+        let share = edge_share(length, r, s);
+        checks.edge_share_min = checks.edge_share_min.min(share);
+        checks.edge_share_max = checks.edge_share_max.max(share);
+        checks.overlapping_edges += u64::from(length < (r + s) * (1.0 - TOLERANCE));
+    }
+}
+
+/// Refuses a lattice for which an identity does not hold.
+fn judge(checks: &Checks) -> Result<(), ExportError> {
+    let errors = [
+        ("T1: pieces do not add up to their tetrahedron", checks.tetrahedron_volume_error),
+        ("T3: cells do not add up to the volume", checks.cell_volume_error),
+        ("T3: cells have another centre of mass than the specimen", checks.center_of_mass_error),
+        ("T4: a cell is not closed", checks.closure_error),
+        ("T8: a projected area exceeds its area", checks.projected_area_error),
+        ("T8: projected areas do not give the volume", checks.projected_volume_error),
+        ("T12: the fabric tensor has another trace than 1", checks.fabric_trace_error),
+    ];
+    for (what, error) in errors {
+        if error.is_nan() || error > TOLERANCE {
+            return Err(ExportError::CheckFailed(format!("{what} (relative error {error:e})")));
+        }
+    }
+    let counts = [
+        ("T5: edges without one ring of facets", checks.rings_other),
+        ("T9: faces that differ between their tetrahedra", checks.nonconforming_faces),
+        ("T10: faces that are not Delaunay", checks.delaunay_violations),
+    ];
+    for (what, count) in counts {
+        if count > 0 {
+            return Err(ExportError::CheckFailed(format!("{what}: {count}")));
+        }
+    }
+    if (checks.euler_volume, checks.euler_surface) != (1, 2) {
+        return Err(ExportError::CheckFailed(format!(
+            "T6: Euler characteristic {} of the tetrahedra and {} of the surface, not 1 and 2",
+            checks.euler_volume, checks.euler_surface
+        )));
+    }
+    if !(checks.edge_share_min > 0.0 && checks.edge_share_max < 1.0) {
+        return Err(ExportError::CheckFailed(format!(
+            "T7: points of edges lie at {} to {} of their way",
+            checks.edge_share_min, checks.edge_share_max
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,261 @@
+//! The lattice discrete particle model of a finished packing (Cusatis, Pelessone and Mencarelli 2011).
+//!
+//! Grains and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay tetrahedralisation; each
+//! tetrahedron falls into facets between the cells of its nodes (`tessellation`); every lattice is checked
+//! (`checks`, `spheres`) and then written (`chrono`, `vtu`). Facets are many and follow from the nodes: they are
+//! computed wherever they are needed, never kept. It knows spheres and their specimen; it must never know how
+//! they were packed or where what it writes goes.
+
+mod balls;
+mod checks;
+mod chrono;
+mod grid;
+mod nodes;
+mod options;
+mod report;
+mod sample;
+mod spheres;
+mod surface;
+mod tessellation;
+mod text;
+mod topology;
+mod vtu;
+mod work;
+
+#[cfg(test)]
+mod tests;
+
+use std::io::Write;
+
+pub use checks::Cell;
+pub use nodes::Nodes;
+pub use options::{BoundaryNodes, Format, Options};
+pub use report::{Checks, NodeReport, Report};
+
+use crate::control::Control;
+use crate::export::{ExportError, Model};
+use crate::geometry::delaunay::{Delaunay, delaunay};
+use crate::plan::Limits;
+use crate::request::{FieldError, Specimen};
+use topology::Topology;
+use work::{Part, Work};
+
+/// Memory per node at the peak, in bytes: tetrahedra and their neighbours, lists of what meets at nodes, cells.
+const BYTES_PER_NODE: f64 = 600.0;
+
+/// A lattice, checked.
+#[derive(Debug)]
+pub struct Lattice {
+    nodes: Nodes,
+    tets: Vec<[u32; 4]>,
+    neighbors: Vec<[u32; 4]>,
+    topology: Topology,
+    cells: Vec<Cell>,
+    report: Report,
+}
+
+/// Judges what can be judged before there are grains.
+///
+/// # Errors
+/// [`ExportError::Unavailable`] in a periodic box.
+pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportError> {
+    if specimen.is_periodic() {
+        return Err(ExportError::Unavailable(
+            "a lattice needs a surface to lay nodes on, and a periodic box has none: pack with \"boundary\": \"walls\""
+                .into(),
+        ));
+    }
+    Ok(())
+}
+
+/// Makes a lattice of a packing and writes the file that is asked for.
+///
+/// # Errors
+/// [`ExportError`].
+pub fn write(
+    model: &Model<'_>,
+    options: &Options,
+    limits: &Limits,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<Report, ExportError> {
+    // By measured times: text takes long, and so do the many arrays of facets.
+    let made = match options.format {
+        Format::Chrono => 0.15,
+        Format::Facets | Format::Cells => 0.4,
+        Format::Tets => 0.9,
+    };
+    let lattice = Lattice::make(model, options, limits, &Part { control, from: 0.0, to: made })?;
+    lattice.write(options, &Part { control, from: made, to: 1.0 }, out)?;
+    Ok(lattice.report)
+}
+
+impl Lattice {
+    /// Makes a lattice of a packing.
+    ///
+    /// # Errors
+    /// [`ExportError`], but for [`ExportError::Write`].
+    pub fn make(
+        model: &Model<'_>,
+        options: &Options,
+        limits: &Limits,
+        control: &dyn Control,
+    ) -> Result<Self, ExportError> {
+        check(model.specimen, options, limits)?;
+        let grains = model.spheres;
+        if grains.is_empty() {
+            return Err(ExportError::Unavailable("a lattice needs grains, and this packing has none".into()));
+        }
+        check_spacing(model, options)?;
+        check_memory(model, options, limits)?;
+        let nodes = nodes::lay(model, options, control)?;
+        let Delaunay { nodes: tets, neighbors } =
+            delaunay(&nodes.points_mm, &Part { control, from: 0.02, to: 0.4 })?;
+        let topology = Topology::new(nodes.len(), &tets, &neighbors, control)?;
+        check_radii(&nodes, &topology)?;
+        let (total, message) = (tets.len(), "cells, facets and their checks");
+        let work = Work { control, from: 0.5, to: 1.0, total, unit: "tetrahedra", message };
+        let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &work)?;
+        let mut node_report = NodeReport::new(&nodes, options);
+        let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
+        let spans = [clear, node_report.spacing_mm];
+        spheres::check(model, &nodes, spans, control, &mut checked.checks, &mut node_report)?;
+        let report = Report {
+            nodes: node_report,
+            edges: topology.edge_ends.len() as u64,
+            tetrahedra: tets.len() as u64,
+            facets: 12 * tets.len() as u64,
+            surface_triangles: checked.surface_triangles,
+            volume_mm3: checked.volume_mm3,
+            volume_over_specimen: checked.volume_mm3 / model.specimen.volume_mm3(),
+            checks: checked.checks,
+        };
+        let lattice = Self { nodes, tets, neighbors, topology, cells: checked.cells, report };
+        lattice.check_surface(model.specimen)?;
+        Ok(lattice)
+    }
+
+    /// Writes the file that is asked for.
+    ///
+    /// # Errors
+    /// [`ExportError::Stopped`] and [`ExportError::Write`]; [`ExportError::Unavailable`] for a grid of more points
+    /// than it can number.
+    pub fn write(
+        &self,
+        options: &Options,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<(), ExportError> {
+        let (total, message) = (self.tets.len(), "writing the lattice");
+        let work = Work { control, from: 0.0, to: 1.0, total, unit: "tetrahedra", message };
+        match options.format {
+            Format::Chrono => chrono::write(self, options, &work, out),
+            Format::Tets => vtu::write_tets(self, &work, out),
+            Format::Facets => vtu::write_facets(self, &work, out),
+            Format::Cells => vtu::write_cells(self, &work, out),
+        }
+    }
+
+    /// Its nodes.
+    pub fn nodes(&self) -> &Nodes {
+        &self.nodes
+    }
+
+    /// Its tetrahedra, as numbers of nodes.
+    pub fn tetrahedra(&self) -> &[[u32; 4]] {
+        &self.tets
+    }
+
+    /// What its cells enclose, by node.
+    pub fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    /// What is known about it.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Nodes on the surface, by Euler's formula for its triangles, which was checked.
+    fn surface_nodes(&self) -> u64 {
+        self.report.surface_triangles / 2 + 2
+    }
+
+    /// Whether the surface is the specimen's: made of nodes that were laid on it, and a box's with its volume.
+    fn check_surface(&self, specimen: &Specimen) -> Result<(), ExportError> {
+        let grains = topology::boundary(&self.tets, &self.neighbors)
+            .flatten()
+            .filter(|&node| node as usize >= self.nodes.boundary)
+            .count();
+        if grains > 0 {
+            return Err(ExportError::Unavailable(format!(
+                "nodes {} mm apart are too few to enclose the grains of this specimen: choose a smaller \"spacing\"",
+                self.report.nodes.spacing_mm
+            )));
+        }
+        let error = (self.report.volume_over_specimen - 1.0).abs();
+        if matches!(specimen, Specimen::Box { .. }) && error > checks::TOLERANCE {
+            return Err(ExportError::CheckFailed(format!(
+                "T3: the surface misses the volume of the box (relative error {error:e})"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Smallest diameter of a packing, by which the options are multiplied.
+fn d_min_mm(model: &Model<'_>) -> f64 {
+    model.spheres.d_mm.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// Refuses to make a prism of fewer than six sides of a cylinder.
+fn check_spacing(model: &Model<'_>, options: &Options) -> Result<(), ExportError> {
+    let spacing_mm = options.spacing * d_min_mm(model);
+    match *model.specimen {
+        Specimen::Cylinder { diameter_mm, .. } if spacing_mm > diameter_mm / 2.0 => {
+            Err(ExportError::Unavailable(format!(
+                "nodes {spacing_mm} mm apart make no cylinder of {diameter_mm} mm: choose a smaller \"spacing\""
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses surface nodes so large that the points of their edges, half way between the spheres at both ends, would lie
+/// beyond one of the ends.
+fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
+    let of_surface = |node: u32| (node as usize) < nodes.boundary;
+    for [a, b] in topology.edges() {
+        let (p, q) = (nodes.points_mm[a as usize], nodes.points_mm[b as usize]);
+        let length_mm = (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>().sqrt();
+        let (first, second) = (nodes.radii_mm[a as usize], nodes.radii_mm[b as usize]);
+        let reach_mm = if of_surface(a) && of_surface(b) { first } else { (first - second).abs() };
+        if reach_mm >= length_mm && (of_surface(a) || of_surface(b)) {
+            let radius_mm = if of_surface(a) { first } else { second };
+            return Err(ExportError::Unavailable(format!(
+                "surface nodes of radius {radius_mm} mm are too large for an edge of {length_mm} mm from such a node to \
+                 the next node: choose a smaller \"surface_radius\" (half the fictitious diameter when absent)"
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn check_memory(model: &Model<'_>, options: &Options, limits: &Limits) -> Result<(), ExportError> {
+    let boundary = nodes::expected_on_boundary(model.specimen, options, d_min_mm(model));
+    let grains = model.spheres.len() as f64;
+    let bytes = (boundary + grains) * BYTES_PER_NODE;
+    if bytes <= limits.max_memory_bytes as f64 {
+        return Ok(());
+    }
+    let (pointer, advice) =
+        if boundary > grains { ("/spacing", "choose a larger spacing") } else { ("", "pack fewer grains") };
+    Err(ExportError::TooLarge(FieldError {
+        pointer: pointer.into(),
+        detail: format!(
+            "a lattice of about {boundary:.0} nodes on the surface and {grains:.0} grains takes {:.1} GB of memory, and {:.1} GB may be used: {advice}",
+            bytes / 1e9,
+            limits.max_memory_bytes as f64 / 1e9
+        ),
+    }))
+}

@@ -1,0 +1,228 @@
+//! The nodes of a lattice: those laid on the surface of the specimen, then the grains.
+//!
+//! It knows the surface and the grains; it must never know how nodes are joined.
+
+use rand::rand_core::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::balls::Balls;
+use super::options::{BoundaryNodes, Options};
+use super::sample;
+use super::surface::{Edge, Face, Mantle, Surface};
+use crate::control::Control;
+use crate::export::{ExportError, Model, go_on};
+use crate::request::Specimen;
+use crate::rng::uniform;
+
+/// Tells the boundary's stream of random numbers from that of a packing with the same seed.
+const STREAM: u64 = 0x6c64_706d;
+/// Nodes on a face that is full of disks, times the square of their distance over the area: the covering by random
+/// sequential addition, 0.547, over the area of a disk of half that distance.
+const DISKS_PER_AREA: f64 = 0.70;
+
+/// Nodes in columns: vertices, edges, faces, then grains in their order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Nodes {
+    /// Where they are.
+    pub points_mm: Vec<[f64; 3]>,
+    /// Their radius in the tessellation.
+    pub radii_mm: Vec<f64>,
+    /// How many lie on the surface.
+    pub boundary: usize,
+    /// How many of those are vertices.
+    pub on_vertices: usize,
+    /// How many of those lie on edges.
+    pub on_edges: usize,
+    /// Whether every node asked for found a place.
+    pub complete: bool,
+    /// Diameter of the smallest grain.
+    pub d_min_mm: f64,
+}
+
+impl Nodes {
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.points_mm.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.points_mm.is_empty()
+    }
+
+    /// Diameter of the grain at a node; 0 on the surface.
+    pub fn diameter_mm(&self, node: usize) -> f64 {
+        if node < self.boundary { 0.0 } else { 2.0 * self.radii_mm[node] }
+    }
+}
+
+/// About how many nodes the surface gets.
+pub(super) fn expected_on_boundary(specimen: &Specimen, options: &Options, d_min: f64) -> f64 {
+    let surface = Surface::of(specimen);
+    let distance = options.spacing * d_min;
+    let length: f64 = surface.edges.iter().map(|edge| edge.length).sum();
+    let mantle = surface.mantle.map_or(0.0, |mantle| mantle.area());
+    let area: f64 = surface.faces.iter().map(Face::area).sum();
+    let per_area = match options.boundary_nodes {
+        BoundaryNodes::PoissonDisk => DISKS_PER_AREA,
+        BoundaryNodes::Random => 1.0,
+    };
+    let on_faces = (per_area * area + mantle) / (distance * distance);
+    surface.vertices.len() as f64 + length / distance + on_faces
+}
+
+/// Nodes on a surface as they come to lie there.
+struct Layer<'a> {
+    options: &'a Options,
+    control: &'a dyn Control,
+    /// Distance that `random` nodes have on average.
+    spacing: f64,
+    /// Distance that all nodes keep.
+    distance: f64,
+    rng: Xoshiro256PlusPlus,
+    /// Grains that keep nodes from the surface, as balls.
+    grains: Vec<([f64; 3], f64)>,
+    /// These and the nodes so far.
+    balls: Balls,
+    points: Vec<[f64; 3]>,
+    complete: bool,
+}
+
+impl Layer<'_> {
+    fn push(&mut self, points: impl IntoIterator<Item = [f64; 3]>) {
+        for p in points {
+            self.points.push(p);
+            self.balls.push(p, self.distance);
+        }
+    }
+
+    fn is_none(&self) -> bool {
+        self.options.boundary_nodes == BoundaryNodes::Random
+    }
+
+    /// Takes as many random points as lie in a measure of length or area, `draw`n by the generator.
+    fn scatter(
+        &mut self,
+        count: f64,
+        draw: impl Fn(&mut Xoshiro256PlusPlus) -> Option<[f64; 3]>,
+    ) -> Result<(), ExportError> {
+        let Self { distance, rng, balls, control, points, .. } = self;
+        self.complete &= sample::scatter(count as u64, *distance, balls, *control, points, || draw(rng))?;
+        Ok(())
+    }
+
+    fn lay_edge(&mut self, edge: &Edge) -> Result<(), ExportError> {
+        go_on(self.control)?;
+        if self.is_none() {
+            return self.scatter(edge.length / self.spacing, |rng| Some(edge.at(edge.length * uniform(rng))));
+        }
+        let earlier = self.points.iter().map(|&p| (p, self.distance));
+        let points = sample::divide(edge, self.distance, self.grains.iter().copied().chain(earlier));
+        self.push(points);
+        Ok(())
+    }
+
+    /// Rims: where generators begin and end.
+    fn lay_rims(&mut self, generators: &[Edge]) {
+        for end in [0.0, 1.0] {
+            let free =
+                |p: &[f64; 3]| !self.grains.iter().any(|&(center, radius)| is_in_ball(*p, center, radius));
+            let rim: Vec<_> = generators.iter().map(|g| g.at(end * g.length)).filter(free).collect();
+            self.push(rim);
+        }
+    }
+
+    fn lay_mantle(&mut self, mantle: &Mantle, generators: &[Edge]) -> Result<(), ExportError> {
+        if self.is_none() {
+            return self.scatter(mantle.area() / (self.spacing * self.spacing), |rng| {
+                let generator = &generators[(uniform(rng) * generators.len() as f64) as usize];
+                Some(generator.at(generator.length * uniform(rng)))
+            });
+        }
+        for (i, generator) in generators.iter().enumerate() {
+            go_on(self.control)?;
+            let ends = [0.0, 1.0].map(|end| generator.at(end * generator.length));
+            let mut own: Vec<_> = ends.into_iter().filter(|end| self.points.contains(end)).collect();
+            // Every other one begins half a step later, which makes better triangles; where grains leave too little
+            // for that, what is left is filled.
+            for share in if i % 2 == 0 { &[1.0][..] } else { &[1.5, 1.0] } {
+                let earlier = own.iter().map(|&p| (p, share * self.distance));
+                let taken = self.grains.iter().copied().chain(earlier);
+                let points = sample::divide(generator, self.distance, taken);
+                own.extend_from_slice(&points);
+                self.push(points);
+            }
+        }
+        Ok(())
+    }
+
+    fn lay_face(&mut self, face: &Face) -> Result<(), ExportError> {
+        if self.is_none() {
+            let size = face.size();
+            return self.scatter(face.area() / (self.spacing * self.spacing), |rng| {
+                let uv = size.map(|side| side * uniform(rng));
+                face.has(uv).then(|| face.at(uv))
+            });
+        }
+        sample::fill(face, self.distance, &mut self.balls, &mut self.rng, self.control, &mut self.points)
+    }
+}
+
+fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
+    (0..3).map(|a| (p[a] - center[a]).powi(2)).sum::<f64>() < radius * radius
+}
+
+/// Lays nodes on the surface of a model, and appends its grains.
+pub(super) fn lay(model: &Model<'_>, options: &Options, control: &dyn Control) -> Result<Nodes, ExportError> {
+    let grains = model.spheres;
+    let d_min = grains.d_mm.iter().copied().fold(f64::INFINITY, f64::min);
+    let surface = Surface::of(model.specimen);
+    let spacing = options.spacing * d_min;
+    let clear = options.fictitious_diameter * d_min / 2.0;
+    let distance = match options.boundary_nodes {
+        BoundaryNodes::PoissonDisk => spacing,
+        BoundaryNodes::Random => 2.0 * clear,
+    };
+    let mut balls = Balls::new(model.specimen.bounds_mm(), distance);
+    let mut near_surface = Vec::new();
+    for i in 0..grains.len() {
+        let (center, radius) = (grains.center(i), grains.d_mm[i] / 2.0);
+        // Others cannot keep a node from the surface.
+        if model.specimen.clearance_reaching_all(center, [0.0; 3]) < radius + clear {
+            near_surface.push((center, radius + clear));
+            balls.push(center, radius + clear);
+        }
+    }
+    let mut layer = Layer {
+        options,
+        control,
+        spacing,
+        distance,
+        rng: Xoshiro256PlusPlus::seed_from_u64(options.seed ^ STREAM),
+        grains: near_surface,
+        balls,
+        points: Vec::new(),
+        complete: true,
+    };
+    layer.push(surface.vertices.iter().copied());
+    let on_vertices = layer.points.len();
+    for edge in &surface.edges {
+        layer.lay_edge(edge)?;
+    }
+    let turn = uniform(&mut layer.rng);
+    let generators = surface.mantle.map(|mantle| mantle.generators(spacing, turn)).unwrap_or_default();
+    layer.lay_rims(&generators);
+    let on_edges = layer.points.len() - on_vertices;
+    if let Some(mantle) = &surface.mantle {
+        layer.lay_mantle(mantle, &generators)?;
+    }
+    for face in &surface.faces {
+        layer.lay_face(face)?;
+    }
+    let Layer { mut points, complete, .. } = layer;
+    let boundary = points.len();
+    let mut radii_mm = vec![options.surface_radius * d_min; boundary];
+    points.extend((0..grains.len()).map(|i| grains.center(i)));
+    radii_mm.extend(grains.d_mm.iter().map(|d| d / 2.0));
+    Ok(Nodes { points_mm: points, radii_mm, boundary, on_vertices, on_edges, complete, d_min_mm: d_min })
+}

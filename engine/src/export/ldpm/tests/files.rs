@@ -1,0 +1,105 @@
+use std::io::{Cursor, Read, Write};
+
+use super::super::{Format, Options, Report, write};
+use super::{in_cylinder, with_clearance};
+use crate::Unattended;
+use crate::export::{ExportError, Model};
+use crate::plan::Limits;
+
+fn written(
+    format: Format,
+    (specimen, spheres): &(crate::request::Specimen, crate::Spheres),
+) -> (Vec<u8>, Report) {
+    let mut bytes = Vec::new();
+    let options = Options { format, ..Options::default() };
+    let report =
+        write(&Model { specimen, spheres }, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+    (bytes, report)
+}
+
+#[test]
+fn the_same_model_is_the_same_bytes() {
+    let packing = in_cylinder();
+    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+        assert!(written(file, &packing).0 == written(file, &packing).0, "{file:?}");
+    }
+}
+
+/// Rows of numbers of one file of the archive, as Project Chrono's reader finds them.
+fn rows(archive: &mut zip::ZipArchive<Cursor<Vec<u8>>>, suffix: &str) -> Vec<Vec<f64>> {
+    let mut text = String::new();
+    archive.by_name(&format!("ldpm-data-{suffix}.dat")).unwrap().read_to_string(&mut text).unwrap();
+    text.lines()
+        .filter(|line| !line.starts_with('/'))
+        .map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect())
+        .collect()
+}
+
+#[test]
+fn the_archive_holds_what_the_report_says() {
+    let packing = with_clearance();
+    let (bytes, report) = written(Format::Chrono, &packing);
+    let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
+    let mut summary = String::new();
+    archive.by_name("summary.json").unwrap().read_to_string(&mut summary).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(serde_json::from_value::<Report>(summary["report"].clone()).unwrap(), report);
+
+    for (suffix, count, columns) in [
+        ("nodes", report.nodes.total, 3),
+        ("tets", report.tetrahedra, 4),
+        ("edges", report.edges, 2),
+        ("particles", report.nodes.grains, 5),
+        ("facets", report.facets, 19),
+        ("facetsVertices", 3 * report.facets, 3),
+        ("faceFacets", 6 * report.surface_triangles, 10),
+    ] {
+        let rows = rows(&mut archive, suffix);
+        assert_eq!(rows.len() as u64, count, "{suffix}");
+        assert!(rows.iter().all(|row| row.len() == columns), "{suffix}");
+    }
+    let nodes = rows(&mut archive, "nodes");
+    let particles = rows(&mut archive, "particles");
+    let grains = &nodes[nodes.len() - particles.len()..];
+    let spheres = &packing.1;
+    for (i, (row, node)) in particles.iter().zip(grains).enumerate() {
+        let [x, y, z] = spheres.center(i);
+        assert_eq!(row[..], [i as f64, x, y, z, spheres.d_mm[i]]);
+        assert_eq!(node[..], [x, y, z]);
+    }
+    // Written with ten digits, and each volume counted as positive.
+    let volume: f64 = rows(&mut archive, "facets").iter().map(|row| row[4]).sum();
+    let expected = report.volume_mm3 * (1.0 + report.checks.unsigned_excess);
+    assert!((volume - expected).abs() < 1e-9 * expected, "{volume} {expected}");
+}
+
+/// A disk that fills up.
+struct Full(usize);
+
+impl Write for Full {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.0 < bytes.len() {
+            return Err(std::io::Error::from(std::io::ErrorKind::StorageFull));
+        }
+        self.0 -= bytes.len();
+        Ok(bytes.len())
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_writer_that_fails_is_told_of() {
+    let (specimen, spheres) = in_cylinder();
+    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+        for room in [0, 20_000] {
+            let options = Options { format: file, ..Options::default() };
+            let model = Model { specimen: &specimen, spheres: &spheres };
+            let error =
+                write(&model, &options, &Limits::default(), &Unattended, &mut Full(room)).unwrap_err();
+            let ExportError::Write(error) = error else { panic!("{error}") };
+            assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
+        }
+    }
+}

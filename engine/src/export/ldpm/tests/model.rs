@@ -1,0 +1,245 @@
+use serde_json::json;
+
+use super::super::checks;
+use super::super::topology::{NONE, Topology};
+use super::super::work::Work;
+use super::super::{BoundaryNodes, Format, Lattice, Options, check, write};
+use super::{in_box, in_cylinder, with_clearance};
+use crate::control::{Control, Progress, Unattended};
+use crate::export::{ExportError, Model};
+use crate::packing::Spheres;
+use crate::plan::Limits;
+use crate::request::decode::{At, Faults};
+use crate::request::{Boundary, Specimen};
+
+fn lattice(specimen: &Specimen, spheres: &Spheres, options: &Options) -> Result<Lattice, ExportError> {
+    Lattice::make(&Model { specimen, spheres }, options, &Limits::default(), &Unattended)
+}
+
+#[test]
+fn a_box_is_filled_by_its_cells() {
+    let (specimen, spheres) = with_clearance();
+    let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+    let report = made.report();
+    let checks = &report.checks;
+    let sum: f64 = made.cells().iter().map(|cell| cell.volume_mm3).sum();
+    assert!((sum - 64_000.0).abs() < 64_000.0 * 1e-12, "{sum}");
+    assert!((report.volume_over_specimen - 1.0).abs() < 1e-12);
+    assert!(checks.tetrahedron_volume_error < 1e-12);
+    assert!(checks.cell_volume_error < 1e-12);
+    assert!(checks.closure_error < 1e-12);
+    assert!(checks.fabric_trace_error < 1e-12);
+    assert!((0..3).all(|a| (checks.fabric[a] - 1.0 / 3.0).abs() < 0.05), "{:?}", checks.fabric);
+    assert_eq!(checks.cells_not_positive, 0);
+    assert_eq!((checks.crowded_nodes, checks.overlapping_edges), (0, 0));
+    assert_eq!(report.facets, 12 * report.tetrahedra);
+    assert_eq!(report.edges, checks.rings_closed + checks.rings_open);
+    assert_eq!(report.nodes.grains, spheres.len() as u64);
+    assert_eq!(report.nodes.total, made.nodes().len() as u64);
+}
+
+/// Grains that touch walls come near vertices at most.
+#[test]
+fn any_packing_becomes_a_lattice() {
+    for (specimen, spheres) in [in_box(), in_cylinder()] {
+        for boundary_nodes in [BoundaryNodes::PoissonDisk, BoundaryNodes::Random] {
+            for surface_radius in [0.0, 0.55] {
+                let options = Options { boundary_nodes, surface_radius, ..Options::default() };
+                let report = lattice(&specimen, &spheres, &options).unwrap().report;
+                assert_eq!(report.checks.cells_not_positive, 0);
+                assert!(report.checks.crowded_nodes <= 8);
+                let least = report.nodes.smallest_spacing_mm.unwrap();
+                assert!(least >= report.nodes.spacing_mm * (1.0 - 1e-12));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_cylinder_becomes_a_polyhedron_a_little_smaller() {
+    let (specimen, spheres) = in_cylinder();
+    let coarse = lattice(&specimen, &spheres, &Options::default()).unwrap().report;
+    let fine = lattice(&specimen, &spheres, &Options { spacing: 1.1, ..Options::default() }).unwrap().report;
+    assert!(coarse.volume_over_specimen > 0.97 && coarse.volume_over_specimen < 1.0);
+    assert!(fine.volume_over_specimen > coarse.volume_over_specimen && fine.volume_over_specimen < 1.0);
+    assert!(fine.checks.cell_volume_error < 1e-12);
+}
+
+/// One grain is enough, and so is one that fills its box.
+#[test]
+fn few_grains_are_enough() {
+    let specimen = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Walls };
+    for d in [1.0, 10.0] {
+        let mut spheres = Spheres::default();
+        spheres.push([5.0; 3], d);
+        let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+        assert!((made.report().volume_mm3 - 1000.0).abs() < 1e-9);
+    }
+}
+
+fn refused(specimen: &Specimen, spheres: &Spheres, limits: &Limits) -> ExportError {
+    Lattice::make(&Model { specimen, spheres }, &Options::default(), limits, &Unattended).unwrap_err()
+}
+
+#[test]
+fn what_cannot_be_made_is_refused_with_a_reason() {
+    let periodic = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Periodic };
+    let error = check(&periodic, &Options::default(), &Limits::default()).unwrap_err();
+    assert!(error.to_string().contains("\"boundary\": \"walls\""), "{error}");
+
+    let walls = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Walls };
+    check(&walls, &Options::default(), &Limits::default()).unwrap();
+    let empty = refused(&walls, &Spheres::default(), &Limits::default());
+    assert!(matches!(empty, ExportError::Unavailable(_)), "{empty}");
+
+    let mut spheres = Spheres::default();
+    spheres.push([5.0; 3], 0.1);
+    let limits = Limits { max_memory_bytes: 1_000_000, ..Limits::default() };
+    let ExportError::TooLarge(fault) = refused(&walls, &spheres, &limits) else { panic!("it fits") };
+    assert_eq!(fault.pointer, "/spacing");
+    assert!(fault.detail.contains("GB of memory"), "{fault}");
+
+    spheres.push([5.04, 5.0, 5.0], 0.1);
+    let overlap = refused(&walls, &spheres, &Limits::default());
+    assert!(overlap.to_string().contains("T13: 1 pairs of grains overlap"), "{overlap}");
+
+    let mut outside = Spheres::default();
+    outside.push([5.0, 5.0, 9.8], 1.0);
+    let error = refused(&walls, &outside, &Limits::default());
+    assert!(error.to_string().contains("1 grains reach beyond"), "{error}");
+}
+
+/// Nodes farther apart than the radius make a rim of fewer than six corners.
+#[test]
+fn a_cylinder_that_would_lose_its_shape_is_refused() {
+    let specimen = Specimen::Cylinder { diameter_mm: 10.0, height_mm: 40.0 };
+    let mut spheres = Spheres::default();
+    spheres.push([5.0, 5.0, 30.0], 9.0);
+    spheres.push([5.0, 5.0, 10.0], 9.0);
+    let error = refused(&specimen, &spheres, &Limits::default());
+    assert!(error.to_string().contains("smaller \"spacing\""), "{error}");
+}
+
+#[test]
+fn a_lattice_with_a_fault_does_not_pass() {
+    let (specimen, spheres) = in_box();
+    let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+    let Lattice { nodes, tets, neighbors, .. } = made;
+    let judged = |tets: &[[u32; 4]], neighbors: &[[u32; 4]]| {
+        let topology = Topology::new(nodes.len(), tets, neighbors, &Unattended).unwrap();
+        let work = Work { control: &Unattended, from: 0.0, to: 1.0, total: 0, unit: "", message: "" };
+        checks::check(&nodes, tets, neighbors, &topology, &work).map(|_| ()).map_err(|e| e.to_string())
+    };
+    judged(&tets, &neighbors).unwrap();
+
+    // A tetrahedron turned inside out.
+    let mut flipped = (tets.clone(), neighbors.clone());
+    flipped.0[7].swap(2, 3);
+    flipped.1[7].swap(2, 3);
+    assert!(judged(&flipped.0, &flipped.1).unwrap_err().contains("T3"));
+
+    // One left out, from inside: a void.
+    let inside = (0..tets.len()).rev().find(|&t| neighbors[t].iter().all(|&other| other != NONE)).unwrap();
+    let mut fewer = (tets.clone(), neighbors.clone());
+    fewer.0.remove(inside);
+    fewer.1.remove(inside);
+    for other in fewer.1.as_flattened_mut() {
+        *other = match *other {
+            o if o == inside as u32 => NONE,
+            o if o != NONE && o > inside as u32 => o - 1,
+            o => o,
+        };
+    }
+    let error = judged(&fewer.0, &fewer.1).unwrap_err();
+    assert!(error.contains("T6") || error.contains("T5"), "{error}");
+
+    // Two neighbours that do not know of each other.
+    let mut torn = neighbors.clone();
+    let other = torn[inside][0];
+    torn[inside][0] = NONE;
+    assert!(judged(&tets, &torn).is_err(), "{other}");
+}
+
+struct Impatient;
+
+impl Control for Impatient {
+    fn report(&self, _: &Progress) {}
+    fn should_stop(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn it_stops_when_told_to() {
+    let (specimen, spheres) = in_box();
+    let model = Model { specimen: &specimen, spheres: &spheres };
+    let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+    let error = Lattice::make(&model, &Options::default(), &Limits::default(), &Impatient).unwrap_err();
+    assert!(matches!(error, ExportError::Stopped), "{error}");
+    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+        let options = Options { format: file, ..Options::default() };
+        let error = made.write(&options, &Impatient, &mut std::io::sink()).unwrap_err();
+        assert!(matches!(error, ExportError::Stopped), "{error}");
+    }
+}
+
+/// Keeps the fractions that it is told.
+#[derive(Default)]
+struct Listening(std::cell::RefCell<Vec<f64>>);
+
+impl Control for Listening {
+    fn report(&self, progress: &Progress) {
+        self.0.borrow_mut().push(progress.fraction);
+    }
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+#[test]
+fn progress_rises_from_0_to_1() {
+    let (specimen, spheres) = in_box();
+    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+        let heard = Listening::default();
+        let options = Options { format: file, ..Options::default() };
+        let model = Model { specimen: &specimen, spheres: &spheres };
+        write(&model, &options, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
+        let heard = heard.0.into_inner();
+        assert!(heard.len() >= 3 && heard.is_sorted(), "{heard:?}");
+        assert!(heard.iter().all(|fraction| (0.0..=1.0).contains(fraction)), "{heard:?}");
+    }
+}
+
+fn read(value: &serde_json::Value) -> Result<Options, Vec<String>> {
+    let faults = Faults::default();
+    let mut object = At::root(value, &faults).object().unwrap();
+    let options = Options::read(&mut object);
+    object.finish();
+    let found = faults.into_vec();
+    if found.is_empty() { Ok(options.unwrap()) } else { Err(found.iter().map(ToString::to_string).collect()) }
+}
+
+#[test]
+fn options_have_defaults_and_bounds() {
+    assert_eq!(read(&json!({})).unwrap(), Options::default());
+    let all = json!({"spacing": 2, "fictitious_diameter": 0.5, "boundary_nodes": "random", "seed": 3, "format": "cells"});
+    let read_all = read(&all).unwrap();
+    assert_eq!(read_all.surface_radius, 0.25);
+    assert_eq!(read(&serde_json::to_value(&read_all).unwrap()).unwrap(), read_all);
+    assert_eq!(read(&json!({"surface_radius": 0})).unwrap().surface_radius, 0.0);
+
+    let faults =
+        read(&json!({"spacing": 0, "boundary_nodes": "even", "seed": -1, "format": "zip"})).unwrap_err();
+    let starts = [
+        "/spacing: 0 is out",
+        "/boundary_nodes: \"even\" is unknown",
+        "/seed: -1",
+        "/file: \"zip\" is unknown",
+    ];
+    for (fault, start) in faults.iter().zip(starts) {
+        assert!(fault.starts_with(start), "{fault}");
+    }
+    assert_eq!(faults.len(), 4);
+    let faults = read(&json!({"spacing": 1.0})).unwrap_err();
+    assert!(faults[0].starts_with("/spacing: nodes 1 d_min apart overlap"), "{faults:?}");
+}

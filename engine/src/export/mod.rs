@@ -1,0 +1,69 @@
+//! What users make of a finished packing: meshes, voxels, cuts, lattice models.
+//!
+//! Everything here is a pure function of a [`Model`] and the options asked for: the same bytes whenever it is
+//! asked for. It knows spheres and their specimen; it must never know how they were packed, or where what it
+//! writes goes.
+
+pub mod catalog;
+pub mod ldpm;
+pub mod mesh;
+pub mod slice;
+pub mod tables;
+pub mod voxels;
+
+use std::io;
+
+use thiserror::Error;
+
+use crate::control::Control;
+use crate::packing::Spheres;
+use crate::request::{FieldError, Specimen};
+
+pub use catalog::{ExportReport, ExportRequest, ExportType};
+
+/// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
+pub const REVISION: u32 = 1;
+
+/// A finished packing, in memory.
+#[derive(Clone, Copy, Debug)]
+pub struct Model<'a> {
+    /// The region.
+    pub specimen: &'a Specimen,
+    /// The grains, largest first; none overlaps another or leaves the region.
+    pub spheres: &'a Spheres,
+}
+
+/// Why something was not made of a packing.
+#[derive(Debug, Error)]
+pub enum ExportError {
+    /// Options that do not hold.
+    #[error("{}", listed(.0))]
+    Invalid(Vec<FieldError>),
+    /// Not to be had of this specimen or packing; the text says what to do.
+    #[error("{0}")]
+    Unavailable(String),
+    /// More than may be used: says how much it would take.
+    #[error("{0}")]
+    TooLarge(FieldError),
+    /// Its own checks failed, which is a defect of this program.
+    #[error("the model failed its check: {0}")]
+    CheckFailed(String),
+    /// It was told to stop.
+    #[error("stopped")]
+    Stopped,
+    /// What was made could not be written.
+    #[error("{0}")]
+    Write(#[from] io::Error),
+}
+
+fn listed(faults: &[FieldError]) -> String {
+    faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+/// Ends the work where it should stop.
+///
+/// # Errors
+/// [`ExportError::Stopped`].
+pub fn go_on(control: &dyn Control) -> Result<(), ExportError> {
+    if control.should_stop() { Err(ExportError::Stopped) } else { Ok(()) }
+}

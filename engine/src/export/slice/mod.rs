@@ -1,0 +1,266 @@
+//! Plane cuts through a packing: the circles, their area, and the picture, table or 2D model of them.
+//!
+//! The common two-dimensional mesoscale model of concrete is such a cut. A cut is perpendicular to one axis; its
+//! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
+//! The module knows spheres and their specimen; it must never know how they were packed.
+
+mod cut;
+mod geo;
+mod json;
+mod overlap;
+mod png;
+mod svg;
+
+use std::io::{BufWriter, Write};
+
+use serde::{Deserialize, Serialize};
+
+pub use cut::{Circle, Cut, Outline};
+
+use crate::control::{Control, Phase, Progress};
+use crate::export::{ExportError, Model, go_on};
+use crate::plan::Limits;
+use crate::request::decode::{Bound, Object};
+use crate::request::{FieldError, MAX_LENGTH_MM, Specimen};
+
+/// Pixels along the longer edge of a picture, where none are asked for.
+pub const DEFAULT_PIXELS: u32 = 1000;
+/// Fewest pixels along the longer edge of a picture.
+pub const MIN_PIXELS: u32 = 16;
+/// Most pixels along the longer edge of a picture.
+pub const MAX_PIXELS: u32 = 8192;
+
+/// The axis that a cut is perpendicular to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+impl Axis {
+    /// 0, 1, 2 for x, y, z.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Its letter.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Z => "z",
+        }
+    }
+
+    /// The axes `u`, `v` of a plane perpendicular to this one.
+    pub fn plane(self) -> [Self; 2] {
+        match self {
+            Self::X => [Self::Y, Self::Z],
+            Self::Y => [Self::X, Self::Z],
+            Self::Z => [Self::X, Self::Y],
+        }
+    }
+}
+
+/// What is made of a cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceFormat))]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// A drawing at full scale, for print.
+    Svg,
+    /// A picture of the cut and nothing else, anti-aliased by exact areas.
+    Png,
+    /// The circles and the figures.
+    Json,
+    /// A Gmsh script of the plane surfaces, for a 2D mesh.
+    Geo,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 4] = [Self::Svg, Self::Png, Self::Json, Self::Geo];
+
+    /// Name of the format, and file extension.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Svg => "svg",
+            Self::Png => "png",
+            Self::Json => "json",
+            Self::Geo => "geo",
+        }
+    }
+
+    /// Media type without parameters.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Svg => "image/svg+xml",
+            Self::Png => "image/png",
+            Self::Json => "application/json",
+            Self::Geo => "text/plain",
+        }
+    }
+}
+
+/// Which cut, and in which format.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceOptions))]
+pub struct Options {
+    /// What is made of the cut.
+    #[cfg_attr(feature = "openapi", schema(default = "svg", required = false))]
+    pub format: Format,
+    /// The axis that the cut is perpendicular to.
+    #[cfg_attr(feature = "openapi", schema(default = "z", required = false))]
+    pub axis: Axis,
+    /// Where the cut meets that axis. Default: the middle of the specimen.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at_mm: Option<f64>,
+    /// Pixels along the longer edge, for `png` alone. Default: 1000.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 16, maximum = 8192))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixels: Option<u32>,
+}
+
+impl Options {
+    /// Reads the options, whose names this asks `object` for.
+    ///
+    /// `None` means that faults were reported.
+    pub fn read(object: &mut Object<'_>) -> Option<Self> {
+        let format = match object.optional("format") {
+            Some(at) => at.choice(&Format::ALL.map(|format| (format.name(), format))),
+            None => Some(Format::Svg),
+        };
+        let axis = match object.optional("axis") {
+            Some(at) => at.choice(&[Axis::X, Axis::Y, Axis::Z].map(|axis| (axis.name(), axis))),
+            None => Some(Axis::Z),
+        };
+        let at_mm = match object.optional("at_mm") {
+            Some(at) => at.number(Bound::closed(0.0, MAX_LENGTH_MM, "mm")).map(Some),
+            None => Some(None),
+        };
+        let pixels = match object.optional("pixels") {
+            Some(at) if format.is_some_and(|format| format != Format::Png) => {
+                at.fault("pixels are for the format \"png\": leave them out");
+                None
+            }
+            Some(at) => at.integer(MIN_PIXELS.into(), MAX_PIXELS.into()).map(|n| Some(n as u32)),
+            None => Some((format == Some(Format::Png)).then_some(DEFAULT_PIXELS)),
+        };
+        Some(Self { format: format?, axis: axis?, at_mm: at_mm?, pixels: pixels? })
+    }
+
+    /// Where the cut of that specimen meets its axis.
+    pub fn at_mm(&self, specimen: &Specimen) -> f64 {
+        self.at_mm.unwrap_or(specimen.bounds_mm()[self.axis.index()] / 2.0)
+    }
+}
+
+/// The figures of a cut.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceReport))]
+pub struct Report {
+    /// The axis that the cut is perpendicular to.
+    pub axis: Axis,
+    /// Where it meets that axis.
+    pub at_mm: f64,
+    /// The axes `u`, `v` of the plane.
+    pub plane: [Axis; 2],
+    /// The part of the plane inside the specimen.
+    pub outline: Outline,
+    /// Its area.
+    pub area_mm2: f64,
+    /// Circles cut, with the images of those that cross the faces of a periodic box.
+    pub circle_count: u64,
+    /// Area of the circles inside the outline.
+    pub aggregate_area_mm2: f64,
+    /// Area of the circles over that of the cut; exact.
+    pub area_fraction: f64,
+    /// Measures of the picture, for the format `png`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub image: Option<Image>,
+}
+
+/// Measures of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceImage))]
+pub struct Image {
+    /// Pixels along `u` and `v`.
+    pub pixels: [u32; 2],
+    /// Size of a pixel along `u` and `v`.
+    pub pixel_mm: [f64; 2],
+}
+
+/// Judges options before there are grains.
+///
+/// # Errors
+/// [`ExportError::Invalid`] where the plane does not cut the specimen.
+pub fn check(specimen: &Specimen, options: &Options, _: &Limits) -> Result<(), ExportError> {
+    let at_mm = options.at_mm(specimen);
+    let length = specimen.bounds_mm()[options.axis.index()];
+    // A plane that touches a cylinder's mantle cuts out a line: nothing has a share of its area.
+    let touches = matches!(specimen, Specimen::Cylinder { .. }) && options.axis != Axis::Z;
+    let (inside, bound) = if touches {
+        (at_mm > 0.0 && at_mm < length, format!("greater than 0 and less than {length} mm"))
+    } else {
+        ((0.0..=length).contains(&at_mm), format!("at least 0 and at most {length} mm"))
+    };
+    if inside {
+        return Ok(());
+    }
+    let axis = options.axis.name();
+    let detail = format!("{at_mm} is out of range: a cut along {axis} must be {bound}, inside the specimen");
+    Err(ExportError::Invalid(vec![FieldError { pointer: "/at_mm".into(), detail }]))
+}
+
+/// Cuts the packing and writes what is asked for.
+///
+/// # Errors
+/// Those of [`check`], of the writer, and [`ExportError::Stopped`].
+pub fn write(
+    model: &Model<'_>,
+    options: &Options,
+    limits: &Limits,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<Report, ExportError> {
+    check(model.specimen, options, limits)?;
+    go_on(control)?;
+    let cut = Cut::new(model, options.axis, options.at_mm(model.specimen));
+    let mut report = cut.report();
+    let progress = |done: u64, total: u64| {
+        control.report(&Progress {
+            phase: Phase::Export,
+            fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
+            done,
+            total,
+            unit: if options.format == Format::Png { "rows" } else { "circles" },
+            message: String::new(),
+            growth: None,
+        });
+        go_on(control)
+    };
+    let circles = cut.circles.len() as u64;
+    let mut out = BufWriter::new(out);
+    match options.format {
+        Format::Svg => svg::write(&cut, &report, &mut out)?,
+        Format::Png => {
+            let image = png::measures(&cut.outline, options.pixels.unwrap_or(DEFAULT_PIXELS));
+            report.image = Some(image);
+            png::write(&cut, &image, &mut out, &progress)?;
+        }
+        Format::Json => json::write(&cut, &report, &mut out)?,
+        Format::Geo => geo::write(&cut, &mut out)?,
+    }
+    out.flush()?;
+    progress(circles, circles)?;
+    Ok(report)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,176 @@
+//! A picture of a cut and nothing else, for image analysis: every pixel is as grey as its share of aggregate.
+//!
+//! Matrix is 255, aggregate 128, and a pixel's grey is between them by the exact area of the circles in it, so
+//! that the mean grey gives the area fraction. Outside of a disc the picture is transparent. Its size in metres
+//! is stated in it (chunk `pHYs`).
+
+use std::io::Write;
+use std::ops::Range;
+
+use ::png::{BitDepth, ColorType, Encoder, EncodingError, PixelDimensions, Unit};
+
+use super::{Circle, Cut, Image, Outline, overlap};
+use crate::export::ExportError;
+
+/// Grey of the matrix.
+const MATRIX: u8 = 255;
+/// Grey of aggregates, dark enough for contrast and light enough for ink.
+const AGGREGATE: u8 = 128;
+/// Rows between two reports of progress.
+const ROWS_PER_REPORT: u32 = 64;
+
+/// Pixels as near to squares as the outline allows, that fill it exactly.
+pub(super) fn measures(outline: &Outline, pixels_long: u32) -> Image {
+    let lengths = outline.bounds_mm().map(|[low, high]| high - low);
+    let target = lengths[0].max(lengths[1]) / f64::from(pixels_long);
+    let pixels = lengths.map(|length| (length / target).round().clamp(1.0, f64::from(pixels_long)) as u32);
+    Image { pixels, pixel_mm: [0, 1].map(|i| lengths[i] / f64::from(pixels[i])) }
+}
+
+pub(super) fn write(
+    cut: &Cut,
+    image: &Image,
+    out: &mut dyn Write,
+    progress: &dyn Fn(u64, u64) -> Result<(), ExportError>,
+) -> Result<(), ExportError> {
+    let [columns, rows] = image.pixels;
+    let disc = match cut.outline {
+        Outline::Rectangle { .. } => None,
+        Outline::Disc { center_mm, radius_mm } => Some((center_mm, radius_mm)),
+    };
+    let mut encoder = Encoder::new(out, columns, rows);
+    encoder.set_color(if disc.is_some() { ColorType::GrayscaleAlpha } else { ColorType::Grayscale });
+    encoder.set_depth(BitDepth::Eight);
+    let [xppu, yppu] = image.pixel_mm.map(|mm| (1000.0 / mm).round() as u32);
+    encoder.set_pixel_dims(Some(PixelDimensions { xppu, yppu, unit: Unit::Meter }));
+    let mut header = encoder.write_header().map_err(failed)?;
+    let mut stream = header.stream_writer().map_err(failed)?;
+
+    let mut raster = Raster::new(cut, image);
+    let mut bytes = Vec::new();
+    for row in 0..rows {
+        if row % ROWS_PER_REPORT == 0 {
+            progress(row.into(), rows.into())?;
+        }
+        let v = raster.band(row);
+        raster.fill(v);
+        bytes.clear();
+        if let Some((center, radius)) = disc {
+            raster.inside.fill(0.0);
+            cover(&mut raster.inside, &raster.grid, center, radius, v);
+            for (&aggregate, &inside) in raster.aggregate.iter().zip(&raster.inside) {
+                let share = if inside > 0.0 { aggregate / inside } else { 0.0 };
+                bytes.extend([grey(share), (255.0 * inside.min(1.0)).round() as u8]);
+            }
+        } else {
+            bytes.extend(raster.aggregate.iter().map(|&share| grey(share)));
+        }
+        stream.write_all(&bytes)?;
+    }
+    stream.finish().map_err(failed)?;
+    header.finish().map_err(failed)
+}
+
+fn grey(share: f64) -> u8 {
+    (f64::from(MATRIX) - f64::from(MATRIX - AGGREGATE) * share.clamp(0.0, 1.0)).round() as u8
+}
+
+/// The columns of pixels.
+struct Grid {
+    columns: usize,
+    u0: f64,
+    pixel_u: f64,
+    pixel_area: f64,
+}
+
+impl Grid {
+    /// Lower edge of a column; the upper one of that before.
+    fn edge(&self, column: usize) -> f64 {
+        self.u0 + column as f64 * self.pixel_u
+    }
+
+    /// The columns that an interval touches.
+    fn touched(&self, low: f64, high: f64) -> Range<usize> {
+        let column = |u: f64| ((u - self.u0) / self.pixel_u).clamp(0.0, self.columns as f64);
+        column(low).floor() as usize..column(high).ceil() as usize
+    }
+}
+
+/// Shares of aggregate, row by row from the top.
+struct Raster<'a> {
+    grid: Grid,
+    v1: f64,
+    pixel_v: f64,
+    /// Circles that no row has reached, the uppermost last.
+    waiting: Vec<&'a Circle>,
+    /// Circles that the last row touched.
+    active: Vec<&'a Circle>,
+    aggregate: Vec<f64>,
+    inside: Vec<f64>,
+}
+
+impl<'a> Raster<'a> {
+    fn new(cut: &'a Cut, image: &Image) -> Self {
+        let [[u0, _], [_, v1]] = cut.outline.bounds_mm();
+        let columns = image.pixels[0] as usize;
+        let mut waiting: Vec<&Circle> = cut.circles.iter().collect();
+        let top = |circle: &Circle| circle.center_mm[1] + circle.radius_mm;
+        waiting.sort_by(|a, b| top(a).total_cmp(&top(b)));
+        let [pixel_u, pixel_v] = image.pixel_mm;
+        Self {
+            grid: Grid { columns, u0, pixel_u, pixel_area: pixel_u * pixel_v },
+            v1,
+            pixel_v,
+            waiting,
+            active: Vec::new(),
+            aggregate: vec![0.0; columns],
+            inside: vec![0.0; columns],
+        }
+    }
+
+    /// From and to along v of a row.
+    fn band(&self, row: u32) -> [f64; 2] {
+        [f64::from(row + 1), f64::from(row)].map(|rows| self.v1 - rows * self.pixel_v)
+    }
+
+    /// Shares of the next row.
+    fn fill(&mut self, v: [f64; 2]) {
+        while let Some(circle) = self.waiting.pop_if(|circle| circle.center_mm[1] + circle.radius_mm > v[0]) {
+            self.active.push(circle);
+        }
+        self.active.retain(|circle| circle.center_mm[1] - circle.radius_mm < v[1]);
+        self.aggregate.fill(0.0);
+        for circle in &self.active {
+            cover(&mut self.aggregate, &self.grid, circle.center_mm, circle.radius_mm, v);
+        }
+    }
+}
+
+/// Adds the shares of one row's pixels that a disc covers.
+fn cover(shares: &mut [f64], grid: &Grid, center: [f64; 2], radius: f64, v: [f64; 2]) {
+    let half_chord = |dv: f64| ((radius - dv) * (radius + dv)).max(0.0).sqrt();
+    let distances = v.map(|v| (v - center[1]).abs());
+    let nearest = if (v[0]..=v[1]).contains(&center[1]) { 0.0 } else { distances[0].min(distances[1]) };
+    if nearest >= radius {
+        return;
+    }
+    let (outer, inner) = (half_chord(nearest), half_chord(distances[0].max(distances[1])));
+    let touched = grid.touched(center[0] - outer, center[0] + outer);
+    // Pixels whose both edges lie within the shorter chord are covered wholly.
+    let (low, high) = (center[0] - inner, center[0] + inner);
+    for column in touched {
+        let u = [grid.edge(column), grid.edge(column + 1)];
+        shares[column] += if u[0] >= low && u[1] <= high {
+            1.0
+        } else {
+            overlap::with_rectangle(center, radius, u, v) / grid.pixel_area
+        };
+    }
+}
+
+fn failed(error: EncodingError) -> ExportError {
+    match error {
+        EncodingError::IoError(error) => ExportError::Write(error),
+        other => ExportError::CheckFailed(other.to_string()),
+    }
+}

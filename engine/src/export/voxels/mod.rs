@@ -1,0 +1,201 @@
+//! Voxel models of a packing: label grids for voxel solvers and image tools, hexahedra for Abaqus.
+//!
+//! A voxel has the label of what its centre lies in. What that does to the volume fraction is reported beside
+//! the exact one. Layers of voxels are made one after the other and written as they come, so that a grid of any
+//! size takes the memory of a layer. The module knows spheres and their specimen; it must never know how they
+//! were packed.
+
+mod grid;
+mod inp;
+mod layers;
+mod options;
+mod share;
+mod vti;
+
+use std::io::{BufWriter, Write};
+
+use serde::{Deserialize, Serialize};
+
+pub use grid::Grid;
+pub use options::{
+    DEFAULT_CELLS, DEFAULT_SAMPLES, Format, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, Options,
+};
+
+use self::layers::Layers;
+use crate::control::{Control, Phase, Progress};
+use crate::export::{ExportError, Model, go_on};
+use crate::plan::Limits;
+use crate::request::Specimen;
+
+/// What a user wants to know beside the file: where its numbers lie, and what became of the volume.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelReport))]
+pub struct Report {
+    /// Voxels along x, y, z; x runs fastest.
+    pub shape: [u64; 3],
+    /// Edges of a voxel, exactly.
+    pub spacing_mm: [f64; 3],
+    /// Corner of the first voxel.
+    pub origin_mm: [f64; 3],
+    /// Type of the labels in NumPy's notation: `|u1` or `<u4`; `null` for hexahedra, which have none.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub dtype: Option<String>,
+    /// Label of the voxels outside of a cylinder; `null` where there are none or hexahedra, which leave them out.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub outside_label: Option<u32>,
+    /// Voxels whose centre lies inside the specimen.
+    pub inside_voxels: u64,
+    /// Of these those whose centre lies in a grain.
+    pub aggregate_voxels: u64,
+    /// Grains in which no voxel has its centre: the grid is too coarse for them.
+    pub grains_without_voxel: u64,
+    /// Volume of the grains over that of the specimen; exact.
+    pub volume_fraction: f64,
+    /// The same by the labels.
+    pub volume_fraction_labels: f64,
+    /// The same with the voxels that a surface cuts counted by their share.
+    pub volume_fraction_samples: f64,
+}
+
+/// Judges options before there are grains.
+///
+/// # Errors
+/// [`ExportError::TooLarge`] with what the grid would take.
+pub fn check(specimen: &Specimen, options: &Options, limits: &Limits) -> Result<(), ExportError> {
+    options.check(&Grid::new(specimen, options), limits)
+}
+
+/// Makes the grid and writes it.
+///
+/// # Errors
+/// Those of [`check`], of the writer, and [`ExportError::Stopped`].
+pub fn write(
+    model: &Model<'_>,
+    options: &Options,
+    limits: &Limits,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<Report, ExportError> {
+    let grid = Grid::new(model.specimen, options);
+    options.check(&grid, limits)?;
+    let mut out = BufWriter::with_capacity(1 << 18, out);
+    let passes = match options.format {
+        Format::Inp => inp::PASSES,
+        Format::Vti if options.fractions => 2,
+        Format::Vti | Format::Raw => 1,
+    };
+    let watch = Watch::new(control, passes * grid.shape[2]);
+    // Where the shares are written they are added up there.
+    let sampled_mm3 = if options.fractions {
+        None
+    } else {
+        Some(share::volume_mm3(model, &grid, options.samples, control)?)
+    };
+    let found = match options.format {
+        Format::Inp => inp::write(model, &grid, &watch, &mut out)?,
+        Format::Vti => vti::write(model, &grid, options, &watch, &mut out)?,
+        Format::Raw => labels(model, &grid, options.label, &watch, &mut out)?,
+    };
+    out.flush().map_err(ExportError::Write)?;
+    let volume_mm3 = model.specimen.volume_mm3();
+    let sampled_mm3 = sampled_mm3.unwrap_or(found.sampled_mm3);
+    let hexahedra = options.format == Format::Inp;
+    let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
+    Ok(Report {
+        shape: grid.shape.map(|n| n as u64),
+        spacing_mm: grid.spacing_mm,
+        origin_mm: [0.0; 3],
+        dtype: (!hexahedra).then(|| options.label.dtype().into()),
+        outside_label: (cylinder && !hexahedra).then(|| options.label.outside()),
+        inside_voxels: found.inside,
+        aggregate_voxels: found.aggregate,
+        grains_without_voxel: found.grains_without_voxel,
+        volume_fraction: share::exact_mm3(model.spheres) / volume_mm3,
+        volume_fraction_labels: found.aggregate as f64 / found.inside as f64,
+        volume_fraction_samples: sampled_mm3 / volume_mm3,
+    })
+}
+
+/// What a pass over the grid counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Found {
+    inside: u64,
+    aggregate: u64,
+    grains_without_voxel: u64,
+    /// By the shares, where they were written.
+    sampled_mm3: f64,
+}
+
+/// Reports progress by layers, and says where to stop.
+struct Watch<'a> {
+    control: &'a dyn Control,
+    layers: usize,
+    done: std::cell::Cell<usize>,
+}
+
+impl<'a> Watch<'a> {
+    fn new(control: &'a dyn Control, layers: usize) -> Self {
+        Self { control, layers, done: std::cell::Cell::new(0) }
+    }
+
+    /// One layer more.
+    fn layer(&self) -> Result<(), ExportError> {
+        self.done.set(self.done.get() + 1);
+        let (done, total) = (self.done.get() as u64, self.layers as u64);
+        self.control.report(&Progress {
+            phase: Phase::Export,
+            fraction: done as f64 / total as f64,
+            done,
+            total,
+            unit: "layers",
+            message: String::new(),
+            growth: None,
+        });
+        go_on(self.control)
+    }
+}
+
+/// Writes the labels, x fastest, little-endian, and nothing else.
+fn labels(
+    model: &Model<'_>,
+    grid: &Grid,
+    label: Label,
+    watch: &Watch<'_>,
+    out: &mut dyn Write,
+) -> Result<Found, ExportError> {
+    match label {
+        // The label is known to fit: a packing has fewer grains than u32 can count.
+        Label::Grain => {
+            labels_as(model, grid, watch, out, |grain| (grain as u32 + 1).to_le_bytes(), [0xff; 4])
+        }
+        Label::Phase => labels_as(model, grid, watch, out, |_| [1], [label.outside() as u8]),
+    }
+}
+
+fn labels_as<const BYTES: usize>(
+    model: &Model<'_>,
+    grid: &Grid,
+    watch: &Watch<'_>,
+    out: &mut dyn Write,
+    encode: impl Fn(usize) -> [u8; BYTES],
+    outside: [u8; BYTES],
+) -> Result<Found, ExportError> {
+    const MATRIX: u8 = 0;
+    let mut layers = Layers::new(model, grid);
+    let mut layer = vec![[MATRIX; BYTES]; grid.shape[0] * grid.shape[1]];
+    let mut found = Found { inside: grid.inside_per_layer() * grid.shape[2] as u64, ..Found::default() };
+    for k in 0..grid.shape[2] {
+        layer.fill([MATRIX; BYTES]);
+        layers.fill(k, &mut layer, &encode);
+        grid.fill_outside(&mut layer, outside);
+        let grain = |label: &&[u8; BYTES]| **label != [MATRIX; BYTES] && **label != outside;
+        found.aggregate += layer.iter().filter(grain).count() as u64;
+        out.write_all(layer.as_flattened())?;
+        watch.layer()?;
+    }
+    found.grains_without_voxel = layers.grains_without_voxel();
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests;

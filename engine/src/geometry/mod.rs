@@ -1,0 +1,3 @@
+//! Geometry that knows no grains: points, tetrahedra, exact predicates.
+
+pub mod delaunay;

@@ -1,0 +1,123 @@
+//! Equal spheres in a periodic box without growth: the hard-sphere fluid, whose properties are known.
+//!
+//! What physics and speed are measured on. It knows nothing of mixes.
+
+use std::time::Instant;
+
+use super::container::Container;
+use super::growth::Growth;
+use super::system::System;
+use crate::control::Unattended;
+use crate::distance::DistanceRule;
+use crate::methods::rsa::Rsa;
+use crate::request::{Boundary, Distance, Specimen};
+use crate::rng::{Stream, epoch_stream, stream};
+
+/// Volume fraction that random placing starts from, and the pace of growth to the one asked for.
+const START_FRACTION: f64 = 0.25;
+const PACE: f64 = 0.3;
+/// Collisions per grain between two epochs while nothing grows.
+const EVENTS_PER_GRAIN: u64 = 25;
+
+/// A hard-sphere fluid of spheres of diameter 1 mm.
+#[derive(Debug)]
+pub struct Fluid {
+    system: System,
+    events_per_time: f64,
+}
+
+/// What was measured over a number of collisions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FluidFigures {
+    /// Collisions.
+    pub collisions: u64,
+    /// Wall-clock time in s.
+    pub seconds: f64,
+    /// Compressibility factor `p V / (N k T)`.
+    pub reduced_pressure: f64,
+}
+
+impl Fluid {
+    /// So many spheres at a volume fraction below freezing (0.49), from a seed.
+    ///
+    /// # Panics
+    /// When there is no sphere, or the volume fraction can't be reached.
+    pub fn new(spheres: usize, volume_fraction: f64, seed: u64) -> Self {
+        assert!(spheres > 0 && volume_fraction > 0.0 && volume_fraction < 0.6, "no such fluid");
+        let edge = (spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction).cbrt();
+        let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
+        let mut scale = (START_FRACTION / volume_fraction).cbrt().min(1.0);
+        let placing = Rsa {
+            diameters_mm: &vec![scale; spheres],
+            specimen: &specimen,
+            rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
+            preference: None,
+            attempts_per_grain: None,
+        };
+        let centers = placing.run(&mut stream(seed, Stream::Rsa), &Unattended).centers_mm;
+        assert_eq!(centers.len(), spheres, "random placing reaches the start");
+        let radii = vec![scale / 2.0; spheres];
+        let mut system = System::new(Container::new(&specimen), &centers, &radii, &vec![1.0; spheres]);
+        system.set_in_motion(1.0, &mut epoch_stream(seed, 0));
+        let mut fluid = Self { system, events_per_time: spheres as f64 };
+        fluid.system.sort_along_curve();
+        while scale < 1.0 {
+            let alpha = PACE * fluid.system.thermal_velocity() / (scale / 2.0);
+            let end = (0.01_f64).min(1.0 / scale - 1.0) / alpha;
+            fluid.epoch(Growth { alpha, ..Growth::default() }, end, u64::MAX);
+            scale = if 1.0 / scale - 1.0 <= 0.01 { 1.0 } else { scale * (1.0 + alpha * end) };
+            for hot in &mut fluid.system.hot {
+                hot.radius = scale / 2.0;
+            }
+        }
+        fluid
+    }
+
+    fn epoch(&mut self, growth: Growth, end: f64, most: u64) -> f64 {
+        let before = self.system.counts.collisions();
+        self.system.renew_all(growth, end);
+        self.system.predict_all(self.events_per_time);
+        let reached = self.system.run(most, u64::MAX);
+        self.system.synchronise(reached);
+        self.events_per_time = 3.0 * (self.system.counts.collisions() - before) as f64 / reached;
+        reached
+    }
+
+    /// Lets so many collisions happen, and measures.
+    pub fn run(&mut self, collisions: u64) -> FluidFigures {
+        let start = Instant::now();
+        let before = self.system.counts.collisions();
+        let energy = self.system.energy();
+        let (mut virial, mut time) = (0.0, 0.0);
+        loop {
+            let done = self.system.counts.collisions() - before;
+            if done >= collisions {
+                return FluidFigures {
+                    collisions: done,
+                    seconds: start.elapsed().as_secs_f64(),
+                    reduced_pressure: 1.0 + virial / (2.0 * energy * time),
+                };
+            }
+            let most = (EVENTS_PER_GRAIN * self.system.len() as u64).min(collisions - done);
+            time += self.epoch(Growth::default(), f64::MAX, most);
+            virial += self.system.virial;
+        }
+    }
+
+    /// Centres in the box, whose edge is the second.
+    pub fn centers_mm(&self) -> (Vec<[f64; 3]>, f64) {
+        let wrap = |hot: &super::system::Hot| self.system.container.wrap(hot.position);
+        (self.system.hot.iter().map(wrap).collect(), self.system.container.bounds_mm()[0])
+    }
+
+    /// Kinetic energy and momentum, with all masses 1.
+    pub fn energy_and_momentum(&self) -> (f64, [f64; 3]) {
+        let sum = |a: usize| self.system.hot.iter().map(|hot| hot.velocity[a]).sum();
+        (self.system.energy(), std::array::from_fn(sum))
+    }
+
+    /// Turns all velocities around.
+    pub fn reverse(&mut self) {
+        self.system.scale_velocities(-1.0);
+    }
+}

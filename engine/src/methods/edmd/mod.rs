@@ -1,0 +1,215 @@
+//! Event-driven molecular dynamics of growing grains (`engine.md` section 5; `docs/edmd.md` explains
+//! the algorithm as built).
+//!
+//! Grains move on straight lines, collide elastically and grow, until they have the size and
+//! distance asked for or can grow no further. From the inside out: `contact` has the closed forms,
+//! `growth` how contact distances change in an epoch, `container` the walls, `grid`, `system` and
+//! `queue` find and order what can happen, `events` makes it happen, `swap` exchanges grains between
+//! epochs, `pace` decides how fast to grow, `law` what a distance rule grows, and `run` strings
+//! epochs together. It knows diameters, a specimen and a distance rule; it must never know where
+//! they come from.
+
+// The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
+#![allow(clippy::inline_always)]
+// Axes are indexed in several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
+mod contact;
+mod container;
+mod events;
+mod fluid;
+mod grid;
+mod growth;
+mod law;
+mod pace;
+mod prefetch;
+mod queue;
+mod run;
+mod state;
+mod swap;
+mod system;
+#[cfg(test)]
+mod tests;
+
+use std::time::Instant;
+
+pub use fluid::{Fluid, FluidFigures};
+
+use crate::checkpoint::Resume;
+use crate::control::{Control, Phase, Progress};
+use crate::distance::DistanceRule;
+use crate::methods::rsa::{self, Rsa};
+use crate::mix::sphere_volume;
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
+use crate::plan::rsa_limit;
+use crate::request::{Distance, EdmdOptions, PackingRequest};
+use crate::rng::{Stream, stream};
+use crate::segregation::Preference;
+use law::Law;
+use run::{BEYOND_TARGET, Ended, Frame, Moments, Run, Stage};
+pub(crate) use system::MAX_GRAINS;
+
+/// Components of the initial velocities are uniform in plus minus this, where the request names
+/// nothing else.
+pub(crate) const INITIAL_VELOCITY_MM_PER_S: f64 = 0.5;
+/// Volume fraction, coating included, that growth starts from where the request names no scale: what
+/// random placing reaches in no time.
+const START_FRACTION: f64 = 0.52;
+/// Share of the limit of random placing that it reaches in no time.
+const EASY_SHARE: f64 = 0.8;
+/// Largest scale to start from without being told.
+const MOST_START: f64 = 0.98;
+/// Attempts per grain of the random placing that growth starts from.
+const START_ATTEMPTS: u64 = 20_000;
+/// A start that finds no place for a grain is tried again at this share of its size.
+const SMALLER_START: f64 = 0.95;
+/// Starts that are tried.
+const STARTS: u32 = 60;
+
+/// What growth is asked for.
+pub(crate) struct Edmd<'a> {
+    pub(crate) request: &'a PackingRequest,
+    pub(crate) options: EdmdOptions,
+    /// Diameters from the largest down, in mm.
+    pub(crate) diameters_mm: &'a [f64],
+}
+
+/// How it ended.
+pub(crate) struct Outcome {
+    /// Centres in the order of the diameters.
+    pub(crate) centers_mm: Vec<[f64; 3]>,
+    pub(crate) rsa: RsaStatistics,
+    pub(crate) statistics: EdmdStatistics,
+    /// Constant distance reached, where one was asked for.
+    pub(crate) distance_mm: Option<f64>,
+    pub(crate) volume_fraction: f64,
+    /// Packing time in s and distance in mm, where the largest distance was asked for.
+    pub(crate) distance_curve: Vec<[f64; 2]>,
+    pub(crate) growth_curve: Vec<GrowthPoint>,
+    pub(crate) rsa_s: f64,
+    pub(crate) edmd_s: f64,
+}
+
+impl Edmd<'_> {
+    /// Places and grows the grains; `None` when the control stopped it.
+    pub(crate) fn run(&self, resume: Option<Resume>, control: &dyn Control) -> Option<Outcome> {
+        let frame = Frame {
+            request: self.request,
+            options: self.options,
+            diameters_mm: self.diameters_mm,
+            control,
+            preference: Preference::new(self.request, self.diameters_mm),
+            moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
+            started: Instant::now(),
+        };
+        let distance = &self.request.distance;
+        let rule = DistanceRule::new(distance, &self.request.specimen);
+        let maximize = match *distance {
+            Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
+            _ => None,
+        };
+        let laws =
+            [Law::scaled(self.diameters_mm, &rule), Law::lengthened(self.diameters_mm, maximize.flatten())];
+        let earlier = resume.and_then(|resume| Run::read(&frame, &laws, &resume.body).ok());
+        let mut run = if let Some(run) = earlier {
+            run
+        } else {
+            let (mut run, rsa) = self.start(&frame, &laws, &rule, maximize.is_some())?;
+            (run.rsa, run.rsa_s) = (rsa, frame.started.elapsed().as_secs_f64());
+            run
+        };
+        let before_s = run.elapsed_s(&frame);
+        let growing = Instant::now();
+        let mut ended = Ended::As(EdmdEnd::Target);
+        if run.stage == Stage::Scale {
+            ended = run.grow(&frame, &laws[0]);
+            if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
+                run.lengthen(&frame, &laws[1]);
+            }
+        }
+        if run.stage == Stage::Length {
+            ended = run.grow(&frame, &laws[1]);
+        }
+        let Ended::As(end) = ended else { return None };
+        // With the time before a checkpoint.
+        let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
+        let growth_curve = std::mem::take(&mut run.curve);
+        let distance_of = |point: &GrowthPoint| Some([point.packing_time_s, point.distance_mm?]);
+        Some(Outcome {
+            centers_mm: run.centers(),
+            rsa: run.rsa,
+            statistics: run.statistics(end, edmd_s),
+            distance_mm: run.distance_mm(&frame),
+            volume_fraction: run.volume_fraction(&frame),
+            distance_curve: match maximize {
+                Some(_) => growth_curve.iter().filter_map(distance_of).collect(),
+                None => Vec::new(),
+            },
+            growth_curve,
+            rsa_s: run.rsa_s,
+            edmd_s,
+        })
+    }
+
+    /// Random placing to grow from.
+    fn start(
+        &self,
+        frame: &Frame<'_>,
+        laws: &[Law; 2],
+        rule: &DistanceRule,
+        maximize: bool,
+    ) -> Option<(Run, RsaStatistics)> {
+        let law = &laws[0];
+        let volume = self.request.specimen.volume_mm3();
+        let fraction = law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
+        let mut rng = stream(self.request.seed, Stream::Rsa);
+        let ratio = law.radii_mm[0] / law.radii_mm[law.radii_mm.len() - 1];
+        let quickly = START_FRACTION.min(EASY_SHARE * rsa_limit(ratio));
+        let mut scale = match self.options.initial_scale {
+            Some(scale) => scale,
+            // The true diameters, where there is a place for them.
+            None if maximize && fraction <= quickly => BEYOND_TARGET,
+            None => (quickly / fraction).cbrt().min(MOST_START),
+        };
+        let mut statistics = RsaStatistics::default();
+        for _ in 0..STARTS {
+            let placing = Rsa {
+                diameters_mm: &self.diameters_mm.iter().map(|d| scale * d).collect::<Vec<_>>(),
+                specimen: &self.request.specimen,
+                rule: rule.scaled(scale),
+                attempts_per_grain: Some(START_ATTEMPTS),
+                preference: frame.preference.as_ref(),
+            };
+            let outcome = placing.run(&mut rng, &Silent(frame.control));
+            statistics.attempts += outcome.statistics.attempts;
+            statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
+            statistics.voxels_tested += outcome.statistics.voxels_tested;
+            match outcome.end {
+                rsa::End::Complete => {
+                    let run = if maximize && scale >= BEYOND_TARGET {
+                        Run::new(frame, &laws[1], Stage::Length, 0.0, &outcome.centers_mm)
+                    } else {
+                        Run::new(frame, law, Stage::Scale, scale, &outcome.centers_mm)
+                    };
+                    return Some((run, statistics));
+                }
+                rsa::End::Stopped => return None,
+                rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
+            }
+        }
+        None
+    }
+}
+
+/// Passes on the wish to stop, and says that grains are being placed.
+struct Silent<'a>(&'a dyn Control);
+
+impl Control for Silent<'_> {
+    fn report(&self, progress: &Progress) {
+        self.0.report(&Progress { phase: Phase::Rsa, fraction: 0.0, ..progress.clone() });
+    }
+
+    fn should_stop(&self) -> bool {
+        self.0.should_stop()
+    }
+}

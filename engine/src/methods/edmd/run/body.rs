@@ -1,0 +1,177 @@
+//! A run between two epochs as the body of a checkpoint.
+//!
+//! It knows every number that an epoch depends on; it must never know where a body is kept.
+
+use std::io::{self, Write};
+
+use super::{BEYOND_TARGET, CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
+use crate::methods::edmd::law::Law;
+use crate::methods::edmd::state::{Decoder, Encoder};
+use crate::methods::edmd::system::{Cold, Counts};
+use crate::packing::{GrowthPoint, RsaStatistics};
+
+impl Run {
+    /// The body of a checkpoint.
+    pub(super) fn write(&self, frame: &Frame<'_>, out: &mut dyn Write) -> io::Result<()> {
+        let mut out = Encoder(out);
+        let counts = self.system.counts;
+        for value in [
+            u64::from(self.stage == Stage::Length),
+            u64::from(self.pace.is_frozen()),
+            self.compression_cycles,
+            self.rescalings,
+            self.pinned_grains,
+            self.resumes,
+            self.swaps.tried,
+            self.swaps.accepted,
+            self.curve_stride,
+            counts.grain_collisions,
+            counts.wall_collisions,
+            counts.list_rebuilds,
+            counts.predictions,
+            counts.stale_events,
+            self.rsa.attempts,
+            self.rsa.grains_by_subdivision,
+            self.rsa.voxels_tested,
+        ] {
+            out.u64(value)?;
+        }
+        for value in [
+            self.size,
+            self.first_size,
+            self.pressure,
+            self.events_per_time,
+            self.energy,
+            self.swaps.window,
+            self.simulated_s,
+            self.fraction,
+            self.elapsed_s(frame),
+            self.rsa_s,
+        ] {
+            out.f64(value)?;
+        }
+        let hot = &self.system.hot;
+        for a in 0..3 {
+            out.f64s(hot.iter().map(|hot| hot.position[a]))?;
+            out.f64s(hot.iter().map(|hot| hot.velocity[a]))?;
+        }
+        out.f64s(self.system.cold.iter().map(|cold| cold.reach))?;
+        let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
+        out.u32s(self.system.cold.iter().map(met))?;
+        out.u32s(self.system.rank.iter().copied())?;
+        out.u64(self.curve.len() as u64)?;
+        for point in &self.curve {
+            out.f64(point.packing_time_s)?;
+            out.f64(point.simulated_time_s)?;
+            out.u64(point.events)?;
+            out.f64(point.volume_fraction)?;
+            // Distances are never negative.
+            out.f64(point.distance_mm.unwrap_or(-1.0))?;
+            out.f64(point.reduced_pressure)?;
+        }
+        Ok(())
+    }
+
+    /// The run that a body was written by.
+    ///
+    /// # Errors
+    /// When it cannot be one of this request.
+    pub(crate) fn read(frame: &Frame<'_>, laws: &[Law; 2], body: &[u8]) -> io::Result<Self> {
+        let mut input = Decoder(body);
+        let mut whole = || input.u64();
+        let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
+        let frozen = whole()? == 1;
+        let (epochs, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
+        let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
+        let counts = Counts {
+            grain_collisions: whole()?,
+            wall_collisions: whole()?,
+            list_rebuilds: whole()?,
+            predictions: whole()?,
+            stale_events: whole()?,
+        };
+        let rsa =
+            RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
+        let size = input.f64()?;
+        let law = &laws[usize::from(stage == Stage::Length)];
+        let n = law.radii_mm.len();
+        let mut run = Self::new(frame, law, stage, size, &vec![[0.0; 3]; n]);
+        let started_with = run.energy;
+        run.first_size = input.f64()?;
+        run.pressure = input.f64()?;
+        run.events_per_time = input.f64()?;
+        run.energy = input.f64()?;
+        run.swaps.window = input.f64()?;
+        run.simulated_s = input.f64()?;
+        run.fraction = input.f64()?;
+        run.earlier_s = input.f64()?;
+        (run.rsa, run.rsa_s) = (rsa, input.f64()?);
+        run.pace = run.pace.with_frozen(frozen);
+        (run.compression_cycles, run.rescalings, run.pinned_grains) = (epochs, rescalings, pinned_grains);
+        (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
+        run.resumes = resumes + 1;
+        run.system.counts = counts;
+        let invalid = || io::Error::from(io::ErrorKind::InvalidData);
+        let same = |column: Vec<f64>| if column.len() == n { Ok(column) } else { Err(invalid()) };
+        for a in 0..3 {
+            let (positions, velocities) = (same(input.f64s()?)?, same(input.f64s()?)?);
+            for (i, hot) in run.system.hot.iter_mut().enumerate() {
+                hot.position[a] = positions[i];
+                hot.velocity[a] = velocities[i];
+            }
+        }
+        let reach = same(input.f64s()?)?;
+        let collisions = input.u32s()?;
+        let rank = input.u32s()?;
+        let mut seen = vec![false; n];
+        if collisions.len() != n || rank.len() != n {
+            return Err(invalid());
+        }
+        for &rank in &rank {
+            if rank as usize >= n || std::mem::replace(&mut seen[rank as usize], true) {
+                return Err(invalid());
+            }
+        }
+        let masses = frame.masses();
+        for (i, cold) in run.system.cold.iter_mut().enumerate() {
+            cold.reach = reach[i];
+            (cold.collisions, cold.renewals) = (collisions[i] as u16, (collisions[i] >> 16) as u16);
+        }
+        run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
+        run.system.rank = rank;
+        run.set_radii(law);
+        for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
+            run.curve.push(GrowthPoint {
+                packing_time_s: input.f64()?,
+                simulated_time_s: input.f64()?,
+                events: input.u64()?,
+                volume_fraction: input.f64()?,
+                distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
+                reduced_pressure: input.f64()?,
+            });
+        }
+        input.finish()?;
+        if run.is_possible(frame, started_with) { Ok(run) } else { Err(invalid()) }
+    }
+
+    /// Whether what was read can be a run of this request: one that cannot might never end.
+    fn is_possible(&self, frame: &Frame<'_>, energy_at_start: f64) -> bool {
+        let bounds = self.system.container.bounds_mm();
+        let longest: f64 = bounds.iter().sum();
+        let sizes = match self.stage {
+            Stage::Scale => f64::MIN_POSITIVE..=BEYOND_TARGET,
+            Stage::Length => 0.0..=frame.most_half_distance_mm().max(0.0),
+        };
+        let near = |value: f64, expected: f64, share: f64| (value - expected).abs() <= share * expected;
+        // A grain may leave a periodic box by an edge, or a wall by rounding, between two looks.
+        let inside = |position: &[f64; 3]| (0..3).all(|a| near(position[a], bounds[a] / 2.0, 3.0));
+        sizes.contains(&self.size)
+            && self.pressure > 0.0
+            && self.events_per_time > 0.0
+            && (0.0..=1.0).contains(&self.fraction)
+            && near(self.energy, energy_at_start, 1e-9)
+            && near(self.system.energy(), self.energy, 2.0 * ENERGY_DRIFT)
+            && self.system.hot.iter().all(|hot| inside(&hot.position))
+            && self.system.cold.iter().all(|cold| (0.0..=longest).contains(&cold.reach))
+    }
+}

@@ -1,0 +1,378 @@
+//! One run from the first epoch to the last: growth, pressure, exchanges, limits, checkpoints.
+//!
+//! Between two epochs all grains stand at the same time and the run is a handful of numbers and
+//! columns; a checkpoint holds them, and an epoch depends on nothing else. It knows grains, a law of
+//! growth and limits; it must never know files or clocks other than to obey a limit of time.
+
+mod body;
+mod report;
+
+use std::io::Write;
+use std::time::Instant;
+
+use super::container::Container;
+use super::law::Law;
+use super::pace::{LOOSE_PACE, Pace, room};
+use super::swap::{Swaps, free};
+use super::system::{Counts, System};
+use crate::checkpoint::Checkpoint;
+use crate::control::Control;
+use crate::mix::sphere_volume;
+use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
+use crate::request::{EdmdOptions, PackingRequest};
+use crate::rng::epoch_stream;
+use crate::segregation::Preference;
+pub(crate) use report::Moments;
+
+/// Grains grow to their target times this, so that the check, which rounds differently, sees no
+/// overlap at all.
+pub(crate) const BEYOND_TARGET: f64 = 1.0 + 1e-10;
+/// Collisions per grain in an epoch.
+const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
+/// Fewest grains that an epoch is laid out for: smaller packings take more events per grain.
+const LEAST_EPOCH_GRAINS: u64 = 100;
+/// Largest relative growth in an epoch.
+const EPOCH_GROWTH: f64 = 0.01;
+/// Exchanges tried per grain in an epoch.
+const EXCHANGES_PER_GRAIN: f64 = 10.0;
+/// Relative difference of sizes that exchanges start with.
+const FIRST_EXCHANGE_WINDOW: f64 = 0.05;
+/// Energy may drift by this share before velocities are rescaled.
+const ENERGY_DRIFT: f64 = 0.01;
+/// Events between two looks at the control.
+const EVENTS_PER_LOOK: u64 = 20_000;
+/// Epochs between two sortings of grains in memory, and the least number of grains that profit.
+const EPOCHS_PER_SORT: u64 = 16;
+const LEAST_SORTED: usize = 20_000;
+/// Most points of the curve; when it is full every other one goes.
+const CURVE_POINTS: usize = 500;
+/// A grain with more than this share of an epoch's collisions is stuck.
+const STUCK_SHARE: f64 = 0.25;
+/// Fewer grains than this are few enough for any to have that share.
+const STUCK_AMONG: usize = 50;
+/// Simulated time per event and grain below which growth to a target, or to the largest distance, has
+/// stalled, over the time in which a grain passes its own radius. At radii of 1.3 mm and 0.5 mm/s that
+/// is 1e-6 s and 1e-8 s (`engine.md` section 5).
+const TARGET_STALL: f64 = 2e-7;
+const DISTANCE_STALL: f64 = 2e-9;
+/// Exchanges tried to free a stuck grain.
+const FREEING_TRIES: u64 = 10_000;
+
+/// What grows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// Everything by one scale, to the size and distance asked for.
+    Scale,
+    /// All radii by one length, as far as it goes.
+    Length,
+}
+
+/// How a stage ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ended {
+    As(EdmdEnd),
+    /// The control said so.
+    Stopped,
+}
+
+/// What stays the same in a run.
+pub(crate) struct Frame<'a> {
+    pub(crate) request: &'a PackingRequest,
+    pub(crate) options: EdmdOptions,
+    pub(crate) diameters_mm: &'a [f64],
+    pub(crate) control: &'a dyn Control,
+    pub(crate) moments: Moments,
+    /// The gradient that exchanges keep to.
+    pub(crate) preference: Option<Preference>,
+    /// Since the run, or its part after a checkpoint, began.
+    pub(crate) started: Instant,
+}
+
+impl Frame<'_> {
+    fn of_equal_grains(&self) -> bool {
+        self.diameters_mm.first() == self.diameters_mm.last()
+    }
+
+    fn masses(&self) -> Vec<f64> {
+        if self.options.equal_mass == Some(true) {
+            return vec![1.0; self.diameters_mm.len()];
+        }
+        let least = self.diameters_mm.last().copied().unwrap_or(1.0);
+        self.diameters_mm.iter().map(|d| (d / least).powi(3)).collect()
+    }
+
+    /// Half the distance beyond which a grain of a periodic box would meet its own image, which moves
+    /// along with it; with walls no distance is longer than the diagonal.
+    fn most_half_distance_mm(&self) -> f64 {
+        let bounds = self.request.specimen.bounds_mm();
+        if self.request.specimen.is_periodic() {
+            let shortest = bounds.into_iter().fold(f64::INFINITY, f64::min);
+            let largest = self.diameters_mm.first().copied().unwrap_or(0.0);
+            (shortest - largest * BEYOND_TARGET) / 2.0
+        } else {
+            bounds.into_iter().map(|length| length * length).sum::<f64>().sqrt() / 2.0
+        }
+    }
+
+    /// Standard deviation of the components of velocity that are uniform in plus minus the initial
+    /// one.
+    fn thermal_velocity(&self) -> f64 {
+        self.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S) / 3.0_f64.sqrt()
+    }
+}
+
+/// A run between two epochs, or in one.
+pub(crate) struct Run {
+    pub(crate) system: System,
+    pub(crate) stage: Stage,
+    /// Scale, or half the distance in mm.
+    pub(crate) size: f64,
+    first_size: f64,
+    /// Volume fraction with distances at the target.
+    target_fraction: f64,
+    pace: Pace,
+    pressure: f64,
+    events_per_time: f64,
+    energy: f64,
+    swaps: Swaps,
+    compression_cycles: u64,
+    rescalings: u64,
+    pinned_grains: u64,
+    resumes: u64,
+    simulated_s: f64,
+    /// Packing time before the last checkpoint.
+    earlier_s: f64,
+    /// The random placing that growth started from, and its time.
+    pub(crate) rsa: RsaStatistics,
+    pub(crate) rsa_s: f64,
+    grow_started: Instant,
+    fraction: f64,
+    pub(crate) curve: Vec<GrowthPoint>,
+    curve_stride: u64,
+}
+
+impl Run {
+    /// A run from centres by rank at a size of the law.
+    pub(crate) fn new(frame: &Frame<'_>, law: &Law, stage: Stage, size: f64, centers: &[[f64; 3]]) -> Self {
+        let radii = radii(law, stage, size);
+        let container = Container::new(&frame.request.specimen);
+        let mut system = System::new(container, centers, &radii, &frame.masses());
+        let velocity = frame.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S);
+        system.set_in_motion(velocity, &mut epoch_stream(frame.request.seed, 0));
+        let energy = system.energy();
+        let mean = law.radii_mm.iter().sum::<f64>() / law.radii_mm.len() as f64;
+        let pace = match frame.options.growth_rate {
+            Some(per_s) => per_s * mean / frame.thermal_velocity(),
+            None => LOOSE_PACE,
+        };
+        let mut pace = Pace::new(pace, radii.len());
+        if stage == Stage::Length {
+            pace = pace.without_target(radii.len(), frame.of_equal_grains());
+        }
+        let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
+        Self {
+            system,
+            stage,
+            size,
+            first_size: size,
+            target_fraction: law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>()
+                / frame.request.specimen.volume_mm3(),
+            pace,
+            pressure: 1.0,
+            events_per_time,
+            energy,
+            swaps: Swaps::new(FIRST_EXCHANGE_WINDOW),
+            compression_cycles: 0,
+            rescalings: 0,
+            pinned_grains: 0,
+            resumes: 0,
+            simulated_s: 0.0,
+            earlier_s: 0.0,
+            rsa: RsaStatistics::default(),
+            rsa_s: 0.0,
+            grow_started: Instant::now(),
+            fraction: 0.0,
+            curve: Vec::new(),
+            curve_stride: 1,
+        }
+    }
+
+    /// Goes over from growth by scale, done, to growth by length.
+    pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, law: &Law) {
+        self.pace = self.pace.with_frozen(false).without_target(law.radii_mm.len(), frame.of_equal_grains());
+        self.stage = Stage::Length;
+        self.size = 0.0;
+        self.first_size = 0.0;
+        self.set_radii(law);
+    }
+
+    /// Grows until something ends it.
+    pub(crate) fn grow(&mut self, frame: &Frame<'_>, law: &Law) -> Ended {
+        loop {
+            if self.stage == Stage::Scale && self.size >= BEYOND_TARGET {
+                return Ended::As(EdmdEnd::Target);
+            }
+            if let Some(end) = self.limit_reached(frame) {
+                return Ended::As(end);
+            }
+            if frame.control.wants_checkpoint() {
+                let write = |out: &mut dyn Write| self.write(frame, out);
+                frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
+            }
+            if let Some(ended) = self.epoch(frame, law) {
+                return ended;
+            }
+        }
+    }
+
+    fn epoch(&mut self, frame: &Frame<'_>, law: &Law) -> Option<Ended> {
+        self.compression_cycles += 1;
+        if self.compression_cycles % EPOCHS_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
+            self.system.sort_along_curve();
+        }
+        let n = self.system.len();
+        let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
+        let room = match self.stage {
+            Stage::Scale => {
+                room(self.size.powi(3) * self.target_fraction, self.target_fraction, self.pressure)
+            }
+            Stage::Length => 1.0,
+        };
+        let speed = self.pace.next(self.pressure, room) * self.system.thermal_velocity();
+        let (growth, rate, left) = match self.stage {
+            Stage::Scale => {
+                let alpha = speed / mean;
+                (law.by_scale(self.size, alpha), alpha, BEYOND_TARGET / self.size - 1.0)
+            }
+            Stage::Length => {
+                let left = frame.most_half_distance_mm() - self.size;
+                if left <= 0.0 {
+                    return Some(Ended::As(EdmdEnd::Stalled));
+                }
+                (law.by_length(self.size, speed), speed, left)
+            }
+        };
+        let most = if self.stage == Stage::Scale { EPOCH_GROWTH } else { EPOCH_GROWTH * mean };
+        let end = left.min(most) / rate;
+        let stuck = self.stuck_grain();
+        self.system.renew_all(growth, end);
+        let mut rng = epoch_stream(frame.request.seed, self.compression_cycles);
+        if let Some(grain) = stuck {
+            self.pinned_grains += 1;
+            free(&mut self.system, grain, FREEING_TRIES, &mut rng);
+        }
+        if frame.options.swap != Some(false) {
+            let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
+            self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng);
+        }
+        self.system.predict_all(self.events_per_time);
+
+        let before = self.system.counts;
+        let most_events = EPOCH_EVENTS_PER_GRAIN * (n as u64).max(LEAST_EPOCH_GRAINS);
+        let limit = frame.options.stop.events.unwrap_or(u64::MAX);
+        let most_events = most_events.min(limit.saturating_sub(before.collisions()));
+        let mut reached;
+        loop {
+            let done = self.system.counts.collisions() - before.collisions();
+            reached = self.system.run(most_events - done, EVENTS_PER_LOOK);
+            if frame.control.should_stop() {
+                return Some(Ended::Stopped);
+            }
+            let done = self.system.counts.collisions() - before.collisions();
+            if reached >= end || done >= most_events || self.system.is_crowded() || self.out_of_time(frame) {
+                break;
+            }
+            self.report(frame);
+        }
+        let reached = reached.min(end);
+        self.system.synchronise(reached);
+        self.size = match self.stage {
+            Stage::Scale if reached >= end && left <= most => BEYOND_TARGET,
+            Stage::Scale => self.size * (1.0 + growth.alpha * reached),
+            Stage::Length if reached >= end && left <= most => self.size + left,
+            Stage::Length => self.size + growth.beta * reached,
+        };
+        self.set_radii(law);
+        self.simulated_s += reached;
+        self.measure(&before, reached);
+        self.note_point(frame);
+        self.report(frame);
+        let events = (self.system.counts.collisions() - before.collisions()) as f64;
+        let least_dt = frame.options.stop.stall_dt_s.unwrap_or_else(|| {
+            let share = if self.stage == Stage::Scale { TARGET_STALL } else { DISTANCE_STALL };
+            share * mean / frame.thermal_velocity()
+        });
+        let stalled = events >= n as f64 && reached / events * (n as f64) < least_dt;
+        let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
+        (stalled && !finished).then_some(Ended::As(EdmdEnd::Stalled))
+    }
+
+    fn set_radii(&mut self, law: &Law) {
+        let (stage, size) = (self.stage, self.size);
+        for (hot, &rank) in self.system.hot.iter_mut().zip(&self.system.rank) {
+            hot.radius = radius(law.radii_mm[rank as usize], stage, size);
+        }
+    }
+
+    /// Pressure and rate of the epoch, and the energy brought back to where it was.
+    fn measure(&mut self, before: &Counts, reached: f64) {
+        let events = (self.system.counts.collisions() - before.collisions()) as f64;
+        let energy = self.system.energy();
+        if reached > 0.0 {
+            // What counts is the energy while the collisions took place. Finite, for it is stored.
+            let pressure = 1.0 + self.system.virial / (reached * (energy + self.energy));
+            self.pressure = if pressure.is_finite() { pressure } else { f64::MAX };
+            self.events_per_time = 3.0 * events / reached;
+        }
+        if energy > 0.0 && (energy / self.energy - 1.0).abs() > ENERGY_DRIFT {
+            self.system.scale_velocities((self.energy / energy).sqrt());
+            self.rescalings += 1;
+        }
+    }
+
+    /// The grain that took part in most collisions of the last epoch, if that is too many: it is caught
+    /// between others, which push it back and forth while the rest stands still.
+    fn stuck_grain(&self) -> Option<usize> {
+        let collisions = |grain: &usize| u64::from(self.system.cold[*grain].collisions);
+        let all: u64 = (0..self.system.len()).map(|grain| collisions(&grain)).sum();
+        let most = (0..self.system.len()).max_by_key(collisions)?;
+        let stuck =
+            self.system.len() >= STUCK_AMONG && collisions(&most) as f64 > STUCK_SHARE * all as f64 / 2.0;
+        stuck.then_some(most)
+    }
+
+    pub(crate) fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
+        self.earlier_s + frame.started.elapsed().as_secs_f64()
+    }
+
+    fn out_of_time(&self, frame: &Frame<'_>) -> bool {
+        frame.options.stop.time_s.is_some_and(|most| self.elapsed_s(frame) >= most)
+    }
+
+    fn limit_reached(&self, frame: &Frame<'_>) -> Option<EdmdEnd> {
+        if frame.options.stop.events.is_some_and(|most| self.system.counts.collisions() >= most) {
+            return Some(EdmdEnd::EventLimit);
+        }
+        self.out_of_time(frame).then_some(EdmdEnd::TimeLimit)
+    }
+
+    /// Centres by rank.
+    pub(crate) fn centers(&self) -> Vec<[f64; 3]> {
+        let mut centers = vec![[0.0; 3]; self.system.len()];
+        for (hot, &rank) in self.system.hot.iter().zip(&self.system.rank) {
+            centers[rank as usize] = self.system.container.wrap(hot.position);
+        }
+        centers
+    }
+}
+
+fn radius(of_law: f64, stage: Stage, size: f64) -> f64 {
+    match stage {
+        Stage::Scale => of_law * size,
+        Stage::Length => of_law + size,
+    }
+}
+
+fn radii(law: &Law, stage: Stage, size: f64) -> Vec<f64> {
+    law.radii_mm.iter().map(|&r| radius(r, stage, size)).collect()
+}

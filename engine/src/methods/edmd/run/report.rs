@@ -1,0 +1,149 @@
+//! How far a run has come, and what it counted, for those who wait for it.
+//!
+//! It knows a run as it stands; it must never change what the run does next.
+
+use super::{BEYOND_TARGET, CURVE_POINTS, Frame, Run, Stage};
+use crate::control::{Growth as Grown, Phase, Progress};
+use crate::methods::edmd::pace::done_share;
+use crate::mix::sphere_volume;
+use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint};
+use crate::request::Distance;
+
+/// Sums over the diameters, from which the volume fraction follows at any distance without another
+/// look at the grains.
+pub(crate) struct Moments {
+    sums: [f64; 4],
+    specimen_volume_mm3: f64,
+}
+
+impl Moments {
+    pub(crate) fn new(diameters_mm: &[f64], specimen_volume_mm3: f64) -> Self {
+        let sums = std::array::from_fn(|power| diameters_mm.iter().map(|d| d.powi(power as i32)).sum());
+        Self { sums, specimen_volume_mm3 }
+    }
+
+    /// Volume fraction of grains whose diameters are longer by `more_mm`.
+    pub(super) fn volume_fraction(&self, more_mm: f64) -> f64 {
+        let [count, first, second, third] = self.sums;
+        let cubes = third + more_mm * (3.0 * second + more_mm * (3.0 * first + more_mm * count));
+        sphere_volume(1.0) * cubes / self.specimen_volume_mm3
+    }
+}
+
+impl Run {
+    /// The constant distance that the true diameters keep by now, where one is asked for.
+    pub(crate) fn distance_mm(&self, frame: &Frame<'_>) -> Option<f64> {
+        let largest = frame.diameters_mm.first().copied().unwrap_or(0.0);
+        match (self.stage, &frame.request.distance) {
+            (Stage::Length, _) => Some(2.0 * self.size * (1.0 - 1e-9)),
+            (Stage::Scale, Distance::Constant { gap_mm: mm, .. }) => {
+                Some((self.size.min(1.0) * (largest + mm) - largest).max(0.0))
+            }
+            _ => None,
+        }
+    }
+
+    /// Volume fraction of the grains at their present size, without their distance; with it where it
+    /// is what grows.
+    pub(crate) fn volume_fraction(&self, frame: &Frame<'_>) -> f64 {
+        match self.stage {
+            Stage::Scale => frame.moments.volume_fraction(0.0) * self.size.min(1.0).powi(3),
+            Stage::Length => frame.moments.volume_fraction(2.0 * self.size),
+        }
+    }
+
+    /// Adds the present to the curve.
+    pub(super) fn note_point(&mut self, frame: &Frame<'_>) {
+        if !self.compression_cycles.is_multiple_of(self.curve_stride) {
+            return;
+        }
+        self.curve.push(GrowthPoint {
+            packing_time_s: self.elapsed_s(frame),
+            simulated_time_s: self.simulated_s,
+            events: self.system.counts.collisions(),
+            volume_fraction: self.volume_fraction(frame),
+            distance_mm: self.distance_mm(frame),
+            reduced_pressure: self.pressure,
+        });
+        if self.curve.len() >= CURVE_POINTS {
+            let mut at = 0;
+            self.curve.retain(|_| {
+                at += 1;
+                at % 2 == 0
+            });
+            self.curve_stride *= 2;
+        }
+    }
+
+    /// Tells the control where the run stands.
+    pub(super) fn report(&mut self, frame: &Frame<'_>) {
+        let events = self.system.counts.collisions();
+        let limits = frame.options.stop;
+        let of_limits = [
+            limits.events.map(|most| events as f64 / most as f64),
+            limits.time_s.map(|most| self.elapsed_s(frame) / most),
+        ];
+        let towards = match self.stage {
+            Stage::Scale => {
+                let phi = self.target_fraction;
+                let at = |size: f64| phi * size.powi(3);
+                done_share(at(self.first_size), at(self.size), phi, self.pressure)
+            }
+            Stage::Length => None,
+        };
+        let fraction = of_limits.into_iter().flatten().chain(towards).fold(0.0, f64::max);
+        self.fraction = self.fraction.max(fraction.min(1.0));
+        let seconds = self.grow_started.elapsed().as_secs_f64().max(1e-9);
+        let per_s = self.system.counts.collisions() as f64 / seconds;
+        let volume_fraction = self.volume_fraction(frame);
+        frame.control.report(&Progress {
+            phase: Phase::Edmd,
+            fraction: self.fraction,
+            done: events,
+            total: limits.events.unwrap_or(0),
+            unit: "events",
+            message: format!(
+                "growing grains, volume fraction {volume_fraction:.4}, pressure {:.0}",
+                self.pressure
+            ),
+            growth: Some(Grown {
+                volume_fraction,
+                distance_mm: self.distance_mm(frame),
+                events,
+                events_per_s: per_s,
+                reduced_pressure: Some(self.pressure),
+            }),
+        });
+    }
+
+    /// What was counted.
+    pub(crate) fn statistics(&self, stop: EdmdEnd, seconds: f64) -> EdmdStatistics {
+        let counts = self.system.counts;
+        let events = counts.collisions();
+        EdmdStatistics {
+            events,
+            grain_collisions: counts.grain_collisions,
+            wall_collisions: counts.wall_collisions,
+            list_rebuilds: counts.list_rebuilds,
+            predictions: counts.predictions,
+            stale_events: counts.stale_events,
+            swaps_tried: self.swaps.tried,
+            swaps_accepted: self.swaps.accepted,
+            velocity_rescalings: self.rescalings,
+            compression_cycles: self.compression_cycles,
+            pinned_grains: self.pinned_grains,
+            resumes: self.resumes,
+            predictions_per_event: counts.predictions as f64 / events.max(1) as f64,
+            events_per_s: events as f64 / seconds.max(1e-9),
+            simulated_time_s: self.simulated_s,
+            growth_scale: match self.stage {
+                // Without the margin beyond it the target is not reached.
+                Stage::Scale if self.size < BEYOND_TARGET => self.size.min(1.0 - f64::EPSILON),
+                _ => 1.0,
+            },
+            energy: self.system.energy() / self.energy,
+            reduced_pressure: self.pressure,
+            stop,
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Exchange of grains of similar size between two epochs.
+//!
+//! A packing only needs each diameter somewhere. Two grains may therefore change places whenever
+//! the larger fits where the smaller was; velocities, masses and diameters go with the grains, so
+//! momentum and energy stay what they were. Near jamming, where grains hardly move, this is what
+//! still lets sizes and voids find each other (swap Monte Carlo; Berthier and others 2016).
+
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::system::{System, unpack};
+use crate::rng::uniform;
+use crate::segregation::Preference;
+
+/// Share of accepted exchanges that the window of sizes is steered to.
+const ACCEPTED_AIM: f64 = 0.3;
+const LEAST_WINDOW: f64 = 1e-7;
+const MOST_WINDOW: f64 = 0.3;
+
+/// What an exchange needs to know beside the grains.
+#[derive(Clone, Debug)]
+pub(crate) struct Swaps {
+    /// Where the grain of each rank is.
+    site: Vec<u32>,
+    /// The lowest rank that each rank may change places with.
+    limit: Vec<u32>,
+    /// Largest relative difference of two radii that is tried.
+    pub(crate) window: f64,
+    pub(crate) tried: u64,
+    pub(crate) accepted: u64,
+}
+
+impl Swaps {
+    pub(crate) fn new(window: f64) -> Self {
+        Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
+    }
+
+    /// Tries so many exchanges in a system whose lists were just renewed. `sizes` are contact radii
+    /// by rank, falling, in any unit. With a preference exchanges are as Metropolis and others (1953) have it: those
+    /// that go against it happen the more rarely the more they do, so that the gradient is kept and not levelled.
+    pub(crate) fn sweep(
+        &mut self,
+        system: &mut System,
+        sizes: &[f64],
+        preference: Option<&Preference>,
+        tries: u64,
+        rng: &mut Xoshiro256PlusPlus,
+    ) {
+        let n = system.len();
+        if n < 2 || sizes[0] <= sizes[n - 1] {
+            return;
+        }
+        self.site.resize(n, 0);
+        for (site, &rank) in system.rank.iter().enumerate() {
+            self.site[rank as usize] = site as u32;
+        }
+        self.limit.clear();
+        let mut largest = 0;
+        for &size in sizes {
+            while sizes[largest] > size * (1.0 + self.window) {
+                largest += 1;
+            }
+            self.limit.push(largest as u32);
+        }
+        let (mut tried, mut accepted) = (0_u64, 0_u64);
+        for _ in 0..tries {
+            let smaller = (uniform(rng) * n as f64) as usize;
+            let largest = self.limit[smaller] as usize;
+            let larger = largest + (uniform(rng) * (smaller - largest) as f64) as usize;
+            if sizes[larger] <= sizes[smaller] {
+                continue;
+            }
+            tried += 1;
+            let (i, j) = (self.site[larger] as usize, self.site[smaller] as usize);
+            let places = [system.hot[i].position, system.hot[j].position];
+            let wanted = preference.is_none_or(|preference| {
+                uniform(rng).ln() <= preference.gain_of_exchange([larger, smaller], places)
+            });
+            if wanted && exchange(system, i, j) {
+                self.site.swap(larger, smaller);
+                accepted += 1;
+            }
+        }
+        self.tried += tried;
+        self.accepted += accepted;
+        if tried >= 20 {
+            let share = accepted as f64 / tried as f64;
+            let factor = if share < ACCEPTED_AIM { 0.7 } else { 1.3 };
+            self.window = (self.window * factor).clamp(LEAST_WINDOW, MOST_WINDOW);
+        }
+    }
+}
+
+/// Tries to exchange a grain for a smaller one anywhere, so that it gets free; says whether it is.
+pub(crate) fn free(system: &mut System, grain: usize, tries: u64, rng: &mut Xoshiro256PlusPlus) -> bool {
+    let n = system.len();
+    let radius = system.hot[grain].radius;
+    for _ in 0..tries {
+        let other = (uniform(rng) * n as f64) as usize;
+        if system.hot[other].radius < radius && exchange(system, grain, other) {
+            return true;
+        }
+    }
+    false
+}
+
+/// Lets grain `i` and the smaller `j` change places if `i` fits.
+fn exchange(system: &mut System, i: usize, j: usize) -> bool {
+    let (large, small) = (system.hot[i].radius, system.hot[j].radius);
+    let more = system.growth.radius(large, system.end) - system.growth.radius(small, system.end);
+    // The list at j was made for the smaller grain: what the larger one needs more is taken from
+    // the free movement.
+    let needed = more * (1.0 + system.growth.kappa) * system.growth.wall_factor.max(1.0);
+    if needed > 0.5 * system.cold[j].reach {
+        return false;
+    }
+    let position = system.hot[j].position;
+    for &entry in system.list(j) {
+        let (k, image) = unpack(entry);
+        let other = if k == i {
+            // It will be the smaller one that stands there.
+            small
+        } else {
+            system.hot[k].radius
+        };
+        let shift = if system.container.is_periodic() { system.shifts[image] } else { [0.0; 3] };
+        let d: [f64; 3] = std::array::from_fn(|a| system.hot[k].position[a] + shift[a] - position[a]);
+        let (contact, _) = system.growth.pair(large, other);
+        if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < contact * contact {
+            return false;
+        }
+    }
+    if system.cold[j].walls != 0 {
+        let (contact, _) = system.growth.wall(large);
+        let mut walls = system.cold[j].walls;
+        while walls != 0 {
+            let wall = walls.trailing_zeros();
+            walls &= walls - 1;
+            if system.container.wall_normal(wall, position).1 < contact {
+                return false;
+            }
+        }
+    }
+    system.hot[i].radius = small;
+    system.hot[j].radius = large;
+    let (v_i, v_j) = (system.hot[i].velocity, system.hot[j].velocity);
+    (system.hot[i].velocity, system.hot[j].velocity) = (v_j, v_i);
+    system.mass.swap(i, j);
+    system.rank.swap(i, j);
+    system.cold[j].reach -= needed;
+    // And the list at i was made for a larger grain.
+    system.cold[i].reach += more * system.growth.wall_factor.min(1.0);
+    true
+}

@@ -1,0 +1,529 @@
+//! Grains in motion within one epoch: their records, their neighbour lists and how both are renewed.
+//!
+//! Every grain lives in a sphere of free movement around its list centre. Two grains whose spheres,
+//! enlarged by their contact radii at the end of the epoch, do not overlap can't meet; all others
+//! stand in each other's lists. A grain that leaves its sphere gets a new one and a new list. This
+//! module knows where grains are; when they meet is `events`' business.
+
+use rand_xoshiro::Xoshiro256PlusPlus;
+use wide::f64x4;
+
+use super::container::{Container, IMAGES, mirrored};
+use super::grid::Grid;
+use super::growth::Growth;
+use super::prefetch::prefetch;
+use super::queue::Queue;
+use crate::rng::uniform;
+
+/// Bits of a list entry that hold the grain; the rest is the code of the image.
+pub(crate) const GRAIN_BITS: u32 = 25;
+const GRAIN_MASK: u32 = (1 << GRAIN_BITS) - 1;
+/// Most grains that list entries can name, less the codes of other events.
+pub(crate) const MAX_GRAINS: usize = (1 << GRAIN_BITS) - 16;
+
+/// Reach of a grain that has no history, in contact radii.
+const FIRST_REACH: f64 = 0.3;
+/// Bounds of the reach in contact radii.
+const LEAST_REACH: f64 = 0.04;
+const MOST_REACH: f64 = 2.0;
+/// Renewals per collision in an epoch above which a grain gets more reach, and below which it gets
+/// less: a renewal costs about as much as ten collisions save by shorter lists.
+const MANY_RENEWALS: f64 = 0.10;
+const FEW_RENEWALS: f64 = 0.04;
+const MORE: f64 = 1.15;
+const LESS: f64 = 0.87;
+/// Cache lines of a list that are asked for ahead.
+const LIST_LINES: u32 = 3;
+/// Free places of a new list.
+const SPARE: u32 = 3;
+
+/// What every prediction reads of a grain: one cache line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Hot {
+    /// Centre at `time`, in mm.
+    pub(crate) position: [f64; 3],
+    /// When position and velocity last changed, in s since the start of the epoch.
+    pub(crate) time: f64,
+    /// Velocity in mm/s.
+    pub(crate) velocity: [f64; 3],
+    /// Contact radius at the start of the epoch, in mm.
+    pub(crate) radius: f64,
+}
+
+impl Hot {
+    #[inline(always)]
+    pub(crate) fn position_at(&self, time: f64) -> [f64; 3] {
+        let dt = time - self.time;
+        std::array::from_fn(|a| self.position[a] + self.velocity[a] * dt)
+    }
+
+    /// Position and the time it holds for, as four numbers.
+    #[inline(always)]
+    pub(crate) fn position_and_time(&self) -> f64x4 {
+        f64x4::from([self.position[0], self.position[1], self.position[2], self.time])
+    }
+
+    /// Velocity and contact radius, as four numbers.
+    #[inline(always)]
+    pub(crate) fn velocity_and_radius(&self) -> f64x4 {
+        f64x4::from([self.velocity[0], self.velocity[1], self.velocity[2], self.radius])
+    }
+
+    /// Moves the record on to a time.
+    #[inline(always)]
+    pub(crate) fn advance(&mut self, time: f64) {
+        self.position = self.position_at(time);
+        self.time = time;
+    }
+}
+
+/// What only its own events read of a grain: another cache line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Cold {
+    /// Centre of the sphere of free movement, in mm.
+    pub(crate) center: [f64; 3],
+    /// Its radius in mm.
+    pub(crate) reach: f64,
+    /// That and the contact radius at the end of the epoch, in mm.
+    pub(crate) outer: f64,
+    offset: u32,
+    len: u32,
+    capacity: u32,
+    cell: u32,
+    /// Walls that can be met, as bits.
+    pub(crate) walls: u32,
+    /// Collisions in the epoch.
+    pub(crate) collisions: u16,
+    /// Renewals in the epoch.
+    pub(crate) renewals: u16,
+}
+
+impl Cold {
+    /// Trades the length of the list against the number of its renewals.
+    fn adapt_reach(&mut self) {
+        let (renewals, collisions) = (f64::from(self.renewals), f64::from(self.collisions));
+        if renewals > MANY_RENEWALS * (collisions + 2.0) {
+            self.reach *= MORE;
+        } else if renewals < FEW_RENEWALS * (collisions + 2.0) && collisions > 0.0 {
+            self.reach *= LESS;
+        }
+    }
+}
+
+/// The next event of a grain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Next {
+    pub(crate) time: f64,
+    /// The list entry of the partner, or one of the codes of `events`.
+    pub(crate) with: u32,
+}
+
+/// What was counted since the run began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    pub(crate) grain_collisions: u64,
+    pub(crate) wall_collisions: u64,
+    pub(crate) list_rebuilds: u64,
+    pub(crate) predictions: u64,
+    pub(crate) stale_events: u64,
+}
+
+impl Counts {
+    /// Events that changed a velocity.
+    pub(crate) fn collisions(&self) -> u64 {
+        self.grain_collisions + self.wall_collisions
+    }
+}
+
+/// All grains of a run.
+#[derive(Debug)]
+pub(crate) struct System {
+    pub(crate) container: Container,
+    pub(crate) hot: Vec<Hot>,
+    pub(crate) cold: Vec<Cold>,
+    /// Relative masses.
+    pub(crate) mass: Vec<f64>,
+    pub(crate) next: Vec<Next>,
+    /// Which diameter each grain has, counted from the largest.
+    pub(crate) rank: Vec<u32>,
+    pub(crate) growth: Growth,
+    /// Bound of the reach by which no search goes beyond the images there are, in mm.
+    most_reach: f64,
+    /// Length of the epoch in s.
+    pub(crate) end: f64,
+    pub(crate) shifts: Box<[[f64; 3]; IMAGES]>,
+    pub(crate) counts: Counts,
+    /// Sum over collisions of impulse times contact distance since the epoch began.
+    pub(crate) virial: f64,
+    pub(crate) queue: Queue,
+    grid: Grid,
+    slab: Vec<u32>,
+    slab_at_start: usize,
+    /// Room for the candidates of a renewal.
+    found: Vec<u32>,
+}
+
+impl System {
+    /// Grains at rest with `reach_mm` 0, meaning none known yet; centres, contact radii and masses
+    /// in the order of the ranks.
+    pub(crate) fn new(container: Container, centers: &[[f64; 3]], radii: &[f64], masses: &[f64]) -> Self {
+        let hot = centers
+            .iter()
+            .zip(radii)
+            .map(|(&position, &radius)| Hot { position, radius, ..Hot::default() })
+            .collect();
+        Self {
+            container,
+            hot,
+            cold: vec![Cold::default(); radii.len()],
+            mass: masses.to_vec(),
+            next: Vec::new(),
+            rank: (0..radii.len() as u32).collect(),
+            growth: Growth::default(),
+            most_reach: f64::INFINITY,
+            end: 0.0,
+            shifts: Box::new(container.shifts()),
+            counts: Counts::default(),
+            virial: 0.0,
+            queue: Queue::default(),
+            grid: Grid::default(),
+            slab: Vec::new(),
+            slab_at_start: 0,
+            found: Vec::new(),
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.hot.len()
+    }
+
+    /// The neighbours of a grain, as list entries.
+    #[inline(always)]
+    pub(crate) fn list(&self, grain: usize) -> &[u32] {
+        let cold = &self.cold[grain];
+        &self.slab[cold.offset as usize..(cold.offset + cold.len) as usize]
+    }
+
+    /// Asks the memory for the start of a grain's list.
+    #[inline(always)]
+    pub(crate) fn prefetch_list(&self, grain: usize) {
+        let cold = &self.cold[grain];
+        for line in 0..LIST_LINES.min(cold.len.div_ceil(16)) {
+            prefetch(&self.slab, (cold.offset + 16 * line) as usize);
+        }
+    }
+
+    /// Asks the memory for the neighbours of a grain whose list is there.
+    #[inline(always)]
+    pub(crate) fn prefetch_neighbours(&self, grain: usize) {
+        let cold = &self.cold[grain];
+        let end = cold.offset + cold.len.min(16 * LIST_LINES);
+        for &entry in &self.slab[cold.offset as usize..end as usize] {
+            prefetch(&self.hot, unpack(entry).0);
+        }
+    }
+
+    /// Asks the memory for what a renewal of a grain reads, whose list is there.
+    #[inline(never)]
+    pub(crate) fn prefetch_renewal(&self, grain: usize) {
+        for &entry in self.list(grain) {
+            prefetch(&self.cold, unpack(entry).0);
+        }
+        let hot = &self.hot[grain];
+        self.grid.ask(hot.position_at(self.next[grain].time), self.cold[grain].outer);
+    }
+
+    /// Largest contact radius of the epoch.
+    #[inline(always)]
+    fn last_radius(&self, grain: usize) -> f64 {
+        self.growth.radius(self.hot[grain].radius, self.end)
+    }
+
+    /// Whether lists grew so much that the epoch should end.
+    pub(crate) fn is_crowded(&self) -> bool {
+        self.slab.len() > 2 * self.slab_at_start + 4096
+    }
+
+    /// Starts an epoch of `end` s with all times at 0: spheres of free movement around every grain,
+    /// and new lists.
+    pub(crate) fn renew_all(&mut self, growth: Growth, end: f64) {
+        self.growth = growth;
+        self.end = end;
+        self.virial = 0.0;
+        if self.container.is_periodic() {
+            // A contact distance is at most an edge; this leaves a search another one.
+            let shortest = self.container.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+            self.most_reach = shortest / 2.0 / (1.0 + growth.kappa);
+        }
+        let n = self.len();
+        for cold in &mut self.cold {
+            cold.adapt_reach();
+            (cold.collisions, cold.renewals) = (0, 0);
+        }
+        for i in 0..n {
+            debug_assert_eq!(self.hot[i].time, 0.0);
+            self.hot[i].position = self.container.wrap(self.hot[i].position);
+            self.center_sphere(i);
+        }
+        let least = self.cold.iter().map(|cold| cold.outer).fold(f64::INFINITY, f64::min);
+        let top = (0..n).map(|i| self.last_radius(i)).fold(0.0, f64::max) * 1.5;
+        let top = self.cold.iter().map(|cold| cold.outer).fold(top, f64::max);
+        self.grid.reset(&self.container, n, least.max(1e-9 * top), top);
+        for i in 0..n {
+            self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].outer);
+        }
+        if self.container.is_periodic() { self.fill_lists::<true>() } else { self.fill_lists::<false>() }
+    }
+
+    /// Puts the sphere of free movement of a grain around its position.
+    fn center_sphere(&mut self, i: usize) {
+        let radius = self.last_radius(i);
+        let (start, rate) = self.growth.wall(self.hot[i].radius);
+        let contact = start + rate * self.end;
+        let cold = &mut self.cold[i];
+        if cold.reach <= 0.0 {
+            cold.reach = FIRST_REACH * radius;
+        }
+        cold.reach = cold.reach.clamp(LEAST_REACH * radius, MOST_REACH * radius).min(self.most_reach);
+        cold.outer = radius + cold.reach;
+        cold.center = self.hot[i].position;
+        cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.reach);
+    }
+
+    /// Whether two grains must know of each other, the second in some image.
+    #[inline(always)]
+    fn are_neighbours<const PERIODIC: bool>(&self, i: usize, j: usize, image: u32) -> bool {
+        let (a, b) = (&self.cold[i], &self.cold[j]);
+        let smaller = (a.outer - a.reach).min(b.outer - b.reach);
+        let range = a.outer + b.outer + self.growth.kappa * smaller;
+        let mut d: [f64; 3] = std::array::from_fn(|k| b.center[k] - a.center[k]);
+        if PERIODIC {
+            let shift = &self.shifts[image as usize];
+            d = std::array::from_fn(|k| d[k] + shift[k]);
+        }
+        d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < range * range
+    }
+
+    fn fill_lists<const PERIODIC: bool>(&mut self) {
+        let n = self.len();
+        // Every pair once, at the finer of the two or the later in memory.
+        let mut half: Vec<u32> = Vec::with_capacity(n * 8);
+        let mut ends: Vec<u32> = Vec::with_capacity(n);
+        let mut degree = vec![0_u32; n];
+        for i in 0..n {
+            let outer = self.cold[i].outer;
+            let from = half.len();
+            let center = self.cold[i].center;
+            self.grid.visit::<PERIODIC>(
+                center,
+                outer,
+                self.growth.kappa,
+                self.grid.coarser(outer),
+                |j, image| {
+                    let j_index = j as usize;
+                    if j_index == i {
+                        return;
+                    }
+                    if j_index > i && self.grid.same_level(self.cold[j_index].outer, outer) {
+                        return;
+                    }
+                    if self.are_neighbours::<PERIODIC>(i, j_index, image) {
+                        half.push(j | image << GRAIN_BITS);
+                    }
+                },
+            );
+            for &entry in &half[from..] {
+                degree[(entry & GRAIN_MASK) as usize] += 1;
+            }
+            degree[i] += (half.len() - from) as u32;
+            ends.push(half.len() as u32);
+        }
+        let mut offset = 0;
+        for (cold, &degree) in self.cold.iter_mut().zip(&degree) {
+            cold.offset = offset;
+            cold.len = 0;
+            cold.capacity = degree + SPARE;
+            offset += cold.capacity;
+        }
+        self.slab.clear();
+        self.slab.resize(offset as usize, 0);
+        self.slab_at_start = offset as usize;
+        let mut from = 0;
+        for i in 0..n {
+            let to = ends[i] as usize;
+            for &entry in &half[from..to] {
+                self.append(i, entry);
+                self.append((entry & GRAIN_MASK) as usize, mirror(entry, i));
+            }
+            from = to;
+        }
+    }
+
+    fn append(&mut self, grain: usize, entry: u32) {
+        let cold = &mut self.cold[grain];
+        if cold.len == cold.capacity {
+            // A new place at the end of the slab; the old one stays empty until the next epoch.
+            let (from, len) = (cold.offset as usize, cold.len as usize);
+            cold.offset = self.slab.len() as u32;
+            cold.capacity = 2 * cold.capacity + SPARE;
+            let capacity = cold.capacity as usize;
+            self.slab.extend_from_within(from..from + len);
+            self.slab.resize(cold.offset as usize + capacity, 0);
+        }
+        self.slab[(cold.offset + cold.len) as usize] = entry;
+        cold.len += 1;
+    }
+
+    fn take_out(&mut self, grain: usize, entry: u32) {
+        let cold = &mut self.cold[grain];
+        let list = &mut self.slab[cold.offset as usize..(cold.offset + cold.len) as usize];
+        if let Some(at) = list.iter().position(|&e| e == entry) {
+            let last = list.len() - 1;
+            list.swap(at, last);
+            cold.len -= 1;
+        }
+    }
+
+    /// Gives a grain whose record stands at the present a new sphere of free movement and new
+    /// neighbours.
+    #[inline(never)]
+    pub(crate) fn renew<const PERIODIC: bool>(&mut self, i: usize) {
+        self.counts.list_rebuilds += 1;
+        let (offset, len) = (self.cold[i].offset as usize, self.cold[i].len as usize);
+        // Far apart in memory: asked for all at once, not one after the other.
+        for k in offset..offset + len {
+            prefetch(&self.cold, unpack(self.slab[k]).0);
+        }
+        for k in offset..offset + len {
+            self.prefetch_list(unpack(self.slab[k]).0);
+        }
+        for k in offset..offset + len {
+            let entry = self.slab[k];
+            self.take_out((entry & GRAIN_MASK) as usize, mirror(entry, i));
+        }
+        self.cold[i].len = 0;
+        self.grid.remove(i as u32, self.cold[i].cell);
+        if PERIODIC {
+            self.hot[i].position = self.container.wrap(self.hot[i].position);
+        }
+        self.cold[i].renewals = self.cold[i].renewals.saturating_add(1);
+        if self.cold[i].renewals > 2 {
+            self.cold[i].adapt_reach();
+        }
+        let most = self.grid.top_mm() - self.last_radius(i);
+        self.cold[i].reach = self.cold[i].reach.min(most);
+        self.center_sphere(i);
+        let outer = self.cold[i].outer;
+        let center = self.cold[i].center;
+        self.cold[i].cell = self.grid.insert(i as u32, center, outer);
+        let mut found = std::mem::take(&mut self.found);
+        found.clear();
+        self.grid.visit::<PERIODIC>(center, outer, self.growth.kappa, self.grid.all(), |j, image| {
+            prefetch(&self.cold, j as usize);
+            found.push(j | image << GRAIN_BITS);
+        });
+        found.retain(|&entry| {
+            let (j, image) = unpack(entry);
+            j != i && self.are_neighbours::<PERIODIC>(i, j, image as u32)
+        });
+        for &entry in &found {
+            self.prefetch_list(unpack(entry).0);
+        }
+        for &entry in &found {
+            self.append(i, entry);
+            self.append((entry & GRAIN_MASK) as usize, mirror(entry, i));
+        }
+        self.found = found;
+    }
+
+    /// Brings all grains to one time and sets it to 0; contact radii are left to the caller.
+    pub(crate) fn synchronise(&mut self, time: f64) {
+        for hot in &mut self.hot {
+            hot.advance(time);
+            hot.time = 0.0;
+        }
+    }
+
+    /// Gives every grain a velocity with components uniform in plus minus `velocity` for the lightest,
+    /// of the same energy for all, and no common drift in a periodic box.
+    pub(crate) fn set_in_motion(&mut self, velocity: f64, rng: &mut Xoshiro256PlusPlus) {
+        let mut drift = [0.0; 3];
+        let mut total = 0.0;
+        for (hot, mass) in self.hot.iter_mut().zip(&self.mass) {
+            let scale = velocity / mass.sqrt();
+            hot.velocity = std::array::from_fn(|_| (2.0 * uniform(rng) - 1.0) * scale);
+            for (drift, v) in drift.iter_mut().zip(hot.velocity) {
+                *drift += mass * v;
+            }
+            total += mass;
+        }
+        if self.container.is_periodic() && self.len() > 1 {
+            for hot in &mut self.hot {
+                hot.velocity = std::array::from_fn(|a| hot.velocity[a] - drift[a] / total);
+            }
+        }
+    }
+
+    /// Standard deviation of a component of the velocities.
+    pub(crate) fn thermal_velocity(&self) -> f64 {
+        let sum: f64 = self.hot.iter().map(|hot| hot.velocity.iter().map(|v| v * v).sum::<f64>()).sum();
+        (sum / (3.0 * self.len() as f64)).sqrt()
+    }
+
+    pub(crate) fn scale_velocities(&mut self, factor: f64) {
+        for hot in &mut self.hot {
+            hot.velocity = hot.velocity.map(|v| v * factor);
+        }
+    }
+
+    /// Sorts the grains in memory along a space-filling curve, between two epochs, so that neighbours
+    /// in space are neighbours in memory.
+    pub(crate) fn sort_along_curve(&mut self) {
+        let size = self.container.bounds_mm();
+        let longest = size.into_iter().fold(0.0, f64::max);
+        let mut order: Vec<(u32, u32)> = (0_u32..)
+            .zip(&self.hot)
+            .map(|(i, hot)| (morton(self.container.wrap(hot.position).map(|x| x / longest)), i))
+            .collect();
+        order.sort_unstable();
+        self.hot = order.iter().map(|&(_, i)| self.hot[i as usize]).collect();
+        self.cold = order.iter().map(|&(_, i)| self.cold[i as usize]).collect();
+        self.mass = order.iter().map(|&(_, i)| self.mass[i as usize]).collect();
+        self.rank = order.iter().map(|&(_, i)| self.rank[i as usize]).collect();
+    }
+
+    /// Kinetic energy of all grains.
+    pub(crate) fn energy(&self) -> f64 {
+        self.hot
+            .iter()
+            .zip(&self.mass)
+            .map(|(hot, mass)| 0.5 * mass * hot.velocity.iter().map(|v| v * v).sum::<f64>())
+            .sum()
+    }
+}
+
+/// Position on a Morton curve of 2^30 places, of a point in the unit cube.
+fn morton(p: [f64; 3]) -> u32 {
+    let mut key = 0;
+    for (axis, x) in p.into_iter().enumerate() {
+        let place = ((x * 1024.0) as u32).min(1023);
+        for bit in 0..10 {
+            key |= (place >> bit & 1) << (3 * bit + axis as u32);
+        }
+    }
+    key
+}
+
+/// The entry under which a grain stands in the list of the one that an entry of its own names.
+#[inline(always)]
+fn mirror(entry: u32, grain: usize) -> u32 {
+    grain as u32 | mirrored(entry >> GRAIN_BITS) << GRAIN_BITS
+}
+
+/// The grain that a list entry names, and the code of the image in which it is seen.
+#[inline(always)]
+pub(crate) fn unpack(entry: u32) -> (usize, usize) {
+    ((entry & GRAIN_MASK) as usize, (entry >> GRAIN_BITS) as usize)
+}

@@ -1,0 +1,116 @@
+//! States of a run that cannot be: whatever passed the checksum but does not make sense starts anew.
+
+use std::cell::RefCell;
+
+use proptest::prelude::*;
+use serde_json::json;
+
+use crate::control::Unattended;
+use crate::{
+    Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, pack_or_resume,
+};
+
+/// Keeps the first checkpoint after some epochs, and stops there.
+struct Keeper {
+    questions: RefCell<u32>,
+    kept: RefCell<Vec<u8>>,
+}
+
+impl Control for Keeper {
+    fn report(&self, _: &Progress) {}
+    fn should_stop(&self) -> bool {
+        !self.kept.borrow().is_empty()
+    }
+    fn wants_checkpoint(&self) -> bool {
+        *self.questions.borrow_mut() += 1;
+        *self.questions.borrow() == 4
+    }
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        checkpoint.write_to(&mut *self.kept.borrow_mut()).unwrap();
+    }
+}
+
+fn request() -> PackingRequest {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [16, 15, 14]},
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 6, "exponent": 0.5}, "d_min_mm": 2.5,
+            "volume_fraction": 0.25, "volume_fraction_of": "placed_grains"},
+        "distance": {"type": "maximize"},
+        "method": {"type": "edmd", "stop": {"events": 12_000}},
+    });
+    PackingRequest::from_json(&value, 11).unwrap()
+}
+
+/// The body of a checkpoint amid the run.
+fn body() -> Vec<u8> {
+    let keeper = Keeper { questions: RefCell::new(0), kept: RefCell::new(Vec::new()) };
+    let ended = pack_or_resume(&request(), &Limits::default(), None, &keeper);
+    assert!(matches!(ended, Err(PackError::Stopped { .. })), "{ended:?}");
+    let bytes = keeper.kept.into_inner();
+    Resume::read_from(&mut &bytes[..], &request()).unwrap().body
+}
+
+fn gone_on_from(body: Vec<u8>) -> Packing {
+    pack_or_resume(&request(), &Limits::default(), Some(Resume { body }), &Unattended).unwrap()
+}
+
+fn resumes(packing: &Packing) -> u64 {
+    packing.report.statistics.edmd.unwrap().resumes
+}
+
+/// Numbers before the columns: 17 counts and 10 measures; then each column with its length in front.
+const HEAD_BYTES: usize = (17 + 10) * 8;
+
+#[test]
+fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
+    let body = body();
+    let whole = gone_on_from(body.clone());
+    assert_eq!(resumes(&whole), 1);
+    let grains = u64::from_le_bytes(body[HEAD_BYTES..HEAD_BYTES + 8].try_into().unwrap()) as usize;
+    assert_eq!(grains, whole.spheres.len());
+
+    let measure = |index: usize| (17 + index) * 8;
+    let column = |index: usize| HEAD_BYTES + index * (8 + 8 * grains);
+    let with = |at: usize, bytes: &[u8]| {
+        let mut body = body.clone();
+        body[at..at + bytes.len()].copy_from_slice(bytes);
+        body
+    };
+    // Three pairs of columns of positions and velocities, reach, and then two of four bytes each.
+    let ranks = column(7) + 8 + 4 * grains + 8;
+    let mut longer = body.clone();
+    longer.extend([0; 8]);
+    let broken = [
+        ("empty", Vec::new()),
+        ("longer", longer),
+        ("cut within a number", body[..body.len() - 3].to_vec()),
+        ("another number of grains", with(column(0), &(grains as u64 - 1).to_le_bytes())),
+        ("more grains than bytes", with(column(1), &u64::MAX.to_le_bytes())),
+        ("a rank of no grain", with(ranks, &(grains as u32).to_le_bytes())),
+        ("a rank twice", with(ranks, &body[ranks + 4..ranks + 8])),
+        ("a size below nothing", with(measure(0), &(-1e-3_f64).to_le_bytes())),
+        ("no pressure", with(measure(2), &0_f64.to_le_bytes())),
+        ("no events", with(measure(3), &0_f64.to_le_bytes())),
+        ("another energy", with(measure(4), &1e9_f64.to_le_bytes())),
+        ("more than done", with(measure(7), &1.5_f64.to_le_bytes())),
+        ("a grain nowhere", with(column(0) + 8, &f64::NAN.to_le_bytes())),
+        ("a grain far away", with(column(0) + 8, &1e6_f64.to_le_bytes())),
+        ("a grain too fast", with(column(1) + 8, &1e200_f64.to_le_bytes())),
+        ("a reach below nothing", with(column(6) + 8, &(-1_f64).to_le_bytes())),
+    ];
+    for (what, body) in broken {
+        let anew = gone_on_from(body);
+        assert_eq!(resumes(&anew), 0, "{what}");
+        assert_eq!(anew.spheres, whole.spheres, "{what}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+    #[test]
+    fn a_body_cut_anywhere_starts_anew(at in any::<prop::sample::Index>()) {
+        let body = body();
+        let anew = gone_on_from(body[..at.index(body.len())].to_vec());
+        prop_assert_eq!(resumes(&anew), 0);
+    }
+}

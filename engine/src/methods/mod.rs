@@ -1,0 +1,4 @@
+//! Packing methods: each places the grains of a mix in a specimen.
+
+pub mod edmd;
+pub mod rsa;

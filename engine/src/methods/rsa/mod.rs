@@ -1,0 +1,389 @@
+//! Random sequential addition, largest grain first (`engine.md` section 4).
+//!
+//! Two modules do the work: `cells` answers whether a point is free, `free_space` knows where
+//! free points can still be. This one drives them: it cuts the grains into segments of similar
+//! size, each with a grid of its own, and finds a place for one grain after the other. It knows
+//! diameters, a specimen and a distance rule; it must never know where they come from.
+
+mod cells;
+mod choice;
+mod free_space;
+
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::control::{Control, Phase, Progress};
+use crate::distance::DistanceRule;
+use crate::packing::RsaStatistics;
+use crate::request::Specimen;
+use crate::rng::uniform;
+use crate::segregation::Preference;
+use crate::specimen::Region;
+pub(crate) use cells::MAX_PLACED;
+use cells::{Cells, Placed};
+use choice::{Choice, MOST_DRAWS};
+use free_space::{Draw, FreeSpace, Served};
+
+/// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
+const SEGMENT_RATIO: f64 = 0.75;
+/// A segment ends when the grains have grown in number by this factor, so that the chains of
+/// entries added to the grid stay short.
+const SEGMENT_GROWTH: f64 = 2.0;
+/// Edge of a cell in exclusion diameters of the smallest grain of the segment.
+const CELL_EDGE: f64 = 1.5;
+/// Failed draws for one grain before voxels are split.
+const SPLIT_AFTER: u64 = 100;
+/// Failed draws for one grain after which voxels wake for each grain exactly, to the end of the
+/// segment.
+const EXACT_AFTER: u64 = 1000;
+/// Relative margin on exclusion radii, so that the check, which rounds differently, never sees a
+/// violation in the last digit.
+const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
+/// Draws between two looks at the control.
+const DRAWS_PER_LOOK: u64 = 8192;
+
+/// What random sequential addition is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Rsa<'a> {
+    /// Diameters from the largest down, in mm.
+    pub diameters_mm: &'a [f64],
+    /// What is filled.
+    pub specimen: &'a Specimen,
+    /// Distance between grains and to the walls.
+    pub rule: DistanceRule,
+    /// Attempts for one grain after which the run has failed; `None` searches exhaustively.
+    pub attempts_per_grain: Option<u64>,
+    /// Which of several free places a grain prefers; `None` takes the first.
+    pub(crate) preference: Option<&'a Preference>,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Centres in the order of the diameters, of those placed.
+    pub centers_mm: Vec<[f64; 3]>,
+    /// What was counted.
+    pub statistics: RsaStatistics,
+    /// Why it ended.
+    pub end: End,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// All grains are placed.
+    Complete,
+    /// The next grain found no place.
+    InsertionFailed {
+        /// Whether it is proven that there is none.
+        saturation_proven: bool,
+        /// Attempts spent on it.
+        attempts: u64,
+    },
+    /// The control said so.
+    Stopped,
+}
+
+impl Rsa<'_> {
+    /// Places the grains.
+    ///
+    /// `attempts_per_grain` counts attempts of the textbook algorithm: uniform points of the region
+    /// where the sphere lies inside the specimen. Those that would fall where no place can be are
+    /// not drawn but counted, by a geometric number with the same law, so that the outcome has the
+    /// distribution of the textbook algorithm at a fraction of its time.
+    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+        let mut run = Run {
+            rsa: self,
+            placed: Vec::with_capacity(self.diameters_mm.len()),
+            statistics: RsaStatistics::default(),
+            looks: 0,
+            control,
+        };
+        let end = run.place_all(rng);
+        Outcome {
+            centers_mm: run.placed.iter().map(|&[x, y, z, _]| [x, y, z]).collect(),
+            statistics: run.statistics,
+            end,
+        }
+    }
+
+    /// The new grain's part of exclusion radii.
+    fn part(&self, grain: usize) -> f64 {
+        self.rule.exclusion(self.diameters_mm[grain]).part_mm * ROUNDING_MARGIN
+    }
+
+    /// Where the centre of a grain may lie.
+    fn region(&self, grain: usize) -> Option<Region> {
+        self.specimen.center_region(self.clearance(grain))
+    }
+
+    /// What the centre of a grain keeps from the walls.
+    fn clearance(&self, grain: usize) -> f64 {
+        let d = self.diameters_mm[grain];
+        d / 2.0 + self.rule.wall_gap_mm(d)
+    }
+}
+
+struct Run<'a> {
+    rsa: &'a Rsa<'a>,
+    placed: Vec<Placed>,
+    statistics: RsaStatistics,
+    looks: u64,
+    control: &'a dyn Control,
+}
+
+/// The search for one grain's place.
+struct Search {
+    part: f64,
+    region: Region,
+    /// Failed draws so far.
+    failed: u64,
+    /// Textbook attempts so far.
+    attempts: u64,
+    limit: Option<u64>,
+    region_cells: f64,
+}
+
+enum Found {
+    Place(Draw),
+    /// No success yet.
+    NotYet,
+    Nothing {
+        saturation_proven: bool,
+    },
+    Stopped,
+}
+
+impl Run<'_> {
+    fn place_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
+        let grains = self.rsa.diameters_mm.len();
+        while self.placed.len() < grains {
+            let end = self.segment_end();
+            match self.place_segment(end, rng) {
+                End::Complete => {}
+                other => return other,
+            }
+        }
+        End::Complete
+    }
+
+    /// One past the last grain of the segment that starts with the next grain.
+    fn segment_end(&self) -> usize {
+        let first = self.placed.len();
+        let exclusion = |i: usize| {
+            let d = self.rsa.diameters_mm[i];
+            let exclusion = self.rsa.rule.exclusion(d);
+            exclusion.placed_factor * d / 2.0 + exclusion.part_mm
+        };
+        let least = exclusion(first) * SEGMENT_RATIO;
+        let most = (first as f64 * SEGMENT_GROWTH) as usize + 64;
+        let grains = self.rsa.diameters_mm.len();
+        let by_size = first
+            + self.rsa.diameters_mm[first..].partition_point(|&d| {
+                let e = self.rsa.rule.exclusion(d);
+                e.placed_factor * d / 2.0 + e.part_mm >= least
+            });
+        by_size.clamp(first + 1, most.max(first + 1)).min(grains)
+    }
+
+    /// Places the grains up to `end` with one grid.
+    fn place_segment(&mut self, end: usize, rng: &mut Xoshiro256PlusPlus) -> End {
+        let first = self.placed.len();
+        let rsa = self.rsa;
+        let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
+        let Some(region) = rsa.region(end - 1) else { return no_place };
+        let part_least = rsa.part(end - 1);
+        let d_least = rsa.diameters_mm[end - 1];
+        let reach = rsa.rule.exclusion(d_least).placed_factor * d_least / 2.0 + part_least;
+        // Few grains in much space need no fine grid.
+        let spacing = (region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0)).cbrt();
+        let edge = (CELL_EDGE * reach).max(spacing);
+        let should_stop = || self.control.should_stop();
+        let periodic = rsa.specimen.is_periodic();
+        let built = Cells::build(region, periodic, edge, &self.placed, rsa.part(first), &should_stop);
+        let Some(mut cells) = built else { return End::Stopped };
+        let served = Served {
+            specimen: rsa.specimen,
+            largest_part: rsa.part(first),
+            least_part: part_least,
+            largest_clearance: rsa.clearance(first),
+            least_clearance: rsa.clearance(end - 1),
+        };
+        let mut free = FreeSpace::whole(&cells, served);
+        let mut exactly = false;
+        for grain in first..end {
+            let Some(region) = rsa.region(grain) else { return no_place };
+            let mut search = Search {
+                part: rsa.part(grain),
+                region,
+                failed: 0,
+                attempts: 0,
+                limit: rsa.attempts_per_grain,
+                region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
+            };
+            free.wake(search.part, exactly);
+            let found = self.search(&mut search, &mut free, &cells, rng);
+            exactly |= search.failed > EXACT_AFTER;
+            self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
+            self.statistics.attempts += search.attempts;
+            match found {
+                Found::Place(draw) => {
+                    let d = rsa.diameters_mm[grain];
+                    let own = rsa.rule.exclusion(d).placed_factor * d / 2.0 * ROUNDING_MARGIN;
+                    let [x, y, z] = draw.point;
+                    let placed = [x, y, z, own];
+                    cells.insert(&placed, search.part);
+                    self.placed.push(placed);
+                }
+                Found::Stopped => return End::Stopped,
+                Found::Nothing { saturation_proven } => {
+                    return End::InsertionFailed { saturation_proven, attempts: search.attempts };
+                }
+                Found::NotYet => unreachable!("a search goes on until it is decided"),
+            }
+        }
+        self.statistics.voxels_tested += free.tested;
+        End::Complete
+    }
+
+    /// Draws from `free` until a place is found or nothing is left.
+    fn search(
+        &mut self,
+        search: &mut Search,
+        free: &mut FreeSpace<'_>,
+        cells: &Cells,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        loop {
+            if search.failed == EXACT_AFTER {
+                free.wake(search.part, true);
+            }
+            match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
+                Found::NotYet => {}
+                Found::Place(draw) => match self.rsa.preference {
+                    None => return Found::Place(draw),
+                    Some(preference) => return self.choose(draw, preference, search, free, cells, rng),
+                },
+                found => return found,
+            }
+        }
+    }
+
+    /// Looks for further places beside the first until one is taken for its weight, or chooses among those found.
+    ///
+    /// Places are uniform in the free space, so that the one taken has a density proportional to the weight there.
+    /// That the search ends early where places are rare does not depend on where they are.
+    fn choose(
+        &mut self,
+        first: Draw,
+        preference: &Preference,
+        search: &mut Search,
+        free: &mut FreeSpace<'_>,
+        cells: &Cells,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        let (grain, region) = (self.placed.len(), search.region);
+        let log_weight = |draw: &Draw| preference.log_weight(grain, &region, draw.point);
+        let mut choice = Choice::new();
+        // Only what was needed for the first place says that places are rare.
+        let failed = search.failed;
+        let mut found = Found::Place(first);
+        for _ in 0..MOST_DRAWS {
+            match found {
+                Found::Place(draw) => {
+                    choice.offer(draw, log_weight(&draw), rng);
+                    if choice.is_made() {
+                        break;
+                    }
+                }
+                Found::NotYet => {}
+                // A place is known: nothing is proven, and what is spent is spent.
+                Found::Nothing { .. } => break,
+                Found::Stopped => return Found::Stopped,
+            }
+            found = self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng);
+        }
+        search.failed = failed;
+        choice.chosen().map_or(Found::NotYet, Found::Place)
+    }
+
+    #[inline]
+    fn try_once(
+        &mut self,
+        search: &mut Search,
+        free: &mut FreeSpace<'_>,
+        cells: &Cells,
+        split: bool,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Found {
+        self.looks += 1;
+        if self.looks.is_multiple_of(DRAWS_PER_LOOK) {
+            self.report();
+            if self.control.should_stop() {
+                return Found::Stopped;
+            }
+        }
+        let Some(draw) = free.draw(cells, rng) else {
+            return Found::Nothing { saturation_proven: true };
+        };
+        let inside = search.region.contains(draw.point);
+        if search.count(inside, free, rng) {
+            return Found::Nothing { saturation_proven: false };
+        }
+        if inside {
+            match cells.blocking(draw.cell(), draw.point, search.part) {
+                None => return Found::Place(draw),
+                Some(sphere) if free.drop_if_held(&draw, &sphere, cells) => {}
+                Some(_) if split => free.split(&draw, cells),
+                Some(_) => {}
+            }
+        } else if split {
+            free.split(&draw, cells);
+        }
+        search.failed += 1;
+        Found::NotYet
+    }
+
+    fn report(&self) {
+        let (done, total) = (self.placed.len() as u64, self.rsa.diameters_mm.len() as u64);
+        self.control.report(&Progress {
+            phase: Phase::Rsa,
+            fraction: done as f64 / total as f64,
+            done,
+            total,
+            unit: "grains",
+            message: format!(
+                "placing grains of {:.3} mm",
+                self.rsa.diameters_mm[self.placed.len().min(self.rsa.diameters_mm.len() - 1)]
+            ),
+            growth: None,
+        });
+    }
+}
+
+impl Search {
+    /// Counts the textbook attempts that one draw stands for; says whether the limit is passed.
+    ///
+    /// A textbook attempt falls into the voxels with probability `p`, their share of the region;
+    /// those before it that missed them have failed unseen.
+    #[inline]
+    fn count(&mut self, inside: bool, free: &FreeSpace<'_>, rng: &mut Xoshiro256PlusPlus) -> bool {
+        let Some(limit) = self.limit else {
+            self.attempts += 1;
+            return false;
+        };
+        let p = free.drawn_from_cells() / self.region_cells;
+        if p < 1.0 {
+            let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
+            // Saturates where nearly nothing is left.
+            self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
+        } else if !inside {
+            return false;
+        }
+        let spent = self.attempts == limit;
+        self.attempts += u64::from(!spent);
+        spent
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+//! What a gradient means: how much a grain would like to lie at a point (`docs/gradient.md`).
+//!
+//! Fields are told as shares of volume: at 0.3 of a field, three tenths of the room that the walls leave for the
+//! centre of a grain lie further down. So a grain that lies anywhere with equal probability lies at any share with
+//! equal probability, whatever its size and the specimen's shape, and a grain coarser than three tenths of the
+//! mass may be asked for at 0.3 without anything having to give way. This module knows grains, specimens and fields;
+//! it must never know how places are found.
+
+use crate::distance::DistanceRule;
+use crate::mix::sphere_volume;
+use crate::request::{
+    Axis, FieldDirection, GradientField, PackingRequest, Segregation, Specimen, SpecimenFace,
+};
+use crate::specimen::Region;
+
+/// How far up a field a centre lies in the region that is left for it: 0 to 1.
+pub(crate) fn share_of_field(field: GradientField, region: &Region, p: [f64; 3]) -> f64 {
+    let (axis, rises) = match field {
+        GradientField::Linear { axis, direction } => (axis, direction == FieldDirection::Up),
+        GradientField::Face { face } => match face {
+            SpecimenFace::XMin => (Axis::X, false),
+            SpecimenFace::XMax => (Axis::X, true),
+            SpecimenFace::YMin => (Axis::Y, false),
+            SpecimenFace::YMax => (Axis::Y, true),
+            SpecimenFace::ZMin => (Axis::Z, false),
+            SpecimenFace::ZMax => (Axis::Z, true),
+            SpecimenFace::Side => return region.share_within(p),
+        },
+    };
+    let below = region.share_below(axis as usize, p[axis as usize]);
+    if rises { below } else { 1.0 - below }
+}
+
+/// The gradient of a request and the grains it sorts.
+#[derive(Clone, Debug)]
+pub(crate) struct Preference {
+    field: GradientField,
+    strength: f64,
+    specimen: Specimen,
+    grains: Vec<Grain>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Grain {
+    volume_mm3: f64,
+    /// What its centre keeps from the walls.
+    clearance_mm: f64,
+    /// Share of the mass that is finer.
+    quantile: f64,
+}
+
+impl Preference {
+    /// That of a request for these grains, from the largest down; `None` where it has none.
+    ///
+    /// Equal grains have quantiles of their own: asked for at one share of the field they would crowd there.
+    pub(crate) fn new(request: &PackingRequest, diameters_mm: &[f64]) -> Option<Self> {
+        let Segregation::Gradient { field, strength } = request.segregation else { return None };
+        if strength <= 0.0 {
+            return None;
+        }
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let all: f64 = diameters_mm.iter().map(|&d| sphere_volume(d)).sum();
+        let mut coarser = 0.0;
+        let grains = diameters_mm
+            .iter()
+            .map(|&d| {
+                let own = sphere_volume(d);
+                let quantile = 1.0 - (coarser + own / 2.0) / all;
+                coarser += own;
+                Grain { volume_mm3: own, clearance_mm: d / 2.0 + rule.wall_gap_mm(d), quantile }
+            })
+            .collect();
+        Some(Self { field, strength, specimen: request.specimen, grains })
+    }
+
+    /// Logarithm of the weight of a place for a grain whose centre has this region.
+    #[inline]
+    pub(crate) fn log_weight(&self, grain: usize, region: &Region, p: [f64; 3]) -> f64 {
+        let off = share_of_field(self.field, region, p) - self.grains[grain].quantile;
+        -self.strength * off * off
+    }
+
+    /// What two grains would gain in the logarithm of their weights if they changed places, each counted by its
+    /// share of their mass, so that it is mass that the exchange sorts: by number, the mass of the fine grains
+    /// would be carried upwards by the largest of them.
+    pub(crate) fn gain_of_exchange(&self, [i, j]: [usize; 2], [p_i, p_j]: [[f64; 3]; 2]) -> f64 {
+        let gain = |grain: usize, from: [f64; 3], to: [f64; 3]| {
+            let Grain { volume_mm3, clearance_mm, .. } = self.grains[grain];
+            // It fits: the plan has seen to that.
+            self.specimen.center_region(clearance_mm).map_or(0.0, |region| {
+                volume_mm3 * (self.log_weight(grain, &region, to) - self.log_weight(grain, &region, from))
+            })
+        };
+        let mean_volume_mm3 = (self.grains[i].volume_mm3 + self.grains[j].volume_mm3) / 2.0;
+        (gain(i, p_i, p_j) + gain(j, p_j, p_i)) / mean_volume_mm3
+    }
+}
+
+#[cfg(test)]
+#[path = "segregation_tests.rs"]
+mod tests;

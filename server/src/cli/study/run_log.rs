@@ -1,0 +1,303 @@
+//! The folder of a study: which study it holds, and every run that ended, so that a second call goes on where
+//! the first one was stopped or killed.
+//!
+//! `study.json` is the request, with its seed. `runs.jsonl` grows by one line per run; a line that a kill cut short
+//! is dropped, and its run is done again. Both files are read by people, too. Nothing here knows how a
+//! packing is computed or when a point needs no more.
+
+use std::collections::HashMap;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read as _, Seek as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use packstone_engine::export::tables::EngineInfo;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::super::Failure;
+use super::super::differences::differences;
+use crate::studies::{Facts, Outcome, Run, Study};
+
+const STUDY: &str = "study.json";
+const RUNS: &str = "runs.jsonl";
+/// Runs of this long may be lost to a power cut. To a kill none is: what was written is the system's.
+const SYNC_EVERY: Duration = Duration::from_secs(2);
+
+/// What `study.json` holds.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Record {
+    /// The program that made it.
+    engine: Value,
+    /// As it was given, with the seed that may have been drawn for it.
+    request: Value,
+}
+
+impl Record {
+    /// Of a study.
+    pub(super) fn new(study: &Study, request: &Value) -> Result<Self, Failure> {
+        Ok(Self { engine: serde_json::to_value(EngineInfo::current())?, request: study.recorded(request) })
+    }
+
+    /// The seed that may have been drawn.
+    pub(super) fn seed(&self) -> Option<u64> {
+        self.request.get("seed").and_then(Value::as_u64)
+    }
+
+    /// Warns where another program made the runs, and fails where they are of another study.
+    pub(super) fn check(&self, ours: &Self, folder: &Path, study: &Path) -> Result<(), Failure> {
+        // As text: the order of a grid's entries is that of its points.
+        let text = |record: &Self| record.request.to_string();
+        if text(self) != text(ours) {
+            let mut lines = differences(&ours.request, "the file", &self.request, "the folder");
+            if lines.is_empty() {
+                lines.push("the order of their fields".into());
+            }
+            return Err(format!(
+                "{} holds another study than {}:\n  {}\nChange the study back, or take another folder by --out, or \
+                 discard what is there by --fresh instead of --resume",
+                folder.display(),
+                study.display(),
+                lines.join("\n  ")
+            )
+            .into());
+        }
+        if self.engine != ours.engine {
+            eprintln!("warning: the runs in {} were made by another version of the engine", folder.display());
+        }
+        Ok(())
+    }
+}
+
+/// A run that ended, as its line holds it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Entry {
+    pub(super) point: usize,
+    pub(super) replicate: usize,
+    pub(super) seed: u64,
+    pub(super) outcome: Outcome,
+    pub(super) facts: Facts,
+    /// Time in s and distance in mm, of a point's first replicate.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) distance_curve: Vec<[f64; 2]>,
+}
+
+impl Entry {
+    /// As the table counts it.
+    pub(super) fn run(&self) -> Run {
+        Run { point: self.point, replicate: self.replicate, outcome: self.outcome, facts: self.facts.clone() }
+    }
+}
+
+/// The folder, open for one process.
+pub(super) struct Book {
+    runs: File,
+    synced: Instant,
+}
+
+/// The files of a study in a folder.
+pub(super) struct Folder<'a>(pub(super) &'a Path);
+
+impl Folder<'_> {
+    /// What it holds, if it holds a study.
+    pub(super) fn record(&self) -> Result<Option<Record>, Failure> {
+        let path = self.0.join(STUDY);
+        match fs::read(&path) {
+            Ok(text) => serde_json::from_slice(&text).map(Some).map_err(|error| {
+                format!("{} is damaged: {error}; discard it by --fresh", path.display()).into()
+            }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(format!("{} cannot be read: {error}", path.display()).into()),
+        }
+    }
+
+    /// Opens the book for a study, empty where it is `fresh`, and returns what has ended so far, in that order.
+    pub(super) fn open(
+        &self,
+        study: &Study,
+        record: &Record,
+        fresh: bool,
+    ) -> Result<(Book, Vec<Entry>), Failure> {
+        fs::create_dir_all(self.0)
+            .map_err(|error| format!("{} cannot be made: {error}", self.0.display()))?;
+        let path = self.0.join(RUNS);
+        let unusable = |what: &str| format!("{}: {what}", path.display());
+        let mut runs = OpenOptions::new()
+            .read(true)
+            .append(true)
+            .create(true)
+            .open(&path)
+            .map_err(|error| unusable(&error.to_string()))?;
+        runs.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => unusable("another packstone works on this study"),
+            TryLockError::Error(error) => unusable(&error.to_string()),
+        })?;
+        if fresh {
+            runs.set_len(0)?;
+        }
+        write_whole(&self.0.join(STUDY), &serde_json::to_vec_pretty(record)?)?;
+        let mut text = Vec::new();
+        runs.read_to_end(&mut text)?;
+        let (entries, length) = read(&text, study).map_err(|what| unusable(&what))?;
+        runs.set_len(length as u64)?;
+        runs.seek(io::SeekFrom::End(0))?;
+        Ok((Book { runs, synced: Instant::now() }, entries))
+    }
+}
+
+impl Book {
+    /// Writes down a run that ended.
+    pub(super) fn add(&mut self, entry: &Entry) -> io::Result<()> {
+        let mut line = serde_json::to_vec(entry)?;
+        line.push(b'\n');
+        // In one piece, which a kill leaves whole or out in all but the rarest cases.
+        self.runs.write_all(&line)?;
+        if self.synced.elapsed() >= SYNC_EVERY {
+            self.sync()?;
+        }
+        Ok(())
+    }
+
+    /// Waits until what was written has reached the disk.
+    pub(super) fn sync(&mut self) -> io::Result<()> {
+        self.synced = Instant::now();
+        self.runs.sync_data()
+    }
+}
+
+/// The entries of a book, of each run the last, and the length of the lines that are whole.
+fn read(text: &[u8], study: &Study) -> Result<(Vec<Entry>, usize), String> {
+    let length = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+    let mut entries: Vec<Option<Entry>> = Vec::new();
+    let mut places: HashMap<(usize, usize), usize> = HashMap::new();
+    for (i, line) in
+        text[..length].split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty())
+    {
+        let damaged = |what: &str| {
+            format!(
+                "line {}: {what}; remove the line, or discard all runs by --fresh instead of --resume",
+                i + 1
+            )
+        };
+        let entry: Entry = serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))?;
+        let seed = study.points.get(entry.point).and_then(|point| point.seeds.get(entry.replicate));
+        if seed != Some(&entry.seed) {
+            return Err(damaged("the study has no such run"));
+        }
+        if let Some(earlier) = places.insert((entry.point, entry.replicate), entries.len()) {
+            entries[earlier] = None;
+        }
+        entries.push(Some(entry));
+    }
+    Ok((entries.into_iter().flatten().collect(), length))
+}
+
+/// Writes a file so that under its name there is always a whole one.
+pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".tmp");
+    let partial = PathBuf::from(partial);
+    let written = File::create(&partial).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&partial, path)
+    });
+    written.map_err(|error| format!("{} cannot be written: {error}", path.display()).into())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use packstone_engine::Limits;
+    use serde_json::json;
+
+    use super::*;
+
+    fn study(request: &Value) -> Study {
+        Study::read(request, 1, None, &Limits::default()).unwrap()
+    }
+
+    fn request() -> Value {
+        json!({
+            "seed": 1, "replicates": 3,
+            "template": {
+                "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+                "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}
+            },
+            "grid": {"/mix/volume_fraction": [0.1, 0.2], "/priority": [1, 2]}
+        })
+    }
+
+    fn entry(study: &Study, point: usize, replicate: usize, time_s: f64) -> Entry {
+        Entry {
+            point,
+            replicate,
+            seed: study.points[point].seeds[replicate],
+            outcome: Outcome::Succeeded,
+            facts: Facts { time_s, grains: Some(7), ..Facts::default() },
+            distance_curve: if replicate == 0 { vec![[0.1, 0.2]] } else { Vec::new() },
+        }
+    }
+
+    #[test]
+    fn what_was_written_is_read_back_but_for_a_line_cut_short() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = Folder(directory.path());
+        let study = study(&request());
+        let record = Record::new(&study, &request()).unwrap();
+        assert!(folder.record().unwrap().is_none());
+        let (mut book, found) = folder.open(&study, &record, false).unwrap();
+        assert!(found.is_empty());
+        let entries = [entry(&study, 1, 2, 0.1), entry(&study, 0, 0, 1.0 / 3.0), entry(&study, 1, 2, 0.3)];
+        for entry in &entries {
+            book.add(entry).unwrap();
+        }
+        let blocked = folder.open(&study, &record, false).map(|_| ()).unwrap_err().to_string();
+        assert!(blocked.contains("another packstone"), "{blocked}");
+        book.sync().unwrap();
+        drop(book);
+
+        let path = directory.path().join(RUNS);
+        let mut text = fs::read(&path).unwrap();
+        text.extend_from_slice(b"{\"point\": 0, \"repl");
+        fs::write(&path, &text).unwrap();
+        let (mut book, found) = folder.open(&study, &record, false).unwrap();
+        // The last line of a run counts.
+        assert_eq!(found, entries[1..]);
+        let more = entry(&study, 3, 1, 2.0);
+        book.add(&more).unwrap();
+        drop(book);
+        let (_, found) = folder.open(&study, &record, false).unwrap();
+        assert_eq!(found, [entries[1].clone(), entries[2].clone(), more]);
+        let (_, found) = folder.open(&study, &record, true).unwrap();
+        assert!(found.is_empty());
+    }
+
+    #[test]
+    fn lines_of_another_study_are_told_of() {
+        let study = study(&request());
+        let mut foreign = entry(&study, 0, 0, 1.0);
+        foreign.seed += 1;
+        for line in [serde_json::to_string(&foreign).unwrap(), "{}".into(), "\0\0".into()] {
+            let refused = read(format!("\n{line}\n").as_bytes(), &study).unwrap_err();
+            assert!(refused.starts_with("line 2: ") && refused.contains("--fresh"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn another_study_is_told_by_what_differs() {
+        let recorded = |request: &Value| Record::new(&study(request), request).unwrap();
+        let check = |ours: &Value| {
+            recorded(&request()).check(&recorded(ours), Path::new("out"), Path::new("study.json"))
+        };
+        assert!(check(&request()).is_ok());
+        let mut other = request();
+        other["replicates"] = json!(4);
+        let refused = check(&other).unwrap_err().to_string();
+        assert!(refused.contains("/replicates is 4 in the file and 3 in the folder"), "{refused}");
+        let mut other = request();
+        other["grid"] = json!({"/priority": [1, 2], "/mix/volume_fraction": [0.1, 0.2]});
+        let refused = check(&other).unwrap_err().to_string();
+        assert!(refused.contains("the order of their fields"), "{refused}");
+    }
+}

@@ -1,0 +1,276 @@
+//! The threads of `packstone study`: each takes the next job and runs it through the engine as
+//! `packstone run` does.
+//!
+//! They know jobs, files of results, and which points need no more runs; what is kept of a run that ended is for
+//! whoever receives it.
+
+use std::cell::Cell;
+use std::collections::VecDeque;
+use std::fs;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use packstone_engine::export::tables::{EngineInfo, Format, Head};
+use packstone_engine::export::{ExportError, Model};
+use packstone_engine::{Checkpoint, Control, Limits, PackError, Packing, Progress};
+
+use super::super::models::{self, Names};
+use super::super::run;
+use super::run_log::Entry;
+use crate::checkpoints::{Checkpoints, Keeper};
+use crate::jobs::JobRequest;
+use crate::studies::stop::Tally;
+use crate::studies::{Facts, Outcome, Study};
+
+/// Name of an attempt in the names of checkpoints: there is no other.
+const ATTEMPT: i64 = 1;
+
+/// What is still to do. Whoever ends a run enters it and takes the next with nobody in between, so that a point
+/// that needs no more runs gets none.
+pub(super) struct Board {
+    /// Point and replicate of the jobs that wait, the next one first.
+    pub(super) queue: VecDeque<(usize, usize)>,
+    /// How the runs of each point have ended.
+    pub(super) tallies: Vec<Tally>,
+}
+
+/// What the threads share.
+pub(super) struct Crew<'a> {
+    pub(super) study: &'a Study,
+    pub(super) limits: Limits,
+    pub(super) board: Mutex<Board>,
+    /// How many are on their way.
+    pub(super) running: AtomicUsize,
+    /// Asked to stop: by a signal, or because nothing can be written down any more.
+    pub(super) stop: &'a AtomicBool,
+    /// What each thread has done of the job it is at, as the bits of a float.
+    pub(super) fractions: Vec<AtomicU64>,
+    pub(super) checkpoints: Checkpoints,
+    /// Where packings are kept, and in which formats.
+    pub(super) results: PathBuf,
+    pub(super) formats: &'a [Format],
+}
+
+/// A run that ended.
+pub(super) struct Ended {
+    pub(super) entry: Entry,
+    /// What went wrong with it that says nothing about the mix.
+    pub(super) fault: Option<String>,
+}
+
+impl Crew<'_> {
+    /// Works until nothing waits, or until asked to stop. What cannot be kept on disk is the end of the work.
+    pub(super) fn work(&self, thread: usize, ended: &Sender<io::Result<Ended>>) {
+        while let Some((point, replicate)) = self.next() {
+            let sent = match self.run(thread, point, replicate) {
+                Ok(Some(run)) => self.enter(run, ended),
+                Ok(None) => return,
+                Err(error) => ended.send(Err(error)).is_ok(),
+            };
+            self.done(thread, 0.0);
+            self.running.fetch_sub(1, Ordering::Relaxed);
+            if !sent {
+                return;
+            }
+        }
+    }
+
+    /// Counts a run, drops what waits of its point if that needs no more, and hands the run on: with the board
+    /// held, so that runs arrive in the order in which they were counted.
+    fn enter(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
+        let mut board = self.board();
+        let point = run.entry.point;
+        if board.tallies[point].ended(run.entry.outcome, &self.study.stop_when) {
+            board.queue.retain(|(of, _)| *of != point);
+        }
+        ended.send(Ok(run)).is_ok()
+    }
+
+    /// How many jobs wait.
+    pub(super) fn waiting(&self) -> usize {
+        self.board().queue.len()
+    }
+
+    /// How many are on their way.
+    pub(super) fn running(&self) -> usize {
+        self.running.load(Ordering::Relaxed)
+    }
+
+    /// What has been done of the jobs on their way, each at most 1.
+    pub(super) fn on_the_way(&self) -> f64 {
+        self.fractions.iter().map(|done| f64::from_bits(done.load(Ordering::Relaxed))).sum()
+    }
+
+    fn board(&self) -> MutexGuard<'_, Board> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn next(&self) -> Option<(usize, usize)> {
+        let mut board = self.board();
+        if self.stop.load(Ordering::Acquire) {
+            return None;
+        }
+        // With the lock held, so that no job is neither waiting nor on its way.
+        board.queue.pop_front().inspect(|_| {
+            self.running.fetch_add(1, Ordering::Relaxed);
+        })
+    }
+
+    fn done(&self, thread: usize, fraction: f64) {
+        if let Some(done) = self.fractions.get(thread) {
+            done.store(fraction.to_bits(), Ordering::Relaxed);
+        }
+    }
+
+    /// Runs a job. Nothing where it was stopped.
+    fn run(&self, thread: usize, point: usize, replicate: usize) -> io::Result<Option<Ended>> {
+        let job = self.study.points[point].replicate(replicate);
+        let request = job.packing();
+        let id = format!("{point}-{replicate}");
+        let resume = self.checkpoints.resume(&id, &request);
+        let start = Instant::now();
+        let control = Watch {
+            crew: self,
+            thread,
+            deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
+            timed_out: Cell::new(false),
+            keeper: self.checkpoints.keeper(&id, ATTEMPT),
+        };
+        let packed = catch_unwind(AssertUnwindSafe(|| {
+            packstone_engine::pack_or_resume(&request, &self.limits, resume, &control)
+        }));
+        let time_s = start.elapsed().as_secs_f64();
+        let (outcome, facts, fault) = match &packed {
+            Ok(Ok(packing)) => (Outcome::Succeeded, Facts::of_packing(&packing.report), None),
+            Ok(Err(PackError::Stopped { .. })) if !control.timed_out.get() => return Ok(None),
+            Ok(Err(error @ PackError::Stopped { .. })) => {
+                (Outcome::TargetNotReached, Facts::of_failure(error, time_s), None)
+            }
+            Ok(Err(error)) => {
+                let outcome = Outcome::of_failure(error);
+                let fault = (outcome == Outcome::Void).then(|| error.to_string());
+                (outcome, Facts::of_failure(error, time_s), fault)
+            }
+            // The message went to standard error already.
+            Err(_) => {
+                let fault = "it came upon a defect of this program".into();
+                (Outcome::Void, Facts { time_s, ..Facts::default() }, Some(fault))
+            }
+        };
+        let (mut distance_curve, mut unmade) = (Vec::new(), None);
+        if let Ok(Ok(packing)) = packed {
+            if replicate == 0 {
+                distance_curve.clone_from(&packing.report.distance_curve);
+            }
+            match self.derive(&id, &job, &packing, &control) {
+                Ok(()) => {}
+                Err(ExportError::Stopped) => return Ok(None),
+                Err(ExportError::Write(error)) => return Err(named(&self.results, &error)),
+                Err(error) => unmade = Some(models::explained(error)),
+            }
+            self.keep(&id, &job, packing)?;
+        }
+        self.checkpoints.remove(&id, ATTEMPT);
+        let entry = Entry { point, replicate, seed: job.seed, outcome, facts, distance_curve };
+        Ok(Some(Ended { entry, fault: fault.or(unmade) }))
+    }
+
+    /// Makes of a packing what its job asks for.
+    fn derive(
+        &self,
+        id: &str,
+        job: &JobRequest,
+        packing: &Packing,
+        control: &Watch<'_>,
+    ) -> Result<(), ExportError> {
+        let items = job.postprocess.items();
+        if !items.is_empty() {
+            make_folder(&self.results)?;
+        }
+        // The time limit is the packing's.
+        let control = Unhurried(control);
+        let mut names = Names::of(id);
+        let model = Model { specimen: &job.specimen, spheres: &packing.spheres };
+        for (_, export) in items {
+            let file = self.results.join(names.of_model(export));
+            models::write(export, &model, &self.limits, &control, &file)?;
+        }
+        Ok(())
+    }
+
+    /// Writes a packing in the formats asked for.
+    fn keep(&self, id: &str, job: &JobRequest, packing: Packing) -> io::Result<()> {
+        if self.formats.is_empty() {
+            return Ok(());
+        }
+        let head = Head {
+            job_id: None,
+            request: serde_json::to_value(job)?,
+            engine: EngineInfo::current(),
+            report: packing.report,
+        };
+        for format in self.formats {
+            let file = self.results.join(format!("{id}.{}", format.name()));
+            run::write(&file, *format, &head, &packing.spheres).map_err(|error| named(&file, &error))?;
+        }
+        Ok(())
+    }
+}
+
+/// Control that stops where the crew is asked to, and tells of nothing.
+struct Unhurried<'a>(&'a Watch<'a>);
+
+impl Control for Unhurried<'_> {
+    fn report(&self, _: &Progress) {}
+
+    fn should_stop(&self) -> bool {
+        self.0.crew.stop.load(Ordering::Acquire)
+    }
+}
+
+/// Makes a folder, with its name in what went wrong.
+pub(super) fn make_folder(folder: &Path) -> io::Result<()> {
+    fs::create_dir_all(folder).map_err(|error| named(folder, &error))
+}
+
+fn named(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("{} cannot be written: {error}", path.display()))
+}
+
+/// Control of one run.
+struct Watch<'a> {
+    crew: &'a Crew<'a>,
+    thread: usize,
+    deadline: Option<Instant>,
+    timed_out: Cell<bool>,
+    keeper: Keeper,
+}
+
+impl Control for Watch<'_> {
+    fn report(&self, progress: &Progress) {
+        self.crew.done(self.thread, progress.fraction.clamp(0.0, 1.0));
+    }
+
+    fn should_stop(&self) -> bool {
+        if self.crew.stop.load(Ordering::Acquire) {
+            return true;
+        }
+        if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            self.timed_out.set(true);
+        }
+        self.timed_out.get()
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.keeper.is_due()
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        self.keeper.keep(checkpoint);
+    }
+}

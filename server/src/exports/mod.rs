@@ -1,0 +1,172 @@
+//! What is made of finished packings: meshes, voxels, cuts, lattice models.
+//!
+//! `queued -> running -> succeeded | failed`. Whoever asks, by a format of a result, by a request of its own or
+//! beforehand in a job, asks the store; [`export_worker`] makes what waits there, each thing once. What was asked for by a
+//! format only is a cache. What is made, and how, is the engine's secret; nothing here knows HTTP.
+
+pub(crate) mod worker;
+
+use packstone_engine::export::{ExportRequest, ExportType, REVISION};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use crate::hex;
+use crate::ids::{ExportId, JobId};
+use crate::problem::{Kind, Problem};
+
+/// Most that one job may ask for beforehand.
+pub(crate) const MAX_POSTPROCESS: usize = 8;
+/// Most that is kept of one job.
+pub(crate) const MAX_KEPT: u64 = 100;
+/// Most that may wait because clients asked for it; what jobs asked for beforehand is bounded by the jobs.
+pub(crate) const MAX_WAITING: u64 = 1000;
+
+/// Where something export stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum ExportState {
+    /// Waits to be made.
+    Queued,
+    /// It is being made.
+    Running,
+    /// Its file is stored.
+    Succeeded,
+    /// It could not be made; `error` says why.
+    Failed,
+}
+
+impl ExportState {
+    const ALL: [Self; 4] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed];
+
+    /// Name in the interface and in the store.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+        }
+    }
+
+    /// The state of that name.
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.name() == name)
+    }
+
+    /// Whether it goes no further by itself.
+    pub(crate) fn is_finished(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed)
+    }
+}
+
+/// A stored file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct StoredFile {
+    /// Place below the artifacts' folder.
+    pub(crate) path: String,
+    pub(crate) bytes: u64,
+    /// SHA-256 in hexadecimal.
+    pub(crate) sha256: String,
+}
+
+/// Something export as the store keeps it. Times are microseconds since the Unix epoch.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ExportRecord {
+    pub(crate) seq: i64,
+    pub(crate) id: ExportId,
+    pub(crate) job: JobId,
+    pub(crate) job_seq: i64,
+    pub(crate) key: String,
+    pub(crate) kind: ExportType,
+    /// With its `type`, and defaults filled in.
+    pub(crate) options: Value,
+    /// Stays with its job.
+    pub(crate) kept: bool,
+    pub(crate) state: ExportState,
+    pub(crate) attempt: i64,
+    pub(crate) version: i64,
+    pub(crate) progress: Option<Value>,
+    pub(crate) file: Option<StoredFile>,
+    pub(crate) report: Option<Value>,
+    pub(crate) error: Option<Value>,
+    pub(crate) created_at: i64,
+    pub(crate) started_at: Option<i64>,
+    pub(crate) finished_at: Option<i64>,
+    pub(crate) updated_at: i64,
+}
+
+impl ExportRecord {
+    /// What is, or was, to be made. Options of an earlier version may mean nothing any more.
+    pub(crate) fn export(&self) -> Option<ExportRequest> {
+        ExportRequest::from_json(&self.options).ok()
+    }
+}
+
+/// Something to derive, as the store takes it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct NewExport {
+    /// Names all that decides the bytes: the result, what is made of it, and how this build makes it.
+    pub(crate) key: String,
+    pub(crate) kind: ExportType,
+    /// JSON with its `type`, and defaults filled in.
+    pub(crate) options: String,
+    /// Made in a moment: need not wait behind what takes long.
+    pub(crate) quick: bool,
+}
+
+impl NewExport {
+    /// What makes this of the result with that digest.
+    pub(crate) fn new(export: &ExportRequest, result_sha256: &str) -> Self {
+        // A value of plain fields always has a JSON form; its fields stand in one order.
+        let options = serde_json::to_string(export).unwrap_or_default();
+        let key = hex::sha256(format!("{result_sha256}\n{options}\n{REVISION}").as_bytes());
+        let kind = export.export_type();
+        Self { key, kind, options, quick: kind.is_quick() }
+    }
+}
+
+/// Whether a failure may be none when it is tried again: a full disk or a crash, but not what the options or the
+/// packing decide.
+pub(crate) fn is_transient(error: Option<&Value>) -> bool {
+    let slug = error.and_then(|error| error["type"].as_str()).and_then(|uri| uri.rsplit('/').next());
+    matches!(slug.and_then(Kind::from_slug), None | Some(Kind::InternalError | Kind::AttemptsExhausted))
+}
+
+/// Why it could not be made, as a problem for whoever asks for the file.
+pub(crate) fn failure(record: &ExportRecord) -> Problem {
+    record.error.as_ref().and_then(Problem::from_document).unwrap_or_else(Problem::internal)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn export(options: &Value, result: &str) -> NewExport {
+        NewExport::new(&ExportRequest::from_json(options).unwrap(), result)
+    }
+
+    #[test]
+    fn a_key_depends_on_result_and_options_and_not_on_how_they_are_written() {
+        let first = export(&json!({"type": "slice", "axis": "z", "form": "json"}), "aa");
+        assert_eq!(first, export(&json!({"form": "json", "axis": "z", "type": "slice"}), "aa"));
+        assert_eq!(first, export(&json!({"type": "slice", "form": "json"}), "aa"), "defaults are filled in");
+        assert_ne!(first.key, export(&json!({"type": "slice", "form": "svg"}), "aa").key);
+        assert_ne!(first.key, export(&json!({"type": "slice", "form": "json"}), "ab").key);
+        let read_back = ExportRequest::from_json(&serde_json::from_str(&first.options).unwrap()).unwrap();
+        assert_eq!(NewExport::new(&read_back, "aa"), first);
+    }
+
+    #[test]
+    fn only_what_may_go_away_is_transient() {
+        let error = |kind: Kind| Value::Object(Problem::new(kind, "").document());
+        assert!(is_transient(Some(&error(Kind::InternalError))));
+        assert!(is_transient(None));
+        for lasting in [Kind::TooLarge, Kind::FormatNotAvailable, Kind::CheckFailed, Kind::ValidationError] {
+            assert!(!is_transient(Some(&error(lasting))), "{}", lasting.slug());
+        }
+    }
+}

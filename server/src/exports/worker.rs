@@ -1,0 +1,248 @@
+//! Those who make what is export: each takes the next thing that waits, has the engine make it on a thread of the
+//! blocking pool, and writes down how that ended.
+//!
+//! There are few of them beside the workers, and one more for what is made in a moment, so that a cut need not wait for a
+//! lattice model. Each watches its run from outside, as workers do: progress out, the server's stop and the
+//! deletion of what it makes in.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use packstone_engine::export::{ExportError, ExportRequest, Model};
+use packstone_engine::request::Specimen;
+use packstone_engine::{Limits, export::tables};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
+use tokio_util::sync::CancellationToken;
+use tracing::Instrument as _;
+
+use super::{ExportRecord, StoredFile};
+use crate::artifacts::{Artifacts, InFlight};
+use crate::jobs::control::{RunControl, Stop};
+use crate::jobs::runner::as_recorded;
+use crate::jobs::store::{ClaimedExport, Store, StoreError};
+use crate::metrics::Metrics;
+use crate::pace::Pace;
+use crate::problem::{Kind, Problem};
+
+/// Progress is recorded no more often than this.
+const PROGRESS_EVERY: Duration = Duration::from_millis(500);
+/// A store that fails gets this much time before the next try.
+const STORE_PAUSE: Duration = Duration::from_secs(1);
+/// Memory of a sphere in columns.
+const SPHERE_BYTES: u64 = 32;
+
+/// What each of them needs.
+#[derive(Clone, Debug)]
+pub(crate) struct ExportWorker {
+    pub(crate) store: Store,
+    pub(crate) artifacts: Artifacts,
+    pub(crate) limits: Limits,
+    pub(crate) metrics: Arc<Metrics>,
+    /// When cancelled, what is being made goes back to its queue.
+    pub(crate) shutdown: CancellationToken,
+    /// Most bytes that files hold which nobody has asked to be kept.
+    pub(crate) cache_bytes: u64,
+}
+
+/// How making something ended.
+enum End {
+    /// The file is on disk; its place stays claimed until the store refers to it.
+    Made {
+        file: StoredFile,
+        report: serde_json::Value,
+        _place: InFlight,
+    },
+    Failed(Box<Problem>),
+    Stopped(Stop),
+}
+
+impl ExportWorker {
+    /// Makes what waits, or only what is `quick`, until the server stops.
+    pub(crate) async fn work(self, quick: bool) {
+        while !self.shutdown.is_cancelled() {
+            match self.store.claim_export(quick).await {
+                Ok(Some(claimed)) => {
+                    // Another may take the next of a burst that woke only this one.
+                    self.store.wake_export_workers();
+                    let of = &claimed.export;
+                    let span = tracing::info_span!("derive", job_id = %of.job, export_id = %of.id,
+                        kind = of.kind.name(), attempt = of.attempt);
+                    self.run(claimed).instrument(span).await;
+                }
+                Ok(None) => {
+                    tokio::select! {
+                        () = self.store.exports_queued(quick) => {}
+                        () = self.shutdown.cancelled() => {}
+                    }
+                }
+                Err(error) => {
+                    tracing::error!(%error, "nothing to derive could be claimed");
+                    tokio::select! {
+                        () = sleep(STORE_PAUSE) => {}
+                        () = self.shutdown.cancelled() => {}
+                    }
+                }
+            }
+        }
+    }
+
+    async fn run(&self, claimed: ClaimedExport) {
+        let started = Instant::now();
+        let record = claimed.export.clone();
+        let control = Arc::new(RunControl::default());
+        let mut making = tokio::task::spawn_blocking({
+            let (export_worker, control, span) =
+                (self.clone(), Arc::clone(&control), tracing::Span::current());
+            move || span.in_scope(|| export_worker.make(&claimed, &control))
+        });
+        let end = tokio::select! {
+            end = &mut making => end,
+            never = self.watch(&record, &control, started) => match never {},
+        };
+        let end = end.unwrap_or_else(|panic| {
+            tracing::error!(%panic, "making it panicked");
+            let detail = "making it came upon a defect of this program; the log has it under its id";
+            End::Failed(Box::new(Problem::new(Kind::InternalError, detail)))
+        });
+        self.record_end(&record, end, started.elapsed()).await;
+    }
+
+    /// Watches a run for as long as it lasts.
+    async fn watch(
+        &self,
+        record: &ExportRecord,
+        control: &RunControl,
+        started: Instant,
+    ) -> std::convert::Infallible {
+        // Both are told when what they name goes; each also of what changes nothing here.
+        let (mut changes, mut job) =
+            (self.store.subscribe_export(record.id), self.store.subscribe(record.job));
+        let mut tick = interval(PROGRESS_EVERY);
+        tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut pace = Pace::default();
+        loop {
+            let wanted = tokio::select! {
+                () = changes.changed() => self.store.export_is_wanted(record).await,
+                () = job.changed() => self.store.export_is_wanted(record).await,
+                () = self.shutdown.cancelled(), if control.stopped().is_none() => {
+                    control.stop(Stop::Shutdown);
+                    continue;
+                }
+                _ = tick.tick() => match control.take_progress() {
+                    Some(progress) => {
+                        let news = as_recorded(&progress, &mut pace, started.elapsed());
+                        self.store.export_progress(record, news).await
+                    }
+                    None => continue,
+                },
+            };
+            match wanted {
+                Ok(true) => {}
+                Ok(false) => control.stop(Stop::Cancelled),
+                Err(error) => tracing::warn!(%error, "progress was not recorded"),
+            }
+        }
+    }
+
+    /// The work itself, on a thread that may block.
+    fn make(&self, claimed: &ClaimedExport, control: &RunControl) -> End {
+        match self.try_make(claimed, control) {
+            Ok(end) => end,
+            Err(problem) => control.stopped().map_or(End::Failed(problem), End::Stopped),
+        }
+    }
+
+    fn try_make(&self, claimed: &ClaimedExport, control: &RunControl) -> Result<End, Box<Problem>> {
+        let record = &claimed.export;
+        let export = ExportRequest::from_json(&record.options)
+            .map_err(|faults| Box::new(Problem::fields(Kind::ValidationError, faults)))?;
+        let unreadable = |error: &dyn std::fmt::Display| {
+            tracing::error!(%error, "the stored result is unreadable");
+            Box::new(Problem::new(Kind::InternalError, "the stored result is missing or damaged"))
+        };
+        let stored = self.artifacts.read(&claimed.result).map_err(|error| unreadable(&error))?;
+        let specimen = Specimen::from_json(&stored.head().request["specimen"])
+            .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
+        let spheres = tables::load(&stored).map_err(|error| unreadable(&error))?;
+        drop(stored);
+        let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
+        let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
+        let limits = Limits { max_model_bytes, ..self.limits };
+        let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
+        let model = Model { specimen: &specimen, spheres: &spheres };
+        let written = self
+            .artifacts
+            .write_export(&place, control, |out| export.write(&model, &limits, control, out))
+            .map_err(|error| Box::new(logged(error)))?;
+        let (file, report) = written;
+        let report = serde_json::to_value(&report).map_err(|error| unreadable(&error))?;
+        Ok(End::Made { file, report, _place: place })
+    }
+
+    /// Writes down how it ended, and keeps trying: the work is done.
+    async fn record_end(&self, record: &ExportRecord, end: End, took: Duration) {
+        loop {
+            let (outcome, recorded) = match &end {
+                End::Made { file, report, .. } => {
+                    ("succeeded", self.store.export_made(record, file.clone(), report.clone()).await)
+                }
+                End::Failed(problem) => ("failed", self.store.export_failed(record, problem).await),
+                End::Stopped(Stop::Shutdown) => ("given_back", self.store.export_requeued(record).await),
+                End::Stopped(_) => ("called_off", Ok::<_, StoreError>(false)),
+            };
+            match recorded {
+                Ok(wanted) => {
+                    tracing::info!(outcome, wanted, took_s = took.as_secs_f64(), "ended");
+                    self.metrics.export_ended(record.kind.name(), outcome, took);
+                    if let End::Made { file, .. } = &end {
+                        if wanted {
+                            self.shrink_cache(record).await;
+                        } else {
+                            self.remove(std::slice::from_ref(&file.path));
+                        }
+                    }
+                    return;
+                }
+                Err(error) => {
+                    tracing::error!(%error, "the end was not recorded; trying again");
+                    // Nothing else could be claimed from such a store; at the next start it is taken back.
+                    tokio::select! {
+                        () = sleep(STORE_PAUSE) => {}
+                        () = self.shutdown.cancelled() => return,
+                    }
+                }
+            }
+        }
+    }
+
+    async fn shrink_cache(&self, made: &ExportRecord) {
+        match self.store.shrink_cache(self.cache_bytes, made.id).await {
+            Ok(paths) if paths.is_empty() => {}
+            Ok(paths) => {
+                tracing::info!(files = paths.len(), "dropped what was used longest ago of the cache");
+                self.remove(&paths);
+            }
+            Err(error) => tracing::warn!(%error, "the cache was not shrunk"),
+        }
+    }
+
+    fn remove(&self, paths: &[String]) {
+        for path in paths {
+            if let Err(error) = self.artifacts.remove(path) {
+                tracing::warn!(%error, path, "a file is left to the sweeper");
+            }
+        }
+    }
+}
+
+fn logged(error: ExportError) -> Problem {
+    match &error {
+        ExportError::Write(error) if error.kind() != io::ErrorKind::ConnectionAborted => {
+            tracing::error!(%error, "what was made was not written");
+        }
+        ExportError::CheckFailed(what) => tracing::error!(%what, "what was made failed its check"),
+        _ => {}
+    }
+    error.into()
+}

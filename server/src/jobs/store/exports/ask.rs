@@ -1,0 +1,252 @@
+//! Asking for something export, and calling it off.
+
+use sqlx::{Connection as _, Row as _, SqliteConnection};
+
+use super::super::{Store, StoreError, detached, now_us};
+use super::{by_seq, export, select_exports, touch_job};
+use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, is_transient};
+use crate::ids::{ExportId, JobId};
+
+/// What a client wants of something export.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wish {
+    /// Its file, now: it may go afterwards.
+    Use,
+    /// To stay with its job.
+    Keep,
+}
+
+impl Store {
+    /// Finds something export of a job that succeeded, or takes it in to be made; says whether it was taken in.
+    /// What failed for a reason that may be gone is tried again. What is to be kept is safe on disk when this
+    /// returns; of a cache nothing is lost by a power cut.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::TooManyWait`], [`StoreError::TooManyKept`], or the database's.
+    pub(crate) async fn request_export(
+        &self,
+        job: JobId,
+        new: NewExport,
+        wish: Wish,
+    ) -> Result<(ExportRecord, bool), StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let asked = if wish == Wish::Keep {
+                ask(&mut writer, job, &new, wish).await
+            } else {
+                sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
+                let asked = ask(&mut writer, job, &new, wish).await;
+                sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
+                asked
+            };
+            drop(writer);
+            let Asked { record, created, job_changed } = asked?;
+            if record.state == ExportState::Queued {
+                store.wake_export_workers();
+            }
+            store.notify_export(record.id);
+            if job_changed {
+                store.announce(job);
+            }
+            Ok((record, created))
+        })
+        .await
+    }
+
+    /// Sends something export back to be made whose file is not what was stored; others, and those that are being
+    /// made again already, are left alone.
+    pub(crate) async fn requeue_export(&self, seq: i64, path: String) -> Result<(), StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            sqlx::query(
+                "update exports set state = 'queued', attempt = attempt + 1, version = version + 1, rank = 0,
+                     path = null, bytes = null, sha256 = null, report = null, progress = null, started_at = null,
+                     finished_at = null, updated_at = ?1
+                 where seq = ?2 and state = 'succeeded' and path = ?3",
+            )
+            .bind(now_us())
+            .bind(seq)
+            .bind(path)
+            .execute(&mut *writer)
+            .await?;
+            drop(writer);
+            store.wake_export_workers();
+            Ok(())
+        })
+        .await
+    }
+
+    /// Removes something export, whatever its state, and tells the path of its file, which nothing refers to any
+    /// more. Who makes it finds it gone.
+    ///
+    /// # Errors
+    /// [`StoreError::NoExport`], or the database's.
+    pub(crate) async fn delete_export(&self, job: JobId, id: ExportId) -> Result<Option<String>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let row = sqlx::query(select_exports!("where exports.id = ? and jobs.id = ?"))
+                .bind(id.to_string())
+                .bind(job.to_string())
+                .fetch_optional(&mut *tx)
+                .await?;
+            let record = export(&row.ok_or(StoreError::NoExport)?)?;
+            sqlx::query("delete from exports where seq = ?").bind(record.seq).execute(&mut *tx).await?;
+            if record.kept {
+                touch_job(&mut tx, record.job_seq, now_us()).await?;
+            }
+            tx.commit().await?;
+            drop(writer);
+            store.notify_export(id);
+            if record.kept {
+                store.announce(job);
+            }
+            Ok(record.file.map(|file| file.path))
+        })
+        .await
+    }
+}
+
+struct Asked {
+    record: ExportRecord,
+    created: bool,
+    job_changed: bool,
+}
+
+async fn ask(
+    writer: &mut SqliteConnection,
+    job: JobId,
+    new: &NewExport,
+    wish: Wish,
+) -> Result<Asked, StoreError> {
+    let mut tx = writer.begin_with("begin immediate").await?;
+    let job: i64 = sqlx::query("select seq from jobs where id = ? and state = 'succeeded'")
+        .bind(job.to_string())
+        .fetch_optional(&mut *tx)
+        .await?
+        .ok_or(StoreError::NoJob)?
+        .try_get("seq")?;
+    let now = now_us();
+    let known = sqlx::query(select_exports!("where exports.job = ? and exports.key = ?"))
+        .bind(job)
+        .bind(&new.key)
+        .fetch_optional(&mut *tx)
+        .await?;
+    let known = known.as_ref().map(export).transpose()?;
+    let keep = wish == Wish::Keep && !known.as_ref().is_some_and(|known| known.kept);
+    if keep {
+        check_kept(&mut tx, job).await?;
+    }
+    let seq = if let Some(known) = &known {
+        let again = known.state == ExportState::Failed && is_transient(known.error.as_ref());
+        update(&mut tx, known, again, keep, now).await?;
+        known.seq
+    } else {
+        check_waiting(&mut tx).await?;
+        let inserted = insert(&mut tx, job, new, Row { kept: keep, rank: 0, now }).await?;
+        inserted.ok_or(StoreError::NoExport)?
+    };
+    if keep {
+        touch_job(&mut tx, job, now).await?;
+    }
+    let record = by_seq(&mut tx, seq).await?;
+    tx.commit().await?;
+    Ok(Asked { record, created: known.is_none(), job_changed: keep })
+}
+
+/// Somebody waits for it now; it may be tried `again`, and be kept from now on.
+async fn update(
+    connection: &mut SqliteConnection,
+    known: &ExportRecord,
+    again: bool,
+    keep: bool,
+    now: i64,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "update exports set used_at = ?2, rank = iif(state = 'queued' or ?3, 0, rank), kept = kept or ?4,
+             version = version + (?3 or ?4), updated_at = iif(?3 or ?4, ?2, updated_at)
+         where seq = ?1",
+    )
+    .bind(known.seq)
+    .bind(now)
+    .bind(again)
+    .bind(keep)
+    .execute(&mut *connection)
+    .await?;
+    if again {
+        sqlx::query(
+            "update exports set state = 'queued', attempt = 1, error = null, progress = null, started_at = null,
+                 finished_at = null
+             where seq = ?",
+        )
+        .bind(known.seq)
+        .execute(connection)
+        .await?;
+    }
+    Ok(())
+}
+
+/// Takes in what a job asked for beforehand, in the transaction that ends it.
+pub(in crate::jobs::store) async fn insert_beforehand(
+    connection: &mut SqliteConnection,
+    job: i64,
+    new: &[NewExport],
+    now: i64,
+) -> Result<(), StoreError> {
+    for new in new {
+        insert(connection, job, new, Row { kept: true, rank: 1, now }).await?;
+    }
+    Ok(())
+}
+
+struct Row {
+    kept: bool,
+    rank: i64,
+    now: i64,
+}
+
+/// The number of the new row; `None` where the job has the same thing already.
+async fn insert(
+    connection: &mut SqliteConnection,
+    job: i64,
+    new: &NewExport,
+    row: Row,
+) -> Result<Option<i64>, StoreError> {
+    let inserted = sqlx::query(
+        "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at)
+         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9)
+         on conflict (job, key) do nothing returning seq",
+    )
+    .bind(ExportId::new().to_string())
+    .bind(job)
+    .bind(&new.key)
+    .bind(new.kind.name())
+    .bind(&new.options)
+    .bind(row.kept)
+    .bind(new.quick)
+    .bind(row.rank)
+    .bind(row.now)
+    .fetch_optional(connection)
+    .await?;
+    Ok(inserted.map(|row| row.try_get("seq")).transpose()?)
+}
+
+async fn check_kept(connection: &mut SqliteConnection, job: i64) -> Result<(), StoreError> {
+    let kept: i64 = sqlx::query_scalar("select count(*) from exports where job = ? and kept")
+        .bind(job)
+        .fetch_one(connection)
+        .await?;
+    if kept as u64 >= MAX_KEPT { Err(StoreError::TooManyKept { most: MAX_KEPT }) } else { Ok(()) }
+}
+
+async fn check_waiting(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    let waiting: i64 = sqlx::query_scalar(
+        "select count(*) from exports indexed by exports_queue where state = 'queued' and rank = 0",
+    )
+    .fetch_one(connection)
+    .await?;
+    if waiting as u64 >= MAX_WAITING { Err(StoreError::TooManyWait { most: MAX_WAITING }) } else { Ok(()) }
+}

@@ -1,0 +1,94 @@
+//! What is made of results, in the store.
+//!
+//! There is one row for one thing, however often and by whichever way it is asked for: the unique key sees to it. A
+//! row leaves with its job; who works at it finds it gone. As the data directory is one service's own, a row that
+//! is running at the start belongs to nobody, so there are no leases; the attempt keeps the late word of one that
+//! was taken back from being heard.
+
+mod ask;
+mod query;
+#[cfg(test)]
+mod tests;
+mod work;
+
+use serde_json::Value;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row as _, SqliteConnection};
+
+use super::{StoreError, rows};
+use crate::exports::{ExportRecord, ExportState, StoredFile};
+use crate::ids::ExportId;
+
+pub(crate) use ask::Wish;
+pub(super) use ask::insert_beforehand;
+pub(super) use query::files_of_job;
+pub(crate) use work::ClaimedExport;
+
+/// A query for what is export, with the ids of the jobs; `$tail` holds what follows.
+macro_rules! select_exports {
+    ($tail:literal) => {
+        concat!("select export.*, jobs.id as job_id from exports join jobs on jobs.seq = exports.job ", $tail)
+    };
+}
+use select_exports;
+
+/// Reads a row of [`select_exports!`].
+fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
+    let file = match row.try_get::<Option<String>, _>("path")? {
+        None => None,
+        Some(path) => Some(StoredFile {
+            path,
+            bytes: row.try_get::<i64, _>("bytes")? as u64,
+            sha256: row.try_get("sha256")?,
+        }),
+    };
+    let optional_json = |column| -> Result<Option<Value>, StoreError> {
+        row.try_get::<Option<String>, _>(column)?.as_deref().map(rows::json).transpose()
+    };
+    let name: String = row.try_get("state")?;
+    let state = ExportState::from_name(&name);
+    Ok(ExportRecord {
+        seq: row.try_get("seq")?,
+        id: export_id(&row.try_get::<String, _>("id")?)?,
+        job: rows::job_id(&row.try_get::<String, _>("job_id")?)?,
+        job_seq: row.try_get("job")?,
+        key: row.try_get("key")?,
+        kind: rows::json(&format!("\"{}\"", row.try_get::<String, _>("type")?))?,
+        options: rows::json(&row.try_get::<String, _>("options")?)?,
+        kept: row.try_get("kept")?,
+        state: state.ok_or_else(|| StoreError::Row(format!("unknown state {name:?}")))?,
+        attempt: row.try_get("attempt")?,
+        version: row.try_get("version")?,
+        progress: optional_json("progress")?,
+        file,
+        report: optional_json("report")?,
+        error: optional_json("error")?,
+        created_at: row.try_get("created_at")?,
+        started_at: row.try_get("started_at")?,
+        finished_at: row.try_get("finished_at")?,
+        updated_at: row.try_get("updated_at")?,
+    })
+}
+
+fn export_id(text: &str) -> Result<ExportId, StoreError> {
+    ExportId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no id of something export")))
+}
+
+/// The one of that number, which the caller knows to exist.
+async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<ExportRecord, StoreError> {
+    let row = sqlx::query(select_exports!("where exports.seq = ?"))
+        .bind(seq)
+        .fetch_optional(&mut *connection)
+        .await?;
+    export(&row.ok_or(StoreError::NoExport)?)
+}
+
+/// What clients see of a job has changed: what is kept of it.
+async fn touch_job(connection: &mut SqliteConnection, job: i64, now: i64) -> Result<(), StoreError> {
+    sqlx::query("update jobs set version = version + 1, updated_at = ? where seq = ?")
+        .bind(now)
+        .bind(job)
+        .execute(connection)
+        .await?;
+    Ok(())
+}

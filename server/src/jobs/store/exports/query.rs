@@ -1,0 +1,112 @@
+//! Looking at what is export.
+
+use std::collections::BTreeMap;
+
+use packstone_engine::export::ExportType;
+use sqlx::{Row as _, SqliteConnection};
+
+use super::super::{Store, StoreError, rows};
+use super::{export, export_id, select_exports};
+use crate::exports::{ExportRecord, ExportState};
+use crate::ids::{ExportId, JobId};
+
+/// How many are in each state, and what the cache holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct ExportCounts {
+    pub(crate) states: BTreeMap<ExportState, u64>,
+    pub(crate) cache_bytes: u64,
+}
+
+impl Store {
+    /// Something export of that job, or `None` where there is none (any more).
+    pub(crate) async fn export(&self, job: JobId, id: ExportId) -> Result<Option<ExportRecord>, StoreError> {
+        let row = sqlx::query(select_exports!("where exports.id = ? and jobs.id = ?"))
+            .bind(id.to_string())
+            .bind(job.to_string())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(export).transpose()
+    }
+
+    /// Whether a job has, or had before it was dropped, the thing of that key.
+    pub(crate) async fn knows_export(&self, job: i64, key: &str) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from exports where job = ? and key = ?")
+            .bind(job)
+            .bind(key)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
+    /// A page of at most `limit` of what is export of a job, newest first, below number `before`; and the number
+    /// below which more follow.
+    pub(crate) async fn list_exports(
+        &self,
+        job: i64,
+        before: Option<i64>,
+        limit: u32,
+    ) -> Result<(Vec<ExportRecord>, Option<i64>), StoreError> {
+        let rows = sqlx::query(select_exports!(
+            "where exports.job = ? and exports.seq < ? order by exports.seq desc limit ?"
+        ))
+        .bind(job)
+        .bind(before.unwrap_or(i64::MAX))
+        .bind(i64::from(limit) + 1)
+        .fetch_all(self.readers())
+        .await?;
+        let mut found = rows.iter().map(export).collect::<Result<Vec<_>, _>>()?;
+        let more = found.len() > limit as usize;
+        found.truncate(limit as usize);
+        let next = found.last().filter(|_| more).map(|last| last.seq);
+        Ok((found, next))
+    }
+
+    /// Ids and types of what is kept of a job, oldest first. The job's version changes with them.
+    pub(crate) async fn kept_of(&self, job: i64) -> Result<Vec<(ExportId, ExportType)>, StoreError> {
+        let rows = sqlx::query("select id, type from exports where job = ? and kept order by seq")
+            .bind(job)
+            .fetch_all(self.readers())
+            .await?;
+        rows.iter()
+            .map(|row| {
+                let kind = rows::json(&format!("\"{}\"", row.try_get::<String, _>("type")?))?;
+                Ok((export_id(&row.try_get::<String, _>("id")?)?, kind))
+            })
+            .collect()
+    }
+
+    /// How many there are, and what the cache holds.
+    pub(crate) async fn export_counts(&self) -> Result<ExportCounts, StoreError> {
+        let rows = sqlx::query("select state, exports, cache_bytes from export_counts")
+            .fetch_all(self.readers())
+            .await?;
+        let mut counts = ExportCounts::default();
+        for row in rows {
+            let name: String = row.try_get("state")?;
+            let state = ExportState::from_name(&name)
+                .ok_or_else(|| StoreError::Row(format!("unknown state {name:?}")))?;
+            counts.states.insert(state, row.try_get::<i64, _>("exports")? as u64);
+            counts.cache_bytes += row.try_get::<i64, _>("cache_bytes")? as u64;
+        }
+        Ok(counts)
+    }
+}
+
+/// The files that a job has besides its result, and what is export of it and not finished.
+pub(in crate::jobs::store) async fn files_of_job(
+    connection: &mut SqliteConnection,
+    job: i64,
+) -> Result<(Vec<String>, Vec<ExportId>), StoreError> {
+    let rows = sqlx::query("select id, path, state from exports where job = ?")
+        .bind(job)
+        .fetch_all(connection)
+        .await?;
+    let (mut files, mut open) = (Vec::new(), Vec::new());
+    for row in rows {
+        files.extend(row.try_get::<Option<String>, _>("path")?);
+        if ["queued", "running"].contains(&row.try_get::<String, _>("state")?.as_str()) {
+            open.push(export_id(&row.try_get::<String, _>("id")?)?);
+        }
+    }
+    Ok((files, open))
+}

@@ -1,0 +1,287 @@
+//! What is export, on real files: one row for one thing, who may move it, what goes with it, and old data directories.
+
+#![allow(clippy::unwrap_used)]
+
+use packstone_engine::export::ExportRequest;
+use serde_json::json;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{Connection as _, SqliteConnection};
+
+use super::super::migrations::migrations_to;
+use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
+use super::super::{Store, StoreError, Wish};
+use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
+use crate::jobs::{JobId, JobRecord};
+use crate::problem::{Kind, Problem};
+use crate::studies::Facts;
+
+fn cut(at_mm: f64) -> NewExport {
+    let export = ExportRequest::from_json(&json!({"type": "slice", "at_mm": at_mm})).unwrap();
+    NewExport::new(&export, "ab")
+}
+
+/// The same as something that takes its time.
+fn slow(at_mm: f64) -> NewExport {
+    NewExport { quick: false, ..cut(at_mm) }
+}
+
+async fn finished(store: &Store, postprocess: Vec<NewExport>) -> JobRecord {
+    let job = submit(store, json!({})).await;
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    let path = format!("{}.1", lease.id);
+    store.succeed(lease, artifact(&path), progress(1.0), Facts::default(), postprocess).await.unwrap();
+    store.get(job.id).await.unwrap().unwrap()
+}
+
+fn file(path: &str, bytes: u64) -> StoredFile {
+    StoredFile { path: path.into(), bytes, sha256: "cd".repeat(32) }
+}
+
+async fn make(store: &Store, path: &str, bytes: u64) -> ExportRecord {
+    let claimed = store.claim_export(false).await.unwrap().unwrap().export;
+    assert!(store.export_made(&claimed, file(path, bytes), json!({"n": 1})).await.unwrap());
+    again(store, &claimed).await.unwrap()
+}
+
+async fn again(store: &Store, record: &ExportRecord) -> Option<ExportRecord> {
+    store.export(record.job, record.id).await.unwrap()
+}
+
+async fn ask(store: &Store, job: JobId, new: NewExport, wish: Wish) -> (ExportRecord, bool) {
+    store.request_export(job, new, wish).await.unwrap()
+}
+
+#[tokio::test]
+async fn the_same_is_made_once_however_often_it_is_asked_for() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    let (first, created) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    assert!(created && !first.kept && first.state == ExportState::Queued);
+    let (second, created) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    assert!(!created && second.id == first.id);
+    assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, first.id);
+    assert_eq!(store.claim_export(false).await.unwrap(), None, "it is being made");
+    let (running, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    assert_eq!(running.state, ExportState::Running);
+    assert!(store.export_progress(&running, progress(0.5)).await.unwrap());
+    assert!(store.export_made(&running, file("p", 7), json!({"n": 1})).await.unwrap());
+    let made = again(&store, &first).await.unwrap();
+    assert_eq!((made.state, made.file.clone()), (ExportState::Succeeded, Some(file("p", 7))));
+    assert_eq!((made.report, made.progress), (Some(json!({"n": 1})), None));
+    assert!(!store.export_made(&running, file("q", 7), json!({})).await.unwrap(), "it has ended");
+    let other = ask(&store, job.id, cut(2.0), Wish::Use).await;
+    assert!(other.1, "another thing");
+    assert_eq!(store.list_exports(job.seq, None, 10).await.unwrap().0.len(), 2);
+    let (page, next) = store.list_exports(job.seq, None, 1).await.unwrap();
+    assert_eq!((page[0].id, next), (other.0.id, Some(other.0.seq)));
+    assert_eq!(store.list_exports(job.seq, next, 1).await.unwrap().0[0].id, first.id);
+}
+
+#[tokio::test]
+async fn what_is_kept_shows_in_its_job() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, vec![cut(1.0), cut(1.0), cut(2.0)]).await;
+    assert_eq!(store.kept_of(job.seq).await.unwrap().len(), 2, "what is asked for twice is one thing");
+    let (used, _) = ask(&store, job.id, cut(3.0), Wish::Use).await;
+    let version = |store: &Store| {
+        let store = store.clone();
+        async move { store.get(job.id).await.unwrap().unwrap().version }
+    };
+    assert_eq!(version(&store).await, job.version, "a cache is no news");
+    let (kept, created) = ask(&store, job.id, cut(3.0), Wish::Keep).await;
+    assert!(!created && kept.kept && kept.id == used.id && kept.version > used.version);
+    assert_eq!(version(&store).await, job.version + 1);
+    ask(&store, job.id, cut(3.0), Wish::Keep).await;
+    assert_eq!(version(&store).await, job.version + 1, "it is kept already");
+    store.delete_export(job.id, kept.id).await.unwrap();
+    assert_eq!(version(&store).await, job.version + 2);
+    assert_eq!(again(&store, &kept).await, None);
+    assert!(matches!(store.delete_export(job.id, kept.id).await, Err(StoreError::NoExport)));
+}
+
+#[tokio::test]
+async fn what_a_client_waits_for_comes_first_and_what_is_quick_has_its_own_way() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, vec![slow(1.0), slow(2.0), cut(3.0)]).await;
+    ask(&store, job.id, slow(4.0), Wish::Use).await;
+    ask(&store, job.id, slow(2.0), Wish::Use).await;
+    let mut order = Vec::new();
+    let quick = store.claim_export(true).await.unwrap().unwrap();
+    assert_eq!(quick.export.options["at_mm"], 3.0);
+    assert_eq!(store.claim_export(true).await.unwrap(), None);
+    while let Some(claimed) = store.claim_export(false).await.unwrap() {
+        assert_eq!(claimed.result.path, format!("{}.1", job.id));
+        order.push(claimed.export.options["at_mm"].as_f64().unwrap());
+    }
+    assert_eq!(order, [2.0, 4.0, 1.0]);
+}
+
+#[tokio::test]
+async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
+    let (folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Keep).await;
+    let before = store.claim_export(false).await.unwrap().unwrap().export;
+    drop(store);
+    let store = open(&folder, LIMITS).await;
+    for _ in 0..2 {
+        assert_eq!(store.recover_exports().await.unwrap(), 1);
+        assert!(!store.export_made(&before, file("p", 1), json!({})).await.unwrap(), "a late word");
+        assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, asked.id);
+    }
+    store.recover_exports().await.unwrap();
+    let failed = again(&store, &asked).await.unwrap();
+    assert_eq!(failed.state, ExportState::Failed);
+    assert_eq!(failed.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
+    // Who asks again wants it tried again.
+    assert_eq!(ask(&store, job.id, cut(1.0), Wish::Use).await.0.state, ExportState::Queued);
+    assert_eq!(store.recover_exports().await.unwrap(), 0);
+}
+
+#[tokio::test]
+async fn failures_of_the_options_stay_and_others_are_tried_again() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    for (kind, after) in [(Kind::TooLarge, ExportState::Failed), (Kind::InternalError, ExportState::Queued)] {
+        ask(&store, job.id, cut(1.0), Wish::Use).await;
+        if let Some(claimed) = store.claim_export(false).await.unwrap() {
+            assert!(store.export_failed(&claimed.export, &Problem::new(kind, "why")).await.unwrap());
+        }
+        let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+        assert_eq!(asked.state, after, "{}", kind.slug());
+        assert_eq!(asked.error.is_some(), after == ExportState::Failed);
+        store.delete_export(job.id, asked.id).await.unwrap();
+    }
+    let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    let claimed = store.claim_export(false).await.unwrap().unwrap().export;
+    assert!(store.export_requeued(&claimed).await.unwrap());
+    let waiting = again(&store, &asked).await.unwrap();
+    assert_eq!((waiting.state, waiting.attempt, waiting.started_at), (ExportState::Queued, 1, None));
+}
+
+#[tokio::test]
+async fn all_files_of_a_job_go_with_it() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, vec![cut(1.0)]).await;
+    ask(&store, job.id, cut(2.0), Wish::Use).await;
+    make(&store, "first", 1).await;
+    let running = store.claim_export(false).await.unwrap().unwrap().export;
+    assert!(store.refers_to("first").await.unwrap());
+    let mut files = store.delete(job.id).await.unwrap();
+    files.sort();
+    assert_eq!(files, [format!("{}.1", job.id), "first".to_owned()]);
+    assert!(!store.refers_to("first").await.unwrap());
+    assert!(!store.export_is_wanted(&running).await.unwrap());
+    assert!(!store.export_made(&running, file("late", 1), json!({})).await.unwrap());
+    assert!(matches!(store.request_export(job.id, cut(1.0), Wish::Use).await, Err(StoreError::NoJob)));
+    let counts = store.export_counts().await.unwrap();
+    assert!(counts.states.values().all(|n| *n == 0) && counts.cache_bytes == 0, "{counts:?}");
+
+    let expiring = submit(&store, json!({"expires_at": "2020-01-01T00:00:00Z"})).await;
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    store.succeed(lease, artifact("old"), progress(1.0), Facts::default(), vec![cut(1.0)]).await.unwrap();
+    make(&store, "old-cut", 1).await;
+    let removed = store.remove_expired().await.unwrap();
+    assert_eq!(
+        (removed[0].id, removed[0].files.clone()),
+        (expiring.id, vec!["old-cut".into(), "old".into()])
+    );
+}
+
+#[tokio::test]
+async fn the_cache_drops_what_was_used_longest_ago_and_nothing_that_is_kept() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    let mut made = Vec::new();
+    for i in 0..4 {
+        let wish = if i == 0 { Wish::Keep } else { Wish::Use };
+        ask(&store, job.id, cut(f64::from(i)), wish).await;
+        made.push(make(&store, &format!("file{i}"), 10).await);
+    }
+    assert_eq!(store.export_counts().await.unwrap().cache_bytes, 30);
+    ask(&store, job.id, cut(1.0), Wish::Use).await;
+    assert_eq!(store.shrink_cache(30, made[3].id).await.unwrap(), Vec::<String>::new());
+    assert_eq!(store.shrink_cache(20, made[3].id).await.unwrap(), ["file2"]);
+    assert_eq!(
+        store.shrink_cache(0, made[3].id).await.unwrap(),
+        ["file1"],
+        "all but the one that is waited for"
+    );
+    assert!(again(&store, &made[0]).await.is_some(), "what is kept is no cache");
+    assert_eq!(store.export_counts().await.unwrap().cache_bytes, 10);
+    ask(&store, job.id, cut(3.0), Wish::Keep).await;
+    assert_eq!(store.export_counts().await.unwrap().cache_bytes, 0, "it is kept from now on");
+    // Dropped, it is made again.
+    assert!(ask(&store, job.id, cut(2.0), Wish::Use).await.1);
+}
+
+#[tokio::test]
+async fn a_file_that_is_gone_is_made_again() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    ask(&store, job.id, cut(1.0), Wish::Use).await;
+    let made = make(&store, "first", 5).await;
+    store.requeue_export(made.seq, "other".into()).await.unwrap();
+    assert_eq!(again(&store, &made).await.unwrap().state, ExportState::Succeeded, "that was another file");
+    store.requeue_export(made.seq, "first".into()).await.unwrap();
+    store.requeue_export(made.seq, "first".into()).await.unwrap();
+    assert_eq!(store.export_counts().await.unwrap().cache_bytes, 0);
+    let again = make(&store, "second", 5).await;
+    assert_eq!((again.id, again.attempt), (made.id, 2));
+}
+
+#[tokio::test]
+async fn what_waits_and_what_is_kept_is_bounded() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    let other = finished(&store, Vec::new()).await;
+    for i in 0..MAX_KEPT {
+        ask(&store, job.id, cut(i as f64), Wish::Keep).await;
+    }
+    let refused = store.request_export(job.id, cut(1e5), Wish::Keep).await;
+    assert!(matches!(refused, Err(StoreError::TooManyKept { .. })), "{refused:?}");
+    assert!(!ask(&store, job.id, cut(0.0), Wish::Keep).await.1, "what is there can still be asked for");
+    for i in MAX_KEPT..MAX_WAITING {
+        ask(&store, job.id, cut(i as f64), Wish::Use).await;
+    }
+    let refused = store.request_export(other.id, cut(0.0), Wish::Use).await;
+    assert!(matches!(refused, Err(StoreError::TooManyWait { .. })), "{refused:?}");
+    store.claim_export(false).await.unwrap().unwrap();
+    ask(&store, other.id, cut(0.0), Wish::Use).await;
+    // However much waits, the next is found by an index.
+    for quick in [false, true] {
+        let plan = plan_of(&store, super::work::claim_sql(quick)).await;
+        let index = if quick { "exports_quick" } else { "exports_queue" };
+        assert!(plan.iter().any(|step| step.contains(index)), "{plan:?}");
+        assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_file_of_the_second_version_is_brought_up_to_date() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("packstone.sqlite");
+    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
+    migrations_to(2).run(&mut old).await.unwrap();
+    let id = JobId::new();
+    for statement in [
+        "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
+             engine) values (?1, 'succeeded', '{}', 0, 1, 3, 3, 0, 0, '{}')",
+        "insert into job_requests (job, body) values (1, ?1)",
+        "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
+         values (1, 1, ?1, 1, 'ab', '{}', 1, '{}')",
+    ] {
+        sqlx::query(statement).bind(id.to_string()).execute(&mut old).await.unwrap();
+    }
+    old.close().await.unwrap();
+
+    let store = open(&folder, LIMITS).await;
+    assert_eq!(store.recover_exports().await.unwrap(), 0);
+    let (asked, created) = ask(&store, id, cut(1.0), Wish::Keep).await;
+    assert!(created && asked.job == id);
+    assert_eq!(make(&store, "cut", 1).await.state, ExportState::Succeeded);
+    let mut files = store.delete(id).await.unwrap();
+    files.sort();
+    assert_eq!(files, [id.to_string(), "cut".to_owned()]);
+}

@@ -1,0 +1,255 @@
+//! The moves of something export from state to state, by those who make it.
+
+use sqlx::{Connection as _, Row as _, SqliteConnection};
+
+use super::super::submit::to_json;
+use super::super::{Store, StoreError, detached, now_us, rows};
+use super::{by_seq, export_id};
+use crate::exports::{ExportRecord, StoredFile};
+use crate::ids::ExportId;
+use crate::jobs::{ArtifactRecord, JobProgress};
+use crate::problem::{Kind, Problem};
+
+/// How often something may be started that the server does not survive.
+const MAX_ATTEMPTS: i64 = 3;
+
+/// Starts the next one out of those that `$tail` describes.
+macro_rules! next {
+    ($tail:literal) => {
+        concat!(
+            "update exports set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                 progress = null, error = null
+             where seq = (select seq from exports ",
+            $tail,
+            " order by rank, seq limit 1) returning seq"
+        )
+    };
+}
+
+/// Something to make, claimed by the caller.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ClaimedExport {
+    pub(crate) export: ExportRecord,
+    /// The result that it is made of.
+    pub(crate) result: ArtifactRecord,
+}
+
+impl Store {
+    /// Takes every row that is running back, at start-up, when nobody can work at it; what has been tried too often
+    /// fails. Returns how many were running.
+    pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let exhausted = Problem::new(
+                Kind::AttemptsExhausted,
+                format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
+            );
+            let mut writer = store.shared.writer.lock().await;
+            let moved = sqlx::query(
+                "update exports set
+                     state = iif(attempt >= ?2, 'failed', 'queued'), error = iif(attempt >= ?2, ?3, null),
+                     finished_at = iif(attempt >= ?2, ?1, null), attempt = attempt + 1, progress = null,
+                     version = version + 1, updated_at = ?1
+                 where state = 'running'",
+            )
+            .bind(now_us())
+            .bind(MAX_ATTEMPTS)
+            .bind(to_json(&exhausted.document())?)
+            .execute(&mut *writer)
+            .await?;
+            Ok(moved.rows_affected() as usize)
+        })
+        .await
+    }
+
+    /// Claims the next one to make: what a client waits for first, then the oldest. `quick` looks only for what is
+    /// made in a moment.
+    pub(crate) async fn claim_export(&self, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            // What a power cut undoes of a claim waits as before.
+            sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
+            let claimed = claim(&mut writer, quick).await;
+            sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
+            drop(writer);
+            let claimed = claimed?;
+            if let Some(claimed) = &claimed {
+                store.notify_export(claimed.export.id);
+            }
+            Ok(claimed)
+        })
+        .await
+    }
+
+    /// Records how far it is; `false` where it is not the caller's any more.
+    pub(crate) async fn export_progress(
+        &self,
+        of: &ExportRecord,
+        progress: JobProgress,
+    ) -> Result<bool, StoreError> {
+        let (seq, attempt, id) = (of.seq, of.attempt, of.id);
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
+            let moved = sqlx::query(
+                "update exports set progress = ?1, version = version + 1, updated_at = ?2
+                 where seq = ?3 and attempt = ?4 and state = 'running'",
+            )
+            .bind(to_json(&progress)?)
+            .bind(now_us())
+            .bind(seq)
+            .bind(attempt)
+            .execute(&mut *writer)
+            .await;
+            sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
+            drop(writer);
+            let still = moved?.rows_affected() > 0;
+            if still {
+                store.notify_export(id);
+            }
+            Ok(still)
+        })
+        .await
+    }
+
+    /// Whether it is still the caller's to make.
+    pub(crate) async fn export_is_wanted(&self, of: &ExportRecord) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
+            .bind(of.seq)
+            .bind(of.attempt)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
+    /// Ends it with its file, which is on disk already; `false` where nobody wants it any more.
+    pub(crate) async fn export_made(
+        &self,
+        of: &ExportRecord,
+        file: StoredFile,
+        report: serde_json::Value,
+    ) -> Result<bool, StoreError> {
+        let end = End { state: "succeeded", file: Some(file), report: Some(report), error: None };
+        self.end_export(of, end).await
+    }
+
+    /// Ends it without a file; `false` where nobody wants it any more.
+    pub(crate) async fn export_failed(
+        &self,
+        of: &ExportRecord,
+        problem: &Problem,
+    ) -> Result<bool, StoreError> {
+        let error = Some(problem.document().into());
+        self.end_export(of, End { state: "failed", file: None, report: None, error }).await
+    }
+
+    /// Gives it back where the server stops; the attempt does not count.
+    pub(crate) async fn export_requeued(&self, of: &ExportRecord) -> Result<bool, StoreError> {
+        self.end_export(of, End { state: "queued", file: None, report: None, error: None }).await
+    }
+
+    async fn end_export(&self, of: &ExportRecord, end: End) -> Result<bool, StoreError> {
+        let (seq, attempt, id) = (of.seq, of.attempt, of.id);
+        let store = self.clone();
+        detached(async move {
+            let json = |value: &Option<serde_json::Value>| value.as_ref().map(to_json).transpose();
+            let mut writer = store.shared.writer.lock().await;
+            let moved = sqlx::query(
+                "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,
+                     progress = null, version = version + 1, updated_at = ?7,
+                     finished_at = iif(?1 = 'queued', null, ?7),
+                     started_at = iif(?1 = 'queued', null, started_at),
+                     used_at = max(used_at, ?7)
+                 where seq = ?8 and attempt = ?9 and state = 'running'",
+            )
+            .bind(end.state)
+            .bind(end.file.as_ref().map(|file| file.path.clone()))
+            .bind(end.file.as_ref().map(|file| file.bytes.cast_signed()))
+            .bind(end.file.as_ref().map(|file| file.sha256.clone()))
+            .bind(json(&end.report)?)
+            .bind(json(&end.error)?)
+            .bind(now_us())
+            .bind(seq)
+            .bind(attempt)
+            .execute(&mut *writer)
+            .await?;
+            drop(writer);
+            store.notify_export(id);
+            Ok(moved.rows_affected() > 0)
+        })
+        .await
+    }
+
+    /// Drops what was used longest ago of the cache until it holds at most so many bytes, but never the one named,
+    /// which somebody waits for. Returns the paths of the files, which nothing refers to any more.
+    pub(crate) async fn shrink_cache(
+        &self,
+        most_bytes: u64,
+        but: ExportId,
+    ) -> Result<Vec<String>, StoreError> {
+        let store = self.clone();
+        detached(async move {
+            let mut writer = store.shared.writer.lock().await;
+            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut held: i64 =
+                sqlx::query_scalar("select sum(cache_bytes) from export_counts").fetch_one(&mut *tx).await?;
+            let (mut paths, mut dropped) = (Vec::new(), Vec::new());
+            while held.cast_unsigned() > most_bytes {
+                let oldest = sqlx::query(
+                    "delete from exports where seq = (
+                         select seq from exports where not kept and path is not null and state = 'succeeded'
+                             and id <> ? order by used_at limit 1
+                     ) returning id, path, bytes",
+                )
+                .bind(but.to_string())
+                .fetch_optional(&mut *tx)
+                .await?;
+                let Some(oldest) = oldest else { break };
+                held -= oldest.try_get::<i64, _>("bytes")?;
+                paths.push(oldest.try_get("path")?);
+                dropped.push(export_id(&oldest.try_get::<String, _>("id")?)?);
+            }
+            tx.commit().await?;
+            drop(writer);
+            for id in dropped {
+                store.notify_export(id);
+            }
+            Ok(paths)
+        })
+        .await
+    }
+}
+
+/// How making something ended.
+struct End {
+    state: &'static str,
+    file: Option<StoredFile>,
+    report: Option<serde_json::Value>,
+    error: Option<serde_json::Value>,
+}
+
+/// The statement that claims the next one to make.
+pub(super) fn claim_sql(quick: bool) -> &'static str {
+    if quick {
+        next!("indexed by exports_quick where state = 'queued' and quick")
+    } else {
+        next!("indexed by exports_queue where state = 'queued'")
+    }
+}
+
+async fn claim(writer: &mut SqliteConnection, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
+    let mut tx = writer.begin_with("begin immediate").await?;
+    let row = sqlx::query(claim_sql(quick)).bind(now_us()).fetch_optional(&mut *tx).await?;
+    let Some(row) = row else {
+        tx.rollback().await?;
+        return Ok(None);
+    };
+    let export = by_seq(&mut tx, row.try_get("seq")?).await?;
+    let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
+    tx.commit().await?;
+    // A row is there only for a job with a result, and leaves with it.
+    let result = result.ok_or_else(|| StoreError::Row("something export of no result".into()))?;
+    Ok(Some(ClaimedExport { export, result }))
+}

@@ -1,0 +1,34 @@
+//! The migrations of the database, embedded at compile time.
+//!
+//! `sqlx::migrate!` would do the same, but its macro crate builds SQLite a second time for the build host.
+
+use std::borrow::Cow;
+
+use sqlx::SqlSafeStr as _;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+
+/// Version, description and text of each migration, oldest first. A published migration never changes.
+const MIGRATIONS: &[(i64, &str, &str)] = &[
+    (1, "jobs", include_str!("../../../../migrations/0001_jobs.sql")),
+    (2, "studies", include_str!("../../../../migrations/0002_studies.sql")),
+    (3, "derived", include_str!("../../../../migrations/0003_derived.sql")),
+    (4, "exports", include_str!("../../../../migrations/0004_exports.sql")),
+];
+
+/// The migrations up to and including `last`; all of them for `i64::MAX`.
+pub(super) fn migrations_to(last: i64) -> Migrator {
+    let migrations = MIGRATIONS.iter().filter(|(version, ..)| *version <= last);
+    Migrator::with_migrations(
+        migrations
+            .map(|&(version, description, sql)| {
+                Migration::new(
+                    version,
+                    Cow::Borrowed(description),
+                    MigrationType::Simple,
+                    sql.into_sql_str(),
+                    false,
+                )
+            })
+            .collect(),
+    )
+}

@@ -1,0 +1,218 @@
+//! Models while they are being made: asked for by many, called off, cut off by a power cut, dropped from the cache, damaged on the
+//! disk.
+
+use std::fs;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::harness::deadline::eventually;
+use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs};
+
+/// Seconds of work.
+fn lengthy() -> Value {
+    json!({"type": "raw", "cells": 320, "samples": 16})
+}
+
+async fn packed(client: &Client) -> String {
+    id_of(&client.succeed(&jobs::quick(1)).await).to_owned()
+}
+
+async fn derive(client: &Client, job: &str, body: &Value) -> String {
+    let made = client.post(&format!("/v1/jobs/{job}/exports")).json(body).send().await.expect(201).json();
+    made["links"]["self"].as_str().unwrap().to_owned()
+}
+
+/// Long-polls until it is in that state.
+async fn when(client: &Client, path: &str, state: &str) -> Value {
+    client.when(path, state, |found| found["state"] == state).await
+}
+
+async fn made_so_far(client: &Client, kind: &str) -> u64 {
+    let text = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
+    let series = format!("packstone_export_duration_seconds_count{{type=\"{kind}\",outcome=\"succeeded\"}}");
+    text.lines().find_map(|line| line.strip_prefix(&series)).map_or(0, |n| n.trim().parse().unwrap())
+}
+
+fn models(data_dir: &DataDir) -> Vec<std::path::PathBuf> {
+    let files = data_dir.artifacts().into_iter();
+    files.filter(|file| !file.to_string_lossy().ends_with(".packstone")).collect()
+}
+
+#[tokio::test]
+async fn what_many_ask_for_at_once_is_made_once() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--export_workers", "4"]).start().await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let path = format!("/v1/jobs/{id}/result?format=raw&cells=90&samples=8");
+    let asking: Vec<_> = (0..8)
+        .map(|i| {
+            let (client, path, id) = (client.clone(), path.clone(), id.clone());
+            tokio::spawn(async move {
+                if i == 3 {
+                    let body = json!({"type": "raw", "cells": 90, "samples": 8});
+                    client.post(&format!("/v1/jobs/{id}/exports")).json(&body).send().await;
+                }
+                client.get(&path).send().await.expect(200).body.clone()
+            })
+        })
+        .collect();
+    let mut bodies = Vec::new();
+    for asked in asking {
+        bodies.push(asked.await.unwrap());
+    }
+    assert!(bodies.iter().all(|body| body.len() == 729_000 && *body == bodies[0]));
+    assert_eq!(made_so_far(&client, "raw").await, 1);
+    assert_eq!(models(&data_dir).len(), 1);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_cut_does_not_wait_behind_what_takes_long() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let long = derive(&client, &id, &lengthy()).await;
+    when(&client, &long, "running").await;
+    client.get(&format!("/v1/jobs/{id}/slice.svg")).send().await.expect(200);
+    let found = client.get(&long).send().await.expect(200).json();
+    assert_eq!(found["state"], "running", "what was to be overtaken is over: {found:#}");
+    // Whose answer is not held back is told to come again.
+    let path = format!("/v1/jobs/{id}/result?format=raw&cells=320&samples=16");
+    let reply = client.get(&path).header("prefer", "wait=0").send().await;
+    reply.expect_problem(404, "format-not-ready");
+    assert_eq!(reply.header("retry-after"), "2");
+    client.get(&format!("{long}/file")).send().await.expect_problem(404, "result-not-ready");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_power_cut_or_a_stop_meanwhile_loses_nothing() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let long = derive(&client, &id, &lengthy()).await;
+    let behind = derive(&client, &id, &json!({"type": "raw", "cells": 9})).await;
+    when(&client, &long, "running").await;
+    server.kill().await;
+
+    let server = Server::start(&data_dir).await;
+    when(&server.client(), &long, "running").await;
+    server.terminate();
+    let status = server.ends_within(Duration::from_secs(10)).await;
+    assert!(status.success(), "{status}");
+    assert!(models(&data_dir).is_empty(), "a stop leaves no half a file");
+
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let done = when(&client, &long, "succeeded").await;
+    assert_eq!(done["bytes"], 320_u64.pow(3));
+    when(&client, &behind, "succeeded").await;
+    assert_eq!(client.get(&format!("{behind}/file")).send().await.expect(200).body.len(), 729);
+    assert_eq!(models(&data_dir).len(), 2);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn who_deletes_calls_off_what_is_being_made() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let long = derive(&client, &id, &lengthy()).await;
+    when(&client, &long, "running").await;
+    client.delete(&long).send().await.expect(204);
+    // Its place is free: had it not been called off, this would wait for it.
+    let next = derive(&client, &id, &json!({"type": "raw", "cells": 5})).await;
+    when(&client, &next, "succeeded").await;
+    eventually("half a file to go", || models(&data_dir).len() == 1).await;
+
+    let long = derive(&client, &id, &lengthy()).await;
+    when(&client, &long, "running").await;
+    let waiting = tokio::spawn({
+        let (client, id) = (client.clone(), id.clone());
+        async move { client.get(&format!("/v1/jobs/{id}/result?format=raw&cells=320&samples=16")).send().await }
+    });
+    client.delete(&format!("/v1/jobs/{id}")).send().await.expect(204);
+    waiting.await.unwrap().expect_problem(404, "not-found");
+    client.get(&long).send().await.expect_problem(404, "not-found");
+    eventually("all files to go", || data_dir.artifacts().is_empty()).await;
+    let other = packed(&client).await;
+    client.get(&format!("/v1/jobs/{other}/result?format=raw&cells=5")).send().await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn the_cache_is_bounded_and_what_it_dropped_is_made_again() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--export-cache-bytes", "20000"]).start().await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let get = |cells: u32| client.get(&format!("/v1/jobs/{id}/result?format=raw&cells={cells}"));
+    // 8 000 bytes each, and one that is kept.
+    let first = get(20).send().await;
+    let body = json!({"type": "raw", "cells": 22});
+    let kept =
+        client.post(&format!("/v1/jobs/{id}/exports")).json(&body).header("prefer", "wait=60").send().await;
+    let kept = kept.expect(201).json()["links"]["file"].as_str().unwrap().to_owned();
+    get(21).send().await.expect(200);
+    get(19).send().await.expect(200);
+    eventually("the oldest to be dropped", || models(&data_dir).len() == 3).await;
+    let list = client.get(&format!("/v1/jobs/{id}/exports")).send().await.expect(200).json();
+    let shown: Vec<&Value> =
+        list["items"].as_array().unwrap().iter().map(|i| &i["options"]["cells"]).collect();
+    assert_eq!(shown, [19, 21, 22], "{list:#}");
+    client.get(&kept).send().await.expect(200);
+    let again = get(20).send().await;
+    assert!(again.expect(200).body == first.body && again.header("etag") == first.header("etag"));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_missing_or_damaged_model_is_made_again() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let path = derive(&client, &id, &json!({"type": "raw", "cells": 20})).await;
+    when(&client, &path, "succeeded").await;
+    let format = format!("/v1/jobs/{id}/result?format=raw&cells=20");
+    let whole = client.get(&format).send().await.expect(200).body.clone();
+    let [file] = &models(&data_dir)[..] else { panic!("one model has one file") };
+    fs::remove_file(file).unwrap();
+    assert!(client.get(&format).send().await.expect(200).body == whole);
+    let [file] = &models(&data_dir)[..] else { panic!("one model has one file") };
+    fs::write(file, &whole[..100]).unwrap();
+    client.get(&format!("{path}/file")).send().await.expect_problem(404, "result-not-ready");
+    when(&client, &path, "succeeded").await;
+    assert!(client.get(&format!("{path}/file")).send().await.expect(200).body == whole);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn orphans_are_swept_and_models_kept() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let id = packed(&client).await;
+    let path = derive(&client, &id, &json!({"type": "raw", "cells": 5})).await;
+    when(&client, &path, "succeeded").await;
+    server.kill().await;
+    let [file] = &models(&data_dir)[..] else { panic!("one model has one file") };
+    let orphans = [
+        "01900000-0000-7000-8000-0000000000aa.1.export",
+        "01900000-0000-7000-8000-0000000000aa.2.export.tmp",
+    ];
+    let orphans = orphans.map(|name| file.with_file_name(name));
+    for orphan in &orphans {
+        fs::write(orphan, "left over").unwrap();
+    }
+    let server = Server::start(&data_dir).await;
+    eventually("orphans to be swept", || !orphans.iter().any(|orphan| orphan.exists())).await;
+    assert!(file.exists());
+    server.client().get(&format!("{path}/file")).send().await.expect(200);
+    server.stop().await;
+}
