@@ -199,7 +199,7 @@ fn check_volumes(name: &str, result: &Value, rows: &results::Rows) {
     // Drawing ends where the volume is reached: it misses by less than the last grain drawn, which is of the
     // smallest of the narrow classes, twelve to an octave.
     if let (Some(fraction), true) =
-        (mix["volume_fraction"].as_f64(), mix["volume_fraction_of"] == "effective")
+        (mix["volume_fraction"].as_f64(), mix["volume_fraction_of"] == "placed_grains")
     {
         let missed = (grains_mm3 - fraction * specimen_mm3).abs();
         assert!(missed <= volume(1.06 * smallest), "{name}: the volume is missed by {missed} mm3");

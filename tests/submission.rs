@@ -57,7 +57,7 @@ async fn defaults_are_filled_in_and_the_drawn_seed_is_recorded() {
     let (first, second) = (client.submit(&job).await, client.submit(&job).await);
     let request = &first["request"];
     assert_eq!(request["specimen"]["boundary"], "walls");
-    assert_eq!(request["mix"]["volume_fraction_of"], "mixture");
+    assert_eq!(request["mix"]["volume_fraction_of"], "all_aggregate");
     assert_eq!(request["distance"]["type"], "none");
     assert_eq!(request["method"]["type"], "auto");
     assert_eq!(request["seed"], first["seed"]);

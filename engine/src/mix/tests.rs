@@ -42,7 +42,7 @@ const KNOWN: [(&str, f64, f64, Option<f64>); 14] = [
 fn expected_counts_are_the_published_ones() {
     for (name, d_min, grains, effective) in KNOWN {
         let graded =
-            GradedMix::new(&mix(json!({"type": "standard", "name": name}), d_min, 0.70, "mixture"), CUBE_150);
+            GradedMix::new(&mix(json!({"type": "standard", "name": name}), d_min, 0.70, "all_aggregate"), CUBE_150);
         assert!(
             (graded.expected_grains() - grains).abs() <= 0.5,
             "{name} {d_min}: {}",
@@ -54,23 +54,23 @@ fn expected_counts_are_the_published_ones() {
         assert!((graded.volume_fraction_mixture - 0.70).abs() < 1e-15);
     }
     let fuller = json!({"type": "fuller", "d_max_mm": 16, "exponent": 0.5});
-    let graded = GradedMix::new(&mix(fuller, 2.0, 0.70, "effective"), 80.0 * 80.0 * 80.0);
+    let graded = GradedMix::new(&mix(fuller, 2.0, 0.70, "placed_grains"), 80.0 * 80.0 * 80.0);
     assert!((graded.expected_grains() - 9307.0).abs() < 0.5, "{}", graded.expected_grains());
 }
 
 #[test]
 fn a_basis_is_the_other_through_the_cut_off() {
     let grading = || json!({"type": "standard", "name": "A16"});
-    let by_mixture = GradedMix::new(&mix(grading(), 2.0, 0.70, "mixture"), CUBE_150);
+    let by_mixture = GradedMix::new(&mix(grading(), 2.0, 0.70, "all_aggregate"), CUBE_150);
     let by_effective =
-        GradedMix::new(&mix(grading(), 2.0, by_mixture.volume_fraction_effective, "effective"), CUBE_150);
+        GradedMix::new(&mix(grading(), 2.0, by_mixture.volume_fraction_effective, "placed_grains"), CUBE_150);
     assert!((by_effective.volume_fraction_mixture - 0.70).abs() < 1e-12);
 }
 
 #[test]
 fn a_cut_off_inside_a_class_splits_it() {
     let classes = |d_min| {
-        GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), d_min, 0.7, "mixture"), 1.0)
+        GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), d_min, 0.7, "all_aggregate"), 1.0)
             .sieve_classes
     };
     let (whole, cut) = (classes(2.0), classes(2.0_f64.sqrt() * 2.0));
@@ -86,7 +86,7 @@ fn enlarged_volumes_agree_with_direct_integration() {
         json!({"type": "standard", "name": "B16"}),
         json!({"type": "fuller", "d_max_mm": 16, "exponent": 0.35}),
     ] {
-        let graded = GradedMix::new(&mix(grading, 0.5, 0.5, "mixture"), CUBE_150);
+        let graded = GradedMix::new(&mix(grading, 0.5, 0.5, "all_aggregate"), CUBE_150);
         let volume = graded.expected_enlarged_volume_mm3(1.0, 0.0);
         assert!((volume / (graded.volume_fraction_effective * CUBE_150) - 1.0).abs() < 1e-9, "{volume}");
         assert!(graded.expected_enlarged_volume_mm3(1.0, 1.0) > volume);
@@ -96,7 +96,7 @@ fn enlarged_volumes_agree_with_direct_integration() {
 #[test]
 fn drawn_numbers_scatter_around_the_expected_ones() {
     let graded =
-        GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), 2.0, 0.7, "mixture"), CUBE_150);
+        GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), 2.0, 0.7, "all_aggregate"), CUBE_150);
     let seeds = 8;
     let drawn: usize = (0..seeds)
         .map(|seed| sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap().len())
@@ -111,7 +111,7 @@ fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
     for name in ["A16", "B16", "C32"] {
         let volume = 100.0_f64.powi(3);
         let graded =
-            GradedMix::new(&mix(json!({"type": "standard", "name": name}), 2.0, 0.6, "mixture"), volume);
+            GradedMix::new(&mix(json!({"type": "standard", "name": name}), 2.0, 0.6, "all_aggregate"), volume);
         for seed in 0..20 {
             let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
             let asked = graded.volume_fraction_effective * volume;
@@ -149,7 +149,7 @@ fn sieve_classes_hold_the_whole_volume() {
             {"d_min_mm": 8, "d_max_mm": 16, "mass_fraction": 0.5}, {"d_min_mm": 2, "d_max_mm": 4, "mass_fraction": 0.3}]}),
         json!({"type": "monodisperse", "diameter_mm": 5}),
     ] {
-        let graded = GradedMix::new(&mix(grading, 2.5, 0.4, "mixture"), CUBE_150);
+        let graded = GradedMix::new(&mix(grading, 2.5, 0.4, "all_aggregate"), CUBE_150);
         let classes = sieve_classes(&graded);
         let volume: f64 = classes.iter().map(|c| c.volume_mm3).sum();
         let grains: f64 = classes.iter().map(|c| c.grains).sum();
@@ -166,7 +166,7 @@ proptest! {
         let d_max = 16.0;
         let grading = json!({"type": "fuller", "d_max_mm": d_max, "exponent": exponent});
         let volume = 60.0 * 60.0 * 60.0;
-        let graded = GradedMix::new(&mix(grading, d_max / ratio, fraction, "effective"), volume);
+        let graded = GradedMix::new(&mix(grading, d_max / ratio, fraction, "placed_grains"), volume);
         let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
         prop_assert!(drawn.windows(2).all(|pair| pair[0] >= pair[1]));
         prop_assert!(drawn.iter().all(|&d| d >= graded.d_min_mm && d <= d_max));

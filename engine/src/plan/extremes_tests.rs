@@ -109,7 +109,7 @@ fn request() -> impl Strategy<Value = Value> {
                 mix["d_min_mm"] = json!(d_min);
             }
             if effective && mix.get("volume_fraction").is_some() {
-                mix["volume_fraction_of"] = json!("effective");
+                mix["volume_fraction_of"] = json!("placed_grains");
             }
             mix
         },

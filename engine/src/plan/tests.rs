@@ -115,7 +115,7 @@ fn a_cut_off_that_leaves_nothing_is_refused() {
         "grading": {"type": "sieves", "points": [[2, 0.0], [8, 1.0], [16, 1.0]]}, "d_min_mm": 9,
         "volume_fraction": 0.3
     });
-    for basis in ["mixture", "effective"] {
+    for basis in ["all_aggregate", "placed_grains"] {
         mix["volume_fraction_of"] = json!(basis);
         let Err(PlanError::Invalid(faults)) = plan(&box_of(80.0, &mix, &json!({"type": "none"}))) else {
             panic!("{basis}")

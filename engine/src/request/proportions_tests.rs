@@ -119,7 +119,7 @@ fn what_contradicts_itself_is_refused() {
         ["/mix/proportions: the mix has a volume_fraction too: leave one of the two out"]
     );
     let mut effective = with(&content);
-    effective["volume_fraction_of"] = json!("effective");
+    effective["volume_fraction_of"] = json!("placed_grains");
     assert_eq!(
         request(&effective).unwrap_err(),
         [

@@ -107,7 +107,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["mix"]["volume_fraction_of"] = json!("eff"),
-            "/mix/volume_fraction_of: \"eff\" is unknown: must be one of \"mixture\", \"effective\"",
+            "/mix/volume_fraction_of: \"eff\" is unknown: must be one of \"all_aggregate\", \"placed_grains\"",
         ),
         (
             |v| v["mix"]["d_min_mm"] = json!(16),

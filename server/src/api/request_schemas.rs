@@ -244,7 +244,7 @@ mod tests {
     fn optional_fields_may_be_null_and_others_may_not_be_there() {
         let mut document = json!({"components": {"schemas": {"Mix": {
             "type": "object", "required": ["grading"],
-            "properties": {"grading": {"$ref": "#/g"}, "volume_fraction_of": {"$ref": "#/b", "default": "mixture"}, "n": {"type": "number"}}
+            "properties": {"grading": {"$ref": "#/g"}, "volume_fraction_of": {"$ref": "#/b", "default": "all_aggregate"}, "n": {"type": "number"}}
         }}}});
         polish(&mut document);
         assert_eq!(
@@ -253,7 +253,7 @@ mod tests {
                 "type": "object", "required": ["grading"],
                 "properties": {
                     "grading": {"$ref": "#/g"},
-                    "volume_fraction_of": {"anyOf": [{"$ref": "#/b"}, {"type": "null"}], "default": "mixture"},
+                    "volume_fraction_of": {"anyOf": [{"$ref": "#/b"}, {"type": "null"}], "default": "all_aggregate"},
                     "n": {"type": ["number", "null"]}
                 },
                 "additionalProperties": false

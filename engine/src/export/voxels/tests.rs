@@ -209,8 +209,8 @@ fn options_have_defaults_and_bounds() {
             .unwrap_err(),
         [
             "/voxel_mm: cells and voxel_mm say the same: leave one of them out",
-            "/label: unknown field: this object has cells, voxel_mm, samples",
-            "/fractions: unknown field: this object has cells, voxel_mm, samples",
+            "/label: unknown field: this object has format, cells, voxel_mm, samples",
+            "/fractions: unknown field: this object has format, cells, voxel_mm, samples",
         ]
     );
 }

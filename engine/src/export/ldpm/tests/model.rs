@@ -234,7 +234,7 @@ fn options_have_defaults_and_bounds() {
         "/spacing: 0 is out",
         "/boundary_nodes: \"even\" is unknown",
         "/seed: -1",
-        "/file: \"zip\" is unknown",
+        "/format: \"zip\" is unknown",
     ];
     for (fault, start) in faults.iter().zip(starts) {
         assert!(fault.starts_with(start), "{fault}");
