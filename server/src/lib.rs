@@ -1,17 +1,17 @@
 //! Packstone's service: jobs, their store, their runner, their results, and the HTTP around them.
 //!
-//! Data passes one way: `api` takes a request in, `jobs` keeps it and runs it through the
-//! engine, `artifacts` keeps what came out, `api` streams it. How a packing is computed is the
+//! Data passes one way: `http` takes a request in, `jobs` keeps it and runs it through the
+//! engine, `artifacts` keeps what came out, `http` streams it. How a packing is computed is the
 //! engine's secret; nothing here looks into one.
 #![forbid(unsafe_code)]
 
-mod api;
 mod artifacts;
 mod checkpoints;
 mod cli;
 mod config;
 mod exports;
 mod hex;
+mod http;
 mod http_server;
 mod ids;
 mod jobs;

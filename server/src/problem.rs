@@ -2,7 +2,7 @@
 //!
 //! Every problem a client can meet has its line in [`Kind`]: what it is called, its status, what it
 //! means. Jobs keep the problem that ended them in the same form. How a problem becomes a response
-//! is [`crate::api`]'s business; nothing here knows HTTP beyond status codes.
+//! is [`crate::http`]'s business; nothing here knows HTTP beyond status codes.
 
 use packstone_engine::export::ExportError;
 use packstone_engine::{FieldError, PackError, PlanError, TargetNotReached};

@@ -14,12 +14,12 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use crate::api::auth::{ApiKeys, KeysError};
-use crate::api::{self, App};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::exports::worker::ExportWorker;
+use crate::http::auth::{ApiKeys, KeysError};
+use crate::http::{self, App};
 use crate::http_server;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::{Store, StoreError, StoreLimits};
@@ -123,7 +123,7 @@ impl Service {
     pub(crate) async fn serve(self) {
         let Self { app, runner, listener, connections, options, _lock } = self;
         let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
-        let router = api::router(app.clone());
+        let router = http::router(app.clone());
         let workers = tokio::spawn(work(runner, options.clone()));
         app.set_ready(true);
         http_server::serve(listener, router, connections, shutdown.clone()).await;
@@ -139,7 +139,7 @@ impl Service {
     }
 }
 
-/// Runs the workers, the export_workers and the sweeper to their end. The first sweep comes before the first job: what
+/// Runs the workers, the export workers and the sweeper to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions) {
     if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints).await {

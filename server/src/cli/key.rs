@@ -3,7 +3,7 @@
 use clap::Args;
 
 use super::{Failure, print};
-use crate::api::auth;
+use crate::http::auth;
 
 /// Options of `packstone key`.
 #[derive(Args)]

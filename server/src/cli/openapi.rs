@@ -3,5 +3,5 @@
 use super::{Failure, print};
 
 pub(super) fn run() -> Result<(), Failure> {
-    print(&crate::api::openapi::yaml()?)
+    print(&crate::http::yaml()?)
 }

@@ -1,0 +1,111 @@
+//! The interface document as it is published: `packstone openapi` prints it, `openapi.yaml` at the root of the
+//! repository equals it.
+
+use serde_json::Value;
+
+use crate::http::{openapi, router};
+
+/// The document of the interface, as it is checked in.
+fn document() -> Value {
+    openapi::finished(&router::documented().into_openapi())
+}
+
+/// The document as YAML.
+pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
+    let text = yaml_serde::to_string(&document())?;
+    // A letter that older YAML reads as yes or no.
+    let quoted = |line: &str| match line.trim_start() {
+        "- y" | "- n" => line.replace("- y", "- 'y'").replace("- n", "- 'n'"),
+        _ => line.to_owned(),
+    };
+    Ok(text.lines().map(|line| quoted(line) + "\n").collect())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use packstone_engine::export::ExportType;
+    use serde_json::json;
+
+    use super::*;
+    use crate::http::openapi::request_schemas::{REQUEST_SCHEMAS, objects_of};
+    use crate::http::problems::PROBLEM_JSON;
+
+    #[test]
+    fn the_checked_in_document_is_this_one() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../openapi.yaml");
+        let checked_in = std::fs::read_to_string(file).unwrap_or_default();
+        assert!(
+            checked_in == yaml().unwrap(),
+            "openapi.yaml is not what the code says: run `cargo run -- openapi > openapi.yaml`"
+        );
+    }
+
+    #[test]
+    fn every_reference_leads_somewhere() {
+        fn references<'a>(value: &'a Value, found: &mut Vec<&'a str>) {
+            match value {
+                Value::Object(members) => {
+                    found.extend(members.get("$ref").and_then(Value::as_str));
+                    members.values().for_each(|member| references(member, found));
+                }
+                Value::Array(items) => items.iter().for_each(|item| references(item, found)),
+                _ => {}
+            }
+        }
+        let document = document();
+        let mut found = Vec::new();
+        references(&document, &mut found);
+        assert!(found.len() > 100, "{}", found.len());
+        for reference in found {
+            let pointer = reference.strip_prefix('#').unwrap();
+            assert!(document.pointer(pointer).is_some(), "{reference}");
+        }
+    }
+
+    #[test]
+    fn finishing_loses_nothing() {
+        let value = document();
+        assert_eq!(value["components"]["schemas"]["JobRequest"]["additionalProperties"], false);
+        assert_eq!(
+            value["paths"]["/v1/jobs"]["post"]["responses"]["500"]["content"][PROBLEM_JSON]["schema"]["$ref"],
+            "#/components/schemas/Problem"
+        );
+        assert_eq!(value["components"]["securitySchemes"]["api_key"]["scheme"], "bearer");
+    }
+
+    #[test]
+    fn every_place_that_is_bounded_is_there() {
+        let document = document();
+        let schemas = &document["components"]["schemas"];
+        assert_eq!(schemas["JobRequest"]["properties"]["labels"]["maxProperties"], 32);
+        assert_eq!(schemas["JobRequest"]["properties"]["name"]["type"], json!(["string", "null"]));
+        assert_eq!(schemas["Specimen"]["oneOf"][0]["properties"]["size_mm"]["maxItems"], 3);
+        let methods = schemas["Method"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        assert!(methods.iter().any(|m| m["properties"]["type"]["enum"] == json!(["edmd"])
+            && m["properties"]["initial_scale"]["minimum"] == 0.5));
+        assert_eq!(schemas.get("EdmdOptions"), None, "its fields are those of the method");
+        let exports = schemas["ExportRequest"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        assert_eq!(exports.len(), ExportType::ALL.len());
+        for (export, kind) in exports.iter().zip(ExportType::ALL) {
+            assert_eq!(export["properties"]["type"]["enum"], json!([kind.name()]));
+            assert!(
+                export["properties"].as_object().is_some_and(|fields| fields.len() > 1),
+                "{}",
+                kind.name()
+            );
+        }
+        assert_eq!(schemas["Postprocess"]["oneOf"][1]["maxItems"], 8);
+        let gradings = schemas["Grading"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
+        for bounded in ["points", "mm"] {
+            let found = gradings.iter().find_map(|g| g["properties"].get(bounded));
+            assert!(found.is_some_and(|p| p["items"] != Value::Null), "{bounded}");
+        }
+        for name in REQUEST_SCHEMAS {
+            let mut schema = schemas[name].clone();
+            for object in objects_of(&mut schema) {
+                assert_eq!(object["additionalProperties"], false, "{name}");
+            }
+        }
+    }
+}

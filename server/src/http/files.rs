@@ -1,0 +1,152 @@
+//! What is handed out as a file: whole or in part, with a strong tag, as RFC 9110 has it.
+//!
+//! Its length is known before its first byte is sent. Whose bytes they are, and where they come from, is for others
+//! to know.
+
+use std::fs::File;
+use std::io;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
+use futures_util::stream;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::time::timeout;
+
+use crate::artifacts::stream as sending;
+use crate::http::app::App;
+use crate::http::conditional;
+use crate::http::ranges::Asked;
+use crate::http::response::set;
+use crate::problem::{Kind, Problem};
+
+/// How long a download waits for another to end before it is refused.
+const TURN: Duration = Duration::from_secs(10);
+
+/// What a file is called and how it is shown.
+#[derive(Clone, Debug)]
+pub(crate) struct Described {
+    /// Strong tag.
+    pub(crate) etag: String,
+    pub(crate) content_type: HeaderValue,
+    pub(crate) filename: String,
+    /// Shown by a browser instead of saved.
+    pub(crate) inline: bool,
+    /// Whether `Accept` had a say in it.
+    pub(crate) negotiated: bool,
+}
+
+/// What is sent of a file.
+#[derive(Clone, Debug)]
+pub(crate) struct Part {
+    status: StatusCode,
+    range: Range<u64>,
+    length: u64,
+    /// With its bytes, and not for their head alone.
+    with_body: bool,
+}
+
+impl Described {
+    /// The answer to who has it already, if that is who asks.
+    pub(crate) fn not_modified(&self, headers: &HeaderMap) -> Option<Response> {
+        conditional::none_match_fails(headers, &self.etag).then(|| {
+            let mut response = StatusCode::NOT_MODIFIED.into_response();
+            self.describe(&mut response);
+            response
+        })
+    }
+
+    /// What is asked for of a file of that length.
+    ///
+    /// # Errors
+    /// `range-not-satisfiable`.
+    pub(crate) fn part(&self, method: &Method, headers: &HeaderMap, length: u64) -> Result<Part, Problem> {
+        let range = headers
+            .get(header::RANGE)
+            .filter(|_| method == Method::GET && conditional::range_allowed(headers, &self.etag))
+            .map(|value| value.to_str().unwrap_or_default());
+        let (status, range) = match Asked::of(range, length) {
+            Asked::Whole => (StatusCode::OK, 0..length),
+            Asked::Part(part) => (StatusCode::PARTIAL_CONTENT, part),
+            Asked::Beyond => {
+                let detail = format!("it has {length} bytes in this format: the range must begin below");
+                return Err(Problem::new(Kind::RangeNotSatisfiable, detail)
+                    .with_header("content-range", format!("bytes */{length}")));
+            }
+        };
+        Ok(Part { status, range, length, with_body: method != Method::HEAD })
+    }
+
+    /// The answer with what `send` sends of that part.
+    pub(crate) async fn respond<Sending>(
+        &self,
+        part: Part,
+        send: impl FnOnce(Range<u64>) -> Sending,
+    ) -> Result<Response, Problem>
+    where
+        Sending: Future<Output = Result<Body, Problem>>,
+    {
+        let Part { status, range, length, with_body } = part;
+        let (first, bytes) = (range.start, range.end - range.start);
+        let body = if with_body { send(range).await? } else { Body::empty() };
+        let mut response = (status, body).into_response();
+        self.describe(&mut response);
+        let fields = response.headers_mut();
+        fields.insert(header::CONTENT_TYPE, self.content_type.clone());
+        fields.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
+        let how = if self.inline { "inline" } else { "attachment" };
+        let disposition = format!("{how}; filename=\"{}\"", self.filename);
+        set(&mut response, header::CONTENT_DISPOSITION, &disposition);
+        if self.inline {
+            // A browser that opens it must not run what a viewer of pictures would not.
+            set(&mut response, header::CONTENT_SECURITY_POLICY, "default-src 'none'; sandbox");
+        }
+        if status == StatusCode::PARTIAL_CONTENT {
+            let range = format!("bytes {first}-{}/{length}", first + bytes - 1);
+            set(&mut response, header::CONTENT_RANGE, &range);
+        }
+        Ok(response)
+    }
+
+    fn describe(&self, response: &mut Response) {
+        set(response, header::ETAG, &self.etag);
+        set(response, header::ACCEPT_RANGES, "bytes");
+        if self.negotiated {
+            set(response, header::VARY, "accept");
+        }
+    }
+}
+
+/// Waits to be one of those to whom results are sent.
+///
+/// # Errors
+/// `busy`.
+pub(crate) async fn turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
+    let turn = timeout(TURN, Arc::clone(&app.shared.downloads).acquire_owned()).await;
+    if let Ok(Ok(permit)) = turn {
+        return Ok(permit);
+    }
+    let most = app.shared.max_downloads;
+    Err(Problem::new(Kind::Busy, format!("{most} results are being sent, as many as may"))
+        .with_header("retry-after", "10"))
+}
+
+/// Blocks as they come, as a body.
+pub(crate) fn body(blocks: mpsc::Receiver<io::Result<Bytes>>) -> Body {
+    Body::from_stream(stream::unfold(blocks, |mut blocks| async move {
+        blocks.recv().await.map(|block| (block, blocks))
+    }))
+}
+
+/// A part of a file as it lies.
+///
+/// # Errors
+/// `busy`.
+pub(crate) async fn send_file(app: &App, file: File, range: Range<u64>) -> Result<Body, Problem> {
+    let permit = turn(app).await?;
+    Ok(body(sending::start_file(file, range, permit)))
+}

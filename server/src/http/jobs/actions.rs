@@ -1,0 +1,101 @@
+//! What a client may do to a job: cancel, retry, delete.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
+
+use crate::http::app::App;
+use crate::http::jobs::view::{self, Job};
+use crate::http::params::{JobPath, Query};
+use crate::http::problems::refused;
+use crate::http::problems::sets::{ActionProblems, RetryProblems};
+use crate::jobs::store::Cancelled;
+use crate::jobs::{JobId, JobRecord};
+use crate::problem::Problem;
+
+/// Cancel a job
+///
+/// A waiting job is cancelled at once; a running one is asked to stop, and does within two seconds.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancel_job",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses(
+        (status = 200, description = "The job is cancelled", body = Job),
+        (status = 202, description = "The job was asked to stop", body = Job),
+        ActionProblems
+    )
+)]
+pub(crate) async fn cancel(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let cancelled = app.shared.store.cancel(id).await.map_err(|error| refused(error, id))?;
+    let (job, status) = match cancelled {
+        Cancelled::Now(job) => {
+            // It may have waited for its next attempt.
+            remove_checkpoints(&app, id, job.attempt).await;
+            (job, StatusCode::OK)
+        }
+        Cancelled::Soon(job) => (job, StatusCode::ACCEPTED),
+    };
+    tracing::info!(job_id = %id, state = job.state.name(), "cancel asked for");
+    shown(&app, &job, status).await
+}
+
+/// Retry a job that failed or was cancelled
+///
+/// It goes back to the queue as its next attempt, with its attempts renewed.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retry_job",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses((status = 200, description = "The job waits again", body = Job), RetryProblems)
+)]
+pub(crate) async fn retry(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let job = app.shared.store.retry(id).await.map_err(|error| refused(error, id))?;
+    // Its ended attempts took theirs along, unless the server stopped during the last of them. Who
+    // retries wants a new start, which an attempt that is faster than this may miss: then it goes on.
+    remove_checkpoints(&app, id, job.attempt - 1).await;
+    tracing::info!(job_id = %id, attempt = job.attempt, "retried");
+    shown(&app, &job, StatusCode::OK).await
+}
+
+/// Delete a finished job, its result, and what was made of it
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses((status = 204, description = "The job is gone"), ActionProblems)
+)]
+pub(crate) async fn delete(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let files = app.shared.store.delete(id).await.map_err(|error| refused(error, id))?;
+    for path in files {
+        if let Err(error) = app.shared.artifacts.remove(&path) {
+            tracing::warn!(%error, job_id = %id, path, "a file is left to the sweeper");
+        }
+    }
+    remove_checkpoints(&app, id, i64::MAX).await;
+    tracing::info!(job_id = %id, "deleted");
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// Files are removed on a thread that may block; what fails is logged there, and swept later.
+async fn remove_checkpoints(app: &App, id: JobId, until_attempt: i64) {
+    let checkpoints = app.shared.checkpoints.clone();
+    let _ = tokio::task::spawn_blocking(move || checkpoints.remove(&id.to_string(), until_attempt)).await;
+}
+
+async fn shown(app: &App, record: &JobRecord, status: StatusCode) -> Result<Response, Problem> {
+    let job = view::whole(app, record).await.map_err(|error| refused(error, record.id))?;
+    Ok(view::response(status, record, &job))
+}

@@ -1,0 +1,184 @@
+//! A job's events as they happen (server-sent events).
+//!
+//! Three kinds: `state` (the job, without its request, whenever it moves), `progress`, and `end`,
+//! after which the stream closes. An event's id is the version of the job, so a client that comes
+//! back with `Last-Event-ID` gets what is newer. Each stream sleeps until its job changes; what
+//! changed in between is told once, as it stands then.
+
+use std::convert::Infallible;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse as _, Response};
+use futures_util::stream::{self, Stream};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use crate::http::app::App;
+use crate::http::jobs::view::JobSummary;
+use crate::http::params::{JobPath, Query};
+use crate::http::problems::refused;
+use crate::http::problems::sets::JobProblems;
+use crate::jobs::notifications::Subscription;
+use crate::jobs::store::StoreError;
+use crate::jobs::{self, JobId, JobRecord};
+use crate::problem::Problem;
+
+/// Proxies close what is silent for longer.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// One event of the stream.
+#[derive(ToSchema)]
+#[allow(dead_code)]
+pub(crate) struct JobEvent {
+    /// What the event tells.
+    event: EventName,
+    /// Version of the job, for `Last-Event-ID`.
+    #[schema(pattern = "^[0-9]+$")]
+    id: String,
+    /// The job without its request, or its progress; JSON.
+    #[schema(content_media_type = "application/json")]
+    data: String,
+}
+
+/// What an event tells.
+#[derive(serde::Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code)]
+pub(crate) enum EventName {
+    /// The job moved.
+    State,
+    /// A running job came on.
+    Progress,
+    /// The job ended; the stream closes.
+    End,
+}
+
+/// Follow a job
+///
+/// Events `state` and `end` carry the job without its request, `progress` its progress. The stream
+/// ends after `end`; it may end earlier when the server stops, and is resumed by `Last-Event-ID`.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "get_job_events",
+    params(
+        ("id" = String, Path, format = "uuid", description = "Name of the job"),
+        ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event seen"),
+    ),
+    responses(
+        (status = 200, description = "Events until the job ends", body = JobEvent, content_type = "text/event-stream"),
+        JobProblems
+    )
+)]
+pub(crate) async fn events(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let changes = app.shared.store.subscribe(id);
+    // Known to exist before the stream begins: afterwards there is no status left to say so.
+    let found = app.shared.store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));
+    found.map_err(|error| refused(error, id))?;
+    let last_seen = headers
+        .get("last-event-id")
+        .and_then(|value| value.to_str().ok())
+        .and_then(|value| value.trim().parse().ok())
+        .unwrap_or(0);
+    let following = Following {
+        app,
+        id,
+        changes,
+        told: Told { version: last_seen, ..Told::default() },
+        queue: Vec::new(),
+        ended: false,
+    };
+    Ok(Sse::new(follow(following)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// What a stream has told its client.
+#[derive(Debug, Default)]
+struct Told {
+    version: i64,
+    state: Option<(jobs::State, i64, bool)>,
+    progress: Option<Value>,
+}
+
+struct Following {
+    app: App,
+    id: JobId,
+    changes: Subscription<JobId>,
+    told: Told,
+    /// Events that are due, last first.
+    queue: Vec<Event>,
+    ended: bool,
+}
+
+fn follow(following: Following) -> impl Stream<Item = Result<Event, Infallible>> {
+    stream::unfold((following, true), |(mut following, mut look)| async move {
+        loop {
+            if let Some(event) = following.queue.pop() {
+                return Some((Ok(event), (following, look)));
+            }
+            if following.ended {
+                return None;
+            }
+            if !look {
+                tokio::select! {
+                    () = following.changes.changed() => {}
+                    () = following.app.shared.shutdown.cancelled() => {
+                        following.ended = true;
+                        return Some((Ok(Event::default().comment("the server stops")), (following, look)));
+                    }
+                }
+            }
+            look = false;
+            match following.app.shared.store.get(following.id).await {
+                Ok(Some(job)) => {
+                    following.ended = job.state.is_finished();
+                    following.queue = following.told.news(&job);
+                    following.queue.reverse();
+                }
+                Ok(None) => following.ended = true,
+                Err(error) => {
+                    tracing::error!(%error, "an event stream ends early");
+                    following.ended = true;
+                }
+            }
+        }
+    })
+}
+
+impl Told {
+    /// The events that tell a client what it does not know yet.
+    fn news(&mut self, job: &JobRecord) -> Vec<Event> {
+        let mut events = Vec::new();
+        let mut tell = |name: &str, data: &Value| {
+            events.push(Event::default().event(name).id(job.version.to_string()).data(data.to_string()));
+        };
+        if job.version > self.version {
+            let whole = summary(job);
+            let state = (job.state, job.attempt, job.cancel_requested);
+            if self.state != Some(state) {
+                tell("state", &whole);
+            }
+            if job.progress.is_some() && job.progress != self.progress {
+                tell("progress", job.progress.as_ref().unwrap_or(&Value::Null));
+            }
+        }
+        // A client that missed the end must see it, whatever it saw before.
+        if job.state.is_finished() {
+            tell("end", &summary(job));
+        }
+        self.version = self.version.max(job.version);
+        self.state = Some((job.state, job.attempt, job.cancel_requested));
+        self.progress.clone_from(&job.progress);
+        events
+    }
+}
+
+fn summary(job: &JobRecord) -> Value {
+    serde_json::to_value(JobSummary::of(job)).unwrap_or_default()
+}

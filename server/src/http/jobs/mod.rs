@@ -1,0 +1,8 @@
+//! Jobs: submitting, listing, following and changing them.
+
+pub(crate) mod actions;
+pub(crate) mod events;
+pub(crate) mod get;
+pub(crate) mod list;
+pub(crate) mod submit;
+pub(crate) mod view;

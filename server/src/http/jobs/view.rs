@@ -1,0 +1,225 @@
+//! A job as clients see it.
+
+use std::collections::BTreeMap;
+
+use axum::http::header;
+use axum::response::{IntoResponse as _, Response};
+use packstone_engine::export::tables::{EngineInfo, Format};
+use packstone_engine::packing::Summary;
+use serde::Serialize;
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use crate::http::app::App;
+use crate::http::exports::view::ExportLink;
+use crate::http::response::{set, time};
+use crate::http::waiting::Changing;
+use crate::jobs::store::StoreError;
+use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
+use crate::problem::ProblemDocument;
+
+/// A job without its request, as listings show it.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct JobSummary {
+    /// Name of the job (UUIDv7).
+    #[schema(format = "uuid")]
+    id: String,
+    /// A name for people.
+    #[schema(required)]
+    name: Option<String>,
+    /// Keys and values to find the job by.
+    labels: BTreeMap<String, String>,
+    /// Where the job stands.
+    state: State,
+    /// A client wants the job to end.
+    cancel_requested: bool,
+    /// The attempt that runs, ran last, or will run next.
+    #[schema(minimum = 1)]
+    attempt: i64,
+    /// The last attempt that may start.
+    #[schema(minimum = 1)]
+    max_attempts: i64,
+    /// Jobs of higher priority run first.
+    #[schema(minimum = -100, maximum = 100)]
+    priority: i64,
+    /// Seed of the random generator.
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
+    seed: i64,
+    /// Longest time of an attempt.
+    #[schema(required)]
+    timeout_s: Option<f64>,
+    /// When the job was taken in (RFC 3339, UTC).
+    #[schema(format = DateTime)]
+    created_at: String,
+    /// When this attempt started.
+    #[schema(format = DateTime, required)]
+    started_at: Option<String>,
+    /// When the job ended.
+    #[schema(format = DateTime, required)]
+    finished_at: Option<String>,
+    /// When the job last changed.
+    #[schema(format = DateTime)]
+    updated_at: String,
+    /// Past this, the finished job is removed.
+    #[schema(format = DateTime, required)]
+    expires_at: Option<String>,
+    /// How far the latest attempt is.
+    #[schema(value_type = Option<JobProgress>, required)]
+    progress: Option<Value>,
+    /// Why the job failed.
+    #[schema(value_type = Option<ProblemDocument>, required)]
+    error: Option<Value>,
+    /// What came out.
+    #[schema(required)]
+    result: Option<ResultView>,
+    /// What computes, or computed, the result.
+    #[schema(value_type = EngineInfo)]
+    engine: Value,
+    /// The study that the job is part of.
+    #[schema(format = "uuid", required)]
+    study_id: Option<String>,
+    /// Index of its point in the study, from 0.
+    #[schema(required, minimum = 0)]
+    point: Option<u32>,
+    /// Index of the job in its point, from 0.
+    #[schema(required, minimum = 0)]
+    replicate: Option<u32>,
+    /// Where to go from here.
+    links: Links,
+}
+
+/// A job.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Job {
+    #[serde(flatten)]
+    summary: JobSummary,
+    /// What is kept of its result besides: asked for in `postprocess`, or by `POST /v1/jobs/{id}/exports`.
+    export: Vec<ExportLink>,
+    /// The request as submitted, with its defaults filled in.
+    #[schema(value_type = JobRequest)]
+    request: Value,
+}
+
+/// The result of a job, without its spheres.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = JobResult)]
+pub(crate) struct ResultView {
+    /// Formats in which it can be had.
+    formats: Vec<Format>,
+    /// Length of the stored form.
+    bytes: u64,
+    /// SHA-256 of the stored form, in hexadecimal.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
+    sha256: String,
+    /// The figures people ask for first.
+    #[schema(value_type = Summary)]
+    summary: Value,
+}
+
+/// Where to go from a job.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Links {
+    /// The job itself.
+    #[serde(rename = "self")]
+    this: String,
+    /// Its events.
+    events: String,
+    /// Its result.
+    result: String,
+    /// Its result without the spheres.
+    summary: String,
+    /// Its plots; which, says `kind`.
+    plot: String,
+    /// What is made of its result.
+    export: String,
+    /// Where to cancel it.
+    cancel: String,
+    /// Where to retry it.
+    retry: String,
+}
+
+impl JobSummary {
+    pub(crate) fn of(job: &JobRecord) -> Self {
+        let this = path(job);
+        Self {
+            id: job.id.to_string(),
+            name: job.name.clone(),
+            labels: job.labels.clone(),
+            state: job.state,
+            cancel_requested: job.cancel_requested,
+            attempt: job.attempt,
+            max_attempts: job.max_attempts,
+            priority: job.priority,
+            seed: job.seed,
+            timeout_s: job.timeout_s,
+            created_at: time(job.created_at),
+            started_at: job.started_at.map(time),
+            finished_at: job.finished_at.map(time),
+            updated_at: time(job.updated_at),
+            expires_at: job.expires_at.map(time),
+            progress: job.progress.clone(),
+            error: job.error.clone(),
+            result: job.artifact.as_ref().map(ResultView::of),
+            engine: job.engine.clone(),
+            study_id: job.study.map(|place| place.id.to_string()),
+            point: job.study.map(|place| place.point),
+            replicate: job.study.map(|place| place.replicate),
+            links: Links {
+                events: format!("{this}/events"),
+                result: format!("{this}/result"),
+                summary: format!("{this}/result/summary"),
+                plot: format!("{this}/plot.svg"),
+                export: format!("{this}/exports"),
+                cancel: format!("{this}/cancel"),
+                retry: format!("{this}/retry"),
+                this,
+            },
+        }
+    }
+}
+
+impl ResultView {
+    fn of(artifact: &ArtifactRecord) -> Self {
+        Self {
+            formats: Format::ALL.to_vec(),
+            bytes: artifact.bytes,
+            sha256: artifact.sha256.clone(),
+            summary: artifact.report.get("summary").cloned().unwrap_or_default(),
+        }
+    }
+}
+
+/// The whole job, read from a record and the request that the store keeps apart.
+pub(crate) async fn whole(app: &App, job: &JobRecord) -> Result<Job, StoreError> {
+    let store = &app.shared.store;
+    let request = store.request(job.seq).await?;
+    let kept = if job.state == State::Succeeded { store.kept_of(job.seq).await? } else { Vec::new() };
+    let export = kept.into_iter().map(|(id, kind)| ExportLink::of(job.id, id, kind)).collect();
+    Ok(Job { summary: JobSummary::of(job), export, request })
+}
+
+/// The job as a response with its tag, and a hint when to come back while it is not finished.
+pub(crate) fn response(status: axum::http::StatusCode, record: &JobRecord, job: &Job) -> Response {
+    let mut response = (status, axum::Json(job)).into_response();
+    set(&mut response, header::ETAG, &record.etag());
+    if !record.state.is_finished() {
+        set(&mut response, header::RETRY_AFTER, "1");
+    }
+    response
+}
+
+impl Changing for JobRecord {
+    /// It changes with everything that clients see.
+    fn etag(&self) -> String {
+        format!("\"{}\"", self.version)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.state.is_finished()
+    }
+}
+
+/// The path of a job.
+pub(crate) fn path(job: &JobRecord) -> String {
+    format!("/v1/jobs/{}", job.id)
+}

@@ -1,0 +1,32 @@
+//! The HTTP interface: a folder per resource, and below them what they share.
+//!
+//! A handler reads its request, calls the store, and writes a view of what it found. Every error is a problem document.
+//! The contract with clients is `openapi.yaml`, which is rendered from the handlers and their types.
+
+mod app;
+pub(crate) mod auth;
+mod body;
+mod conditional;
+mod contract;
+mod exports;
+mod files;
+mod jobs;
+mod negotiation;
+mod observe;
+mod openapi;
+mod pages;
+mod params;
+mod plots;
+mod problems;
+mod ranges;
+mod response;
+mod results;
+mod router;
+mod service;
+mod studies;
+mod submission;
+mod waiting;
+
+pub(crate) use app::App;
+pub(crate) use contract::yaml;
+pub(crate) use router::router;

@@ -1,0 +1,156 @@
+//! What happens around every request: its id, its log line, its count, its key, and the form of
+//! its errors.
+//!
+//! Errors are written here and only here, those of the framework too: whatever leaves with an error
+//! status and without a problem becomes one. So no answer of this service is plain text by accident.
+
+use std::panic::AssertUnwindSafe;
+use std::time::Instant;
+
+use axum::body::Body;
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse as _, Response};
+use futures_util::FutureExt as _;
+use tracing::Instrument as _;
+use uuid::Uuid;
+
+use crate::http::app::App;
+use crate::http::problems::{PROBLEM_JSON, Unwritten};
+use crate::problem::{Kind, Problem};
+
+const REQUEST_ID: &str = "x-request-id";
+/// Longest id of a request that is taken over from the client.
+const MAX_REQUEST_ID_CHARS: usize = 128;
+/// Routes that need no key: probes have none.
+pub(crate) const OPEN_ROUTES: [&str; 2] = ["/healthz", "/readyz"];
+
+/// Name of the API key that a request came with; empty where the server asks for none.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Caller(pub(crate) String);
+
+/// The middleware; outermost, and around the fallback too.
+pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: Next) -> Response {
+    let started = Instant::now();
+    let id = request_id(request.headers());
+    let method = request.method().clone();
+    // Paths have no end and may hold anything; metrics and logs get the route.
+    let route =
+        request.extensions().get::<MatchedPath>().map_or_else(|| "unknown".into(), |m| m.as_str().to_owned());
+    let span = tracing::info_span!("request", request_id = id, %method, path = request.uri().path());
+    let mut response = async {
+        match authorize(&app, &route, request.headers()) {
+            Ok(caller) => {
+                request.extensions_mut().insert(caller);
+                AssertUnwindSafe(next.run(request)).catch_unwind().await.unwrap_or_else(|_| {
+                    tracing::error!("the handler panicked");
+                    Problem::internal().into_response()
+                })
+            }
+            Err(problem) => problem.into_response(),
+        }
+    }
+    .instrument(span.clone())
+    .await;
+    let status = response.status();
+    if status.is_client_error() || status.is_server_error() {
+        response = write_problem(response, &id);
+    }
+    if let Ok(id) = HeaderValue::try_from(id) {
+        response.headers_mut().insert(REQUEST_ID, id);
+    }
+    let took = started.elapsed();
+    app.shared.metrics.request_answered(known_method(&method), &route, status.as_u16(), took);
+    let took_ms = took.as_secs_f64() * 1e3;
+    span.in_scope(|| {
+        if status.is_server_error() {
+            tracing::warn!(status = status.as_u16(), took_ms, "answered");
+        } else {
+            tracing::info!(status = status.as_u16(), took_ms, "answered");
+        }
+    });
+    response
+}
+
+/// Methods have no end either: a client may invent them.
+fn known_method(method: &axum::http::Method) -> &'static str {
+    match method.as_str() {
+        "GET" => "GET",
+        "HEAD" => "HEAD",
+        "POST" => "POST",
+        "DELETE" => "DELETE",
+        _ => "other",
+    }
+}
+
+fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Problem> {
+    match &app.shared.keys {
+        Some(keys) if !OPEN_ROUTES.contains(&route) => Ok(Caller(keys.check(headers)?.to_owned())),
+        _ => Ok(Caller::default()),
+    }
+}
+
+/// The client's id of the request where it is fit for a log line, else a fresh one.
+fn request_id(headers: &HeaderMap) -> String {
+    let sane = |id: &&str| {
+        (1..=MAX_REQUEST_ID_CHARS).contains(&id.len())
+            && id.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b))
+    };
+    headers
+        .get(REQUEST_ID)
+        .and_then(|value| value.to_str().ok())
+        .filter(sane)
+        .map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
+}
+
+fn write_problem(mut response: Response, request_id: &str) -> Response {
+    let problem = match response.extensions_mut().remove::<Unwritten>() {
+        Some(Unwritten(problem)) => *problem,
+        None => of_framework(response.status()),
+    };
+    let mut document = problem.document();
+    document.insert("instance".into(), format!("urn:packstone:request:{request_id}").into());
+    let body = serde_json::Value::Object(document).to_string();
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+    headers.insert(header::CONTENT_LENGTH, HeaderValue::from(body.len()));
+    *response.body_mut() = Body::from(body);
+    response
+}
+
+/// The problem behind an error that the framework answered with by itself.
+fn of_framework(status: StatusCode) -> Problem {
+    match status {
+        StatusCode::NOT_FOUND => Problem::new(Kind::NotFound, "there is no such route"),
+        StatusCode::METHOD_NOT_ALLOWED => {
+            Problem::new(Kind::MethodNotAllowed, "the route exists, but not with this method")
+        }
+        _ => {
+            tracing::error!(status = status.as_u16(), "an error without a problem");
+            let mut problem = Problem::internal();
+            problem.status = status.as_u16();
+            problem
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_sane_request_ids_are_taken_over() {
+        let with = |id: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert(REQUEST_ID, HeaderValue::from_bytes(id.as_bytes()).unwrap());
+            request_id(&headers)
+        };
+        assert_eq!(with("lab-7.a_B"), "lab-7.a_B");
+        for bad in ["", "a b", "a\"b", "ü", &"x".repeat(129)] {
+            assert_eq!(with(bad).len(), 36, "{bad}");
+        }
+        assert_eq!(request_id(&HeaderMap::new()).len(), 36);
+    }
+}

@@ -1,0 +1,71 @@
+//! Problems as responses.
+//!
+//! A handler answers with the bare status and leaves the problem in the response's extensions;
+//! [`crate::http::observe`] writes the document, because only it knows the request's id.
+
+use axum::http::{HeaderName, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+
+use crate::jobs::store::StoreError;
+use crate::problem::{Kind, Problem};
+
+/// Media type of the documents.
+pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
+
+/// A problem waiting in a response's extensions to be written.
+#[derive(Clone)]
+pub(crate) struct Unwritten(pub(crate) Box<Problem>);
+
+impl IntoResponse for Problem {
+    fn into_response(mut self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = status.into_response();
+        for (name, value) in std::mem::take(&mut self.headers) {
+            if let Ok(value) = HeaderValue::try_from(value) {
+                response.headers_mut().insert(HeaderName::from_static(name), value);
+            }
+        }
+        response.extensions_mut().insert(Unwritten(Box::new(self)));
+        response
+    }
+}
+
+/// What the store refused, as the client sees it; `id` is the job or study it asked for.
+pub(crate) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem {
+    match error {
+        StoreError::NoJob => Problem::no_job(&id.to_string()),
+        StoreError::NoStudy => Problem::no_study(&id.to_string()),
+        StoreError::NoExport => Problem::no_export(&id.to_string()),
+        StoreError::StudyForbidden(state) => {
+            Problem::new(Kind::Conflict, format!("the study {id} is {}, which forbids this", state.name()))
+                .with("state", state.name().into())
+        }
+        StoreError::Forbidden(state) => Problem::new(
+            Kind::Conflict,
+            format!("the state of job {id} is {}, which forbids this", state.name()),
+        )
+        .with("state", state.name().into()),
+        other => other.into(),
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::QueueFull { .. } | StoreError::TooManyWait { .. } => {
+                Self::new(Kind::QueueFull, error.to_string()).with_header("retry-after", "30")
+            }
+            StoreError::KeyReused => {
+                Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")
+            }
+            StoreError::TooManyKept { .. } => Self::new(Kind::Conflict, error.to_string()),
+            StoreError::NoExport => Self::new(Kind::NotFound, "it has been deleted meanwhile"),
+            StoreError::NoJob => Self::new(Kind::NotFound, "there is no such job any more"),
+            StoreError::NoStudy => Self::new(Kind::NotFound, "there is no such study any more"),
+            other => {
+                tracing::error!(error = %other, "the store failed");
+                Self::internal()
+            }
+        }
+    }
+}

@@ -1,0 +1,17 @@
+//! Small parts of responses that every resource uses.
+
+use axum::http::{HeaderValue, header};
+use axum::response::Response;
+use jiff::Timestamp;
+
+/// Sets a header field whose value is known to be plain ASCII.
+pub(crate) fn set(response: &mut Response, name: header::HeaderName, value: &str) {
+    if let Ok(value) = HeaderValue::from_str(value) {
+        response.headers_mut().insert(name, value);
+    }
+}
+
+/// A moment of the store as clients see it.
+pub(crate) fn time(us: i64) -> String {
+    Timestamp::from_microsecond(us).unwrap_or_default().to_string()
+}

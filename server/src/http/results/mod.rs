@@ -1,0 +1,241 @@
+//! Results: any format, any part, to many at once, out of one stored form.
+//!
+//! The tag is strong: it is made of the stored file's digest, the format, and the revision of the
+//! formats, which together decide every byte. Lengths were counted when the job ended, so that an
+//! answer can say its length before its first byte is made.
+
+use std::io;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::response::{IntoResponse as _, Response};
+use packstone_engine::export::tables::{self, EngineInfo, Format};
+use packstone_engine::packing::Report;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use crate::artifacts::read::StoredResult;
+use crate::artifacts::stream as conversion;
+use crate::http::app::App;
+use crate::http::exports::formats::{self, ResultFormat};
+use crate::http::files::{self, Described};
+use crate::http::negotiation;
+use crate::http::openapi;
+use crate::http::params::{JobPath, Query};
+use crate::http::problems::refused;
+use crate::http::problems::sets::{ResultProblems, SummaryProblems};
+use crate::jobs::store::StoreError;
+use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
+use crate::problem::{Kind, Problem};
+
+/// A result without its spheres.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ResultSummary {
+    /// The job.
+    #[schema(format = "uuid")]
+    job_id: String,
+    /// The request as submitted, with its defaults filled in.
+    #[schema(value_type = JobRequest)]
+    request: Value,
+    /// What computed the result.
+    #[schema(value_type = EngineInfo)]
+    engine: Value,
+    /// What is known about the packing.
+    #[serde(flatten)]
+    #[schema(value_type = Report)]
+    report: Map<String, Value>,
+}
+
+/// Get a result without its spheres
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/result/summary", tag = "results", operation_id = "get_result_summary",
+    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    responses((status = 200, description = "The result without its spheres", body = ResultSummary), SummaryProblems)
+)]
+pub(crate) async fn summary(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let (job, artifact) = finished(&app, id).await?;
+    let request = app.shared.store.request(job.seq).await.map_err(|error| refused(error, id))?;
+    let summary =
+        ResultSummary { job_id: id.to_string(), request, engine: job.engine, report: artifact.report };
+    Ok(axum::Json(summary).into_response())
+}
+
+/// Get a result
+///
+/// In the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with
+/// one part, `If-Range` and `If-None-Match`.
+///
+/// Formats that are models of the packing (meshes, voxels, cuts, lattices) take options, each a parameter of its own, as
+/// `?format=msh&segments=24`; they are those of the schema `ExportRequest`. Such a file is made when it is first asked for, and
+/// kept for a while; the answer is held back for it, at most 30 s or as long as `Prefer: wait=N` says.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
+    params(
+        ("id" = String, Path, format = "uuid", description = "Name of the job"),
+        ("format" = Option<ResultFormat>, Query, description = "The format; wins over `Accept`"),
+        ("options" = Option<formats::FormatOptions>, Query, style = Form, explode, description = "Options of a format that is a model of the packing"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60: how long the answer is held back while a model is made"),
+        ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
+        ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
+        ("If-None-Match" = Option<String>, Header, description = "Tag of the result as known"),
+    ),
+    responses(
+        (status = 200, description = "The result",
+            content(
+                (openapi::ResultDocument = "application/json"),
+                (String = "text/csv"),
+                (Vec<u8> = "application/vnd.vtk.legacy"),
+                (Vec<u8> = "application/vnd.vtk.polydata+xml"),
+                (Vec<u8> = "application/x-npy"),
+            ),
+            headers(("ETag" = String, description = "Strong tag of the result in this format"))),
+        (status = 206, description = "A part of the result",
+            content(
+                (Vec<u8> = "application/json"),
+                (Vec<u8> = "text/csv"),
+                (Vec<u8> = "application/vnd.vtk.legacy"),
+                (Vec<u8> = "application/vnd.vtk.polydata+xml"),
+                (Vec<u8> = "application/x-npy"),
+            ),
+            headers(("Content-Range" = String, description = "Which part, and of how much"))),
+        (status = 304, description = "The result is as known"),
+        ResultProblems
+    )
+)]
+pub(crate) async fn get(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    mut query: Query,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    if let Some(kind) = query.peek("format").and_then(formats::model) {
+        return formats::get(&app, id, kind, query, &method, &headers).await;
+    }
+    let asked_format = query.one("format");
+    query.finish()?;
+    let (job, mut artifact) = finished(&app, id).await?;
+    let format = negotiation::format(asked_format.as_deref(), &headers)?;
+    let described = Described {
+        etag: format!(
+            "\"{}-{}-{}\"",
+            &artifact.sha256[..32.min(artifact.sha256.len())],
+            format.name(),
+            tables::REVISION
+        ),
+        content_type: content_type(format),
+        filename: format!("{id}.{}", format.name()),
+        inline: false,
+        negotiated: true,
+    };
+    if let Some(response) = described.not_modified(&headers) {
+        return Ok(response);
+    }
+    if artifact.format_revision != tables::REVISION {
+        artifact = recount(&app, &job, artifact).await?;
+    }
+    let length = *artifact.format_lengths.get(format.name()).ok_or_else(|| {
+        tracing::error!(job_id = %id, format = format.name(), "the length of a format is not stored");
+        Problem::internal()
+    })?;
+    let part = described.part(&method, &headers, length)?;
+    described.respond(part, |range| send(&app, artifact, format, range)).await
+}
+
+fn content_type(format: Format) -> HeaderValue {
+    HeaderValue::from_static(match format {
+        Format::Csv => "text/csv; charset=utf-8; header=present",
+        other => other.media_type(),
+    })
+}
+
+/// A job that succeeded and its artifact, or the problem that it did not.
+pub(crate) async fn finished(app: &App, id: JobId) -> Result<(JobRecord, ArtifactRecord), Problem> {
+    let job = app.shared.store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));
+    let job = job.map_err(|error| refused(error, id))?;
+    match (job.state, &job.artifact) {
+        (JobState::Succeeded, Some(artifact)) => {
+            let artifact = artifact.clone();
+            Ok((job, artifact))
+        }
+        (JobState::Succeeded, None) => {
+            tracing::error!(job_id = %id, "a job succeeded without an artifact");
+            Err(Problem::internal())
+        }
+        (JobState::Queued | JobState::Running, _) => {
+            Err(Problem::new(Kind::ResultNotReady, format!("job {id} is {}", job.state.name()))
+                .with("state", job.state.name().into())
+                .with_header("retry-after", "1"))
+        }
+        (JobState::Failed | JobState::Cancelled, _) => {
+            let problem = Problem::new(Kind::JobFailed, format!("job {id} {}", ended(&job)))
+                .with("state", job.state.name().into());
+            Err(match job.error {
+                Some(error) => problem.with("job_error", error),
+                None => problem,
+            })
+        }
+    }
+}
+
+fn ended(job: &JobRecord) -> String {
+    let why = job.error.as_ref().and_then(|error| error.get("detail")).and_then(Value::as_str);
+    match why {
+        Some(why) => format!("failed: {why}"),
+        None if job.state == JobState::Cancelled => "was cancelled".into(),
+        None => "failed".into(),
+    }
+}
+
+/// The lengths as of this revision of the formats, for a result of an earlier one.
+async fn recount(app: &App, job: &JobRecord, artifact: ArtifactRecord) -> Result<ArtifactRecord, Problem> {
+    let artifacts = app.shared.artifacts.clone();
+    let counted = blocking(job.id, move || {
+        let lengths = artifacts.read(&artifact)?.count_lengths()?;
+        Ok(ArtifactRecord { format_revision: tables::REVISION, format_lengths: lengths, ..artifact })
+    })
+    .await?;
+    let (store, lengths) = (&app.shared.store, counted.format_lengths.clone());
+    store.record_lengths(job.seq, tables::REVISION, lengths).await?;
+    Ok(counted)
+}
+
+/// Starts to send a part of a result.
+async fn send(
+    app: &App,
+    artifact: ArtifactRecord,
+    format: Format,
+    part: std::ops::Range<u64>,
+) -> Result<Body, Problem> {
+    let permit = files::turn(app).await?;
+    let artifacts = app.shared.artifacts.clone();
+    let path = artifact.path.clone();
+    let result: StoredResult = blocking(path, move || artifacts.read(&artifact)).await?;
+    Ok(files::body(conversion::start(result, format, part, permit)))
+}
+
+/// Reads from disk without holding up others. What fails here is this server's fault, or its disk's.
+pub(crate) async fn blocking<T: Send + 'static>(
+    what: impl std::fmt::Display,
+    read: impl FnOnce() -> io::Result<T> + Send + 'static,
+) -> Result<T, Problem> {
+    let failed = |error: &dyn std::fmt::Display| {
+        tracing::error!(%error, %what, "a stored result is unreadable");
+        Problem::new(
+            Kind::InternalError,
+            "the stored result is missing or damaged; the server's log says how",
+        )
+    };
+    match tokio::task::spawn_blocking(read).await {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => Err(failed(&error)),
+        Err(error) => Err(failed(&error)),
+    }
+}

@@ -1,0 +1,238 @@
+//! What the service says about itself: what it can do, how it is, what it counted, its interface.
+
+use axum::extract::State;
+use axum::http::{HeaderValue, header};
+use axum::response::{IntoResponse as _, Response};
+use packstone_engine::export::ExportType;
+use packstone_engine::export::tables::{EngineInfo, Format};
+use packstone_engine::mix::standard;
+use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, StandardCurve};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::exports;
+use crate::http::app::App;
+use crate::http::conditional::MAX_WAIT_S;
+use crate::http::exports::formats;
+use crate::http::params::Query;
+use crate::http::problems::sets::{OpenProblems, ReadyProblems};
+use crate::jobs::request;
+use crate::metrics::Gauges;
+use crate::problem::{Kind, Problem};
+use crate::studies;
+
+/// What this server can do, and how much of it.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct Capabilities {
+    /// Version of the service.
+    version: &'static str,
+    /// What computes packings.
+    engine: EngineInfo,
+    /// Specimens.
+    specimens: Vec<&'static str>,
+    /// Gradings of a mix.
+    gradings: Vec<&'static str>,
+    /// Standard curves with their points.
+    standard_curves: Vec<Curve>,
+    /// Rules for the distance between grains.
+    distances: Vec<&'static str>,
+    /// Methods.
+    methods: Vec<&'static str>,
+    /// Formats of results.
+    formats: Vec<FormatInfo>,
+    /// What can be made of results: formats with options of their own, and what `postprocess` and
+    /// `POST /v1/jobs/{id}/exports` take.
+    exports: Vec<ExportInfo>,
+    /// Bounds.
+    limits: LimitsInfo,
+}
+
+/// A standard grading curve.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct Curve {
+    /// Its name.
+    name: &'static str,
+    /// `[sieve in mm, mass fraction passing]`, from fine to coarse.
+    points: &'static [[f64; 2]],
+}
+
+/// A format of results.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct FormatInfo {
+    /// Its name in `?format=`.
+    name: Format,
+    /// Its media type in `Accept`.
+    media_type: &'static str,
+}
+
+/// Something that can be made of results.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ExportInfo {
+    /// Its `type`.
+    r#type: ExportType,
+    /// Media type of the file, if no option changes it.
+    media_type: &'static str,
+    /// Its name in `?format=`; `null` where it is no format of results, as cuts, which have an address of their own.
+    #[schema(required)]
+    format: Option<&'static str>,
+}
+
+/// Bounds of this server.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct LimitsInfo {
+    /// Most grains of a packing.
+    max_grains: u64,
+    /// Most memory of a packing.
+    max_memory_bytes: u64,
+    /// Most memory of a model of a result, and longest file of one.
+    max_model_bytes: u64,
+    /// Shortest length of a grain, a sieve or a specimen.
+    min_length_mm: f64,
+    /// Longest length in a request.
+    max_length_mm: f64,
+    /// Largest seed.
+    max_seed: u64,
+    /// Longest body of a request.
+    max_body_bytes: u64,
+    /// Most jobs that wait.
+    max_queued: u64,
+    /// Jobs that run at once.
+    workers: usize,
+    /// Most attempts of a job.
+    max_attempts: i64,
+    /// Priorities lie between this and its negative.
+    max_priority: i64,
+    /// Longest time of an attempt.
+    max_timeout_s: f64,
+    /// Longest name of a job, in characters.
+    max_name_chars: usize,
+    /// Most labels of a job.
+    max_labels: usize,
+    /// Most jobs of a study.
+    max_study_jobs: usize,
+    /// Longest `Prefer: wait`.
+    max_wait_s: u64,
+    /// Most results being sent at once.
+    max_downloads: usize,
+    /// Most things in `postprocess`.
+    max_postprocess: usize,
+    /// Most things export that are kept of one result.
+    max_kept_exports: u64,
+    /// Bytes that things export may hold which nobody asked to be kept.
+    export_cache_bytes: u64,
+}
+
+/// What this server can do
+#[utoipa::path(
+    get, path = "/v1/capabilities", tag = "service", operation_id = "get_capabilities",
+    responses((status = 200, description = "What this server can do", body = Capabilities), OpenProblems)
+)]
+pub(crate) async fn capabilities(State(app): State<App>, query: Query) -> Result<Response, Problem> {
+    query.finish()?;
+    let shared = &app.shared;
+    let capabilities = Capabilities {
+        version: env!("CARGO_PKG_VERSION"),
+        engine: EngineInfo::current(),
+        specimens: vec!["box", "cylinder"],
+        gradings: vec!["standard", "fuller", "sieves", "classes", "monodisperse", "diameters"],
+        standard_curves: StandardCurve::NAMES
+            .iter()
+            .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
+            .collect(),
+        distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
+        methods: vec!["auto", "rsa", "edmd"],
+        formats: Format::ALL
+            .into_iter()
+            .map(|format| FormatInfo { name: format, media_type: format.media_type() })
+            .collect(),
+        exports: ExportType::ALL
+            .iter()
+            .map(|&kind| ExportInfo {
+                r#type: kind,
+                media_type: formats::media_type(kind),
+                format: formats::model(kind.name()).map(ExportType::name),
+            })
+            .collect(),
+        limits: LimitsInfo {
+            max_grains: shared.limits.max_grains,
+            max_memory_bytes: shared.limits.max_memory_bytes,
+            max_model_bytes: shared.limits.max_model_bytes,
+            min_length_mm: MIN_LENGTH_MM,
+            max_length_mm: MAX_LENGTH_MM,
+            max_seed: MAX_SEED,
+            max_body_bytes: shared.max_body_bytes,
+            max_queued: shared.max_queued,
+            workers: shared.workers,
+            max_attempts: request::MAX_ATTEMPTS,
+            max_priority: request::MAX_PRIORITY,
+            max_timeout_s: request::MAX_TIMEOUT_S,
+            max_name_chars: request::MAX_NAME_CHARS,
+            max_labels: request::MAX_LABELS,
+            max_study_jobs: studies::MAX_JOBS,
+            max_wait_s: MAX_WAIT_S,
+            max_downloads: shared.max_downloads,
+            max_postprocess: exports::MAX_POSTPROCESS,
+            max_kept_exports: exports::MAX_KEPT,
+            export_cache_bytes: shared.export_cache_bytes,
+        },
+    };
+    Ok(axum::Json(capabilities).into_response())
+}
+
+/// How the service is.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct Health {
+    /// `ok`.
+    status: &'static str,
+}
+
+/// Whether the process answers at all
+#[utoipa::path(
+    get, path = "/healthz", tag = "service", operation_id = "get_health",
+    responses((status = 200, description = "It answers", body = Health))
+)]
+pub(crate) async fn health() -> Response {
+    axum::Json(Health { status: "ok" }).into_response()
+}
+
+/// Whether the service takes jobs
+///
+/// False while it starts or stops, and while it cannot write to its data directory.
+#[utoipa::path(
+    get, path = "/readyz", tag = "service", operation_id = "get_readiness",
+    responses((status = 200, description = "It takes jobs", body = Health), ReadyProblems)
+)]
+pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
+    let not_ready = |why: &str| Problem::new(Kind::NotReady, why).with_header("retry-after", "1");
+    if !app.is_ready() {
+        return Err(not_ready("the server is starting or stopping"));
+    }
+    app.shared.store.check_writable().await.map_err(|error| {
+        tracing::error!(%error, "the store cannot be written");
+        not_ready("the store cannot be written; the server's log says why")
+    })?;
+    Ok(axum::Json(Health { status: "ready" }).into_response())
+}
+
+/// Counters in the text form of Prometheus
+#[utoipa::path(
+    get, path = "/metrics", tag = "service", operation_id = "get_metrics",
+    responses((status = 200, description = "The counters", body = String, content_type = "text/plain"), OpenProblems)
+)]
+pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
+    let shared = &app.shared;
+    let export = shared.store.export_counts().await?;
+    let gauges = Gauges {
+        export: export.states,
+        export_cache_bytes: export.cache_bytes,
+        jobs: shared.store.counts().await?,
+        open_studies: shared.store.open_studies().await?,
+        workers: shared.workers,
+        connections: shared.max_connections.saturating_sub(shared.connections.available_permits()),
+        results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),
+    };
+    let mut response = shared.metrics.render(&gauges).into_response();
+    let text = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
+    response.headers_mut().insert(header::CONTENT_TYPE, text);
+    Ok(response)
+}

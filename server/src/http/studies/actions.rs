@@ -1,0 +1,123 @@
+//! What a client may do to a study as a whole: cancel, retry, delete.
+
+use std::collections::HashMap;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse as _, Response};
+
+use crate::http::app::App;
+use crate::http::params::{Query, StudyPath, shown};
+use crate::http::problems::refused;
+use crate::http::problems::sets::{ActionProblems, StudyRetryProblems};
+use crate::http::studies::view::{self, Study};
+use crate::jobs;
+use crate::jobs::store::StudyState;
+use crate::problem::Problem;
+
+/// Cancel a study
+///
+/// Waiting jobs are cancelled at once; running ones are asked to stop, and do within two seconds.
+#[utoipa::path(
+    post, path = "/v1/studies/{id}/cancel", tag = "studies", operation_id = "cancel_study",
+    params(("id" = String, Path, format = "uuid", description = "Name of the study")),
+    responses(
+        (status = 200, description = "The study is finished", body = Study),
+        (status = 202, description = "Its last jobs were asked to stop", body = Study),
+        ActionProblems
+    )
+)]
+pub(crate) async fn cancel(
+    State(app): State<App>,
+    StudyPath(id): StudyPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let study = app.shared.store.cancel_study(id).await.map_err(|error| refused(error, id))?;
+    let status = match study.state() {
+        StudyState::Finished => StatusCode::OK,
+        StudyState::Open => StatusCode::ACCEPTED,
+    };
+    tracing::info!(study_id = %id, "cancel asked for");
+    view::response(&app, status, &study).await.map_err(|error| refused(error, id))
+}
+
+/// Retry what failed of a study
+///
+/// Its failed jobs, with `state=failed,cancelled` the cancelled ones too, go back to the queue as their next attempts,
+/// with their attempts renewed; their earlier runs leave the table. Where there are none, the study stays as it is.
+#[utoipa::path(
+    post, path = "/v1/studies/{id}/retry", tag = "studies", operation_id = "retry_study",
+    params(
+        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("state" = Option<String>, Query, pattern = "^(failed|cancelled|failed,cancelled|cancelled,failed)$", description = "Which jobs: `failed` (when absent), `cancelled`, or both, separated by a comma"),
+    ),
+    responses((status = 200, description = "The study, whose jobs wait again", body = Study), StudyRetryProblems)
+)]
+pub(crate) async fn retry(
+    State(app): State<App>,
+    StudyPath(id): StudyPath,
+    mut query: Query,
+) -> Result<Response, Problem> {
+    let states = read_states(&mut query);
+    query.finish()?;
+    let (study, retried) =
+        app.shared.store.retry_study(id, states).await.map_err(|error| refused(error, id))?;
+    // As for a single job: who retries wants a new start.
+    let until = retried.iter().map(|(job, attempt)| (job.to_string(), attempt - 1)).collect();
+    remove_checkpoints(&app, until).await;
+    tracing::info!(study_id = %id, jobs = retried.len(), "retried");
+    view::response(&app, StatusCode::OK, &study).await.map_err(|error| refused(error, id))
+}
+
+fn read_states(query: &mut Query) -> Vec<jobs::State> {
+    let Some(names) = query.one("state") else { return vec![jobs::State::Failed] };
+    let mut states = Vec::new();
+    for name in names.split(',') {
+        match jobs::State::from_name(name).filter(|state| state.may_retry()) {
+            Some(state) if !states.contains(&state) => states.push(state),
+            Some(_) => query.fault("state", format!("{} comes twice", shown(name))),
+            None => query.fault(
+                "state",
+                format!("{} cannot be retried: must be failed, cancelled, or both", shown(name)),
+            ),
+        }
+    }
+    states
+}
+
+/// Delete a finished study with its jobs and their results
+///
+/// The answer does not wait until the files of ten thousand results have left the disk.
+#[utoipa::path(
+    delete, path = "/v1/studies/{id}", tag = "studies", operation_id = "delete_study",
+    params(("id" = String, Path, format = "uuid", description = "Name of the study")),
+    responses((status = 204, description = "The study and its jobs are gone"), ActionProblems)
+)]
+pub(crate) async fn delete(
+    State(app): State<App>,
+    StudyPath(id): StudyPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let removed = app.shared.store.delete_study(id).await.map_err(|error| refused(error, id))?;
+    tracing::info!(study_id = %id, jobs = removed.len(), "deleted");
+    remove_checkpoints(&app, removed.iter().map(|job| (job.id.to_string(), i64::MAX)).collect()).await;
+    let artifacts = app.shared.artifacts.clone();
+    // Nothing refers to them any more: should the server stop meanwhile, the rest is swept at the next start.
+    tokio::task::spawn_blocking(move || {
+        for path in removed.into_iter().flat_map(|job| job.files) {
+            if let Err(error) = artifacts.remove(&path) {
+                tracing::warn!(%error, path, "a file is left to the sweeper");
+            }
+        }
+    });
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// Removes checkpoints of these jobs up to those of the attempt named, on a thread that may block; what fails is
+/// logged there, and swept later.
+async fn remove_checkpoints(app: &App, until_attempt: HashMap<String, i64>) {
+    let checkpoints = app.shared.checkpoints.clone();
+    let _ = tokio::task::spawn_blocking(move || checkpoints.remove_all(&until_attempt)).await;
+}

@@ -1,0 +1,61 @@
+//! Asking how a study is, with long polls.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+
+use crate::http::app::App;
+use crate::http::conditional::Wait;
+use crate::http::params::{Query, StudyPath};
+use crate::http::problems::refused;
+use crate::http::problems::sets::StudyProblems;
+use crate::http::studies::view::{self, Study as StudyView};
+use crate::http::waiting::{self, Asked};
+use crate::ids::StudyId;
+use crate::jobs::store::{StoreError, StudyRecord};
+use crate::problem::Problem;
+
+/// Ask how a study is
+///
+/// With `Prefer: wait=N` the answer is held back for at most N s: until the study differs from
+/// `If-None-Match` (304 if it never does), or without that field until the study is finished.
+#[utoipa::path(
+    get, path = "/v1/studies/{id}", tag = "studies", operation_id = "get_study",
+    params(
+        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("If-None-Match" = Option<String>, Header, description = "Tag of the study as known"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
+    ),
+    responses(
+        (status = 200, description = "The study", body = StudyView,
+            headers(("ETag" = String, description = "Tag of the study"))),
+        (status = 304, description = "The study is as known"),
+        StudyProblems
+    )
+)]
+pub(crate) async fn get(
+    State(app): State<App>,
+    StudyPath(id): StudyPath,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let asked = Asked::of(&headers);
+    let answered = async {
+        let record = wait_until(&app, id, asked.wait(), |study| asked.settles(study)).await?;
+        asked.answer(&record, view::response(&app, StatusCode::OK, &record)).await
+    };
+    answered.await.map_err(|error| refused(error, id))
+}
+
+/// Waits until a study is as wished, the time is over, or the server stops; the study as it is then.
+pub(crate) async fn wait_until(
+    app: &App,
+    id: StudyId,
+    wait: Wait,
+    wished: impl Fn(&StudyRecord) -> bool,
+) -> Result<StudyRecord, StoreError> {
+    let store = &app.shared.store;
+    let read = move || async move { store.study(id).await?.ok_or(StoreError::NoStudy) };
+    waiting::wait_until(app, wait, store.subscribe_study(id), read, wished).await
+}

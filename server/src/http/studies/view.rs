@@ -1,0 +1,200 @@
+//! A study as clients see it.
+
+use std::collections::BTreeMap;
+
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use serde::Serialize;
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use crate::http::app::App;
+use crate::http::response::{set, time};
+use crate::http::studies::schemas::StudyRequest;
+use crate::http::waiting::Changing;
+use crate::ids::StudyId;
+use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
+use crate::studies::StopWhen;
+
+/// A study without its request, as listings show it.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct StudySummary {
+    /// Name of the study (UUIDv7).
+    #[schema(format = "uuid")]
+    id: String,
+    /// A name for people.
+    #[schema(required)]
+    name: Option<String>,
+    /// Keys and values to find the study by.
+    labels: BTreeMap<String, String>,
+    /// What the seeds of its jobs derive from.
+    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
+    seed: i64,
+    /// When the study was taken in (RFC 3339, UTC).
+    #[schema(format = DateTime)]
+    created_at: String,
+    /// When its last job ended; `null` while any is left to run.
+    #[schema(format = DateTime, required)]
+    finished_at: Option<String>,
+    /// When one of its jobs last moved.
+    #[schema(format = DateTime)]
+    updated_at: String,
+    /// Past this, the finished study is removed with its jobs: the latest `expires_at` of these, if all have one.
+    #[schema(format = DateTime, required)]
+    expires_at: Option<String>,
+    /// Mixes and methods.
+    #[schema(minimum = 1)]
+    points: u32,
+    /// Jobs of every point.
+    #[schema(minimum = 1)]
+    replicates: u32,
+    /// Jobs in all: `points` times `replicates`.
+    #[schema(minimum = 1, maximum = 10_000)]
+    jobs: u64,
+    /// How many jobs are in each state. A job that is deleted stays counted.
+    counts: CountsView,
+    /// How far the study is.
+    progress: StudyProgress,
+    /// When a point needs no more runs.
+    stop_when: StopWhen,
+    /// JSON pointers into the job that distinguish the points; empty for a list.
+    columns: Vec<String>,
+    /// Where to go from here.
+    links: Links,
+}
+
+/// A study.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct Study {
+    #[serde(flatten)]
+    summary: StudySummary,
+    /// The request as submitted, with its seed.
+    #[schema(value_type = StudyRequest)]
+    request: Value,
+}
+
+/// Jobs by state.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = StudyCounts)]
+pub(crate) struct CountsView {
+    queued: u64,
+    running: u64,
+    succeeded: u64,
+    failed: u64,
+    cancelled: u64,
+}
+
+/// How far a study is.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct StudyProgress {
+    /// Share of the jobs that are finished, in whatever way.
+    #[schema(minimum = 0, maximum = 1)]
+    fraction: f64,
+    /// Finished jobs.
+    done: u64,
+    /// All jobs.
+    total: u64,
+    /// Seconds that the rest is likely to take if the study has all workers for itself, as of `updated_at`: as long
+    /// as the runs so far took on average. `null` while nothing can be said.
+    #[schema(required)]
+    eta_s: Option<f64>,
+}
+
+/// Where to go from a study.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = StudyLinks)]
+pub(crate) struct Links {
+    /// The study itself.
+    #[serde(rename = "self")]
+    this: String,
+    /// Its jobs.
+    jobs: String,
+    /// What its runs came to.
+    table: String,
+    /// A picture of that.
+    plot: String,
+    /// Where to cancel it.
+    cancel: String,
+    /// Where to retry what failed.
+    retry: String,
+}
+
+impl StudySummary {
+    pub(crate) fn of(app: &App, study: &StudyRecord) -> Self {
+        let this = path(study.id);
+        let StudyCounts { queued, running, succeeded, failed, cancelled } = study.counts;
+        Self {
+            id: study.id.to_string(),
+            name: study.name.clone(),
+            labels: study.labels.clone(),
+            seed: study.seed,
+            created_at: time(study.created_at),
+            finished_at: study.finished_at.map(time),
+            updated_at: time(study.updated_at),
+            expires_at: study.expires_at.map(time),
+            points: study.points,
+            replicates: study.replicates,
+            jobs: study.jobs(),
+            counts: CountsView { queued, running, succeeded, failed, cancelled },
+            progress: StudyProgress::of(study, app.shared.workers),
+            stop_when: study.stop_when,
+            columns: study.columns.clone(),
+            links: Links {
+                jobs: format!("{this}/jobs"),
+                table: format!("{this}/table"),
+                plot: format!("{this}/plot.svg"),
+                cancel: format!("{this}/cancel"),
+                retry: format!("{this}/retry"),
+                this,
+            },
+        }
+    }
+}
+
+impl StudyProgress {
+    fn of(study: &StudyRecord, workers: usize) -> Self {
+        let (done, total) = (study.counts.finished(), study.jobs());
+        let open = total.saturating_sub(done);
+        let eta_s = match (open, study.runs, workers) {
+            (0, _, _) => Some(0.0),
+            (_, 0, _) | (_, _, 0) => None,
+            // The last jobs do not share all workers.
+            (open, runs, workers) => {
+                Some(study.runs_time_s / runs as f64 * open as f64 / (workers as f64).min(open as f64))
+            }
+        };
+        Self { fraction: done as f64 / total.max(1) as f64, done, total, eta_s }
+    }
+}
+
+/// The study as a response with its tag, and a hint when to come back while it is not finished.
+pub(crate) async fn response(
+    app: &App,
+    status: StatusCode,
+    record: &StudyRecord,
+) -> Result<Response, StoreError> {
+    let request = app.shared.store.study_request(record.seq).await?;
+    let study = Study { summary: StudySummary::of(app, record), request };
+    let mut response = (status, axum::Json(study)).into_response();
+    set(&mut response, header::ETAG, &record.etag());
+    if record.state() == StudyState::Open {
+        set(&mut response, header::RETRY_AFTER, "1");
+    }
+    Ok(response)
+}
+
+impl Changing for StudyRecord {
+    /// It changes with everything that clients see.
+    fn etag(&self) -> String {
+        format!("\"{}\"", self.version)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.state() == StudyState::Finished
+    }
+}
+
+/// The path of a study.
+pub(crate) fn path(id: StudyId) -> String {
+    format!("/v1/studies/{id}")
+}
