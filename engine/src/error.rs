@@ -34,6 +34,12 @@ pub enum PackError {
     /// The method came to its end before the target. An answer, not a fault.
     #[error("{0}")]
     TargetNotReached(TargetNotReached),
+    /// The system refused memory that the run needs.
+    #[error("out of memory: the run needs {} MB more", .bytes.div_ceil(1_000_000))]
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
     /// The independent check refused the packing: a defect of this program.
     #[error("the packing failed its check: {0}")]
     CheckFailed(String),

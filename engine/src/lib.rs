@@ -4,17 +4,19 @@
 //! (what to expect, and whether it can fit) -> [`methods`] -> [`check`] -> [`packing`] -> [`export`].
 //! The engine is pure: it computes, reports through [`control`], and writes to writers that it is
 //! handed. It knows no files, no network, no other clock than to state how long a phase took.
-// Allowed in `methods::edmd::prefetch` alone.
+// Allowed in `cpu` alone.
 #![deny(unsafe_code)]
 
 pub mod analysis;
 pub mod check;
 pub mod checkpoint;
 pub mod control;
+mod cpu;
 pub mod distance;
 pub mod error;
 pub mod export;
 pub mod geometry;
+mod memory;
 pub mod methods;
 pub mod mix;
 mod pack;

@@ -9,7 +9,7 @@ use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, TargetNotReached};
-use crate::methods::edmd::Edmd;
+use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, sampling::sample, sphere_volume};
 use crate::packing::{GrowthPoint, Packing, Report, Spheres, Statistics, Summary, Timings};
@@ -196,6 +196,7 @@ impl Job<'_> {
                 edmd_s: 0.0,
             }),
             End::Stopped => Err(self.stopped(placed)),
+            End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
             End::InsertionFailed { saturation_proven, attempts } => {
                 Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
                     placed: placed as u64,
@@ -218,9 +219,10 @@ impl Job<'_> {
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
         let edmd = Edmd { request: self.request, options, diameters_mm: self.diameters };
-        let Some(outcome) = edmd.run(resume, control) else {
-            return Err(self.stopped(self.diameters.len()));
-        };
+        let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
+            Interrupted::Stopped => self.stopped(self.diameters.len()),
+            Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+        })?;
         let statistics = outcome.statistics;
         let maximize = matches!(self.request.distance, Distance::Maximize { .. });
         if statistics.growth_scale < 1.0 {

@@ -174,3 +174,39 @@ fn progress_rises_to_one() {
     pack(&request(&value, 1), &Limits::default(), &control).unwrap();
     assert_eq!(control.0.get(), 1.0);
 }
+
+/// Grains that leave no room at all: there is one place for them, and it is found at the first attempt.
+#[test]
+fn grains_that_fit_exactly_are_packed() {
+    let cube = |x: f64, y: f64, z: f64| json!({"type": "box", "size_mm": [x, y, z]});
+    let cylinder = |d: f64, h: f64| json!({"type": "cylinder", "diameter_mm": d, "height_mm": h});
+    let touching = json!({"type": "none"});
+    let gap = |mm: f64| json!({"type": "constant", "gap_mm": mm});
+    let rsa = json!({"type": "rsa"});
+    let [edmd, auto] = ["edmd", "auto"].map(|name| json!({"type": name}));
+    let cases = [
+        (cube(10.0, 10.0, 10.0), touching.clone(), vec![10.0], vec![&rsa, &edmd, &auto]),
+        (cylinder(10.0, 10.0), touching.clone(), vec![10.0], vec![&rsa, &edmd, &auto]),
+        (cylinder(10.1, 30.0), touching.clone(), vec![10.1], vec![&rsa, &edmd, &auto]),
+        (cube(10.0, 10.0, 10.0), gap(0.6), vec![9.4], vec![&rsa, &edmd, &auto]),
+        (cube(20.0, 10.0, 10.0), touching.clone(), vec![10.0; 2], vec![&edmd, &auto]),
+        (cylinder(10.0, 20.0), touching.clone(), vec![10.0; 2], vec![&edmd, &auto]),
+        (cube(10.0, 30.0, 10.0), touching.clone(), vec![10.0; 3], vec![&edmd, &auto]),
+        (cube(20.4, 10.2, 10.2), gap(0.2), vec![10.0; 2], vec![&edmd, &auto]),
+        (cube(20.0, 20.0, 10.0), touching, vec![10.0; 4], vec![&edmd, &auto]),
+    ];
+    for (specimen, distance, diameters, methods) in cases {
+        for method in methods {
+            let value = json!({
+                "specimen": specimen, "distance": distance, "method": method,
+                "mix": {"grading": {"type": "diameters", "diameters_mm": diameters}},
+            });
+            for seed in 1..4 {
+                let packing = pack(&request(&value, seed), &Limits::default(), &Unattended)
+                    .unwrap_or_else(|error| panic!("{value} with seed {seed}: {error}"));
+                assert_eq!(packing.spheres.len(), diameters.len());
+                assert!(packing.report.check.min_excess_gap_mm.is_none_or(|excess| excess >= 0.0));
+            }
+        }
+    }
+}

@@ -350,7 +350,9 @@ impl From<PackError> for Problem {
                     .with("attempts", reached.attempts.into())
             }
             PackError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
-            PackError::Stopped { .. } => Self::new(Kind::InternalError, detail),
+            PackError::Stopped { .. } | PackError::OutOfMemory { .. } => {
+                Self::new(Kind::InternalError, detail)
+            }
         }
     }
 }

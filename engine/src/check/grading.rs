@@ -1,47 +1,136 @@
 //! Whether the grains of a packing are those of its mix.
 //!
-//! Drawn class by class from the coarsest down, with the overshoot carried on, the volume of all
-//! grains above any sieve exceeds what the curve asks for by less than the last grain drawn. That
-//! is checked at every sieve; an explicit list must come back as it was.
+//! With `F` the share of mass that passes a sieve, the grains between two sieves `a < b` shall have the volume
+//! `(F(b) - F(a)) phi V`, where `phi` is the volume fraction of all aggregate and `V` the volume of the specimen. Sizes
+//! are sampled class by class from the coarsest down, and the overshoot of the last grain is carried on, so that the
+//! volume above any sieve exceeds what the curve asks for by less than the last grain sampled. That is checked at
+//! every sieve; an explicit list must come back as it was.
+//!
+//! `F` and the classes are computed here from the grading itself, not taken from the sampler
+//! ([`crate::mix::sampling`]); the table of the standard curves is data that both read.
 
-use crate::mix::sieve::{class_of, sieve_classes};
-use crate::mix::{GradedMix, sphere_volume};
+use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
+
+use crate::mix::standard;
 use crate::packing::{ClassReport, Spheres};
-use crate::request::PackingRequest;
+use crate::request::{Grading, Mix, PackingRequest, Specimen, VolumeFractionOf};
 
 /// Sums of millions of volumes agree to this.
 const ROUNDING: f64 = 1.0e-9;
+/// Principal sizes of ISO 565 that concrete laboratories use, in mm.
+const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
 
-/// The classes from fine to coarse, and the largest miss as a share of the whole mass.
+/// The classes from fine to coarse, and the largest miss of one as a share of the volume of all grains.
 pub(super) fn check(spheres: &Spheres, request: &PackingRequest) -> Result<(Vec<ClassReport>, f64), String> {
-    let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-    let mut classes: Vec<ClassReport> = sieve_classes(&mix)
-        .iter()
-        .map(|c| ClassReport {
-            d_min_mm: c.low_mm,
-            d_max_mm: c.high_mm,
-            grains: 0,
-            target_volume_mm3: c.volume_mm3,
-            volume_mm3: 0.0,
-        })
-        .collect();
-    let upper: Vec<f64> = classes.iter().map(|c| c.d_max_mm).collect();
+    let (mut classes, list) = asked(&request.mix, specimen_volume_mm3(&request.specimen));
+    let (d_min, d_max) = bounds_mm(&classes);
     for (row, &d) in spheres.d_mm.iter().enumerate() {
-        if d < mix.d_min_mm || d > mix.d_max_mm {
-            return Err(format!("grain {row} of {d} mm lies outside {}..{} mm", mix.d_min_mm, mix.d_max_mm));
+        if d < d_min || d > d_max {
+            return Err(format!("grain {row} of {d} mm lies outside {d_min}..{d_max} mm"));
         }
-        let class = &mut classes[class_of(d, upper.iter().copied())];
-        class.grains += 1;
-        class.volume_mm3 += sphere_volume(d);
+        add(&mut classes, d, |class| {
+            class.grains += 1;
+            &mut class.volume_mm3
+        });
     }
     let all: f64 = classes.iter().map(|c| c.volume_mm3).sum();
-    match &mix.list {
+    match &list {
         Some(list) => check_list(&spheres.d_mm, list)?,
         None => check_cumulative(&classes, ROUNDING * all.max(1.0))?,
     }
     let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs() / all;
     let worst = classes.iter().map(miss).fold(0.0, f64::max);
     Ok((classes, if all > 0.0 { worst } else { 0.0 }))
+}
+
+fn volume_mm3(d: f64) -> f64 {
+    FRAC_PI_6 * d * d * d
+}
+
+fn specimen_volume_mm3(specimen: &Specimen) -> f64 {
+    match *specimen {
+        Specimen::Box { size_mm: [x, y, z], .. } => x * y * z,
+        Specimen::Cylinder { diameter_mm, height_mm } => FRAC_PI_4 * diameter_mm * diameter_mm * height_mm,
+    }
+}
+
+/// Smallest and largest diameter that the classes allow.
+fn bounds_mm(classes: &[ClassReport]) -> (f64, f64) {
+    (classes.first().map_or(0.0, |c| c.d_min_mm), classes.last().map_or(0.0, |c| c.d_max_mm))
+}
+
+/// Adds a grain to the class that holds its diameter: the finest whose upper sieve lets it pass.
+fn add(classes: &mut [ClassReport], d: f64, volume_of: impl Fn(&mut ClassReport) -> &mut f64) {
+    let last = classes.len().saturating_sub(1);
+    let class = classes.iter().position(|c| d <= c.d_max_mm).unwrap_or(last);
+    if let Some(class) = classes.get_mut(class) {
+        *volume_of(class) += volume_mm3(d);
+    }
+}
+
+/// The classes of a mix with the volumes that it asks for, and its diameters from the coarsest down where it lists
+/// them.
+fn asked(mix: &Mix, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f64>>) {
+    if let Grading::Diameters { diameters_mm } = &mix.grading {
+        let least = mix.d_min_mm.unwrap_or(0.0);
+        let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least).collect();
+        list.sort_unstable_by(|a, b| b.total_cmp(a));
+        let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
+        let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
+        list.iter().for_each(|&d| add(&mut classes, d, |class| &mut class.target_volume_mm3));
+        return (classes, Some(list));
+    }
+    let d_min = mix.d_min_mm.unwrap_or(0.0);
+    let mut classes = mass_shares(&mix.grading, d_min);
+    let placed: f64 = classes.iter().map(|c| c.target_volume_mm3).sum();
+    let fraction = mix.asked_fraction().unwrap_or(0.0);
+    let all_aggregate = match mix.volume_fraction_of {
+        VolumeFractionOf::AllAggregate => fraction,
+        VolumeFractionOf::PlacedGrains => fraction / placed,
+    };
+    for class in &mut classes {
+        class.target_volume_mm3 *= all_aggregate * specimen_volume_mm3;
+    }
+    (classes, None)
+}
+
+/// The classes above the cut-off with their shares of the mass of all aggregate in place of volumes.
+fn mass_shares(grading: &Grading, d_min: f64) -> Vec<ClassReport> {
+    // Linear in ln d: the share of a class that is coarser than the cut-off.
+    let log_linear = |low: f64, high: f64, share: f64| {
+        let from = low.max(d_min);
+        let kept = if from > low { (high / from).ln() / (high / low).ln() } else { 1.0 };
+        (share > 0.0 && from < high).then(|| class((from, high), share * kept))
+    };
+    let of_points = |points: &[[f64; 2]]| {
+        points.windows(2).filter_map(|p| log_linear(p[0][0], p[1][0], p[1][1] - p[0][1])).collect()
+    };
+    match grading {
+        Grading::Standard { name } => of_points(standard::points(*name)),
+        Grading::Sieves { points } => of_points(points),
+        Grading::Fuller { d_max_mm, exponent } => {
+            let passing = |d: f64| (d / d_max_mm).powf(*exponent);
+            between_sieves((d_min, *d_max_mm))
+                .map(|(low, high)| class((low, high), passing(high) - passing(low)))
+                .collect()
+        }
+        Grading::Classes { classes } => {
+            classes.iter().filter_map(|c| log_linear(c.d_min_mm, c.d_max_mm, c.mass_fraction)).collect()
+        }
+        Grading::Monodisperse { diameter_mm } => vec![class((*diameter_mm, *diameter_mm), 1.0)],
+        Grading::Diameters { .. } => Vec::new(),
+    }
+}
+
+fn class((d_min_mm, d_max_mm): (f64, f64), target_volume_mm3: f64) -> ClassReport {
+    ClassReport { d_min_mm, d_max_mm, grains: 0, target_volume_mm3, volume_mm3: 0.0 }
+}
+
+/// Classes between two diameters and the sieves in between.
+fn between_sieves((low, high): (f64, f64)) -> impl Iterator<Item = (f64, f64)> {
+    let inner = SIEVES_MM.into_iter().filter(move |&sieve| sieve > low && sieve < high);
+    let upper = inner.clone().chain([high]);
+    std::iter::once(low).chain(inner).zip(upper)
 }
 
 fn check_list(found: &[f64], list: &[f64]) -> Result<(), String> {
@@ -61,7 +150,7 @@ fn check_cumulative(classes: &[ClassReport], rounding: f64) -> Result<(), String
     for class in classes.iter().rev() {
         excess += class.volume_mm3 - class.target_volume_mm3;
         allowed =
-            if class.grains > 0 { sphere_volume(class.d_max_mm) } else { allowed - class.target_volume_mm3 };
+            if class.grains > 0 { volume_mm3(class.d_max_mm) } else { allowed - class.target_volume_mm3 };
         if excess < -rounding || excess > allowed + rounding {
             return Err(format!(
                 "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} mm3",

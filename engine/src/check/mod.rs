@@ -1,18 +1,44 @@
 //! The independent check of a finished packing: all pairs, all walls, the grading.
 //!
-//! Shares no code with the search that made the packing: its own neighbour table (`table`), its
-//! own formulas for walls, its own count of the classes. A packing that fails here is never
-//! reported as successful. Costs O(N).
+//! For grains `i` and `j` with centres `x` and diameters `d` it requires `|x_i - x_j| >= (d_i + d_j) / 2 + g(d_i, d_j)`,
+//! in a periodic box for the nearest images, and for every wall at distance `w` of a centre `w >= d / 2 + g_wall(d)`,
+//! without tolerance. The required gaps `g` ([`required`]), the walls, the neighbour table ([`table`]) and the classes
+//! of the grading ([`grading`]) are the module's own, and it imports nothing of the packing methods, their distance
+//! rule or their specimen geometry; `tests/layers.rs` holds that. A packing that fails here is never returned. Costs
+//! O(N).
+//!
+//! ```
+//! use packstone_engine::{PackingRequest, Spheres, check::check};
+//! use serde_json::json;
+//!
+//! let request = json!({
+//!     "specimen": {"type": "box", "size_mm": [20, 20, 20]},
+//!     "mix": {"grading": {"type": "diameters", "diameters_mm": [6, 4]}},
+//!     "distance": {"type": "constant", "gap_mm": 1},
+//! });
+//! let request = PackingRequest::from_json(&request, 1).unwrap();
+//! let mut spheres = Spheres::default();
+//! spheres.push([5.0, 10.0, 10.0], 6.0);
+//! spheres.push([12.5, 10.0, 10.0], 4.0);
+//! assert_eq!(check(&spheres, &request).unwrap().found.min_gap_mm, Some(2.5));
+//! spheres.x_mm[1] = 10.5;
+//! assert!(check(&spheres, &request).is_err());
+//! ```
+
+// Forced inlining carries the instruction set of the loop over pairs to what it calls ([`crate::cpu`]).
+#![allow(clippy::inline_always)]
 
 mod grading;
+mod required;
 pub(crate) mod table;
 
 use nalgebra::Vector3;
 
 use crate::control::{Control, Phase, Progress, Unattended};
-use crate::distance::DistanceRule;
+use crate::cpu::Cpu;
 use crate::packing::{CheckReport, ClassReport, Spheres};
-use crate::request::{PackingRequest, Specimen};
+use crate::request::PackingRequest;
+use required::Required;
 use table::{Grain, Table};
 
 /// What a check found in a valid packing.
@@ -45,9 +71,9 @@ pub enum Fault {
         first: usize,
         /// Row of the other, or the same where it meets its own periodic image.
         second: usize,
-        /// Clear distance found.
+        /// Gap found.
         clearance_mm: f64,
-        /// Clear distance that the rule demands.
+        /// Gap that the rule demands.
         required_mm: f64,
     },
     /// A grain is too close to a wall, or beyond it.
@@ -55,9 +81,9 @@ pub enum Fault {
     Wall {
         /// Row of the grain.
         grain: usize,
-        /// Clear distance found.
+        /// Gap found.
         clearance_mm: f64,
-        /// Clear distance that the rule demands.
+        /// Gap that the rule demands.
         required_mm: f64,
     },
     /// The control asked to stop; nothing is said of the packing.
@@ -96,9 +122,9 @@ pub fn check_with(
             return Err(Fault::NotANumber { grain });
         }
     }
-    let rule = DistanceRule::new(&request.distance, &request.specimen);
-    let min_wall_gap_mm = check_walls(spheres, &request.specimen, &rule)?;
-    let pairs = check_pairs(spheres, &request.specimen, &rule, control)?;
+    let required = Required::new(request.distance, request.specimen);
+    let min_wall_gap_mm = check_walls(spheres, &required)?;
+    let pairs = check_pairs(spheres, &required, control)?;
     let (classes, max_class_mass_error) = grading::check(spheres, request).map_err(Fault::Grading)?;
     Ok(Check {
         found: CheckReport {
@@ -112,47 +138,25 @@ pub fn check_with(
     })
 }
 
-/// Smallest clear distance to a wall; `None` where there are no walls or no grains.
-fn check_walls(spheres: &Spheres, specimen: &Specimen, rule: &DistanceRule) -> Result<Option<f64>, Fault> {
-    if specimen.is_periodic() {
-        return check_inside_period(spheres, specimen.bounds_mm());
-    }
+/// Smallest gap to a wall; `None` where there are no walls or no grains. The centres in a periodic box must lie in it.
+fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<f64>, Fault> {
     let mut least: Option<f64> = None;
-    for grain in 0..spheres.len() {
-        let d = spheres.d_mm[grain];
-        let clearance_mm = wall_clearance(spheres.center(grain), d / 2.0, specimen);
-        let required_mm = rule.wall_gap_mm(d);
-        if clearance_mm < required_mm {
+    for (grain, &d) in spheres.d_mm.iter().enumerate() {
+        let distance_mm = required.wall_distance_mm(spheres.center(grain));
+        if required.period_mm().is_some() {
+            if distance_mm < 0.0 {
+                return Err(Fault::Wall { grain, clearance_mm: distance_mm, required_mm: 0.0 });
+            }
+            continue;
+        }
+        let (clearance_mm, required_mm) = (distance_mm - 0.5 * d, required.wall_gap_mm(d));
+        // Compared as a distance of the centre: a grain that fits exactly is one that fits.
+        if distance_mm < 0.5 * d + required_mm {
             return Err(Fault::Wall { grain, clearance_mm, required_mm });
         }
         least = Some(least.map_or(clearance_mm, |l| l.min(clearance_mm)));
     }
     Ok(least)
-}
-
-/// A periodic box has no walls, but its grains are named by their image inside.
-fn check_inside_period(spheres: &Spheres, bounds: [f64; 3]) -> Result<Option<f64>, Fault> {
-    for grain in 0..spheres.len() {
-        for (p, length) in spheres.center(grain).into_iter().zip(bounds) {
-            let clearance_mm = p.min(length - p);
-            if clearance_mm < 0.0 {
-                return Err(Fault::Wall { grain, clearance_mm, required_mm: 0.0 });
-            }
-        }
-    }
-    Ok(None)
-}
-
-fn wall_clearance([x, y, z]: [f64; 3], r: f64, specimen: &Specimen) -> f64 {
-    let between = |p: f64, length: f64| (p - r).min(length - p - r);
-    match *specimen {
-        Specimen::Box { size_mm: [a, b, c], .. } => between(x, a).min(between(y, b)).min(between(z, c)),
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let radius = diameter_mm / 2.0;
-            let from_axis = (x - radius).hypot(y - radius);
-            (radius - from_axis - r).min(between(z, height_mm))
-        }
-    }
 }
 
 #[derive(Debug)]
@@ -163,50 +167,67 @@ struct Pairs {
 }
 
 /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it
-/// takes to know the smallest clear distance.
-fn check_pairs(
-    spheres: &Spheres,
-    specimen: &Specimen,
-    rule: &DistanceRule,
-    control: &dyn Control,
-) -> Result<Pairs, Fault> {
-    let period = specimen.is_periodic().then(|| specimen.bounds_mm());
-    let mut pairs = own_images(spheres, period, rule)?;
+/// takes to know the smallest gap.
+fn check_pairs(spheres: &Spheres, required: &Required, control: &dyn Control) -> Result<Pairs, Fault> {
+    let period = required.period_mm();
+    let mut pairs = own_images(spheres, required)?;
     let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
-    let bounds = specimen.bounds_mm();
+    let bounds = required.bounds_mm();
     let farthest = bounds.iter().map(|l| l * l).sum::<f64>().sqrt();
-    let surely_kept = rule.gap_mm(d_least, d_least);
+    let surely_kept = required.gap_mm(d_least, d_least);
     // A dense packing has many pairs closer than this; a loose one is looked at again, further out.
     let mut look = 0.05 * d_least;
     loop {
-        let table = Table::build(spheres, bounds, period.is_some(), |d_i, d_j| rule.gap_mm(d_i, d_j) + look);
+        let table = Table::build(
+            spheres,
+            bounds,
+            period.is_some(),
+            #[inline(always)]
+            |d_i, d_j| required.gap_mm(d_i, d_j) + look,
+        );
         let mut nearest = (f64::INFINITY, f64::INFINITY);
         let mut fault = None;
         let go_on = |done: usize| {
             report(control, done, spheres.len());
             !control.should_stop()
         };
-        let visit = |i: usize, j: usize, a: &Grain, b: &Grain| {
-            let mut way = Vector3::from(a.center) - Vector3::from(b.center);
-            if let Some(period) = period {
-                for axis in 0..3 {
-                    way[axis] -= period[axis] * (way[axis] / period[axis]).round();
-                }
-            }
-            // Far pairs are most pairs; the root is only taken of the others.
-            let reach = (a.diameter + b.diameter) / 2.0 + rule.gap_mm(a.diameter, b.diameter) + look;
-            let distance2 = way.norm_squared();
-            if distance2 > reach * reach {
-                return;
-            }
-            let clearance_mm = distance2.sqrt() - (a.diameter + b.diameter) / 2.0;
-            let required_mm = rule.gap_mm(a.diameter, b.diameter);
-            nearest = (nearest.0.min(clearance_mm), nearest.1.min(clearance_mm - required_mm));
-            if clearance_mm < required_mm && fault.is_none() {
-                fault = Some(Fault::Pair { first: i.min(j), second: i.max(j), clearance_mm, required_mm });
-            }
-        };
-        pairs.checked += table.for_each_pair(visit, go_on).ok_or(Fault::Stopped)?;
+        let walked = Cpu::detect().call(
+            #[inline(always)]
+            || {
+                table.for_each_pair(
+                    #[inline(always)]
+                    |i: usize, j: usize, a: &Grain, b: &Grain| {
+                        let mut separation = Vector3::from(a.center) - Vector3::from(b.center);
+                        if let Some(period) = period {
+                            for axis in 0..3 {
+                                separation[axis] -= period[axis] * (separation[axis] / period[axis]).round();
+                            }
+                        }
+                        // Far pairs are most pairs; the root is only taken of the others.
+                        let radii = 0.5 * (a.diameter + b.diameter);
+                        let required_mm = required.gap_mm(a.diameter, b.diameter);
+                        let reach = radii + required_mm + look;
+                        let distance2 = separation.norm_squared();
+                        if distance2 > reach * reach {
+                            return;
+                        }
+                        let distance = distance2.sqrt();
+                        let (clearance_mm, excess_mm) = (distance - radii, distance - (radii + required_mm));
+                        nearest = (nearest.0.min(clearance_mm), nearest.1.min(excess_mm));
+                        if excess_mm < 0.0 && fault.is_none() {
+                            fault = Some(Fault::Pair {
+                                first: i.min(j),
+                                second: i.max(j),
+                                clearance_mm,
+                                required_mm,
+                            });
+                        }
+                    },
+                    go_on,
+                )
+            },
+        );
+        pairs.checked += walked.ok_or(Fault::Stopped)?;
         if let Some(fault) = fault {
             return Err(fault);
         }
@@ -214,13 +235,13 @@ fn check_pairs(
             let least = old.map_or(new, |o| o.min(new));
             least.is_finite().then_some(least)
         };
-        let clearance = closer(pairs.min_gap_mm, nearest.0);
-        let slack = closer(pairs.min_excess_gap_mm, nearest.1);
+        let gap = closer(pairs.min_gap_mm, nearest.0);
+        let excess = closer(pairs.min_excess_gap_mm, nearest.1);
         // Pairs not seen keep their rule's distance and `look` more.
-        let known = clearance.is_some_and(|c| c <= surely_kept + look) && slack.is_some_and(|s| s <= look);
+        let known = gap.is_some_and(|g| g <= surely_kept + look) && excess.is_some_and(|e| e <= look);
         if known || look > farthest || spheres.len() < 2 {
-            pairs.min_gap_mm = clearance;
-            pairs.min_excess_gap_mm = slack;
+            pairs.min_gap_mm = gap;
+            pairs.min_excess_gap_mm = excess;
             return Ok(pairs);
         }
         look *= 4.0;
@@ -240,18 +261,18 @@ fn report(control: &dyn Control, done: usize, total: usize) {
 }
 
 /// In a periodic box a grain must also keep its distance from its own images.
-fn own_images(spheres: &Spheres, period: Option<[f64; 3]>, rule: &DistanceRule) -> Result<Pairs, Fault> {
+fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
     let mut pairs = Pairs { min_gap_mm: None, min_excess_gap_mm: None, checked: 0 };
-    let Some(period) = period else { return Ok(pairs) };
+    let Some(period) = required.period_mm() else { return Ok(pairs) };
     let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
     for (grain, &d) in spheres.d_mm.iter().enumerate() {
-        let (clearance_mm, required_mm) = (shortest - d, rule.gap_mm(d, d));
-        if clearance_mm < required_mm {
+        let (clearance_mm, required_mm) = (shortest - d, required.gap_mm(d, d));
+        let excess_mm = shortest - (d + required_mm);
+        if excess_mm < 0.0 {
             return Err(Fault::Pair { first: grain, second: grain, clearance_mm, required_mm });
         }
-        let slack = clearance_mm - required_mm;
         pairs.min_gap_mm = Some(pairs.min_gap_mm.map_or(clearance_mm, |c| c.min(clearance_mm)));
-        pairs.min_excess_gap_mm = Some(pairs.min_excess_gap_mm.map_or(slack, |s| s.min(slack)));
+        pairs.min_excess_gap_mm = Some(pairs.min_excess_gap_mm.map_or(excess_mm, |e| e.min(excess_mm)));
     }
     Ok(pairs)
 }

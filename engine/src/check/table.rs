@@ -63,6 +63,7 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
     /// Calls `visit(row_i, row_j, grain_i, grain_j)` once for every pair in reach, and for some
     /// beyond; returns how many. `go_on` is told now and then how many grains are done, and ends the
     /// walk with `None` when it says no.
+    #[inline(always)]
     pub(crate) fn for_each_pair(
         &self,
         mut visit: impl FnMut(usize, usize, &Grain, &Grain),
@@ -83,14 +84,21 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
                     }
                     let beyond = (self.reach_beyond)(grain.diameter, fine.top);
                     let reach = (grain.diameter + fine.top) / 2.0 + beyond;
-                    fine.for_each_run(grain.center, reach, self.periodic, same, |from, to| {
-                        // Within an octave each pair is met from both sides; one side counts it.
-                        let from = if same { from.max(i + 1) } else { from };
-                        for j in from..to.max(from) {
-                            pairs += 1;
-                            visit(coarse.rows[i] as usize, fine.rows[j] as usize, grain, &fine.grains[j]);
-                        }
-                    });
+                    fine.for_each_run(
+                        grain.center,
+                        reach,
+                        self.periodic,
+                        same,
+                        #[inline(always)]
+                        |from: usize, to: usize| {
+                            // Within an octave each pair is met from both sides; one side counts it.
+                            let from = if same { from.max(i + 1) } else { from };
+                            for j in from..to.max(from) {
+                                pairs += 1;
+                                visit(coarse.rows[i] as usize, fine.rows[j] as usize, grain, &fine.grains[j]);
+                            }
+                        },
+                    );
                 }
             }
         }
@@ -143,10 +151,12 @@ impl Octave {
         octave
     }
 
+    #[inline(always)]
     fn index(&self, axis: usize, x: f64) -> usize {
         ((x * self.per_mm[axis]).max(0.0) as usize).min(self.counts[axis] - 1)
     }
 
+    #[inline(always)]
     fn cell(&self, x: usize, y: usize, z: usize) -> usize {
         (z * self.counts[1] + y) * self.counts[0] + x
     }
@@ -154,6 +164,7 @@ impl Octave {
     /// Calls `visit(from, to)` for runs of grains that together hold all with centres within
     /// `reach` of `center`, none twice. With `forward` in a box with walls, those of earlier layers
     /// of cells and of earlier rows of the same layer are left out.
+    #[inline(always)]
     fn for_each_run(
         &self,
         center: [f64; 3],
@@ -204,7 +215,7 @@ impl Octave {
     }
 
     /// The cells along an axis that hold coordinates within `reach`.
-    #[inline]
+    #[inline(always)]
     fn span(&self, axis: usize, center: f64, reach: f64, periodic: bool) -> Span {
         // Widened far above rounding: a row's reach is a root of a difference.
         let reach = reach + 1.0e-9 * self.width[axis];
@@ -223,7 +234,7 @@ impl Octave {
     }
 
     /// Squared gap along an axis between a coordinate and a cell; 0 where the span is all around.
-    #[inline]
+    #[inline(always)]
     fn gap2(&self, axis: usize, index: i64, center: f64, span: &Span) -> f64 {
         let at = center * self.per_mm[axis];
         let gap = (index as f64 - at).max(at - index as f64 - 1.0) - 1.0e-9;

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::distance::DistanceRule;
 use crate::rng::{Stream, stream, uniform};
 use crate::{Limits, Unattended, pack};
 
@@ -187,6 +188,59 @@ proptest! {
             // Rounding of `d / 2 + u (l - d)` may leave the box in the last digit.
             Err(Fault::Wall { clearance_mm, .. }) => prop_assert!(clearance_mm > -1e-12),
             Err(other) => prop_assert!(false, "{other}"),
+        }
+    }
+}
+
+proptest! {
+    /// The check's own formulas of gaps and those that packings are made by say the same.
+    #[test]
+    fn required_gaps_are_those_of_the_distance_rule(
+        kind in 0..4, value in 0.0..2.0_f64, wall in prop::option::of(0.0..3.0_f64), a in 0.1..20.0_f64, b in 0.1..20.0_f64,
+    ) {
+        let mut distance = match kind {
+            0 => none(),
+            1 => json!({"type": "constant", "gap_mm": value}),
+            2 => json!({"type": "proportional", "factor": value}),
+            _ => json!({"type": "smaller_diameter", "factor": value}),
+        };
+        if let Some(wall) = wall {
+            distance["wall_gap_mm"] = json!(wall);
+        }
+        let request = request(&json!({"type": "box", "size_mm": [100, 100, 100]}), &distance, &[a, b]);
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let required = Required::new(request.distance, request.specimen);
+        prop_assert!((required.gap_mm(a, b) - rule.gap_mm(a, b)).abs() <= 1e-14 * rule.gap_mm(a, b));
+        prop_assert!((required.wall_gap_mm(a) - rule.wall_gap_mm(a)).abs() <= 1e-14 * rule.wall_gap_mm(a));
+    }
+}
+
+/// The classes and volumes that the check asks for are those that sizes were sampled for.
+#[test]
+fn classes_of_every_grading_are_those_of_the_mix() {
+    use crate::mix::{GradedMix, sieve::sieve_classes};
+    let gradings = [
+        json!({"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 0.7, "volume_fraction": 0.3}),
+        json!({"grading": {"type": "standard", "name": "A32"}, "volume_fraction": 0.2, "volume_fraction_of": "placed_grains"}),
+        json!({"grading": {"type": "fuller", "d_max_mm": 20, "exponent": 0.4}, "d_min_mm": 1.5, "volume_fraction": 0.3}),
+        json!({"grading": {"type": "sieves", "points": [[1.0, 0.1], [4.0, 0.1], [8.0, 1.0]]}, "volume_fraction": 0.3}),
+        json!({"grading": {"type": "classes", "classes": [
+            {"d_min_mm": 2, "d_max_mm": 4, "mass_fraction": 0.3}, {"d_min_mm": 6, "d_max_mm": 9, "mass_fraction": 0.5}]},
+            "d_min_mm": 3, "volume_fraction": 0.3}),
+        json!({"grading": {"type": "monodisperse", "diameter_mm": 5}, "volume_fraction": 0.2}),
+        json!({"grading": {"type": "diameters", "diameters_mm": [3.0, 9.0, 1.0, 4.5, 8.0]}}),
+    ];
+    for mix in gradings {
+        let value =
+            json!({"specimen": {"type": "cylinder", "diameter_mm": 120, "height_mm": 100}, "mix": mix});
+        let request = PackingRequest::from_json(&value, 1).unwrap();
+        let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
+        let expected = sieve_classes(&GradedMix::new(&request.mix, request.specimen.volume_mm3()));
+        let found = check(&packing.spheres, &request).unwrap().classes;
+        assert_eq!(found.len(), expected.len(), "{mix}");
+        for (found, expected) in found.iter().zip(&expected) {
+            assert_eq!((found.d_min_mm, found.d_max_mm), (expected.low_mm, expected.high_mm), "{mix}");
+            assert!((found.target_volume_mm3 / expected.volume_mm3 - 1.0).abs() < 1e-12, "{mix}");
         }
     }
 }

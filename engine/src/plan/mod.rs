@@ -99,11 +99,6 @@ const NEARLY_EQUAL: f64 = 1.2;
 /// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near: the
 /// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
 const BEYOND_RANDOM: f64 = 1.12;
-/// Saturation of random sequential addition of equal spheres (Torquato et al. 2006).
-const RSA_EQUAL_SPHERES: f64 = 0.384;
-/// Share of the voids that stays for random sequential addition when the ratio of diameters grows:
-/// such that Fuller's curve, 2..16 mm, ends at 0.697 as it does in 80 mm.
-const RSA_VOIDS_EXPONENT: f64 = -0.341;
 
 /// Memory that a run takes, fitted to measured ones (`docs/performance.md`): Fuller's curve 2..16 mm from
 /// 0.5 to 0.695, B16 above 0.5 mm with 1e4 to 2e6 grains, and equal spheres near saturation.
@@ -128,12 +123,6 @@ fn memory_bytes(grains: f64, crowding: f64, grows: bool) -> u64 {
         cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * crowded
     };
     (cost::BYTES + grains * per_grain) as u64
-}
-
-/// Volume fraction at which random sequential addition ends, for a ratio of the largest contact
-/// diameter to the smallest.
-pub(crate) fn rsa_limit(ratio: f64) -> f64 {
-    1.0 - (1.0 - RSA_EQUAL_SPHERES) * ratio.powf(RSA_VOIDS_EXPONENT)
 }
 
 impl Plan {

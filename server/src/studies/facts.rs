@@ -58,7 +58,10 @@ impl Outcome {
     pub(crate) fn of_failure(error: &PackError) -> Self {
         match error {
             PackError::TargetNotReached(_) => Self::TargetNotReached,
-            PackError::Plan(_) | PackError::Stopped { .. } | PackError::CheckFailed(_) => Self::Void,
+            PackError::Plan(_)
+            | PackError::Stopped { .. }
+            | PackError::OutOfMemory { .. }
+            | PackError::CheckFailed(_) => Self::Void,
         }
     }
 }

@@ -34,7 +34,7 @@ pub use report::{Checks, NodeReport, Report};
 
 use crate::control::Control;
 use crate::export::{ExportError, Model};
-use crate::geometry::delaunay::{Delaunay, delaunay};
+use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
 use topology::Topology;
@@ -258,4 +258,13 @@ fn check_memory(model: &Model<'_>, options: &Options, limits: &Limits) -> Result
             limits.max_memory_bytes as f64 / 1e9
         ),
     }))
+}
+
+impl From<DelaunayError> for ExportError {
+    fn from(error: DelaunayError) -> Self {
+        match error {
+            DelaunayError::Stopped => ExportError::Stopped,
+            other => ExportError::Unavailable(other.to_string()),
+        }
+    }
 }

@@ -2,7 +2,18 @@
 //!
 //! Incremental insertion (Bowyer and Watson) with a vertex at infinity for the hull, exact predicates and a
 //! perturbation for points on a common sphere, so that coplanar faces and lattices are cases like any other.
-//! It knows points; it must never know grains, specimens or what the tetrahedra are for.
+//! Bowyer (1981), DOI 10.1093/comjnl/24.2.162, and Watson (1981), DOI 10.1093/comjnl/24.2.167; the predicates are
+//! those of Shewchuk (1997), DOI 10.1007/PL00009321, by way of the crate `robust`.
+//!
+//! ```
+//! use packstone_engine::{Unattended, geometry::delaunay::{NONE, delaunay}};
+//!
+//! let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+//! let made = delaunay(&points, &Unattended)?;
+//! assert_eq!(made.nodes, [[0, 1, 2, 3]]);
+//! assert_eq!(made.neighbors, [[NONE; 4]]);
+//! # Ok::<(), packstone_engine::geometry::delaunay::DelaunayError>(())
+//! ```
 
 mod build;
 mod canonical;
@@ -16,7 +27,6 @@ mod tests;
 use thiserror::Error;
 
 use crate::control::{Control, Phase, Progress};
-use crate::export::ExportError;
 
 pub use predicates::{inside_circumsphere, orientation};
 
@@ -80,15 +90,6 @@ pub enum DelaunayError {
     /// [`Control::should_stop`] said so.
     #[error("stopped")]
     Stopped,
-}
-
-impl From<DelaunayError> for ExportError {
-    fn from(error: DelaunayError) -> Self {
-        match error {
-            DelaunayError::Stopped => ExportError::Stopped,
-            other => ExportError::Unavailable(other.to_string()),
-        }
-    }
 }
 
 /// Memory that [`delaunay`] takes for so many points at its peak, what it returns included, where they are

@@ -8,7 +8,7 @@
 //!
 //! No fused multiply-add: every target then computes the same bits.
 
-use wide::f64x4;
+use crate::cpu::{InstructionSet, Lanes};
 
 /// Time after which `c + 2 b t + a t²` falls to zero, where it starts at `c >= 0` or violated by
 /// rounding; infinite if it never does.
@@ -30,15 +30,15 @@ pub(crate) fn falls_to_zero(a: f64, b: f64, c: f64) -> f64 {
 
 /// [`falls_to_zero`] for four pairs at once, to the same bits.
 #[inline(always)]
-pub(crate) fn fall_to_zero(a: f64x4, b: f64x4, c: f64x4) -> f64x4 {
-    let zero = f64x4::ZERO;
+pub(crate) fn fall_to_zero<S: InstructionSet>(set: S, a: S::Lanes, b: S::Lanes, c: S::Lanes) -> S::Lanes {
+    let zero = set.splat(0.0);
     let discriminant = b * b - a * c;
-    let root = discriminant.fast_max(zero).sqrt();
-    let closing = b.simd_lt(zero);
-    let above = closing.select(c.fast_max(zero), b + root);
+    let root = discriminant.max(zero).sqrt();
+    let closing = b.lt(zero);
+    let above = closing.select(c.max(zero), b + root);
     let below = closing.select(root - b, -a);
-    let meets = closing.select(discriminant.simd_ge(zero) | c.simd_le(zero), a.simd_lt(zero));
-    meets.select(above / below, f64x4::splat(f64::INFINITY))
+    let meets = closing.select(discriminant.ge(zero) | c.le(zero), a.lt(zero));
+    meets.select(above / below, set.splat(f64::INFINITY))
 }
 
 /// Time after which `c + 2 b t + a t²` rises to zero, where it starts at `c <= 0` or violated by

@@ -32,6 +32,7 @@ impl Container {
         }
     }
 
+    #[inline(always)]
     pub(crate) fn bounds_mm(&self) -> [f64; 3] {
         match *self {
             Self::Box { size_mm } | Self::Periodic { size_mm } => size_mm,
@@ -39,6 +40,7 @@ impl Container {
         }
     }
 
+    #[inline(always)]
     pub(crate) fn is_periodic(&self) -> bool {
         matches!(self, Self::Periodic { .. })
     }
@@ -55,6 +57,7 @@ impl Container {
     }
 
     /// Brings a position back into the box.
+    #[inline(always)]
     pub(crate) fn wrap(&self, p: [f64; 3]) -> [f64; 3] {
         match *self {
             Self::Periodic { size_mm } => std::array::from_fn(|a| {
@@ -66,6 +69,7 @@ impl Container {
     }
 
     /// The walls that come within `reach_mm` of a point, as bits.
+    #[inline(always)]
     pub(crate) fn walls_within(&self, p: [f64; 3], reach_mm: f64) -> u32 {
         let ends = |axes: std::ops::Range<usize>, size: [f64; 3]| {
             axes.fold(0, |mask, a| {
@@ -88,7 +92,7 @@ impl Container {
 
     /// When a grain at `p` with velocity `v` touches a wall, from now; `contact` is the distance at
     /// which it does now, growing at `rate`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn time_to_wall(&self, wall: u32, p: [f64; 3], v: [f64; 3], contact: f64, rate: f64) -> f64 {
         let axis = (wall / 2) as usize;
         match *self {
@@ -112,6 +116,7 @@ impl Container {
     }
 
     /// The inward normal of a wall at a point, and the point's distance from it.
+    #[inline(always)]
     pub(crate) fn wall_normal(&self, wall: u32, p: [f64; 3]) -> ([f64; 3], f64) {
         let axis = (wall / 2) as usize;
         let mut normal = [0.0; 3];
@@ -137,14 +142,14 @@ impl Container {
 }
 
 /// The code of an image, counted in boxes along each axis.
-#[inline]
+#[inline(always)]
 pub(crate) fn image_code(image: [i32; 3]) -> u32 {
     let at = |i: i32| (i + IMAGES_PER_AXIS / 2) as u32;
     (at(image[0]) * IMAGES_PER_AXIS as u32 + at(image[1])) * IMAGES_PER_AXIS as u32 + at(image[2])
 }
 
 /// The image in which the first sees the second, turned into that in which the second sees the first.
-#[inline]
+#[inline(always)]
 pub(crate) fn mirrored(code: u32) -> u32 {
     2 * HOME - code
 }

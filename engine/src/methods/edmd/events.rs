@@ -5,14 +5,12 @@
 //! grain looks again among the pairs that are still its own. This module knows grains one epoch
 //! long; it must never know what they grow for.
 
-use wide::f64x4;
-
 use super::contact::fall_to_zero;
 use super::container::HOME;
 use super::growth::Growth;
-use super::prefetch::prefetch;
 use super::queue::{Entry, READ_AHEAD};
 use super::system::{Hot, Next, System, unpack};
+use crate::cpu::{InstructionSet, Lanes, prefetch, with_instruction_set};
 
 /// Codes of events that are no meeting of grains, above every list entry of image 0..125.
 const LEAVES_SPHERE: u32 = u32::MAX;
@@ -33,26 +31,32 @@ impl System {
         self.queue.reset(n, events_per_time);
         self.next.clear();
         self.next.resize(n, Next { time: f64::INFINITY, with: NOTHING });
-        for i in 0..n {
+        with_instruction_set!(self.cpu, set => set.call(#[inline(always)] || {
             if self.container.is_periodic() {
-                self.predict::<true>(i, 0.0);
+                (0..n).for_each(#[inline(always)] |i| self.predict::<_, true>(set, i, 0.0));
             } else {
-                self.predict::<false>(i, 0.0);
+                (0..n).for_each(#[inline(always)] |i| self.predict::<_, false>(set, i, 0.0));
             }
-        }
+        }));
     }
 
     /// Processes events until the epoch ends, `collisions` have taken place or `looked_at` events of
     /// any kind were processed; returns the time that was reached.
     pub(crate) fn run(&mut self, collisions: u64, looked_at: u64) -> f64 {
-        if self.container.is_periodic() {
-            self.run_as::<true>(collisions, looked_at)
+        with_instruction_set!(self.cpu, set => if self.container.is_periodic() {
+            set.call(#[inline(always)] || self.run_as::<_, true>(set, collisions, looked_at))
         } else {
-            self.run_as::<false>(collisions, looked_at)
-        }
+            set.call(#[inline(always)] || self.run_as::<_, false>(set, collisions, looked_at))
+        })
     }
 
-    fn run_as<const PERIODIC: bool>(&mut self, collisions: u64, looked_at: u64) -> f64 {
+    #[inline(always)]
+    fn run_as<S: InstructionSet, const PERIODIC: bool>(
+        &mut self,
+        set: S,
+        collisions: u64,
+        looked_at: u64,
+    ) -> f64 {
         let last = self.counts.collisions().saturating_add(collisions);
         let mut now = 0.0;
         for _ in 0..looked_at {
@@ -69,7 +73,7 @@ impl System {
             if self.len() >= READ_AHEAD {
                 self.read_ahead();
             }
-            self.process::<PERIODIC>(i, self.next[i].with, now);
+            self.process::<S, PERIODIC>(set, i, self.next[i].with, now);
         }
         now
     }
@@ -107,33 +111,35 @@ impl System {
         }
     }
 
-    fn process<const PERIODIC: bool>(&mut self, i: usize, with: u32, now: f64) {
+    #[inline(always)]
+    fn process<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S, i: usize, with: u32, now: f64) {
         match with {
             LEAVES_SPHERE => {
                 self.hot[i].advance(now);
-                self.renew::<PERIODIC>(i);
-                self.predict::<PERIODIC>(i, now);
+                self.renew::<S, PERIODIC>(set, i);
+                self.predict::<S, PERIODIC>(set, i, now);
             }
             WALL.. => {
                 self.hot[i].advance(now);
                 self.bounce(i, with - WALL, now);
-                self.predict::<PERIODIC>(i, now);
+                self.predict::<S, PERIODIC>(set, i, now);
             }
             _ => {
                 let (j, image) = unpack(with);
                 if self.hot[j].time > self.hot[i].time || !self.collide::<PERIODIC>(i, j, image, now) {
                     self.counts.stale_events += 1;
-                    self.predict::<PERIODIC>(i, now);
+                    self.predict::<S, PERIODIC>(set, i, now);
                     return;
                 }
-                self.predict::<PERIODIC>(i, now);
-                self.predict::<PERIODIC>(j, now);
+                self.predict::<S, PERIODIC>(set, i, now);
+                self.predict::<S, PERIODIC>(set, j, now);
             }
         }
     }
 
     /// Elastic collision of two grains in the frame of their growing surfaces; says whether they
     /// were in contact and closing.
+    #[inline(always)]
     fn collide<const PERIODIC: bool>(&mut self, i: usize, j: usize, image: usize, now: f64) -> bool {
         let (mut a, mut b) = (self.hot[i], self.hot[j]);
         a.advance(now);
@@ -173,6 +179,7 @@ impl System {
     }
 
     /// Reflects a grain at a wall, which recedes from it as fast as the grain's surface grows.
+    #[inline(always)]
     fn bounce(&mut self, i: usize, wall: u32, now: f64) {
         let hot = &mut self.hot[i];
         let (normal, _) = self.container.wall_normal(wall, hot.position);
@@ -190,12 +197,12 @@ impl System {
 
     /// Finds the next event of a grain and schedules it.
     #[inline(always)]
-    pub(crate) fn predict<const PERIODIC: bool>(&mut self, i: usize, now: f64) {
+    pub(crate) fn predict<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S, i: usize, now: f64) {
         let own = self.hot[i];
         let me = Hot { position: own.position_at(now), ..own };
         let mut best = self.next_without_partner(i, &me, now);
         let list = self.list(i);
-        self.meet::<PERIODIC>(&me, list, now, &mut best);
+        self.meet::<S, PERIODIC>(set, &me, list, now, &mut best);
         self.counts.predictions += list.len() as u64;
         self.next[i] = best;
         if best.time < self.end {
@@ -237,14 +244,21 @@ impl System {
     ///
     /// Four pairs at a time: which of them approach is a coin toss that no branch predictor foresees.
     #[inline(always)]
-    fn meet<const PERIODIC: bool>(&self, me: &Hot, list: &[u32], now: f64, best: &mut Next) {
+    fn meet<S: InstructionSet, const PERIODIC: bool>(
+        &self,
+        set: S,
+        me: &Hot,
+        list: &[u32],
+        now: f64,
+        best: &mut Next,
+    ) {
         let growth: Growth = self.growth;
         let mut soonest = best.time - now;
-        let own_position = me.position.map(f64x4::splat);
-        let own_velocity = me.velocity.map(f64x4::splat);
-        let (own_time, own_radius) = (f64x4::splat(me.time), f64x4::splat(me.radius));
-        let (at, kappa) = (f64x4::splat(now), f64x4::splat(growth.kappa));
-        let (alpha, beta) = (f64x4::splat(growth.alpha), f64x4::splat(2.0 * growth.beta));
+        let own_position = me.position.map(|x| set.splat(x));
+        let own_velocity = me.velocity.map(|x| set.splat(x));
+        let (own_time, own_radius) = (set.splat(me.time), set.splat(me.radius));
+        let (at, kappa) = (set.splat(now), set.splat(growth.kappa));
+        let (alpha, beta) = (set.splat(growth.alpha), set.splat(2.0 * growth.beta));
         let mut from = 0;
         while from < list.len() {
             // The last block is filled up with the last pair, which changes nothing.
@@ -252,8 +266,8 @@ impl System {
             let entries = [entry(0), entry(1), entry(2), entry(3)];
             from += 4;
             let others = entries.map(|entry| &self.hot[unpack(entry).0]);
-            let [x, y, z, time] = f64x4::transpose(others.map(Hot::position_and_time));
-            let [u, v, w, radius] = f64x4::transpose(others.map(Hot::velocity_and_radius));
+            let [x, y, z, time] = S::Lanes::transpose(others.map(|other| other.position_and_time(set)));
+            let [u, v, w, radius] = S::Lanes::transpose(others.map(|other| other.velocity_and_radius(set)));
             let since = at - time;
             let mut d = [
                 x + u * since - own_position[0],
@@ -263,24 +277,24 @@ impl System {
             if PERIODIC && entries.iter().any(|&entry| unpack(entry).1 != HOME as usize) {
                 let shifts = entries.map(|entry| &self.shifts[unpack(entry).1]);
                 for (axis, d) in d.iter_mut().enumerate() {
-                    *d += f64x4::from(shifts.map(|shift| shift[axis]));
+                    *d = *d + set.lanes(shifts.map(|shift| shift[axis]));
                 }
             }
             let v = [u - own_velocity[0], v - own_velocity[1], w - own_velocity[2]];
-            let start = own_radius + radius + kappa * own_radius.fast_min(radius);
+            let start = own_radius + radius + kappa * own_radius.min(radius);
             let rate = alpha * start + beta;
             let contact = start + rate * at;
             let a = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - rate * rate;
             let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2] - contact * rate;
             let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - contact * contact;
             // Not those that are too far to meet before `soonest` even if nothing slowed the approach.
-            let near = a.simd_lt(f64x4::ZERO) | c.simd_le(b * f64x4::splat(-2.0 * soonest));
-            let candidates = near & time.simd_le(own_time);
+            let near = a.lt(set.splat(0.0)) | c.le(b * set.splat(-2.0 * soonest));
+            let candidates = near & time.le(own_time);
             if !candidates.any() {
                 continue;
             }
-            let after = candidates.select(fall_to_zero(a, b, c), f64x4::splat(f64::INFINITY));
-            if after.simd_lt(f64x4::splat(soonest)).any() {
+            let after = candidates.select(fall_to_zero(set, a, b, c), set.splat(f64::INFINITY));
+            if after.lt(set.splat(soonest)).any() {
                 for (after, entry) in after.to_array().into_iter().zip(entries) {
                     if after < soonest {
                         soonest = after;

@@ -5,7 +5,7 @@
 //! centres and radii; it must never know how grains move.
 
 use super::container::{Container, HOME, image_code};
-use super::prefetch::prefetch;
+use crate::cpu::prefetch;
 
 const NIL: u32 = u32::MAX;
 /// Edge of a cell in largest outer radii of its level.
@@ -63,6 +63,7 @@ impl Grid {
         self.top_mm
     }
 
+    #[inline(always)]
     fn level_of(&self, outer_mm: f64) -> usize {
         let mut level = 0;
         while level + 1 < self.levels.len() && outer_mm <= self.levels[level + 1].outer_mm {
@@ -71,6 +72,7 @@ impl Grid {
         level
     }
 
+    #[inline(always)]
     fn cell(&self, level: usize, center: [f64; 3]) -> u32 {
         let level = &self.levels[level];
         let at = |a: usize| ((center[a] * level.per_edge[a]) as i32).clamp(0, level.cells[a] - 1);
@@ -78,6 +80,7 @@ impl Grid {
     }
 
     /// Enters a grain; returns the cell by which it can be removed.
+    #[inline(always)]
     pub(crate) fn insert(&mut self, grain: u32, center: [f64; 3], outer_mm: f64) -> u32 {
         let level = self.level_of(outer_mm);
         let cell = self.cell(level, center);
@@ -88,6 +91,7 @@ impl Grid {
     }
 
     /// Removes a grain from the cell it was entered in.
+    #[inline(always)]
     pub(crate) fn remove(&mut self, grain: u32, cell: u32) {
         let level = self.levels.partition_point(|level| level.first_cell <= cell) - 1;
         self.levels[level].grains -= 1;
@@ -109,7 +113,7 @@ impl Grid {
 
     /// Visits every grain that may lie within `outer_mm` and its own outer radius, and `extra`
     /// times the smaller of both, of a centre, with the code of the image in which it does.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn visit<const PERIODIC: bool>(
         &self,
         center: [f64; 3],
@@ -163,6 +167,7 @@ impl Grid {
         }
     }
 
+    #[inline(always)]
     fn visit_images(&self, level: &Level, low: [i32; 3], high: [i32; 3], found: &mut impl FnMut(u32, u32)) {
         let mut batch = Batch::new(self, found);
         for z in low[2]..=high[2] {
@@ -183,16 +188,19 @@ impl Grid {
     }
 
     /// Levels as coarse as or coarser than that of an outer radius.
+    #[inline(always)]
     pub(crate) fn coarser(&self, outer_mm: f64) -> std::ops::Range<usize> {
         0..self.level_of(outer_mm) + 1
     }
 
     /// All levels.
+    #[inline(always)]
     pub(crate) fn all(&self) -> std::ops::Range<usize> {
         0..self.levels.len()
     }
 
     /// Whether two outer radii belong to the same level.
+    #[inline(always)]
     pub(crate) fn same_level(&self, outer_a: f64, outer_b: f64) -> bool {
         self.level_of(outer_a) == self.level_of(outer_b)
     }
@@ -224,6 +232,7 @@ impl<'a, F: FnMut(u32, u32)> Batch<'a, F> {
         self.len += usize::from(head != NIL);
     }
 
+    #[inline(always)]
     fn flush(&mut self) {
         for &(head, image) in &self.heads[..self.len] {
             let mut at = head;

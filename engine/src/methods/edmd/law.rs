@@ -5,7 +5,7 @@
 //! the same length. It knows rules; it must never know positions.
 
 use super::growth::Growth;
-use super::run::BEYOND_TARGET;
+use super::tolerances::BEYOND_TARGET;
 use crate::distance::DistanceRule;
 
 /// Contact radii at the target, and what turns them into those of an epoch.

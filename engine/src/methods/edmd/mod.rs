@@ -17,12 +17,12 @@
 mod contact;
 mod container;
 mod events;
+mod exact_fit;
 mod fluid;
 mod grid;
 mod growth;
 mod law;
 mod pace;
-mod prefetch;
 mod queue;
 mod run;
 mod state;
@@ -30,6 +30,7 @@ mod swap;
 mod system;
 #[cfg(test)]
 mod tests;
+mod tolerances;
 
 use std::time::Instant;
 
@@ -38,16 +39,17 @@ pub use fluid::{Fluid, FluidFigures};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
+use crate::memory::{self, OutOfMemory};
 use crate::methods::rsa::{self, Rsa};
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
-use crate::plan::rsa_limit;
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use law::Law;
-use run::{BEYOND_TARGET, Ended, Frame, Moments, Run, Stage};
+use run::{Ended, Frame, Moments, Run, Stage};
 pub(crate) use system::MAX_GRAINS;
+use tolerances::{BEYOND_TARGET, EXACT_FIT};
 
 /// Components of the initial velocities are uniform in plus minus this, where the request names
 /// nothing else.
@@ -63,6 +65,8 @@ const MOST_START: f64 = 0.98;
 const START_ATTEMPTS: u64 = 20_000;
 /// A start that finds no place for a grain is tried again at this share of its size.
 const SMALLER_START: f64 = 0.95;
+/// Memory of a grain with its lists and events, in bytes.
+const BYTES_PER_GRAIN: usize = 300;
 /// Starts that are tried.
 const STARTS: u32 = 60;
 
@@ -72,6 +76,21 @@ pub(crate) struct Edmd<'a> {
     pub(crate) options: EdmdOptions,
     /// Diameters from the largest down, in mm.
     pub(crate) diameters_mm: &'a [f64],
+}
+
+/// Why it came to no end of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Interrupted {
+    /// The control said so.
+    Stopped,
+    /// The system refused memory.
+    OutOfMemory { bytes: u64 },
+}
+
+impl From<OutOfMemory> for Interrupted {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
 }
 
 /// How it ended.
@@ -91,8 +110,12 @@ pub(crate) struct Outcome {
 }
 
 impl Edmd<'_> {
-    /// Places and grows the grains; `None` when the control stopped it.
-    pub(crate) fn run(&self, resume: Option<Resume>, control: &dyn Control) -> Option<Outcome> {
+    /// Inserts and grows the grains.
+    ///
+    /// # Errors
+    /// When the control stopped it, or the system refused memory.
+    pub(crate) fn run(&self, resume: Option<Resume>, control: &dyn Control) -> Result<Outcome, Interrupted> {
+        memory::probe(BYTES_PER_GRAIN.saturating_mul(self.diameters_mm.len()))?;
         let frame = Frame {
             request: self.request,
             options: self.options,
@@ -123,6 +146,9 @@ impl Edmd<'_> {
         let mut ended = Ended::As(EdmdEnd::Target);
         if run.stage == Stage::Scale {
             ended = run.grow(&frame, &laws[0]);
+            if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &laws[0], &rule) {
+                ended = Ended::As(EdmdEnd::Target);
+            }
             if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
                 run.lengthen(&frame, &laws[1]);
             }
@@ -130,12 +156,12 @@ impl Edmd<'_> {
         if run.stage == Stage::Length {
             ended = run.grow(&frame, &laws[1]);
         }
-        let Ended::As(end) = ended else { return None };
+        let Ended::As(end) = ended else { return Err(Interrupted::Stopped) };
         // With the time before a checkpoint.
         let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
         let growth_curve = std::mem::take(&mut run.curve);
         let distance_of = |point: &GrowthPoint| Some([point.packing_time_s, point.distance_mm?]);
-        Some(Outcome {
+        Ok(Outcome {
             centers_mm: run.centers(),
             rsa: run.rsa,
             statistics: run.statistics(end, edmd_s),
@@ -151,6 +177,18 @@ impl Edmd<'_> {
         })
     }
 
+    /// Lets grains that jammed just before their target settle where they fit exactly; says whether they do.
+    fn settle_exactly(&self, run: &mut Run, law: &Law, rule: &DistanceRule) -> bool {
+        if run.size >= BEYOND_TARGET || run.size < 1.0 - EXACT_FIT {
+            return false;
+        }
+        let settled = exact_fit::settle(&run.centers(), self.diameters_mm, &self.request.specimen, rule);
+        if let Some(centers) = &settled {
+            run.settle(law, centers);
+        }
+        settled.is_some()
+    }
+
     /// Random placing to grow from.
     fn start(
         &self,
@@ -158,13 +196,13 @@ impl Edmd<'_> {
         laws: &[Law; 2],
         rule: &DistanceRule,
         maximize: bool,
-    ) -> Option<(Run, RsaStatistics)> {
+    ) -> Result<(Run, RsaStatistics), Interrupted> {
         let law = &laws[0];
         let volume = self.request.specimen.volume_mm3();
         let fraction = law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
         let mut rng = stream(self.request.seed, Stream::Rsa);
         let ratio = law.radii_mm[0] / law.radii_mm[law.radii_mm.len() - 1];
-        let quickly = START_FRACTION.min(EASY_SHARE * rsa_limit(ratio));
+        let quickly = START_FRACTION.min(EASY_SHARE * rsa::saturation(ratio));
         let mut scale = match self.options.initial_scale {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
@@ -191,13 +229,14 @@ impl Edmd<'_> {
                     } else {
                         Run::new(frame, law, Stage::Scale, scale, &outcome.centers_mm)
                     };
-                    return Some((run, statistics));
+                    return Ok((run, statistics));
                 }
-                rsa::End::Stopped => return None,
+                rsa::End::Stopped => return Err(Interrupted::Stopped),
+                rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
                 rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
             }
         }
-        None
+        Err(Interrupted::Stopped)
     }
 }
 

@@ -5,7 +5,7 @@
 //! the grain, so that the order of events does not depend on the order of pushes. It knows times and
 //! numbers; it must never know what an event is.
 
-use super::prefetch::prefetch;
+use crate::cpu::prefetch;
 
 /// Events per bin aimed at, and with so many grains that memory must be asked some events ahead.
 const PER_BIN: f64 = 4.0;

@@ -61,6 +61,31 @@ impl Swaps {
             }
             self.limit.push(largest as u32);
         }
+        let cpu = system.cpu;
+        let (tried, accepted) = cpu.call(
+            #[inline(always)]
+            || self.try_pairs(system, sizes, preference, tries, rng),
+        );
+        self.tried += tried;
+        self.accepted += accepted;
+        if tried >= 20 {
+            let share = accepted as f64 / tried as f64;
+            let factor = if share < ACCEPTED_AIM { 0.7 } else { 1.3 };
+            self.window = (self.window * factor).clamp(LEAST_WINDOW, MOST_WINDOW);
+        }
+    }
+
+    /// Tries so many pairs; returns how many had different sizes, and how many of these were exchanged.
+    #[inline(always)]
+    fn try_pairs(
+        &mut self,
+        system: &mut System,
+        sizes: &[f64],
+        preference: Option<&Preference>,
+        tries: u64,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> (u64, u64) {
+        let n = system.len();
         let (mut tried, mut accepted) = (0_u64, 0_u64);
         for _ in 0..tries {
             let smaller = (uniform(rng) * n as f64) as usize;
@@ -80,13 +105,7 @@ impl Swaps {
                 accepted += 1;
             }
         }
-        self.tried += tried;
-        self.accepted += accepted;
-        if tried >= 20 {
-            let share = accepted as f64 / tried as f64;
-            let factor = if share < ACCEPTED_AIM { 0.7 } else { 1.3 };
-            self.window = (self.window * factor).clamp(LEAST_WINDOW, MOST_WINDOW);
-        }
+        (tried, accepted)
     }
 }
 
@@ -104,6 +123,7 @@ pub(crate) fn free(system: &mut System, grain: usize, tries: u64, rng: &mut Xosh
 }
 
 /// Lets grain `i` and the smaller `j` change places if `i` fits.
+#[inline(always)]
 fn exchange(system: &mut System, i: usize, j: usize) -> bool {
     let (large, small) = (system.hot[i].radius, system.hot[j].radius);
     let more = system.growth.radius(large, system.end) - system.growth.radius(small, system.end);

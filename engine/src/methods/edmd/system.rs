@@ -6,13 +6,12 @@
 //! module knows where grains are; when they meet is `events`' business.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
-use wide::f64x4;
 
 use super::container::{Container, IMAGES, mirrored};
 use super::grid::Grid;
 use super::growth::Growth;
-use super::prefetch::prefetch;
 use super::queue::Queue;
+use crate::cpu::{Cpu, InstructionSet, prefetch};
 use crate::rng::uniform;
 
 /// Bits of a list entry that hold the grain; the rest is the code of the image.
@@ -60,14 +59,14 @@ impl Hot {
 
     /// Position and the time it holds for, as four numbers.
     #[inline(always)]
-    pub(crate) fn position_and_time(&self) -> f64x4 {
-        f64x4::from([self.position[0], self.position[1], self.position[2], self.time])
+    pub(crate) fn position_and_time<S: InstructionSet>(&self, set: S) -> S::Lanes {
+        set.lanes([self.position[0], self.position[1], self.position[2], self.time])
     }
 
     /// Velocity and contact radius, as four numbers.
     #[inline(always)]
-    pub(crate) fn velocity_and_radius(&self) -> f64x4 {
-        f64x4::from([self.velocity[0], self.velocity[1], self.velocity[2], self.radius])
+    pub(crate) fn velocity_and_radius<S: InstructionSet>(&self, set: S) -> S::Lanes {
+        set.lanes([self.velocity[0], self.velocity[1], self.velocity[2], self.radius])
     }
 
     /// Moves the record on to a time.
@@ -102,6 +101,7 @@ pub(crate) struct Cold {
 
 impl Cold {
     /// Trades the length of the list against the number of its renewals.
+    #[inline(always)]
     fn adapt_reach(&mut self) {
         let (renewals, collisions) = (f64::from(self.renewals), f64::from(self.collisions));
         if renewals > MANY_RENEWALS * (collisions + 2.0) {
@@ -140,6 +140,8 @@ impl Counts {
 /// All grains of a run.
 #[derive(Debug)]
 pub(crate) struct System {
+    /// What the event loop and the lists are compiled for.
+    pub(crate) cpu: Cpu,
     pub(crate) container: Container,
     pub(crate) hot: Vec<Hot>,
     pub(crate) cold: Vec<Cold>,
@@ -175,6 +177,7 @@ impl System {
             .map(|(&position, &radius)| Hot { position, radius, ..Hot::default() })
             .collect();
         Self {
+            cpu: Cpu::detect(),
             container,
             hot,
             cold: vec![Cold::default(); radii.len()],
@@ -274,10 +277,23 @@ impl System {
         for i in 0..n {
             self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].outer);
         }
-        if self.container.is_periodic() { self.fill_lists::<true>() } else { self.fill_lists::<false>() }
+        // Called as a closure that is inlined: what it inlines is compiled for the instruction set.
+        let cpu = self.cpu;
+        if self.container.is_periodic() {
+            cpu.call(
+                #[inline(always)]
+                || self.fill_lists::<true>(),
+            );
+        } else {
+            cpu.call(
+                #[inline(always)]
+                || self.fill_lists::<false>(),
+            );
+        }
     }
 
     /// Puts the sphere of free movement of a grain around its position.
+    #[inline(always)]
     fn center_sphere(&mut self, i: usize) {
         let radius = self.last_radius(i);
         let (start, rate) = self.growth.wall(self.hot[i].radius);
@@ -306,6 +322,7 @@ impl System {
         d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < range * range
     }
 
+    #[inline(always)]
     fn fill_lists<const PERIODIC: bool>(&mut self) {
         let n = self.len();
         // Every pair once, at the finer of the two or the later in memory.
@@ -361,6 +378,7 @@ impl System {
         }
     }
 
+    #[inline(always)]
     fn append(&mut self, grain: usize, entry: u32) {
         let cold = &mut self.cold[grain];
         if cold.len == cold.capacity {
@@ -376,6 +394,7 @@ impl System {
         cold.len += 1;
     }
 
+    #[inline(always)]
     fn take_out(&mut self, grain: usize, entry: u32) {
         let cold = &mut self.cold[grain];
         let list = &mut self.slab[cold.offset as usize..(cold.offset + cold.len) as usize];
@@ -389,7 +408,15 @@ impl System {
     /// Gives a grain whose record stands at the present a new sphere of free movement and new
     /// neighbours.
     #[inline(never)]
-    pub(crate) fn renew<const PERIODIC: bool>(&mut self, i: usize) {
+    pub(crate) fn renew<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S, i: usize) {
+        set.call(
+            #[inline(always)]
+            || self.renew_inlined::<PERIODIC>(i),
+        );
+    }
+
+    #[inline(always)]
+    fn renew_inlined<const PERIODIC: bool>(&mut self, i: usize) {
         self.counts.list_rebuilds += 1;
         let (offset, len) = (self.cold[i].offset as usize, self.cold[i].len as usize);
         // Far apart in memory: asked for all at once, not one after the other.
@@ -424,10 +451,16 @@ impl System {
             prefetch(&self.cold, j as usize);
             found.push(j | image << GRAIN_BITS);
         });
-        found.retain(|&entry| {
-            let (j, image) = unpack(entry);
-            j != i && self.are_neighbours::<PERIODIC>(i, j, image as u32)
-        });
+        // By hand, for `retain` would not be compiled for the instruction set.
+        let mut kept = 0;
+        for at in 0..found.len() {
+            let (j, image) = unpack(found[at]);
+            if j != i && self.are_neighbours::<PERIODIC>(i, j, image as u32) {
+                found[kept] = found[at];
+                kept += 1;
+            }
+        }
+        found.truncate(kept);
         for &entry in &found {
             self.prefetch_list(unpack(entry).0);
         }

@@ -6,6 +6,8 @@
 //! rebuilt as grains get smaller. Cost per attempt therefore does not depend on the number of
 //! grains. Knows exclusion spheres only; it must never decide what to try next.
 
+use super::End;
+use crate::memory::filled;
 use crate::specimen::Region;
 
 /// A placed grain: its centre, and its part of every exclusion radius.
@@ -55,7 +57,11 @@ pub(super) struct Cells {
 
 impl Cells {
     /// Builds the grid over `region` with cells of about `edge_mm`, for new grains whose part of
-    /// the exclusion radius is at most `part_mm`. `None` when `should_stop` said so.
+    /// the exclusion radius is at most `part_mm`.
+    ///
+    /// # Errors
+    /// [`End::Stopped`] when `should_stop` said so, [`End::OutOfMemory`].
+    #[inline(always)]
     pub(super) fn build(
         region: Region,
         periodic: bool,
@@ -63,7 +69,7 @@ impl Cells {
         placed: &[Placed],
         part_mm: f64,
         should_stop: &dyn Fn() -> bool,
-    ) -> Option<Self> {
+    ) -> Result<Self, End> {
         let size: [f64; 3] = std::array::from_fn(|a| region.high[a] - region.low[a]);
         let counts = size.map(|length| (length / edge_mm).round().max(1.0) as usize);
         let edge: [f64; 3] = std::array::from_fn(|a| size[a] / counts[a] as f64);
@@ -78,27 +84,27 @@ impl Cells {
             per_layer: 1.0 / (counts[0] * counts[1]) as f64,
             starts: Vec::new(),
             entries: Vec::new(),
-            heads: vec![NONE; number],
+            heads: filled(number, NONE)?,
             links: Vec::new(),
             spheres: Vec::new(),
             images: images(periodic, size),
         };
         cells.spheres = cells.ordered(placed);
-        let mut starts = vec![0; number + 1];
+        let mut starts = filled(number + 1, 0)?;
         for (id, grain) in cells.spheres.iter().enumerate() {
             if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
-                return None;
+                return Err(End::Stopped);
             }
             cells.for_each_touched(0, grain, part_mm, |cell, _| starts[cell + 1] += 1);
         }
         for i in 0..number {
             starts[i + 1] += starts[i];
         }
-        let mut entries = vec![0; starts[number] as usize];
+        let mut entries = filled(starts[number] as usize, 0)?;
         // Filling moves every start to the end of its cell, which is the start of the next.
         for (id, grain) in cells.spheres.iter().enumerate() {
             if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
-                return None;
+                return Err(End::Stopped);
             }
             cells.for_each_touched(id as u32, grain, part_mm, |cell, entry| {
                 entries[starts[cell] as usize] = entry;
@@ -109,7 +115,7 @@ impl Cells {
         starts[0] = 0;
         cells.starts = starts;
         cells.entries = entries;
-        Some(cells)
+        Ok(cells)
     }
 
     /// The grains in a few groups from large to small, each in the order of cells: neighbours are
@@ -139,7 +145,7 @@ impl Cells {
     }
 
     /// Index along an axis of the cell that holds a coordinate, or of the nearest.
-    #[inline]
+    #[inline(always)]
     fn index(&self, axis: usize, x: f64) -> usize {
         (((x - self.region.low[axis]) * self.per_edge[axis]).max(0.0) as usize).min(self.counts[axis] - 1)
     }
@@ -164,7 +170,7 @@ impl Cells {
     }
 
     /// Lower corner of a cell, by its index.
-    #[inline]
+    #[inline(always)]
     pub(super) fn corner(&self, cell: usize) -> [f64; 3] {
         // Three integer divisions cost more than the rest of a draw. The half keeps the quotient
         // away from whole numbers, so that truncation is exact for all u32.
@@ -177,6 +183,7 @@ impl Cells {
 
     /// Reads what [`Self::blocking`] will read first in each of the cells, so that the cache misses
     /// of many draws overlap. The sum only keeps the reads from being dropped as unused.
+    #[inline(always)]
     pub(super) fn touch<const N: usize>(&self, cells: &[usize; N]) -> f64 {
         let starts = cells.map(|cell| (self.starts[cell] as usize, self.heads[cell] as usize));
         let entries = starts.map(|(known, since)| {
@@ -188,7 +195,7 @@ impl Cells {
     }
 
     /// The exclusion sphere behind an entry, at the image that the entry names.
-    #[inline]
+    #[inline(always)]
     fn sphere(&self, entry: u32) -> Placed {
         let [x, y, z, part] = self.spheres[(entry & ID_MASK) as usize];
         let shift = self.images[(entry >> IMAGE_SHIFT) as usize];
@@ -196,7 +203,7 @@ impl Cells {
     }
 
     /// An exclusion sphere of the cell that holds `p`, if any does, for a new grain with `part_mm`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn blocking(&self, cell: usize, p: [f64; 3], part_mm: f64) -> Option<Placed> {
         for &entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
             let sphere = self.sphere(entry);
@@ -216,7 +223,7 @@ impl Cells {
     }
 
     /// Collects the exclusion spheres of the cell that hold `p`, for a new grain with `part_mm`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn gather_around(&self, cell: usize, p: [f64; 3], part_mm: f64, into: &mut Vec<Placed>) {
         into.clear();
         let known = &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize];
@@ -232,6 +239,7 @@ impl Cells {
     }
 
     /// Calls `visit(cell, entry)` for every cell that the exclusion sphere of a grain touches.
+    #[inline(always)]
     fn for_each_touched(&self, id: u32, grain: &Placed, part_mm: f64, mut visit: impl FnMut(usize, u32)) {
         let reach = grain[3] + part_mm;
         for (image, shift) in self.images.iter().enumerate() {
@@ -279,7 +287,7 @@ impl Cells {
 }
 
 /// Whether an exclusion sphere holds a point, for a new grain with `part_mm`.
-#[inline]
+#[inline(always)]
 fn holds(sphere: &Placed, p: [f64; 3], part_mm: f64) -> bool {
     let [dx, dy, dz] = [p[0] - sphere[0], p[1] - sphere[1], p[2] - sphere[2]];
     let reach = sphere[3] + part_mm;

@@ -49,6 +49,7 @@ pub(super) struct Draw {
 
 impl Draw {
     /// The cell of the voxel.
+    #[inline(always)]
     pub(super) fn cell(&self) -> usize {
         self.voxel.cell as usize
     }
@@ -176,7 +177,7 @@ impl<'a> FreeSpace<'a> {
 
     /// A uniform point of the voxels awake, or of those that were awake a few draws ago; `None`
     /// when nothing was left.
-    #[inline]
+    #[inline(always)]
     pub(super) fn draw(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<Draw> {
         if self.batch.next == BATCH {
             self.draw_batch(cells, rng)?;
@@ -186,10 +187,12 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Volume that the last draw was made from, in units of a cell.
+    #[inline(always)]
     pub(super) fn drawn_from_cells(&self) -> f64 {
         self.batch.volume_cells
     }
 
+    #[inline(always)]
     fn draw_batch(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<()> {
         let volume_cells = self.volume_cells();
         let mut draws = [Draw::default(); BATCH];
@@ -215,6 +218,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Volume of the voxels awake, in units of a cell.
+    #[inline(always)]
     fn volume_cells(&self) -> f64 {
         let mut volume = 0.0;
         for level in self.awake.iter().rev() {
@@ -224,7 +228,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// A level with the probability of its share of the volume.
-    #[inline]
+    #[inline(always)]
     fn draw_level(&self, volume_cells: f64, rng: &mut Xoshiro256PlusPlus) -> Option<usize> {
         if let [only] = self.awake.as_slice() {
             return (!only.is_empty()).then_some(0);
@@ -246,7 +250,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Puts the voxel of a failed draw to sleep if `blocking` holds it whole; says whether it did.
-    #[inline]
+    #[inline(always)]
     pub(super) fn drop_if_held(&mut self, draw: &Draw, blocking: &Placed, cells: &Cells) -> bool {
         let (center, half) = geometry(cells, draw.voxel, draw.level);
         self.tested += 1;
@@ -259,6 +263,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Splits the voxel of a failed draw.
+    #[inline(always)]
     pub(super) fn split(&mut self, draw: &Draw, cells: &Cells) {
         if draw.level < MAX_LEVEL && self.remove(draw) {
             self.split_voxel(draw.voxel, draw.level, cells);
@@ -268,7 +273,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Takes out the voxel of a draw; says whether it was still there.
-    #[inline]
+    #[inline(always)]
     fn remove(&mut self, draw: &Draw) -> bool {
         let voxels = &mut self.awake[draw.level];
         let there = voxels.get(draw.index) == Some(&draw.voxel);
@@ -278,6 +283,7 @@ impl<'a> FreeSpace<'a> {
         there
     }
 
+    #[inline(always)]
     fn split_voxel(&mut self, voxel: Voxel, level: usize, cells: &Cells) {
         while self.awake.len() <= level + 1 {
             self.awake.push(Vec::new());
@@ -306,6 +312,7 @@ impl<'a> FreeSpace<'a> {
     }
 
     /// Keeps a voxel, awake or asleep, unless it is held for all grains to come.
+    #[inline(always)]
     fn keep(&mut self, voxel: Voxel, level: usize, held_above: f64) {
         if held_above >= self.now_mm {
             self.awake[level].push(voxel);
@@ -319,7 +326,7 @@ impl<'a> FreeSpace<'a> {
 
 impl Served<'_> {
     /// The step in which a part lies: 0 for the largest. Parts outside the range count as its ends.
-    #[inline]
+    #[inline(always)]
     fn bed_of(&self, part_mm: f64) -> usize {
         let share = (self.largest_part - part_mm) / (self.largest_part - self.least_part);
         // A range of one part only has a share that is no number, which becomes 0.
@@ -333,7 +340,7 @@ impl Served<'_> {
     }
 
     /// Whether no grain served is kept out of a cuboid by walls.
-    #[inline]
+    #[inline(always)]
     fn far_from_walls(&self, center: [f64; 3], half: [f64; 3]) -> bool {
         self.specimen.clearance_reaching_all(center, half) > self.largest_clearance
     }
@@ -354,7 +361,7 @@ impl Served<'_> {
 }
 
 /// The part of the exclusion radius above which a sphere holds a whole cuboid.
-#[inline]
+#[inline(always)]
 fn held_above(sphere: &Placed, center: [f64; 3], half: [f64; 3]) -> f64 {
     let far = |a: usize| (center[a] - sphere[a]).abs() + half[a];
     let (x, y, z) = (far(0), far(1), far(2));
@@ -363,7 +370,7 @@ fn held_above(sphere: &Placed, center: [f64; 3], half: [f64; 3]) -> f64 {
 
 /// [`held_above`] of the eight parts of a voxel, the least over all spheres. Along each axis a part
 /// reaches from `center` to `2 half` on one side.
-#[inline]
+#[inline(always)]
 fn parts_held_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> [f64; 8] {
     let mut least = [f64::INFINITY; 8];
     for sphere in spheres {
@@ -380,13 +387,13 @@ fn parts_held_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> [f6
     least
 }
 
-#[inline]
+#[inline(always)]
 fn scale_of(level: usize) -> f64 {
     1.0 / f64::from(1_u32 << level)
 }
 
 /// Centre and half edges of a voxel.
-#[inline]
+#[inline(always)]
 fn geometry(cells: &Cells, voxel: Voxel, level: usize) -> ([f64; 3], [f64; 3]) {
     let corner = cells.corner(voxel.cell as usize);
     let half = cells.edge.map(|e| e * scale_of(level) / 2.0);

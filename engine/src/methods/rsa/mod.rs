@@ -5,14 +5,20 @@
 //! size, each with a grid of its own, and finds a place for one grain after the other. It knows
 //! diameters, a specimen and a distance rule; it must never know where they come from.
 
+// Forced inlining carries the instruction set of the search to what it calls ([`crate::cpu`]).
+#![allow(clippy::inline_always)]
+
 mod cells;
 mod choice;
 mod free_space;
+mod saturation;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::control::{Control, Phase, Progress};
+use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
+use crate::memory::{OutOfMemory, reserved};
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -22,6 +28,7 @@ pub(crate) use cells::MAX_PLACED;
 use cells::{Cells, Placed};
 use choice::{Choice, MOST_DRAWS};
 use free_space::{Draw, FreeSpace, Served};
+pub(crate) use saturation::saturation;
 
 /// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
 const SEGMENT_RATIO: f64 = 0.75;
@@ -81,6 +88,17 @@ pub enum End {
     },
     /// The control said so.
     Stopped,
+    /// The system refused memory.
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
+}
+
+impl From<OutOfMemory> for End {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
 }
 
 impl Rsa<'_> {
@@ -91,11 +109,19 @@ impl Rsa<'_> {
     /// not drawn but counted, by a geometric number with the same law, so that the outcome has the
     /// distribution of the textbook algorithm at a fraction of its time.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+        let placed = match reserved(self.diameters_mm.len()) {
+            Ok(placed) => placed,
+            Err(OutOfMemory { bytes }) => {
+                let statistics = RsaStatistics::default();
+                return Outcome { centers_mm: Vec::new(), statistics, end: End::OutOfMemory { bytes } };
+            }
+        };
         let mut run = Run {
             rsa: self,
-            placed: Vec::with_capacity(self.diameters_mm.len()),
+            placed,
             statistics: RsaStatistics::default(),
             looks: 0,
+            cpu: Cpu::detect(),
             control,
         };
         let end = run.place_all(rng);
@@ -128,6 +154,8 @@ struct Run<'a> {
     placed: Vec<Placed>,
     statistics: RsaStatistics,
     looks: u64,
+    /// What the search is compiled for.
+    cpu: Cpu,
     control: &'a dyn Control,
 }
 
@@ -199,8 +227,14 @@ impl Run<'_> {
         let edge = (CELL_EDGE * reach).max(spacing);
         let should_stop = || self.control.should_stop();
         let periodic = rsa.specimen.is_periodic();
-        let built = Cells::build(region, periodic, edge, &self.placed, rsa.part(first), &should_stop);
-        let Some(mut cells) = built else { return End::Stopped };
+        let built = self.cpu.call(
+            #[inline(always)]
+            || Cells::build(region, periodic, edge, &self.placed, rsa.part(first), &should_stop),
+        );
+        let mut cells = match built {
+            Ok(cells) => cells,
+            Err(end) => return end,
+        };
         let served = Served {
             specimen: rsa.specimen,
             largest_part: rsa.part(first),
@@ -221,7 +255,11 @@ impl Run<'_> {
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
             };
             free.wake(search.part, exactly);
-            let found = self.search(&mut search, &mut free, &cells, rng);
+            let cpu = self.cpu;
+            let found = cpu.call(
+                #[inline(always)]
+                || self.search(&mut search, &mut free, &cells, rng),
+            );
             exactly |= search.failed > EXACT_AFTER;
             self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
             self.statistics.attempts += search.attempts;
@@ -246,6 +284,7 @@ impl Run<'_> {
     }
 
     /// Draws from `free` until a place is found or nothing is left.
+    #[inline(always)]
     fn search(
         &mut self,
         search: &mut Search,
@@ -306,7 +345,7 @@ impl Run<'_> {
         choice.chosen().map_or(Found::NotYet, Found::Place)
     }
 
-    #[inline]
+    #[inline(always)]
     fn try_once(
         &mut self,
         search: &mut Search,
@@ -365,7 +404,7 @@ impl Search {
     ///
     /// A textbook attempt falls into the voxels with probability `p`, their share of the region;
     /// those before it that missed them have failed unseen.
-    #[inline]
+    #[inline(always)]
     fn count(&mut self, inside: bool, free: &FreeSpace<'_>, rng: &mut Xoshiro256PlusPlus) -> bool {
         let Some(limit) = self.limit else {
             self.attempts += 1;

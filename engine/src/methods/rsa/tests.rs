@@ -326,3 +326,12 @@ fn a_choice_among_equal_places_draws_from_the_distribution_of_the_textbook() {
         }
     }
 }
+
+#[test]
+fn a_grid_that_no_memory_holds_is_an_error() {
+    let edge = f64::from(1 << 20);
+    let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Walls };
+    let region = specimen.center_region(0.0).unwrap();
+    let built = Cells::build(region, false, 1.0, &[], 1.0, &|| false);
+    assert_eq!(built.err(), Some(End::OutOfMemory { bytes: 4 << 60 }));
+}

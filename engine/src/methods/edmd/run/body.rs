@@ -4,10 +4,11 @@
 
 use std::io::{self, Write};
 
-use super::{BEYOND_TARGET, CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
+use super::{CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
 use crate::methods::edmd::law::Law;
 use crate::methods::edmd::state::{Decoder, Encoder};
 use crate::methods::edmd::system::{Cold, Counts};
+use crate::methods::edmd::tolerances::BEYOND_TARGET;
 use crate::packing::{GrowthPoint, RsaStatistics};
 
 impl Run {

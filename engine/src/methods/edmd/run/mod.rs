@@ -15,6 +15,7 @@ use super::law::Law;
 use super::pace::{LOOSE_PACE, Pace, room};
 use super::swap::{Swaps, free};
 use super::system::{Counts, System};
+use super::tolerances::BEYOND_TARGET;
 use crate::checkpoint::Checkpoint;
 use crate::control::Control;
 use crate::mix::sphere_volume;
@@ -24,9 +25,6 @@ use crate::rng::epoch_stream;
 use crate::segregation::Preference;
 pub(crate) use report::Moments;
 
-/// Grains grow to their target times this, so that the check, which rounds differently, sees no
-/// overlap at all.
-pub(crate) const BEYOND_TARGET: f64 = 1.0 + 1e-10;
 /// Collisions per grain in an epoch.
 const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
 /// Fewest grains that an epoch is laid out for: smaller packings take more events per grain.
@@ -354,6 +352,15 @@ impl Run {
             return Some(EdmdEnd::EventLimit);
         }
         self.out_of_time(frame).then_some(EdmdEnd::TimeLimit)
+    }
+
+    /// Puts the grains, which jammed just before their target, to where they fit exactly.
+    pub(crate) fn settle(&mut self, law: &Law, centers: &[[f64; 3]]) {
+        for (hot, &rank) in self.system.hot.iter_mut().zip(&self.system.rank) {
+            hot.position = centers[rank as usize];
+        }
+        self.size = BEYOND_TARGET;
+        self.set_radii(law);
     }
 
     /// Centres by rank.

@@ -1,8 +1,7 @@
-//! Asking the memory for what the next events will read.
+//! Asking the memory for what will be read next.
 //!
-//! With 1e5 grains and more, an event waits for some forty cache lines that nothing has touched
-//! lately; asked for an event ahead they arrive while the one before is computed. The only module of
-//! the engine with unsafe code.
+//! With 1e5 grains and more, an event of a simulation waits for some forty cache lines that nothing has touched
+//! lately; asked for an event ahead they arrive while the one before is computed.
 #![allow(unsafe_code)]
 
 /// Asks for the cache line of an element, if there is one. Changes nothing but when it is there.

@@ -1,0 +1,196 @@
+//! The layers of the engine, read from its source: imports point down, and the check shares nothing with what it
+//! judges.
+#![allow(clippy::unwrap_used)]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// The modules of the engine from the lowest to the highest: each may use itself and those before it.
+const LAYERS: [&str; 19] = [
+    "cpu",
+    "memory",
+    "rng",
+    "request",
+    "packing",
+    "error",
+    "checkpoint",
+    "control",
+    "geometry",
+    "specimen",
+    "distance",
+    "mix",
+    "segregation",
+    "methods",
+    "plan",
+    "check",
+    "analysis",
+    "export",
+    "pack",
+];
+
+/// Folders whose modules form no circle.
+const WITHOUT_CIRCLES: [&str; 8] = [
+    "cpu",
+    "check",
+    "geometry",
+    "geometry/delaunay",
+    "methods",
+    "methods/rsa",
+    "methods/edmd",
+    "methods/edmd/run",
+];
+
+/// What names stand for that the crate's root exports.
+fn module_of(name: &str) -> &str {
+    match name {
+        "Checkpoint" | "CheckpointError" | "Resume" => "checkpoint",
+        "Control" | "Growth" | "Phase" | "Progress" | "Unattended" => "control",
+        "PackError" | "PlanError" => "error",
+        "Packing" | "Report" | "Spheres" => "packing",
+        "Plan" | "Limits" => "plan",
+        "PackingRequest" | "FieldError" => "request",
+        other => other,
+    }
+}
+
+fn source() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+/// The files of a module that are no tests, with their paths below `src`.
+fn files(of: &Path) -> Vec<PathBuf> {
+    let is_test = |path: &Path| {
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        name == "tests" || name.ends_with("_tests")
+    };
+    if of.is_file() {
+        return vec![of.to_owned()];
+    }
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(of).unwrap() {
+        let path = entry.unwrap().path();
+        if !is_test(&path) {
+            found.extend(files(&path));
+        }
+    }
+    found
+}
+
+/// The code of a file without comments and without the unit tests at its end.
+fn code(file: &Path) -> String {
+    let text = std::fs::read_to_string(file).unwrap();
+    let tests = text
+        .find("#[cfg(test)]\nmod tests {")
+        .or(text.find("#[cfg(test)]\n#[allow(clippy::unwrap_used)]\nmod"));
+    let without_tests = &text[..tests.unwrap_or(text.len())];
+    without_tests.lines().map(|line| line.split("//").next().unwrap()).collect::<Vec<_>>().join("\n")
+}
+
+/// The names that follow a prefix as in `crate::name`, `crate::{a, b::c}`, with the path behind each.
+fn named_after(code: &str, prefix: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices(prefix) {
+        let before = code[..at].chars().next_back();
+        if before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
+            continue;
+        }
+        let rest = &code[at + prefix.len()..];
+        let path =
+            |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || matches!(c, '_' | ':')).collect();
+        match rest.strip_prefix('{') {
+            None => found.push(path(rest)),
+            Some(list) => {
+                let list = &list[..list.find('}').unwrap()];
+                found.extend(list.split(',').map(|item| path(item.trim())));
+            }
+        }
+    }
+    found.retain(|name: &String| !name.is_empty());
+    found
+}
+
+fn first(path: &str) -> &str {
+    path.split("::").next().unwrap()
+}
+
+fn module_path(name: &str) -> PathBuf {
+    let folder = source().join(name);
+    if folder.is_dir() { folder } else { source().join(format!("{name}.rs")) }
+}
+
+#[test]
+fn imports_point_down() {
+    let mut wrong = Vec::new();
+    for (height, module) in LAYERS.iter().enumerate() {
+        for file in files(&module_path(module)) {
+            for path in named_after(&code(&file), "crate::") {
+                let used = module_of(first(&path));
+                match LAYERS.iter().position(|layer| *layer == used) {
+                    Some(of) if of > height => wrong.push(format!("{}: crate::{path}", file.display())),
+                    Some(_) => {}
+                    None if used == "VERSION" => {}
+                    None => wrong.push(format!("{}: crate::{path} is in no layer", file.display())),
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn every_module_has_a_layer() {
+    let lib = code(&source().join("lib.rs"));
+    for line in lib.lines().filter_map(|line| line.trim().strip_suffix(';')) {
+        if let Some((_, module)) = line.split_once("mod ") {
+            assert!(LAYERS.contains(&module), "{module}");
+        }
+    }
+}
+
+#[test]
+fn the_check_uses_nothing_of_what_makes_packings() {
+    for file in files(&module_path("check")) {
+        for path in named_after(&code(&file), "crate::") {
+            // The table of the standard curves is data.
+            let is_allowed =
+                matches!(module_of(first(&path)), "cpu" | "control" | "packing" | "request" | "memory")
+                    || path.starts_with("mix::standard");
+            assert!(is_allowed, "{}: crate::{path}", file.display());
+        }
+    }
+}
+
+#[test]
+fn modules_of_a_folder_form_no_circle() {
+    for folder in WITHOUT_CIRCLES {
+        let modules: BTreeMap<String, PathBuf> = std::fs::read_dir(source().join(folder))
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .map(|path| (path.file_stem().unwrap().to_str().unwrap().to_owned(), path))
+            .filter(|(name, _)| name != "mod" && name != "tests")
+            .collect();
+        let absolute = format!("crate::{}::", folder.replace('/', "::"));
+        let mut uses: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+        for (name, path) in &modules {
+            let used = uses.entry(name).or_default();
+            for file in files(path) {
+                let code = code(&file);
+                let depth = file.strip_prefix(path).unwrap().components().count();
+                let is_head = file.file_name().unwrap() == "mod.rs";
+                let supers = if is_head { depth } else { depth + 1 };
+                let relative = "super::".repeat(supers);
+                used.extend(named_after(&code, &absolute).into_iter().chain(named_after(&code, &relative)));
+            }
+            *used = used.iter().map(|path| first(path).to_owned()).collect();
+            used.retain(|other| other != name && modules.contains_key(other));
+        }
+        // Takes away modules that use none of those left; what remains has a circle.
+        while let Some(free) = uses.iter().find(|(_, used)| used.is_empty()).map(|(name, _)| *name) {
+            uses.remove(free);
+            uses.values_mut().for_each(|used| {
+                used.remove(free);
+            });
+        }
+        assert!(uses.is_empty(), "{folder}: {uses:#?}");
+    }
+}
