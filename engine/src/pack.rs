@@ -1,25 +1,27 @@
-//! One run from request to checked packing: take, place, verify.
+//! One run from request to checked packing: size sampling, packing, check.
 
-use std::cell::Cell;
 use std::time::Instant;
 
 use crate::analysis::separation;
 use crate::check;
-use crate::checkpoint::{Checkpoint, Resume};
-use crate::control::{Control, Phase, Progress};
+use crate::checkpoint::Resume;
+use crate::control::{Control, Part, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
-use crate::mix::{GradedMix, sampling::sample, sphere_volume};
-use crate::packing::{GrowthPoint, Packing, Report, Spheres, Statistics, Summary, Timings};
-use crate::plan::{Limits, Plan};
+use crate::mix::{GradedMix, deviation, sampling::sample, sphere_volume};
+use crate::packing::{GrowthPoint, MethodUsed, Packing, Report, Spheres, Statistics, Summary, Timings};
+use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 
-/// Share of a run's progress that placing takes; the rest is the check.
-const PLACING_SHARE: f64 = 0.95;
+/// Share of a run's work that sampling and packing take; the rest is the check.
+const PACKING_SHARE: f64 = 0.98;
+/// Random sequential addition takes time as this power of the share of grains inserted: the last ones, small and in a
+/// crowded specimen, take longest.
+const RSA_TIME_EXPONENT: f64 = 1.5;
 
 /// Computes a packing.
 ///
@@ -43,7 +45,7 @@ pub fn pack_or_resume(
 ) -> Result<Packing, PackError> {
     let plan = Plan::new(request, limits)?;
     let start = Instant::now();
-    let control: &dyn Control = &Share::new(control, 0.0, 1.0);
+    let control: &dyn Control = &Part::new(control, 0.0, 1.0);
     control.report(&Progress {
         phase: Phase::Sampling,
         fraction: 0.0,
@@ -58,17 +60,26 @@ pub fn pack_or_resume(
     let Some(diameters) = sample(&mix, &mut sampling_rng, &|| control.should_stop()) else {
         return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
     };
+    let coarse = deviation::judge_total(&request.mix, &mix, &diameters).map_err(PlanError::Coarse)?;
     let sampling_s = start.elapsed().as_secs_f64();
 
-    let job = Job { request, mix: &mix, diameters: &diameters };
-    let share = Share::new(control, 0.0, PLACING_SHARE);
+    let job = Job {
+        request,
+        mix: &mix,
+        diameters: &diameters,
+        growth_events_per_grain: plan.growth_events_per_grain,
+    };
+    let share = Part::new(control, 0.0, PACKING_SHARE);
     let placed = match route(request, &plan) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenEdmd if resume.is_none() => match job.place(None, &share) {
-            Err(PackError::TargetNotReached(_)) => job.grow(EdmdOptions::default(), None, &share),
+            Err(PackError::TargetNotReached(_)) => {
+                let rest = Part::new(control, share.reached(), PACKING_SHARE);
+                job.grow(EdmdOptions::default(), None, &rest).map(Placed::after_rsa)
+            }
             other => other,
         },
-        Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, &share),
+        Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, &share).map(Placed::after_rsa),
         Route::Rsa { attempts_per_grain } => job.place(attempts_per_grain, &share),
         Route::Edmd(options) => job.grow(options, resume, &share),
     }?;
@@ -81,7 +92,7 @@ pub fn pack_or_resume(
         checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
     }
     let checking = Instant::now();
-    let share = Share::new(control, PLACING_SHARE, 1.0);
+    let share = Part::new(control, PACKING_SHARE, 1.0);
     let check = check::check_with(&spheres, &checked, &share).map_err(|fault| match fault {
         check::Fault::Stopped => PackError::Stopped { placed: grains, grains },
         fault => PackError::CheckFailed(fault.to_string()),
@@ -97,7 +108,12 @@ pub fn pack_or_resume(
     });
 
     let rule = DistanceRule::new(&checked.distance, &checked.specimen);
-    let summary = summary(&spheres, &mix, &rule, check.classes);
+    let mut warnings: Vec<String> = coarse.into_iter().collect();
+    warnings.extend(mix_warnings(request, &mix));
+    if mix.list.is_none() {
+        warnings.extend(deviation::class_warning(&check.classes));
+    }
+    let summary = summary(&spheres, &mix, &rule, &placed, check.classes);
     let segregation = match &request.segregation {
         Segregation::Gradient { field, .. } => {
             Some(separation(&spheres, &request.specimen, &rule, *field, request.seed))
@@ -117,7 +133,7 @@ pub fn pack_or_resume(
             },
             statistics: placed.statistics,
             check: check.found,
-            distance_curve: placed.distance_curve,
+            warnings,
             growth_curve: placed.growth_curve,
             segregation,
         },
@@ -149,6 +165,7 @@ struct Job<'a> {
     request: &'a PackingRequest,
     mix: &'a GradedMix,
     diameters: &'a [f64],
+    growth_events_per_grain: f64,
 }
 
 /// Grains with their places.
@@ -157,10 +174,17 @@ struct Placed {
     statistics: Statistics,
     /// The constant distance reached, where the largest one was asked for.
     distance_mm: Option<f64>,
-    distance_curve: Vec<[f64; 2]>,
     growth_curve: Vec<GrowthPoint>,
     rsa_s: f64,
-    edmd_s: f64,
+    edmd_s: Option<f64>,
+    method_used: MethodUsed,
+}
+
+impl Placed {
+    /// Growth that followed a random sequential addition which did not reach the target.
+    fn after_rsa(self) -> Self {
+        Self { method_used: MethodUsed::RsaThenEdmd, ..self }
+    }
 }
 
 impl Job<'_> {
@@ -183,17 +207,18 @@ impl Job<'_> {
             attempts_per_grain,
             preference: preference.as_ref(),
         };
-        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), control);
+        let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
         let placed = outcome.centers_mm.len();
         match outcome.end {
             End::Complete => Ok(Placed {
                 centers_mm: outcome.centers_mm,
-                statistics: Statistics { rsa: outcome.statistics, edmd: None },
+                statistics: Statistics { rsa: Some(outcome.statistics), edmd: None },
                 distance_mm: None,
-                distance_curve: Vec::new(),
                 growth_curve: Vec::new(),
                 rsa_s: start.elapsed().as_secs_f64(),
-                edmd_s: 0.0,
+                edmd_s: None,
+                method_used: MethodUsed::Rsa,
             }),
             End::Stopped => Err(self.stopped(placed)),
             End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
@@ -218,7 +243,12 @@ impl Job<'_> {
         resume: Option<Resume>,
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
-        let edmd = Edmd { request: self.request, options, diameters_mm: self.diameters };
+        let edmd = Edmd {
+            request: self.request,
+            options,
+            diameters_mm: self.diameters,
+            expected_events_per_grain: self.growth_events_per_grain,
+        };
         let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
             Interrupted::Stopped => self.stopped(self.diameters.len()),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
@@ -243,12 +273,12 @@ impl Job<'_> {
         }
         Ok(Placed {
             centers_mm: outcome.centers_mm,
-            statistics: Statistics { rsa: outcome.rsa, edmd: Some(statistics) },
+            statistics: Statistics { rsa: Some(outcome.rsa), edmd: Some(statistics) },
             distance_mm: outcome.distance_mm.filter(|_| maximize),
-            distance_curve: outcome.distance_curve,
             growth_curve: outcome.growth_curve,
             rsa_s: outcome.rsa_s,
-            edmd_s: outcome.edmd_s,
+            edmd_s: Some(outcome.edmd_s),
+            method_used: MethodUsed::Edmd,
         })
     }
 }
@@ -262,6 +292,7 @@ fn summary(
     spheres: &Spheres,
     mix: &GradedMix,
     rule: &DistanceRule,
+    placed: &Placed,
     classes: Vec<crate::packing::ClassReport>,
 ) -> Summary {
     let total = |size: &dyn Fn(f64) -> f64| {
@@ -269,6 +300,7 @@ fn summary(
     };
     Summary {
         grains: spheres.len() as u64,
+        method_used: Some(placed.method_used),
         specimen_volume_mm3: mix.specimen_volume_mm3,
         volume_fraction_mixture: mix.volume_fraction_mixture,
         volume_fraction_effective: total(&|d| d),
@@ -277,40 +309,5 @@ fn summary(
         d_min_mm: spheres.d_mm.last().copied().unwrap_or(0.0),
         d_max_mm: spheres.d_mm.first().copied().unwrap_or(0.0),
         classes,
-    }
-}
-
-/// Passes progress on as a part of the whole run's, with a fraction that never falls, though growth may
-/// start where random placing gave up.
-struct Share<'a> {
-    of: &'a dyn Control,
-    from: f64,
-    to: f64,
-    most: Cell<f64>,
-}
-
-impl<'a> Share<'a> {
-    fn new(of: &'a dyn Control, from: f64, to: f64) -> Self {
-        Self { of, from, to, most: Cell::new(0.0) }
-    }
-}
-
-impl Control for Share<'_> {
-    fn report(&self, progress: &Progress) {
-        self.most.set(self.most.get().max(progress.fraction));
-        let fraction = self.from + (self.to - self.from) * self.most.get();
-        self.of.report(&Progress { fraction, ..progress.clone() });
-    }
-
-    fn should_stop(&self) -> bool {
-        self.of.should_stop()
-    }
-
-    fn wants_checkpoint(&self) -> bool {
-        self.of.wants_checkpoint()
-    }
-
-    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        self.of.keep_checkpoint(checkpoint);
     }
 }

@@ -154,7 +154,7 @@ fn the_check_uses_nothing_of_what_makes_packings() {
             // The table of the standard curves is data.
             let is_allowed =
                 matches!(module_of(first(&path)), "cpu" | "control" | "packing" | "request" | "memory")
-                    || path.starts_with("mix::standard");
+                    || path.starts_with("request::standard");
             assert!(is_allowed, "{}: crate::{path}", file.display());
         }
     }

@@ -11,8 +11,8 @@
 
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
 
-use crate::mix::standard;
 use crate::packing::{ClassReport, Spheres};
+use crate::request::standard;
 use crate::request::{Grading, Mix, PackingRequest, Specimen, VolumeFractionOf};
 
 /// Sums of millions of volumes agree to this.
@@ -83,7 +83,7 @@ fn asked(mix: &Mix, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f
     let d_min = mix.d_min_mm.unwrap_or(0.0);
     let mut classes = mass_shares(&mix.grading, d_min);
     let placed: f64 = classes.iter().map(|c| c.target_volume_mm3).sum();
-    let fraction = mix.asked_fraction().unwrap_or(0.0);
+    let fraction = mix.requested_fraction().unwrap_or(0.0);
     let all_aggregate = match mix.volume_fraction_of {
         VolumeFractionOf::AllAggregate => fraction,
         VolumeFractionOf::PlacedGrains => fraction / placed,

@@ -5,7 +5,7 @@ use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use packstone_engine::export::ExportType;
 use packstone_engine::export::tables::{EngineInfo, Format};
-use packstone_engine::mix::standard;
+use packstone_engine::request::standard;
 use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, StandardCurve};
 use serde::Serialize;
 use utoipa::ToSchema;
