@@ -12,9 +12,12 @@ pub enum PlanError {
     /// More grains or memory than the limits allow.
     #[error("{0}")]
     TooLarge(FieldError),
-    /// No arrangement of spheres reaches what is asked for.
+    /// No arrangement of spheres reaches what is requested.
     #[error("{0}")]
     Infeasible(FieldError),
+    /// Whole grains miss the requested total volume by more than [`crate::mix::MAX_DEVIATION`].
+    #[error("{0}")]
+    Coarse(FieldError),
 }
 
 /// Why a run ended without a packing.

@@ -1,4 +1,4 @@
-//! One run from request to checked packing: take, place, verify.
+//! One run from request to checked packing: size sampling, packing, check.
 
 use std::cell::Cell;
 use std::time::Instant;
@@ -8,12 +8,14 @@ use crate::check;
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
-use crate::mix::{GradedMix, sampling::sample, sphere_volume};
-use crate::packing::{GrowthPoint, Packing, Report, Spheres, Statistics, Summary, Timings};
-use crate::plan::{Limits, Plan};
+use crate::mix::{GradedMix, deviation, sampling::sample, sphere_volume};
+use crate::packing::{
+    GrowthPoint, MethodUsed, Packing, Report, Spheres, Statistics, Summary, Timings,
+};
+use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
@@ -58,6 +60,7 @@ pub fn pack_or_resume(
     let Some(diameters) = sample(&mix, &mut sampling_rng, &|| control.should_stop()) else {
         return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
     };
+    let coarse = deviation::judge_total(&request.mix, &mix, &diameters).map_err(PlanError::Coarse)?;
     let sampling_s = start.elapsed().as_secs_f64();
 
     let job = Job { request, mix: &mix, diameters: &diameters };
@@ -65,10 +68,12 @@ pub fn pack_or_resume(
     let placed = match route(request, &plan) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenEdmd if resume.is_none() => match job.place(None, &share) {
-            Err(PackError::TargetNotReached(_)) => job.grow(EdmdOptions::default(), None, &share),
+            Err(PackError::TargetNotReached(_)) => {
+                job.grow(EdmdOptions::default(), None, &share).map(Placed::after_rsa)
+            }
             other => other,
         },
-        Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, &share),
+        Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, &share).map(Placed::after_rsa),
         Route::Rsa { attempts_per_grain } => job.place(attempts_per_grain, &share),
         Route::Edmd(options) => job.grow(options, resume, &share),
     }?;
@@ -97,7 +102,12 @@ pub fn pack_or_resume(
     });
 
     let rule = DistanceRule::new(&checked.distance, &checked.specimen);
-    let summary = summary(&spheres, &mix, &rule, check.classes);
+    let mut warnings: Vec<String> = coarse.into_iter().collect();
+    warnings.extend(mix_warnings(request, &mix));
+    if mix.list.is_none() {
+        warnings.extend(deviation::class_warning(&check.classes));
+    }
+    let summary = summary(&spheres, &mix, &rule, &placed, check.classes);
     let segregation = match &request.segregation {
         Segregation::Gradient { field, .. } => {
             Some(separation(&spheres, &request.specimen, &rule, *field, request.seed))
@@ -117,7 +127,7 @@ pub fn pack_or_resume(
             },
             statistics: placed.statistics,
             check: check.found,
-            distance_curve: placed.distance_curve,
+            warnings,
             growth_curve: placed.growth_curve,
             segregation,
         },
@@ -157,10 +167,17 @@ struct Placed {
     statistics: Statistics,
     /// The constant distance reached, where the largest one was asked for.
     distance_mm: Option<f64>,
-    distance_curve: Vec<[f64; 2]>,
     growth_curve: Vec<GrowthPoint>,
     rsa_s: f64,
-    edmd_s: f64,
+    edmd_s: Option<f64>,
+    method_used: MethodUsed,
+}
+
+impl Placed {
+    /// Growth that followed a random sequential addition which did not reach the target.
+    fn after_rsa(self) -> Self {
+        Self { method_used: MethodUsed::RsaThenEdmd, ..self }
+    }
 }
 
 impl Job<'_> {
@@ -188,12 +205,12 @@ impl Job<'_> {
         match outcome.end {
             End::Complete => Ok(Placed {
                 centers_mm: outcome.centers_mm,
-                statistics: Statistics { rsa: outcome.statistics, edmd: None },
+                statistics: Statistics { rsa: Some(outcome.statistics), edmd: None },
                 distance_mm: None,
-                distance_curve: Vec::new(),
                 growth_curve: Vec::new(),
                 rsa_s: start.elapsed().as_secs_f64(),
-                edmd_s: 0.0,
+                edmd_s: None,
+                method_used: MethodUsed::Rsa,
             }),
             End::Stopped => Err(self.stopped(placed)),
             End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
@@ -243,12 +260,12 @@ impl Job<'_> {
         }
         Ok(Placed {
             centers_mm: outcome.centers_mm,
-            statistics: Statistics { rsa: outcome.rsa, edmd: Some(statistics) },
+            statistics: Statistics { rsa: Some(outcome.rsa), edmd: Some(statistics) },
             distance_mm: outcome.distance_mm.filter(|_| maximize),
-            distance_curve: outcome.distance_curve,
             growth_curve: outcome.growth_curve,
             rsa_s: outcome.rsa_s,
-            edmd_s: outcome.edmd_s,
+            edmd_s: Some(outcome.edmd_s),
+            method_used: MethodUsed::Edmd,
         })
     }
 }
@@ -262,6 +279,7 @@ fn summary(
     spheres: &Spheres,
     mix: &GradedMix,
     rule: &DistanceRule,
+    placed: &Placed,
     classes: Vec<crate::packing::ClassReport>,
 ) -> Summary {
     let total = |size: &dyn Fn(f64) -> f64| {
@@ -269,6 +287,7 @@ fn summary(
     };
     Summary {
         grains: spheres.len() as u64,
+        method_used: Some(placed.method_used),
         specimen_volume_mm3: mix.specimen_volume_mm3,
         volume_fraction_mixture: mix.volume_fraction_mixture,
         volume_fraction_effective: total(&|d| d),

@@ -1,7 +1,7 @@
-//! The result of a run: spheres in columns, and what is known about them.
+//! The result of a run as plain data: the grains in columns, and the report about them.
 //!
-//! Plain data that every format writes and the server stores; it must never know how a packing
-//! was computed or where it goes.
+//! Every file format writes these types and the server stores them. Reports that an earlier revision wrote can be
+//! read: renamed fields have aliases, and fields that were added have defaults.
 
 use serde::{Deserialize, Serialize};
 
@@ -75,14 +75,27 @@ pub struct Report {
     /// What the independent check found.
     #[serde(alias = "verification")]
     pub check: CheckReport,
-    /// Packing time in s and distance reached in mm, where the largest distance was asked for; else empty.
-    pub distance_curve: Vec<[f64; 2]>,
+    /// What a user should know about this packing, one sentence each; empty where there is nothing. A total volume or
+    /// a size class that misses what the mix requests is reported here.
+    #[serde(default)]
+    pub warnings: Vec<String>,
     /// The growth of grains over the run; empty for methods that do not grow them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub growth_curve: Vec<GrowthPoint>,
     /// How far coarse and fine grains lie apart, where a gradient was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none", alias = "placement")]
     pub segregation: Option<SegregationReport>,
+}
+
+impl Report {
+    /// Packing time in s and constant distance in mm at the points of the growth curve that have a distance; empty
+    /// where no constant distance was requested.
+    pub fn distance_curve(&self) -> Vec<[f64; 2]> {
+        self.growth_curve
+            .iter()
+            .filter_map(|point| Some([point.packing_time_s, point.distance_mm?]))
+            .collect()
+    }
 }
 
 /// How far coarse and fine grains lie apart: along the field asked for, and across it as a control.
@@ -155,6 +168,11 @@ pub struct GrowthPoint {
 pub struct Summary {
     /// Number of grains placed.
     pub grains: u64,
+    /// The method that computed the packing, for the method `auto` too; `null` in results that were written before it
+    /// was recorded.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    #[serde(default)]
+    pub method_used: Option<MethodUsed>,
     /// Volume of the specimen.
     pub specimen_volume_mm3: f64,
     /// Volume of all aggregate of the mix over that of the specimen (`phi_M`).
@@ -171,6 +189,20 @@ pub struct Summary {
     pub d_max_mm: f64,
     /// Size classes from fine to coarse; `sieve_class` in the VTK forms counts them from 0.
     pub classes: Vec<ClassReport>,
+}
+
+/// The method that computed a packing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum MethodUsed {
+    /// Random sequential addition.
+    Rsa,
+    /// Event-driven molecular dynamics, from smaller grains that random sequential addition inserted.
+    Edmd,
+    /// Event-driven molecular dynamics, after random sequential addition of the full sizes had found no insertion
+    /// for a grain.
+    RsaThenEdmd,
 }
 
 /// One size class of the result.
@@ -198,9 +230,9 @@ pub struct Timings {
     pub sampling: f64,
     /// Random sequential addition.
     pub rsa: f64,
-    /// Event-driven molecular dynamics; 0 where nothing was grown.
-    #[serde(default)]
-    pub edmd: f64,
+    /// Event-driven molecular dynamics; absent where nothing was grown.
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "unless_zero")]
+    pub edmd: Option<f64>,
     /// The independent check.
     #[serde(alias = "verify")]
     pub check: f64,
@@ -208,12 +240,18 @@ pub struct Timings {
     pub total: f64,
 }
 
+/// Reads a time; earlier revisions wrote 0 for a phase that was not run.
+fn unless_zero<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.filter(|seconds| *seconds > 0.0))
+}
+
 /// What the algorithms counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Statistics {
-    /// Random sequential addition.
-    pub rsa: RsaStatistics,
+    /// Random sequential addition, where it inserted grains; that of the start for grains that were grown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rsa: Option<RsaStatistics>,
     /// Event-driven molecular dynamics, where grains were grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edmd: Option<EdmdStatistics>,

@@ -5,12 +5,14 @@
 //! down ([`sampling`]). This module knows volumes and diameters; it must never know where grains lie.
 
 pub mod class;
+pub(crate) mod deviation;
 pub mod sampling;
 pub mod sieve;
 pub mod standard;
 
 use crate::request::{Grading, Mix, VolumeFractionOf};
 use class::{Class, Law};
+pub use deviation::MAX_DEVIATION;
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest
 /// grains follow it too and the total misses by less than one of the smallest.
@@ -59,7 +61,7 @@ impl GradedMix {
         let sieve_classes = classes_above(&mix.grading, d_min);
         let classes: Vec<Class> = sieve_classes.iter().flat_map(Class::narrow).collect();
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
-        let asked = mix.asked_fraction().unwrap_or(0.0);
+        let asked = mix.requested_fraction().unwrap_or(0.0);
         let (mixture, effective) = match mix.volume_fraction_of {
             VolumeFractionOf::AllAggregate => (asked, asked * kept),
             VolumeFractionOf::PlacedGrains => (asked / kept, asked),

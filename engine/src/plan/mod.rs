@@ -13,7 +13,7 @@ use crate::distance::DistanceRule;
 use crate::error::PlanError;
 use crate::methods::edmd::MAX_GRAINS;
 use crate::methods::rsa::MAX_PLACED;
-use crate::mix::GradedMix;
+use crate::mix::{GradedMix, deviation};
 use crate::mix::sieve::sieve_classes;
 use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
 use estimate::Case;
@@ -70,7 +70,9 @@ pub struct Plan {
     pub classes: Vec<ClassPlan>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
-    /// Whether `auto` places at random before it grows anything.
+    /// Whether `auto` tries random sequential addition before growth.
+    #[serde(skip)]
+    #[cfg_attr(feature = "openapi", schema(ignore))]
     pub(crate) places_first: bool,
 }
 
@@ -130,7 +132,8 @@ impl Plan {
     ///
     /// # Errors
     /// When a grain does not fit into the specimen, when there are more grains than `limits`
-    /// allow, or when no arrangement of spheres reaches the volume fraction.
+    /// allow, when no arrangement of spheres reaches the volume fraction, or when whole grains miss the requested
+    /// volume by more than [`crate::mix::MAX_DEVIATION`] and the mix does not allow it.
     pub fn new(request: &PackingRequest, limits: &Limits) -> Result<Self, PlanError> {
         let specimen_volume_mm3 = request.specimen.volume_mm3();
         let mix = GradedMix::new(&request.mix, specimen_volume_mm3);
@@ -142,6 +145,8 @@ impl Plan {
         let grains = mix.expected_grains();
         let case = Case::of_mix(request, &mix, &rule);
         check_feasible(&case)?;
+        let mut warnings: Vec<String> =
+            deviation::foresee(&request.mix, &mix).map_err(PlanError::Coarse)?.into_iter().collect();
 
         let methods = case.methods();
         let likely = case.of_request(&methods);
@@ -153,6 +158,8 @@ impl Plan {
         };
         let memory_bytes = memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows);
         check_limits(&mix, grains, memory_bytes, limits)?;
+        warnings.extend(unlikely(&case, &likely));
+        warnings.extend(mix_warnings(request, &mix));
         let classes = sieve_classes(&mix)
             .iter()
             .map(|c| ClassPlan {
@@ -175,7 +182,7 @@ impl Plan {
             proposal: None,
             extrapolations: case.extrapolations(),
             classes,
-            warnings: warnings(&case, &likely),
+            warnings,
             places_first,
         })
     }
@@ -305,13 +312,8 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     } else {
         String::new()
     };
-    let pointer = match &request.mix {
-        Mix { volume_fraction: Some(_), .. } => "/mix/volume_fraction",
-        Mix { proportions: Some(_), .. } => "/mix/proportions",
-        _ => "/mix/grading/diameters_mm",
-    };
     Err(infeasible(
-        pointer,
+        request.mix.amount_pointer(),
         format!(
             "the grains to place are a volume fraction of {effective:.4}{coating}: spheres of this range of \
              diameters (1 : {ratio:.2}) fill at most {densest:.4}; lower the volume fraction or the distance"
@@ -326,20 +328,25 @@ fn infeasible(pointer: &str, detail: String) -> PlanError {
 /// A probability of success below which a request deserves a warning.
 const UNLIKELY: f64 = 0.5;
 
-fn warnings(case: &Case<'_>, likely: &MethodEstimate) -> Vec<String> {
-    let (request, mix, grains) = (case.request, case.mix, case.grains);
-    let mut warnings = Vec::new();
-    if likely.success_probability < UNLIKELY {
-        let method = match request.method {
-            Method::Rsa { .. } => "random sequential addition",
-            _ => "growth",
-        };
-        warnings.push(format!(
+/// A warning where the method of the request is unlikely to reach its target.
+fn unlikely(case: &Case<'_>, likely: &MethodEstimate) -> Option<String> {
+    let method = match case.request.method {
+        Method::Rsa { .. } => "random sequential addition",
+        _ => "growth",
+    };
+    (likely.success_probability < UNLIKELY).then(|| {
+        format!(
             "{method} is unlikely to reach a volume fraction of {:.3} (with coating): for this mix and specimen it \
              reaches about {:.3}",
             case.filled, likely.volume_fraction_with_coating_reach
-        ));
-    }
+        )
+    })
+}
+
+/// Warnings about a mix in its specimen, whatever the method.
+pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix) -> Vec<String> {
+    let grains = mix.expected_grains();
+    let mut warnings = Vec::new();
     if mix.list.is_none() && grains < 10.0 {
         warnings.push(format!("about {grains:.1} grains: too few to follow the grading curve"));
     }

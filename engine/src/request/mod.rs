@@ -123,17 +123,31 @@ pub struct Mix {
     /// Which aggregate `volume_fraction` counts.
     #[cfg_attr(feature = "openapi", schema(default = "all_aggregate", required = false))]
     pub volume_fraction_of: VolumeFractionOf,
+    /// Whether a mix is packed although whole grains miss its total volume by more than 5 %. The deviation is then a
+    /// warning; otherwise it is an error.
+    #[cfg_attr(feature = "openapi", schema(default = false, required = false))]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub allow_coarse: bool,
 }
 
 impl Mix {
-    /// Volume of the aggregate over that of the specimen in the basis of the mix, however it was named; `None`
-    /// where explicit diameters prescribe it.
-    pub fn asked_fraction(&self) -> Option<f64> {
+    /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;
+    /// `None` where explicit diameters prescribe it.
+    pub fn requested_fraction(&self) -> Option<f64> {
         self.volume_fraction.or_else(|| self.proportions.as_ref().map(MixProportions::aggregate_fraction))
+    }
+
+    /// JSON pointer of the field that says how much aggregate there is.
+    pub(crate) fn amount_pointer(&self) -> &'static str {
+        match self {
+            Self { volume_fraction: Some(_), .. } => "/mix/volume_fraction",
+            Self { proportions: Some(_), .. } => "/mix/proportions",
+            _ => "/mix/grading/diameters_mm",
+        }
     }
 }
 
-/// Which aggregate a volume fraction counts (`engine.md` section 1).
+/// Which aggregate a volume fraction counts (`docs/method.md`, section 1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]

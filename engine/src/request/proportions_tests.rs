@@ -17,7 +17,7 @@ fn with(content: &Value) -> Value {
 }
 
 fn fraction(content: &Value) -> f64 {
-    request(&with(content)).unwrap().mix.asked_fraction().unwrap()
+    request(&with(content)).unwrap().mix.requested_fraction().unwrap()
 }
 
 fn faults(content: &Value) -> Vec<String> {
@@ -198,6 +198,6 @@ proptest! {
         let first: Mix = request(&with(&content)).unwrap().mix;
         let again = request(&serde_json::to_value(&first).unwrap()).unwrap().mix;
         prop_assert_eq!(&again, &first);
-        prop_assert_eq!(again.asked_fraction(), first.asked_fraction());
+        prop_assert_eq!(again.requested_fraction(), first.requested_fraction());
     }
 }

@@ -151,6 +151,10 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         }
         None => Some(VolumeFractionOf::AllAggregate),
     };
+    let allow_coarse = match object.optional("allow_coarse") {
+        Some(at) => at.boolean(),
+        None => Some(false),
+    };
     object.finish();
     let (grading, grading_at) = (grading?, grading_at?);
     // An unreadable cut-off is reported already; the default would only add a second fault.
@@ -161,7 +165,14 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         (Grading::Standard { .. } | Grading::Fuller { .. }, None) => Some(DEFAULT_D_MIN_MM),
         (_, given) => given,
     };
-    Some(Mix { grading, d_min_mm, volume_fraction, proportions, volume_fraction_of: volume_fraction_of? })
+    Some(Mix {
+        grading,
+        d_min_mm,
+        volume_fraction,
+        proportions,
+        volume_fraction_of: volume_fraction_of?,
+        allow_coarse: allow_coarse?,
+    })
 }
 
 /// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.

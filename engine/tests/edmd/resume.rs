@@ -79,7 +79,7 @@ fn assert_same(one: &Packing, other: &Packing, what: &str) {
     assert_eq!(one.report.summary, other.report.summary, "{what}");
     assert_eq!(one.report.check, other.report.check, "{what}");
     let distances =
-        |p: &Packing| p.report.distance_curve.iter().map(|point| point[1].to_bits()).collect::<Vec<_>>();
+        |p: &Packing| p.report.distance_curve().iter().map(|point| point[1].to_bits()).collect::<Vec<_>>();
     assert_eq!(distances(one), distances(other), "{what}");
 }
 

@@ -92,7 +92,7 @@ fn the_largest_distance_comes_with_the_way_to_it() {
     let packing = packed(&spheres(0.4, &maximize(), &json!({"stop": {"events": 150_000}})));
     let report = packing.report;
     let distance = report.summary.distance_mm.unwrap();
-    let curve = report.distance_curve;
+    let curve = report.distance_curve();
     assert!(curve.len() > 10, "{curve:?}");
     assert!(curve.windows(2).all(|w| w[0][0] <= w[1][0] && w[0][1] < w[1][1]), "it rises: {curve:?}");
     assert!(

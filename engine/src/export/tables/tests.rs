@@ -140,10 +140,20 @@ fn results_stored_before_there_was_growth_read_back() {
     stored::write(&head, &spheres, &mut bytes).unwrap();
     let end = 24 + u64::from_le_bytes(bytes[8..16].try_into().unwrap()) as usize;
     let text = String::from_utf8(bytes[24..end].to_vec()).unwrap();
-    let older = text.replacen(r#""edmd":0.0,"#, "", 1);
-    assert!(older.len() < text.len() && !older.contains("edmd"), "the only field that came with growth");
-    bytes.splice(24..end, older.into_bytes().into_iter().chain(std::iter::repeat_n(b' ', 11)));
-    assert_eq!(Layout::read(&mut bytes.as_slice()).unwrap().head, head);
+    // What later revisions added, and what earlier ones had besides.
+    let older = text.replacen(r#","warnings":[]"#, r#","distance_curve":[]"#, 1);
+    assert_ne!(older, text);
+    let with_zero = older.replacen(r#""check":0.0"#, r#""edmd":0.0,"check":0.0"#, 1);
+    assert_ne!(with_zero, older);
+    for older in [older, with_zero] {
+        let head_of = |older: &str| {
+            let mut bytes = bytes.clone();
+            bytes[8..16].copy_from_slice(&(older.len() as u64).to_le_bytes());
+            bytes.splice(24..end, older.bytes());
+            Layout::read(&mut bytes.as_slice()).unwrap().head
+        };
+        assert_eq!(head_of(&older), head);
+    }
 }
 
 #[test]

@@ -102,8 +102,6 @@ pub(crate) struct Outcome {
     /// Constant distance reached, where one was asked for.
     pub(crate) distance_mm: Option<f64>,
     pub(crate) volume_fraction: f64,
-    /// Packing time in s and distance in mm, where the largest distance was asked for.
-    pub(crate) distance_curve: Vec<[f64; 2]>,
     pub(crate) growth_curve: Vec<GrowthPoint>,
     pub(crate) rsa_s: f64,
     pub(crate) edmd_s: f64,
@@ -160,17 +158,12 @@ impl Edmd<'_> {
         // With the time before a checkpoint.
         let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
         let growth_curve = std::mem::take(&mut run.curve);
-        let distance_of = |point: &GrowthPoint| Some([point.packing_time_s, point.distance_mm?]);
         Ok(Outcome {
             centers_mm: run.centers(),
             rsa: run.rsa,
             statistics: run.statistics(end, edmd_s),
             distance_mm: run.distance_mm(&frame),
             volume_fraction: run.volume_fraction(&frame),
-            distance_curve: match maximize {
-                Some(_) => growth_curve.iter().filter_map(distance_of).collect(),
-                None => Vec::new(),
-            },
             growth_curve,
             rsa_s: run.rsa_s,
             edmd_s,
