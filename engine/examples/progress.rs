@@ -169,21 +169,29 @@ fn run(request: &Value, seed: u64) -> Result<Run, Box<dyn Error>> {
 }
 
 impl Run {
-    fn judged(&self) -> impl Iterator<Item = (f64, &Sample)> {
-        let of_time = |sample: &Sample| sample.cpu_s / self.seconds;
-        self.samples.iter().map(move |s| (of_time(s), s)).filter(|(share, _)| JUDGED.contains(share))
+    /// Shares of the time in steps of one percent, each with the last sample before it.
+    fn judged(&self) -> Vec<(f64, &Sample)> {
+        (0..=100)
+            .map(|percent| f64::from(percent) / 100.0)
+            .filter(|share| JUDGED.contains(share))
+            .filter_map(|share| {
+                let before = self.samples.partition_point(|sample| sample.cpu_s <= share * self.seconds);
+                Some((share, self.samples.get(before.checked_sub(1)?)?))
+            })
+            .collect()
     }
 
     fn differences(&self) -> Vec<f64> {
-        self.judged().map(|(share, sample)| (sample.fraction - share).abs()).collect()
+        self.judged().iter().map(|(share, sample)| (sample.fraction - share).abs()).collect()
     }
 
     /// Factors, at least 1, between the remaining time by the fraction and the true one.
     fn eta_factors(&self) -> Vec<f64> {
         self.judged()
+            .iter()
             .map(|(share, sample)| {
-                let predicted = sample.cpu_s * (1.0 - sample.fraction) / sample.fraction;
-                let factor = predicted / (self.seconds * (1.0 - share));
+                let predicted = share * (1.0 - sample.fraction) / sample.fraction;
+                let factor = predicted / (1.0 - share);
                 if factor > 0.0 { factor.max(1.0 / factor) } else { f64::INFINITY }
             })
             .collect()

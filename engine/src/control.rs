@@ -3,6 +3,8 @@
 //! The engine knows nothing of clocks, stores or users; it reports often and cheaply, and the
 //! receiver decides what to keep and how to count time.
 
+use std::cell::Cell;
+
 use serde::Serialize;
 
 use crate::checkpoint::Checkpoint;
@@ -62,6 +64,9 @@ pub struct Growth {
     /// said. It grows without bound where the grains jam.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub reduced_pressure: Option<f64>,
+    /// Whether the remaining time follows from the fraction: not where the grains are likely to jam before their
+    /// target, and not where there is no target and no limit.
+    pub predictable: bool,
 }
 
 /// Receives progress and answers whether to go on. Called every few milliseconds from the thread
@@ -79,6 +84,54 @@ pub trait Control {
     /// Keeps a checkpoint that was wanted. One that cannot be kept is the receiver's loss: the run
     /// goes on.
     fn keep_checkpoint(&self, _checkpoint: &Checkpoint<'_>) {}
+}
+
+/// A part of a whole run: its fraction is mapped to a range of the whole's, and everything else is passed on.
+///
+/// The fraction never falls, also where the part starts again with other values.
+pub struct Part<'a> {
+    whole: &'a dyn Control,
+    from: f64,
+    to: f64,
+    exponent: f64,
+    largest: Cell<f64>,
+}
+
+impl<'a> Part<'a> {
+    /// The part of a whole from one fraction to another.
+    pub fn new(whole: &'a dyn Control, from: f64, to: f64) -> Self {
+        Self { whole, from, to, exponent: 1.0, largest: Cell::new(0.0) }
+    }
+
+    /// The same part, where the time grows as this power of the reported fraction.
+    #[must_use]
+    pub fn with_exponent(self, exponent: f64) -> Self {
+        Self { exponent, ..self }
+    }
+
+    /// The largest fraction of the whole that was reported.
+    pub fn reached(&self) -> f64 {
+        self.from + (self.to - self.from) * self.largest.get()
+    }
+}
+
+impl Control for Part<'_> {
+    fn report(&self, progress: &Progress) {
+        self.largest.set(self.largest.get().max(progress.fraction.powf(self.exponent)));
+        self.whole.report(&Progress { fraction: self.reached(), ..progress.clone() });
+    }
+
+    fn should_stop(&self) -> bool {
+        self.whole.should_stop()
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.whole.wants_checkpoint()
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        self.whole.keep_checkpoint(checkpoint);
+    }
 }
 
 /// Control of a run that nobody watches and nothing stops.

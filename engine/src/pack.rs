@@ -1,27 +1,27 @@
 //! One run from request to checked packing: size sampling, packing, check.
 
-use std::cell::Cell;
 use std::time::Instant;
 
 use crate::analysis::separation;
 use crate::check;
-use crate::checkpoint::{Checkpoint, Resume};
-use crate::control::{Control, Phase, Progress};
+use crate::checkpoint::Resume;
+use crate::control::{Control, Part, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, deviation, sampling::sample, sphere_volume};
-use crate::packing::{
-    GrowthPoint, MethodUsed, Packing, Report, Spheres, Statistics, Summary, Timings,
-};
+use crate::packing::{GrowthPoint, MethodUsed, Packing, Report, Spheres, Statistics, Summary, Timings};
 use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 
-/// Share of a run's progress that placing takes; the rest is the check.
-const PLACING_SHARE: f64 = 0.95;
+/// Share of a run's work that sampling and packing take; the rest is the check.
+const PACKING_SHARE: f64 = 0.98;
+/// Random sequential addition takes time as this power of the share of grains inserted: the last ones, small and in a
+/// crowded specimen, take longest.
+const RSA_TIME_EXPONENT: f64 = 1.5;
 
 /// Computes a packing.
 ///
@@ -45,7 +45,7 @@ pub fn pack_or_resume(
 ) -> Result<Packing, PackError> {
     let plan = Plan::new(request, limits)?;
     let start = Instant::now();
-    let control: &dyn Control = &Share::new(control, 0.0, 1.0);
+    let control: &dyn Control = &Part::new(control, 0.0, 1.0);
     control.report(&Progress {
         phase: Phase::Sampling,
         fraction: 0.0,
@@ -63,13 +63,19 @@ pub fn pack_or_resume(
     let coarse = deviation::judge_total(&request.mix, &mix, &diameters).map_err(PlanError::Coarse)?;
     let sampling_s = start.elapsed().as_secs_f64();
 
-    let job = Job { request, mix: &mix, diameters: &diameters };
-    let share = Share::new(control, 0.0, PLACING_SHARE);
+    let job = Job {
+        request,
+        mix: &mix,
+        diameters: &diameters,
+        growth_events_per_grain: plan.growth_events_per_grain,
+    };
+    let share = Part::new(control, 0.0, PACKING_SHARE);
     let placed = match route(request, &plan) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenEdmd if resume.is_none() => match job.place(None, &share) {
             Err(PackError::TargetNotReached(_)) => {
-                job.grow(EdmdOptions::default(), None, &share).map(Placed::after_rsa)
+                let rest = Part::new(control, share.reached(), PACKING_SHARE);
+                job.grow(EdmdOptions::default(), None, &rest).map(Placed::after_rsa)
             }
             other => other,
         },
@@ -86,7 +92,7 @@ pub fn pack_or_resume(
         checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
     }
     let checking = Instant::now();
-    let share = Share::new(control, PLACING_SHARE, 1.0);
+    let share = Part::new(control, PACKING_SHARE, 1.0);
     let check = check::check_with(&spheres, &checked, &share).map_err(|fault| match fault {
         check::Fault::Stopped => PackError::Stopped { placed: grains, grains },
         fault => PackError::CheckFailed(fault.to_string()),
@@ -159,6 +165,7 @@ struct Job<'a> {
     request: &'a PackingRequest,
     mix: &'a GradedMix,
     diameters: &'a [f64],
+    growth_events_per_grain: f64,
 }
 
 /// Grains with their places.
@@ -200,7 +207,8 @@ impl Job<'_> {
             attempts_per_grain,
             preference: preference.as_ref(),
         };
-        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), control);
+        let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
         let placed = outcome.centers_mm.len();
         match outcome.end {
             End::Complete => Ok(Placed {
@@ -235,7 +243,12 @@ impl Job<'_> {
         resume: Option<Resume>,
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
-        let edmd = Edmd { request: self.request, options, diameters_mm: self.diameters };
+        let edmd = Edmd {
+            request: self.request,
+            options,
+            diameters_mm: self.diameters,
+            expected_events_per_grain: self.growth_events_per_grain,
+        };
         let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
             Interrupted::Stopped => self.stopped(self.diameters.len()),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
@@ -296,40 +309,5 @@ fn summary(
         d_min_mm: spheres.d_mm.last().copied().unwrap_or(0.0),
         d_max_mm: spheres.d_mm.first().copied().unwrap_or(0.0),
         classes,
-    }
-}
-
-/// Passes progress on as a part of the whole run's, with a fraction that never falls, though growth may
-/// start where random placing gave up.
-struct Share<'a> {
-    of: &'a dyn Control,
-    from: f64,
-    to: f64,
-    most: Cell<f64>,
-}
-
-impl<'a> Share<'a> {
-    fn new(of: &'a dyn Control, from: f64, to: f64) -> Self {
-        Self { of, from, to, most: Cell::new(0.0) }
-    }
-}
-
-impl Control for Share<'_> {
-    fn report(&self, progress: &Progress) {
-        self.most.set(self.most.get().max(progress.fraction));
-        let fraction = self.from + (self.to - self.from) * self.most.get();
-        self.of.report(&Progress { fraction, ..progress.clone() });
-    }
-
-    fn should_stop(&self) -> bool {
-        self.of.should_stop()
-    }
-
-    fn wants_checkpoint(&self) -> bool {
-        self.of.wants_checkpoint()
-    }
-
-    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        self.of.keep_checkpoint(checkpoint);
     }
 }

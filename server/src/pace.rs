@@ -1,70 +1,87 @@
-//! How long a run is likely to take from here, by the share of its work that it has done so far.
+//! The fraction of a run that is done and the time it is likely to take from here.
+//!
+//! The engine predicts the fraction of the work (`docs/estimates.md`, "Progress"). The remaining time follows from the
+//! time since the fraction was first known, `t (1 - f) / (f - f0)`, where `f0` is the fraction that the run, or this
+//! part of it, started with.
 
 use std::time::Duration;
 
 use packstone_engine::{Phase, Progress};
 
-/// Before this share of the work, the time that is left is a guess not worth showing.
+/// Below this fraction no remaining time is given: the prediction is too uncertain.
 const ETA_FROM_FRACTION: f64 = 0.02;
+/// Growth that starts beyond this fraction follows a random sequential addition that did not reach its target, whose
+/// time says nothing about that of the growth.
+const ANEW_FROM_FRACTION: f64 = 0.5;
 
 /// The pace of one run.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Pace {
-    /// The run goes on from a checkpoint, and where it started is not known yet.
+    /// The run continues from a checkpoint, and its first fraction is not known yet.
     resumed: bool,
-    /// What earlier attempts have done; it took none of this run's time.
-    done_before: f64,
+    growing: bool,
+    /// Fraction and time that the remaining time is counted from.
+    from_fraction: f64,
+    from: Duration,
     /// The largest fraction so far.
     fraction: f64,
+    /// The remaining time does not follow from the fraction.
+    unpredictable: bool,
 }
 
 impl Pace {
-    /// The run turned out to go on from a checkpoint.
+    /// The run turned out to continue from a checkpoint.
     pub(crate) fn resumed(&mut self) {
         self.resumed = true;
     }
 
-    /// Takes notice of progress.
-    pub(crate) fn follow(&mut self, progress: &Progress) {
+    /// Takes notice of progress, `elapsed` after the start of the run.
+    pub(crate) fn follow(&mut self, progress: &Progress, elapsed: Duration) {
+        let starts_growing = progress.phase == Phase::Edmd && !self.growing;
+        let anew = starts_growing && (self.resumed || self.fraction > ANEW_FROM_FRACTION);
         if progress.fraction > self.fraction {
             self.fraction = progress.fraction.min(1.0);
         }
-        if self.resumed && progress.phase == Phase::Edmd {
-            self.done_before = self.fraction;
-            self.resumed = false;
+        if anew {
+            (self.from_fraction, self.from, self.resumed) = (self.fraction, elapsed, false);
         }
+        self.growing |= starts_growing;
+        self.unpredictable = progress.growth.is_some_and(|growth| !growth.predictable);
     }
 
-    /// Share of the work done; never falls, whatever the engine says.
+    /// Share of the work that is done; it never falls.
     pub(crate) fn fraction(&self) -> f64 {
         self.fraction
     }
 
-    /// Seconds that the rest is likely to take, to a tenth; nothing while there is too little to go by.
+    /// Remaining time in s, to a tenth; `None` while it cannot be predicted.
     pub(crate) fn eta_s(&self, elapsed: Duration) -> Option<f64> {
-        let done = self.fraction - self.done_before;
-        (done >= ETA_FROM_FRACTION || self.fraction >= 1.0)
-            .then(|| if done > 0.0 { elapsed.as_secs_f64() * (1.0 - self.fraction) / done } else { 0.0 })
-            .map(|s| (s * 10.0).round() / 10.0)
+        if self.fraction >= 1.0 {
+            return Some(0.0);
+        }
+        let done = self.fraction - self.from_fraction;
+        let known = done >= ETA_FROM_FRACTION && !self.unpredictable;
+        known.then(|| {
+            let seconds = elapsed.saturating_sub(self.from).as_secs_f64() * (1.0 - self.fraction) / done;
+            (seconds * 10.0).round() / 10.0
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use packstone_engine::Growth;
+
     use super::*;
 
     const ELAPSED: Duration = Duration::from_secs(10);
 
+    fn progress(phase: Phase, fraction: f64) -> Progress {
+        Progress { phase, fraction, done: 1, total: 2, unit: "grains", message: String::new(), growth: None }
+    }
+
     fn after(pace: &mut Pace, phase: Phase, fraction: f64) -> (f64, Option<f64>) {
-        pace.follow(&Progress {
-            phase,
-            fraction,
-            done: 1,
-            total: 2,
-            unit: "grains",
-            message: String::new(),
-            growth: None,
-        });
+        pace.follow(&progress(phase, fraction), ELAPSED);
         (pace.fraction(), pace.eta_s(ELAPSED))
     }
 
@@ -79,12 +96,41 @@ mod tests {
     }
 
     #[test]
-    fn what_was_done_before_is_no_part_of_the_pace() {
+    fn the_pace_counts_from_where_the_run_continued() {
         let mut pace = Pace::default();
         pace.resumed();
-        assert_eq!(after(&mut pace, Phase::Sampling, 0.0), (0.0, None));
-        assert_eq!(after(&mut pace, Phase::Edmd, 0.6), (0.6, None));
-        assert_eq!(after(&mut pace, Phase::Edmd, 0.8), (0.8, Some(10.0)));
-        assert_eq!(after(&mut pace, Phase::Check, 1.0), (1.0, Some(0.0)));
+        let second = |s| Duration::from_secs(s);
+        pace.follow(&progress(Phase::Sampling, 0.0), second(1));
+        pace.follow(&progress(Phase::Edmd, 0.6), second(2));
+        assert_eq!((pace.fraction(), pace.eta_s(second(2))), (0.6, None));
+        pace.follow(&progress(Phase::Edmd, 0.8), second(12));
+        assert_eq!(pace.eta_s(second(12)), Some(10.0));
+    }
+
+    #[test]
+    fn growth_after_a_failed_random_addition_has_a_pace_of_its_own() {
+        let mut pace = Pace::default();
+        pace.follow(&progress(Phase::Rsa, 0.9), ELAPSED);
+        pace.follow(&progress(Phase::Edmd, 0.9), ELAPSED);
+        assert_eq!(pace.eta_s(ELAPSED), None);
+        pace.follow(&progress(Phase::Edmd, 0.95), 3 * ELAPSED);
+        assert_eq!(pace.eta_s(3 * ELAPSED), Some(20.0));
+    }
+
+    #[test]
+    fn a_run_that_is_likely_to_jam_has_no_eta() {
+        let growth = Growth {
+            volume_fraction: 0.7,
+            distance_mm: None,
+            events: 1,
+            events_per_s: 1.0,
+            reduced_pressure: None,
+            predictable: false,
+        };
+        let mut pace = Pace::default();
+        pace.follow(&Progress { growth: Some(growth), ..progress(Phase::Edmd, 0.4) }, ELAPSED);
+        assert_eq!((pace.fraction(), pace.eta_s(ELAPSED)), (0.4, None));
+        pace.follow(&progress(Phase::Edmd, 0.5), ELAPSED);
+        assert_eq!(pace.eta_s(ELAPSED), Some(10.0));
     }
 }

@@ -50,6 +50,8 @@ kinds! {
         "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of its bounds. `errors` lists every such fault with its place, the value found and the bound."
     InfeasibleMix "infeasible-mix" 422 "The mix cannot fit"
         "No arrangement of spheres reaches the volume fraction asked for. Lower it, shorten the distance, or raise the cut-off."
+    CoarseMix "coarse-mix" 422 "Whole grains miss the volume of the mix"
+        "The requested volume is so small for its grains that whole grains miss it by more than 5 %. Take a larger specimen, a larger volume fraction or a smaller largest grain, list the diameters, or set `mix.allow_coarse`; the deviation is then a warning. As the end of a job: the grains that were sampled for its seed miss the volume."
     TooLarge "too-large" 422 "The packing, the study or the model is too large"
         "More grains, more memory, or more jobs of a study, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off, take a smaller specimen, or make several studies of one. Of a model of a packing: `errors` names the option, and the memory or bytes it would take; choose it coarser."
     FormatNotAvailable "format-not-available" 422 "Not to be had of this packing"
@@ -316,6 +318,7 @@ impl From<PlanError> for Problem {
             PlanError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
             PlanError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
             PlanError::Infeasible(fault) => Self::fields(Kind::InfeasibleMix, vec![fault]),
+            PlanError::Coarse(fault) => Self::fields(Kind::CoarseMix, vec![fault]),
         }
     }
 }

@@ -149,7 +149,13 @@ mod tests {
     use super::*;
     use crate::{Limits, PackError, Packing, PackingRequest, Plan, PlanError, Unattended, pack};
 
-    fn request(size_mm: f64, grading: &Value, d_min_mm: Option<f64>, fraction: f64, coarse: bool) -> PackingRequest {
+    fn request(
+        size_mm: f64,
+        grading: &Value,
+        d_min_mm: Option<f64>,
+        fraction: f64,
+        coarse: bool,
+    ) -> PackingRequest {
         let mut value = json!({
             "specimen": {"type": "box", "size_mm": [size_mm, size_mm, size_mm]},
             "mix": {"grading": grading, "volume_fraction": fraction, "allow_coarse": coarse},
@@ -170,7 +176,8 @@ mod tests {
 
     #[test]
     fn a_volume_below_that_of_one_grain_is_refused_by_the_plan() {
-        let refused = Plan::new(&request(100.0, &standard("A16"), Some(2.0), 1e-6, false), &Limits::default());
+        let refused =
+            Plan::new(&request(100.0, &standard("A16"), Some(2.0), 1e-6, false), &Limits::default());
         let Err(PlanError::Coarse(fault)) = refused else { panic!("{refused:?}") };
         assert_eq!(fault.pointer, "/mix/volume_fraction");
         assert!(fault.detail.contains("where 7.9e-7 is requested"), "{fault}");
@@ -181,7 +188,11 @@ mod tests {
         assert!(plan.warnings.iter().any(|w| w.contains("where 7.9e-7 is requested")), "{:?}", plan.warnings);
         let report = packed(&allowed).unwrap().report;
         assert_eq!(report.summary.grains, 1);
-        assert!(report.warnings.iter().any(|w| w.contains("where 7.9e-7 is requested")), "{:?}", report.warnings);
+        assert!(
+            report.warnings.iter().any(|w| w.contains("where 7.9e-7 is requested")),
+            "{:?}",
+            report.warnings
+        );
         assert!(report.warnings.iter().any(|w| w.contains("size classes")), "{:?}", report.warnings);
     }
 
@@ -218,7 +229,9 @@ mod tests {
     fn equal_grains_are_counted_exactly() {
         let grain = json!({"type": "monodisperse", "diameter_mm": 10.0});
         let fraction = |grains: f64| grains * sphere_volume(10.0) / 1e6;
-        let plan = |grains: f64| Plan::new(&request(100.0, &grain, None, fraction(grains), false), &Limits::default());
+        let plan = |grains: f64| {
+            Plan::new(&request(100.0, &grain, None, fraction(grains), false), &Limits::default())
+        };
         assert!(plan(10.0).is_ok());
         assert!(matches!(plan(10.2), Err(PlanError::Coarse(_))));
         assert!(plan(30.2).is_ok());

@@ -4,7 +4,7 @@
 
 use serde::Serialize;
 
-use super::model::{Features, LIKELY, bisect};
+use super::model::{Features, LIKELY, STALL_EVENTS, bisect};
 use crate::distance::DistanceRule;
 use crate::mix::GradedMix;
 use crate::request::{
@@ -102,6 +102,11 @@ impl<'a> Case<'a> {
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
         }
+    }
+
+    /// Events per grain that growth to the target is expected to take, at most those of a stall.
+    pub(super) fn growth_events_per_grain(&self) -> f64 {
+        self.features.events_per_grain(self.filled, self.grains).min(STALL_EVENTS)
     }
 
     /// What the method of the request is likely to do.

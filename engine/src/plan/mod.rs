@@ -13,8 +13,8 @@ use crate::distance::DistanceRule;
 use crate::error::PlanError;
 use crate::methods::edmd::MAX_GRAINS;
 use crate::methods::rsa::MAX_PLACED;
-use crate::mix::{GradedMix, deviation};
 use crate::mix::sieve::sieve_classes;
+use crate::mix::{GradedMix, deviation};
 use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
@@ -70,6 +70,10 @@ pub struct Plan {
     pub classes: Vec<ClassPlan>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
+    /// Events per grain that growth to the target is expected to take, at most those of a stall.
+    #[serde(skip)]
+    #[cfg_attr(feature = "openapi", schema(ignore))]
+    pub(crate) growth_events_per_grain: f64,
     /// Whether `auto` tries random sequential addition before growth.
     #[serde(skip)]
     #[cfg_attr(feature = "openapi", schema(ignore))]
@@ -183,6 +187,7 @@ impl Plan {
             extrapolations: case.extrapolations(),
             classes,
             warnings,
+            growth_events_per_grain: case.growth_events_per_grain(),
             places_first,
         })
     }

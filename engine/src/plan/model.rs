@@ -219,6 +219,9 @@ impl Features {
     }
 }
 
+/// Events per grain at which growth is usually found to have stalled.
+pub(crate) const STALL_EVENTS: f64 = growth::STALL;
+
 /// What counts as likely.
 pub(crate) const LIKELY: f64 = 0.9;
 

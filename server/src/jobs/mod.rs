@@ -134,11 +134,25 @@ pub(crate) struct JobRecord {
     pub(crate) updated_at: i64,
     pub(crate) expires_at: Option<i64>,
     pub(crate) engine: Value,
+    /// What the plan of the request warns of.
+    pub(crate) plan_warnings: Vec<String>,
     pub(crate) progress: Option<Value>,
     pub(crate) error: Option<Value>,
     pub(crate) artifact: Option<ArtifactRecord>,
     /// Its place in a study, if it is part of one.
     pub(crate) study: Option<StudyPlace>,
+}
+
+impl JobRecord {
+    /// What a user should know about the packing: what the result says, or the plan until there is a result.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let of_result =
+            self.artifact.as_ref().and_then(|artifact| artifact.report.get("warnings")?.as_array());
+        match of_result {
+            Some(list) => list.iter().filter_map(Value::as_str).map(str::to_owned).collect(),
+            None => self.plan_warnings.clone(),
+        }
+    }
 }
 
 /// Where a job stands in its study.

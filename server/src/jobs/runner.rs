@@ -356,7 +356,7 @@ async fn at(moment: Option<Instant>) {
 
 /// Progress as clients see it: never falling, and with the time that is left.
 pub(crate) fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duration) -> JobProgress {
-    pace.follow(progress);
+    pace.follow(progress, elapsed);
     JobProgress {
         fraction: pace.fraction(),
         phase: progress.phase,

@@ -208,7 +208,7 @@ mod tests {
             "expires_at": expires_at
         });
         let request = JobRequest::read(&request, 1, None).unwrap();
-        match store.submit(NewJob { request, idempotency_key: None }).await.unwrap() {
+        match store.submit(NewJob { request, warnings: Vec::new(), idempotency_key: None }).await.unwrap() {
             Submitted::Created(job) | Submitted::Existing(job) => job.id,
         }
     }

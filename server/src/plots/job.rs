@@ -127,7 +127,7 @@ fn grading(request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> C
 }
 
 fn distance(head: &Head, name: Option<&str>) -> Chart {
-    let curve = &head.report.distance_curve;
+    let curve = head.report.distance_curve();
     let points: Vec<Point> = curve.iter().map(|&[time_s, mm]| Point::new(time_s, mm)).collect();
     let reached = curve.last().map_or_else(String::new, |&[time_s, mm]| {
         format!(" It reaches {} mm after {} s.", plain(mm, Some(3)), plain(time_s, Some(1)))

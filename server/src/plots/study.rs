@@ -56,8 +56,10 @@ pub(crate) struct RunCurve {
 impl RunCurve {
     /// That of a stored report; empty where it has none.
     pub(crate) fn of_report(point: usize, report: &Value) -> Self {
-        let curve = report.get("distance_curve").cloned().unwrap_or_default();
-        Self { point, points: serde_json::from_value(curve).unwrap_or_default() }
+        let curve = report.get("growth_curve").and_then(Value::as_array);
+        let of_point =
+            |at: &Value| Some([at.get("packing_time_s")?.as_f64()?, at.get("distance_mm")?.as_f64()?]);
+        Self { point, points: curve.into_iter().flatten().filter_map(of_point).collect() }
     }
 }
 

@@ -105,6 +105,7 @@ fn read_point(
         PlanError::Invalid(faults) => (Kind::ValidationError, faults),
         PlanError::TooLarge(fault) => (Kind::TooLarge, vec![fault]),
         PlanError::Infeasible(fault) => (Kind::InfeasibleMix, vec![fault]),
+        PlanError::Coarse(fault) => (Kind::CoarseMix, vec![fault]),
     })?;
     job.check_postprocess(limits).map_err(|problem| {
         let at = |fault: problem::Fault| FieldError {
@@ -199,7 +200,7 @@ impl Refused {
             self.faults.truncate(MAX_FAULTS - 1);
         }
         // What cannot be read at all comes before what could not be packed.
-        let gravest = [Kind::ValidationError, Kind::TooLarge, Kind::InfeasibleMix]
+        let gravest = [Kind::ValidationError, Kind::TooLarge, Kind::InfeasibleMix, Kind::CoarseMix]
             .into_iter()
             .find(|kind| self.faults.iter().any(|fault| fault.kind == *kind));
         let Some(kind) = gravest else { return Ok(points) };

@@ -11,13 +11,15 @@ impl Facts {
         let grown = report.statistics.edmd;
         Self {
             // Not `total`: of a run that went on from a checkpoint it lacks what came before.
-            time_s: timings.total.max(timings.sampling + timings.rsa + timings.edmd + timings.check),
+            time_s: timings
+                .total
+                .max(timings.sampling + timings.rsa + timings.edmd.unwrap_or(0.0) + timings.check),
             grains: Some(summary.grains),
             volume_fraction_effective: Some(summary.volume_fraction_effective),
             volume_fraction_with_coating: Some(summary.volume_fraction_with_coating),
             distance_mm: summary.distance_mm,
             events: grown.map(|edmd| edmd.events),
-            edmd_s: grown.map(|_| timings.edmd),
+            edmd_s: timings.edmd,
             end: grown.map(|edmd| edmd.stop),
         }
     }

@@ -37,7 +37,7 @@ use std::time::Instant;
 pub use fluid::{Fluid, FluidFigures};
 
 use crate::checkpoint::Resume;
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::memory::{self, OutOfMemory};
 use crate::methods::rsa::{self, Rsa};
@@ -47,7 +47,7 @@ use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use law::Law;
-use run::{Ended, Frame, Moments, Run, Stage};
+use run::{EPOCH_EVENTS_PER_GRAIN, Ended, Frame, Moments, Run, Stage, start_share};
 pub(crate) use system::MAX_GRAINS;
 use tolerances::{BEYOND_TARGET, EXACT_FIT};
 
@@ -76,6 +76,8 @@ pub(crate) struct Edmd<'a> {
     pub(crate) options: EdmdOptions,
     /// Diameters from the largest down, in mm.
     pub(crate) diameters_mm: &'a [f64],
+    /// Events per grain that growth to the target is expected to take.
+    pub(crate) expected_events_per_grain: f64,
 }
 
 /// Why it came to no end of its own.
@@ -119,6 +121,7 @@ impl Edmd<'_> {
             options: self.options,
             diameters_mm: self.diameters_mm,
             control,
+            expected_events_per_grain: self.expected_events_per_grain,
             preference: Preference::new(self.request, self.diameters_mm),
             moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
             started: Instant::now(),
@@ -203,6 +206,8 @@ impl Edmd<'_> {
             None => (quickly / fraction).cbrt().min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
+        let share = start_share(self.expected_events_per_grain, EPOCH_EVENTS_PER_GRAIN as f64);
+        let control = Part::new(frame.control, 0.0, share);
         for _ in 0..STARTS {
             let placing = Rsa {
                 diameters_mm: &self.diameters_mm.iter().map(|d| scale * d).collect::<Vec<_>>(),
@@ -211,7 +216,7 @@ impl Edmd<'_> {
                 attempts_per_grain: Some(START_ATTEMPTS),
                 preference: frame.preference.as_ref(),
             };
-            let outcome = placing.run(&mut rng, &Silent(frame.control));
+            let outcome = placing.run(&mut rng, &control);
             statistics.attempts += outcome.statistics.attempts;
             statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
             statistics.voxels_tested += outcome.statistics.voxels_tested;
@@ -230,18 +235,5 @@ impl Edmd<'_> {
             }
         }
         Err(Interrupted::Stopped)
-    }
-}
-
-/// Passes on the wish to stop, and says that grains are being placed.
-struct Silent<'a>(&'a dyn Control);
-
-impl Control for Silent<'_> {
-    fn report(&self, progress: &Progress) {
-        self.0.report(&Progress { phase: Phase::Rsa, fraction: 0.0, ..progress.clone() });
-    }
-
-    fn should_stop(&self) -> bool {
-        self.0.should_stop()
     }
 }

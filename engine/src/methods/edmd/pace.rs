@@ -88,22 +88,6 @@ pub(crate) fn room(now: f64, target: f64, reduced_pressure: f64) -> f64 {
     if now >= target { 1.0 } else { (jamming(now, reduced_pressure) - now) / (target - now) }
 }
 
-/// Share of the events towards a target that are done, given the volume fractions at the start, now
-/// and at the target, and the pressure now; `None` while the target looks out of reach.
-///
-/// At a constant product of pace and pressure, getting from one gap to another takes events as the
-/// logarithm of their ratio; the exponent stands for what rearranging takes beyond.
-pub(crate) fn done_share(from: f64, now: f64, target: f64, reduced_pressure: f64) -> Option<f64> {
-    const EXPONENT: f64 = -1.5;
-    let jammed = jamming(now, reduced_pressure);
-    if jammed <= target {
-        return None;
-    }
-    let events = |phi: f64| (jammed - phi).powf(EXPONENT);
-    let share = (events(now) - events(from)) / (events(target) - events(from));
-    share.is_finite().then(|| share.clamp(0.0, 1.0))
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -127,13 +111,5 @@ mod tests {
         assert!((room(0.6, 0.65, pressure) - 2.0).abs() < 1e-9);
         assert!((room(0.6, 0.7, pressure) - 1.0).abs() < 1e-9);
         assert_eq!(room(0.7, 0.7, pressure), 1.0);
-    }
-
-    #[test]
-    fn most_events_lie_ahead_until_shortly_before_the_end() {
-        let half_way = done_share(0.5, 0.6, 0.7, 3.0 / (1.0 - 0.6 / 0.71)).unwrap();
-        assert!(half_way > 0.0 && half_way < 0.2, "{half_way}");
-        assert_eq!(done_share(0.5, 0.7, 0.7, 1000.0), Some(1.0));
-        assert_eq!(done_share(0.5, 0.6, 0.7, 1e4), None);
     }
 }

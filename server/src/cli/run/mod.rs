@@ -139,6 +139,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         "placed {} grains, volume fraction {:.4}, in {:.2} s (seed {})",
         summary.grains, summary.volume_fraction_effective, packing.report.timings_s.total, request.seed
     );
+    // Those of the plan have been printed before the run.
+    for warning in packing.report.warnings.iter().filter(|warning| !plan.warnings.contains(warning)) {
+        eprintln!("warning: {warning}");
+    }
     let head = Head {
         job_id: None,
         request: serde_json::to_value(&request)?,
@@ -199,7 +203,9 @@ fn discard(checkpoint: &Path) -> Result<(), Failure> {
 fn refused(job: &Path, error: PlanError) -> String {
     match error {
         PlanError::Invalid(faults) => listed(job, &faults),
-        PlanError::TooLarge(fault) | PlanError::Infeasible(fault) => listed(job, &[fault]),
+        PlanError::TooLarge(fault) | PlanError::Infeasible(fault) | PlanError::Coarse(fault) => {
+            listed(job, &[fault])
+        }
     }
 }
 

@@ -55,7 +55,7 @@ impl Watch {
 impl Control for Watch {
     fn report(&self, progress: &Progress) {
         let mut pace = self.pace.borrow_mut();
-        pace.follow(progress);
+        pace.follow(progress, self.bar.elapsed());
         self.bar.show(pace.fraction(), || message(progress, pace.eta_s(self.bar.elapsed())));
     }
 
@@ -134,6 +134,7 @@ mod tests {
             events: 10,
             events_per_s: 1_234_000.0,
             reduced_pressure: None,
+            predictable: true,
         });
         assert_eq!(
             message(&progress, Some(34.6)),

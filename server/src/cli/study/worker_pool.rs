@@ -165,7 +165,7 @@ impl Crew<'_> {
         let (mut distance_curve, mut unmade) = (Vec::new(), None);
         if let Ok(Ok(packing)) = packed {
             if replicate == 0 {
-                distance_curve.clone_from(&packing.report.distance_curve);
+                distance_curve = packing.report.distance_curve();
             }
             match self.derive(&id, &job, &packing, &control) {
                 Ok(()) => {}

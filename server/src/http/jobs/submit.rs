@@ -64,7 +64,8 @@ pub(crate) async fn submit(
         return Ok(axum::Json(plan).into_response());
     }
     let idempotency_key = key.map(|key| IdempotencyKey { scope: caller.0, key, body_sha256 });
-    let submitted = app.shared.store.submit(NewJob { request, idempotency_key }).await?;
+    let submitted =
+        app.shared.store.submit(NewJob { request, warnings: plan.warnings, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {
             tracing::info!(job_id = %record.id, grains = plan.grains, "taken in");

@@ -72,6 +72,9 @@ pub(crate) struct JobSummary {
     /// What came out.
     #[schema(required)]
     result: Option<ResultView>,
+    /// What a user should know about the packing, one sentence each: what the plan of the request says until there
+    /// is a result, then what the result says. Empty where there is nothing.
+    warnings: Vec<String>,
     /// What computes, or computed, the result.
     #[schema(value_type = EngineInfo)]
     engine: Value,
@@ -160,6 +163,7 @@ impl JobSummary {
             progress: job.progress.clone(),
             error: job.error.clone(),
             result: job.artifact.as_ref().map(ResultView::of),
+            warnings: job.warnings(),
             engine: job.engine.clone(),
             study_id: job.study.map(|place| place.id.to_string()),
             point: job.study.map(|place| place.point),

@@ -88,8 +88,8 @@ pub(crate) struct ResultDocument {
     statistics: Statistics,
     /// What the independent check found.
     check: CheckReport,
-    /// Packing time in s and distance reached in mm, where the largest distance was asked for; else empty.
-    distance_curve: Vec<[f64; 2]>,
+    /// What a user should know about this packing, one sentence each; empty where there is nothing.
+    warnings: Vec<String>,
     /// The growth of grains over the run; absent for methods that do not grow them.
     #[schema(required = false)]
     growth_curve: Vec<GrowthPoint>,

@@ -28,7 +28,7 @@ problem_sets! {
     JobProblems: ValidationError 400, NotFound 404;
     /// Of submissions.
     SubmitProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422,
+        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, CoarseMix 422, TooLarge 422, FormatNotAvailable 422,
         IdempotencyKeyReused 422, QueueFull 429;
     /// Of routes about one study.
     StudyProblems: ValidationError 400, NotFound 404;

@@ -64,6 +64,7 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         updated_at: row.try_get("updated_at")?,
         expires_at: row.try_get("expires_at")?,
         engine: json(&row.try_get::<String, _>("engine")?)?,
+        plan_warnings: json(&row.try_get::<String, _>("warnings")?)?,
         progress: optional_json("progress")?,
         error: optional_json("error")?,
         artifact,

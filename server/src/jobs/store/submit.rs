@@ -24,6 +24,8 @@ pub(crate) struct IdempotencyKey {
 #[derive(Clone, Debug)]
 pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
+    /// What the plan of the request warns of.
+    pub(crate) warnings: Vec<String>,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -59,6 +61,7 @@ impl Store {
         let body = to_json(request)?;
         let labels = to_json(&request.labels)?;
         let engine = to_json(&EngineInfo::current())?;
+        let warnings = to_json(&new.warnings)?;
         let mut writer = self.shared.writer.lock().await;
         let mut tx = writer.begin_with("begin immediate").await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
@@ -69,8 +72,8 @@ impl Store {
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, turn)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -85,6 +88,7 @@ impl Store {
         .bind(request.expires_at_us())
         .bind(engine)
         .bind(turn)
+        .bind(warnings)
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;

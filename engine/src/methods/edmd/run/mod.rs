@@ -5,6 +5,7 @@
 //! growth and limits; it must never know files or clocks other than to obey a limit of time.
 
 mod body;
+mod forecast;
 mod report;
 
 use std::io::Write;
@@ -23,10 +24,12 @@ use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
 use crate::request::{EdmdOptions, PackingRequest};
 use crate::rng::epoch_stream;
 use crate::segregation::Preference;
+use forecast::Forecast;
+pub(crate) use forecast::{STALL_EVENTS, start_share};
 pub(crate) use report::Moments;
 
 /// Collisions per grain in an epoch.
-const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
+pub(crate) const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
 /// Fewest grains that an epoch is laid out for: smaller packings take more events per grain.
 const LEAST_EPOCH_GRAINS: u64 = 100;
 /// Largest relative growth in an epoch.
@@ -79,6 +82,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) options: EdmdOptions,
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) control: &'a dyn Control,
+    /// Events per grain that growth to the target is expected to take; progress is predicted from it.
+    pub(crate) expected_events_per_grain: f64,
     pub(crate) moments: Moments,
     /// The gradient that exchanges keep to.
     pub(crate) preference: Option<Preference>,
@@ -145,6 +150,7 @@ pub(crate) struct Run {
     pub(crate) rsa_s: f64,
     grow_started: Instant,
     fraction: f64,
+    forecast: Forecast,
     pub(crate) curve: Vec<GrowthPoint>,
     curve_stride: u64,
 }
@@ -190,6 +196,7 @@ impl Run {
             rsa_s: 0.0,
             grow_started: Instant::now(),
             fraction: 0.0,
+            forecast: Forecast::new(frame.expected_events_per_grain),
             curve: Vec::new(),
             curve_stride: 1,
         }

@@ -1,10 +1,11 @@
-//! How far a run has come, and what it counted, for those who wait for it.
+//! Progress, growth curve and statistics of a growth run.
 //!
-//! It knows a run as it stands; it must never change what the run does next.
+//! Reporting changes nothing about the packing: a run gives the same grains with and without it.
 
-use super::{BEYOND_TARGET, CURVE_POINTS, Frame, Run, Stage};
+use super::{
+    BEYOND_TARGET, CURVE_POINTS, EPOCH_EVENTS_PER_GRAIN, EPOCH_GROWTH, Frame, Run, STALL_EVENTS, Stage,
+};
 use crate::control::{Growth as Grown, Phase, Progress};
-use crate::methods::edmd::pace::done_share;
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint};
 use crate::request::Distance;
@@ -52,8 +53,14 @@ impl Run {
         }
     }
 
-    /// Adds the present to the curve.
+    /// Events per grain so far.
+    fn events_per_grain(&self) -> f64 {
+        self.system.counts.collisions() as f64 / self.system.len().max(1) as f64
+    }
+
+    /// Notes the end of a compression cycle, in the forecast and in the growth curve.
     pub(super) fn note_point(&mut self, frame: &Frame<'_>) {
+        self.forecast.note(self.events_per_grain(), self.size.powi(3));
         if !self.compression_cycles.is_multiple_of(self.curve_stride) {
             return;
         }
@@ -75,23 +82,42 @@ impl Run {
         }
     }
 
-    /// Tells the control where the run stands.
-    pub(super) fn report(&mut self, frame: &Frame<'_>) {
-        let events = self.system.counts.collisions();
+    /// Share of the run's work that is done, and whether the remaining time follows from it.
+    ///
+    /// A limit of events or time ends the run if the target does not, so the larger of the shares counts. Growth to
+    /// the largest distance has no target: without a limit its share is that of the events by which growth has
+    /// usually stalled, and no remaining time follows from it.
+    fn share_done(&self, frame: &Frame<'_>) -> (f64, bool) {
         let limits = frame.options.stop;
-        let of_limits = [
+        let events = self.system.counts.collisions();
+        let by_limits = [
             limits.events.map(|most| events as f64 / most as f64),
             limits.time_s.map(|most| self.elapsed_s(frame) / most),
         ];
-        let towards = match self.stage {
-            Stage::Scale => {
-                let phi = self.target_fraction;
-                let at = |size: f64| phi * size.powi(3);
-                done_share(at(self.first_size), at(self.size), phi, self.pressure)
-            }
-            Stage::Length => None,
-        };
-        let fraction = of_limits.into_iter().flatten().chain(towards).fold(0.0, f64::max);
+        let by_limits = by_limits.into_iter().flatten().reduce(f64::max);
+        let has_target = !matches!(frame.request.distance, Distance::Maximize { .. });
+        if !has_target {
+            return match by_limits {
+                Some(share) => (share, true),
+                None => ((self.events_per_grain() / STALL_EVENTS).min(0.9), false),
+            };
+        }
+        let predicted = self.forecast.predict(
+            self.events_per_grain(),
+            self.compression_cycles as f64,
+            EPOCH_EVENTS_PER_GRAIN as f64,
+            3.0 * EPOCH_GROWTH,
+        );
+        match by_limits {
+            Some(share) if share > predicted.fraction => (share, true),
+            _ => (predicted.fraction, predicted.likely),
+        }
+    }
+
+    /// Tells the control where the run stands.
+    pub(super) fn report(&mut self, frame: &Frame<'_>) {
+        let events = self.system.counts.collisions();
+        let (fraction, predictable) = self.share_done(frame);
         self.fraction = self.fraction.max(fraction.min(1.0));
         let seconds = self.grow_started.elapsed().as_secs_f64().max(1e-9);
         let per_s = self.system.counts.collisions() as f64 / seconds;
@@ -100,7 +126,7 @@ impl Run {
             phase: Phase::Edmd,
             fraction: self.fraction,
             done: events,
-            total: limits.events.unwrap_or(0),
+            total: frame.options.stop.events.unwrap_or(0),
             unit: "events",
             message: format!(
                 "growing grains, volume fraction {volume_fraction:.4}, pressure {:.0}",
@@ -112,6 +138,7 @@ impl Run {
                 events,
                 events_per_s: per_s,
                 reduced_pressure: Some(self.pressure),
+                predictable,
             }),
         });
     }
