@@ -256,3 +256,46 @@ async fn volume_fractions_follow_from_the_grading() {
     assert!((effective - 0.40 * 0.79).abs() < last_grain, "{summary:#}");
     server.stop().await;
 }
+
+#[tokio::test]
+async fn a_mix_that_whole_grains_miss_is_refused_or_warned_of() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).start().await;
+    let client = server.client();
+    let job = |fraction: f64, seed: u64, coarse: bool| {
+        json!({
+            "seed": seed,
+            "specimen": {"type": "box", "size_mm": [100, 100, 100]},
+            "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": fraction,
+                    "allow_coarse": coarse}
+        })
+    };
+    // One grain of 15 mm has 2300 times this volume.
+    let problem =
+        client.post("/v1/jobs").json(&job(1e-6, 1, false)).send().await.expect_problem(422, "coarse-mix");
+    assert_eq!(problem["errors"][0]["pointer"], "/mix/volume_fraction", "{problem:#}");
+    let said = |warnings: &Value, what: &str| {
+        warnings.as_array().unwrap().iter().any(|warning| warning.as_str().unwrap().contains(what))
+    };
+    let submitted = client.submit(&job(1e-6, 1, true)).await;
+    assert!(said(&submitted["warnings"], "where 7.9e-7 is requested"), "{submitted:#}");
+    let finished = client.finished(id_of(&submitted)).await;
+    assert!(said(&finished["warnings"], "volume fraction of 0.00"), "{finished:#}");
+    assert!(said(&finished["warnings"], "size classes"), "{finished:#}");
+    let summary =
+        client.get(&format!("/v1/jobs/{}/result/summary", id_of(&submitted))).send().await.expect(200).json();
+    assert_eq!(summary["warnings"], finished["warnings"]);
+    assert_eq!(summary["summary"]["method_used"], "rsa");
+
+    // One grain or a little more: whether it misses the volume depends on its size, so that it is the end of the job.
+    let mut ends = Vec::new();
+    for seed in 0..12 {
+        let ended = client.finished(id_of(&client.submit(&job(0.00234, seed, false)).await)).await;
+        ends.push(ended["error"]["type"].as_str().map(str::to_owned));
+    }
+    assert!(ends.contains(&Some("/problems/coarse-mix".into())), "{ends:?}");
+
+    let ample = client.succeed(&job(0.4, 1, false)).await;
+    assert_eq!(ample["warnings"], json!([]));
+    server.stop().await;
+}

@@ -9,7 +9,7 @@ async fn a_dry_run_counts_and_stores_nothing() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    // Counts in closed form for a 150 mm cube at 0.70 (engine.md section 1).
+    // Counts in closed form for a 150 mm cube at 0.70 (docs/method.md, section 1).
     for (curve, d_min, grains, effective) in
         [("A16", 2.0, 44_202.0, 0.553), ("B16", 2.0, 40_049.0, 0.406), ("B16", 0.5, 2_053_000.0, 0.56)]
     {

@@ -82,7 +82,7 @@ pub struct Report {
     /// The growth of grains over the run; empty for methods that do not grow them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub growth_curve: Vec<GrowthPoint>,
-    /// How far coarse and fine grains lie apart, where a gradient was asked for.
+    /// How far coarse and fine grains lie apart, where a gradient was requested.
     #[serde(default, skip_serializing_if = "Option::is_none", alias = "placement")]
     pub segregation: Option<SegregationReport>,
 }
@@ -98,11 +98,11 @@ impl Report {
     }
 }
 
-/// How far coarse and fine grains lie apart: along the field asked for, and across it as a control.
+/// How far coarse and fine grains lie apart: along the requested field, and across it as a control.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SegregationReport {
-    /// Along the field, which rises to where the coarse grains were asked for.
+    /// Along the field, which rises to where the coarse grains were requested.
     pub along: Separation,
     /// Along the axes that the field does not lie along.
     pub across: SeparationAcross,
@@ -153,9 +153,9 @@ pub struct GrowthPoint {
     /// Events so far.
     pub events: u64,
     /// Volume of the grains at their present size, with their coating where the largest distance is
-    /// asked for, over that of the specimen.
+    /// requested, over that of the specimen.
     pub volume_fraction: f64,
-    /// Constant distance that the grains keep so far, where one is asked for.
+    /// Constant distance that the grains keep so far, where one is requested.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub distance_mm: Option<f64>,
     /// Pressure over that of an ideal gas of the same density and energy.
@@ -215,7 +215,7 @@ pub struct ClassReport {
     pub d_max_mm: f64,
     /// Grains in the class.
     pub grains: u64,
-    /// Volume that the grading curve asks for.
+    /// Volume that the grading curve requests.
     pub target_volume_mm3: f64,
     /// Volume of the grains placed.
     pub volume_mm3: f64,
@@ -274,7 +274,7 @@ pub struct RsaStatistics {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum EdmdEnd {
-    /// The size and distance asked for.
+    /// The requested size and distance.
     #[default]
     Target,
     /// Simulated time hardly went on: the grains are jammed.
@@ -322,7 +322,7 @@ pub struct EdmdStatistics {
     pub events_per_s: f64,
     /// Simulated time.
     pub simulated_time_s: f64,
-    /// Size reached over size asked for.
+    /// Size reached over requested size.
     pub growth_scale: f64,
     /// Kinetic energy per grain at the end over that at the start.
     pub energy: f64,

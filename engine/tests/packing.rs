@@ -64,7 +64,8 @@ proptest! {
         let grows = method["type"] == "edmd";
         let value = json!({
             "specimen": specimen, "distance": distance, "method": method,
-            "mix": {"grading": grading, "d_min_mm": 2.0, "volume_fraction": fraction, "volume_fraction_of": "placed_grains"},
+            "mix": {"grading": grading, "d_min_mm": 2.0, "volume_fraction": fraction, "volume_fraction_of": "placed_grains",
+                    "allow_coarse": true},
         });
         let request = request(&value, seed);
         match pack(&request, &Limits::default(), &Unattended) {

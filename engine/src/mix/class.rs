@@ -1,4 +1,13 @@
-//! One size class and its law of diameters, with every closed form that follows from it.
+//! One size class `a..b` and the distribution of diameters in it, with the closed forms that follow.
+//!
+//! Let `F(d)` be the mass fraction passing `d`. The number of grains per diameter is proportional to `F'(d) / d^3`.
+//!
+//! - `F` linear in `ln d` ([`Law::LogUniform`]): the number distribution is
+//!   `F_N(d) = (a^-3 - d^-3) / (a^-3 - b^-3)`. A grain is sampled from `u` in `[0, 1)` by `d = a b / (b^3 (1 - u) + a^3
+//!   u)^(1/3)`, and a volume `V` has `N = V (a^-3 - b^-3) / (3 ln(b/a)) / (pi/6)` grains on average.
+//! - Fuller's curve `F = (d / d_max)^q` ([`Law::Fuller`]): with `s = q - 3`,
+//!   `F_N(d) = (a^s - d^s) / (a^s - b^s)`, `d = (a^s - u (a^s - b^s))^(1/s)`, and
+//!   `N = V q (b^s - a^s) / (s (b^q - a^q)) / (pi/6)`.
 
 use super::sphere_volume;
 

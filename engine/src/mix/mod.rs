@@ -1,8 +1,8 @@
-//! The take: from a grading to the diameters of one packing (`engine.md` section 1).
+//! Size sampling: from a grading to the diameters of one packing (`docs/method.md`, section 1).
 //!
-//! A grading becomes a list of classes, each with a closed law of diameters ([`class`]); the
-//! cut-off splits the class it falls into; diameters are drawn class by class from the coarsest
-//! down ([`sampling`]). This module knows volumes and diameters; it must never know where grains lie.
+//! A grading becomes a list of classes, each with a distribution of diameters in closed form ([`class`]); the cut-off
+//! splits the class it falls into; diameters are sampled class by class from the coarsest down ([`sampling`]). How far
+//! whole grains miss the requested volumes is judged in `deviation`.
 
 pub mod class;
 pub(crate) mod deviation;
@@ -45,7 +45,7 @@ pub struct GradedMix {
     pub specimen_volume_mm3: f64,
 }
 
-/// Volume of a sphere.
+/// Volume of a sphere of diameter `d`, in the cube of the unit of `d`.
 pub fn sphere_volume(d: f64) -> f64 {
     std::f64::consts::FRAC_PI_6 * d * d * d
 }
@@ -60,10 +60,10 @@ impl GradedMix {
         let sieve_classes = classes_above(&mix.grading, d_min);
         let classes: Vec<Class> = sieve_classes.iter().flat_map(Class::narrow).collect();
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
-        let asked = mix.requested_fraction().unwrap_or(0.0);
+        let requested = mix.requested_fraction().unwrap_or(0.0);
         let (mixture, effective) = match mix.volume_fraction_of {
-            VolumeFractionOf::AllAggregate => (asked, asked * kept),
-            VolumeFractionOf::PlacedGrains => (asked / kept, asked),
+            VolumeFractionOf::AllAggregate => (requested, requested * kept),
+            VolumeFractionOf::PlacedGrains => (requested / kept, requested),
         };
         let d_min_mm = classes.first().map_or(0.0, |c| c.low_mm);
         let d_max_mm = classes.last().map_or(0.0, |c| c.high_mm);
@@ -98,7 +98,7 @@ impl GradedMix {
         }
     }
 
-    /// Volume that a class is to fill (`V_i` of `engine.md` section 1).
+    /// Volume that a class is to fill (`V_i` of `docs/method.md`, section 1).
     pub fn class_volume_mm3(&self, class: &Class) -> f64 {
         class.mass_fraction * self.volume_fraction_mixture * self.specimen_volume_mm3
     }

@@ -1,4 +1,4 @@
-//! Drawing the diameters (the paper's Algorithm 1, coarsest class first).
+//! Sampling of diameters, class by class from the coarsest down (Titscher and Unger 2015, Algorithm 1).
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 

@@ -17,7 +17,7 @@ pub struct SieveClass {
     pub low_mm: f64,
     /// Upper sieve.
     pub high_mm: f64,
-    /// Volume asked for.
+    /// Requested volume in mm³.
     pub volume_mm3: f64,
     /// Expected number of grains.
     pub grains: f64,

@@ -19,7 +19,7 @@ fn mix(grading: serde_json::Value, d_min: f64, fraction: f64, basis: &str) -> Mi
 
 const CUBE_150: f64 = 150.0 * 150.0 * 150.0;
 
-/// `(curve, cut-off, grains, phi_eff)` of a 150 mm cube with `phi_M` = 0.70, of `engine.md` section 1
+/// `(curve, cut-off, grains, phi_eff)` of a 150 mm cube with `phi_M` = 0.70, of `docs/method.md`, section 1
 /// and the table of expected counts that came with it.
 const KNOWN: [(&str, f64, f64, Option<f64>); 14] = [
     ("A16", 0.25, 6_898_165.0, Some(0.679)),

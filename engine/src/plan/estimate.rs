@@ -1,6 +1,6 @@
-//! What a request is likely to cost, whether it is likely to succeed, and what would.
+//! Estimated time and probability of success of a request, and the largest request that is likely to succeed.
 //!
-//! It puts requests to the [`model`](super::model); it must never know what the model is made of.
+//! The estimates are those of the fitted [`model`](super::model).
 
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ use crate::request::{
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MethodEstimate {
-    /// Probability that it reaches what is asked for, within the limits of the request.
+    /// Probability that it reaches its target within the limits of the request.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub success_probability: f64,
     /// CPU time on a core of about 2 GHz, whether it succeeds or not.
@@ -124,11 +124,12 @@ impl<'a> Case<'a> {
     pub(super) fn proposal(&self, of_request: &MethodEstimate) -> Proposal {
         let by_rsa = matches!(self.request.method, Method::Rsa { .. });
         let reach = of_request.volume_fraction_with_coating_reach;
-        let asked = match self.request.mix.volume_fraction_of {
+        let requested = match self.request.mix.volume_fraction_of {
             VolumeFractionOf::AllAggregate => self.mix.volume_fraction_mixture,
             VolumeFractionOf::PlacedGrains => self.mix.volume_fraction_effective,
         };
-        let volume_fraction = self.mix.list.is_none().then(|| round(asked * reach / self.filled).min(1.0));
+        let volume_fraction =
+            self.mix.list.is_none().then(|| round(requested * reach / self.filled).min(1.0));
         let distance_mm = match self.request.distance {
             Distance::None { wall_gap_mm: None }
             | Distance::Constant { wall_gap_mm: None, .. }

@@ -1,7 +1,7 @@
-//! The plan of a run: what a request amounts to, before a single grain is drawn.
+//! The plan of a run: expected numbers of grains, memory, time and success, before any grain is sampled.
 //!
-//! Expected counts in closed form, volume fractions, memory, and whether the mix can fit at all.
-//! It knows the mix, the specimen and the distance rule; it must never draw a random number.
+//! Numbers and volume fractions are closed forms of the grading; time and success are estimates of a fitted model
+//! (`docs/estimates.md`). A plan draws no random numbers: the same request has the same plan.
 
 mod estimate;
 mod model;
@@ -55,7 +55,7 @@ pub struct Plan {
     pub memory_bytes: u64,
     /// CPU time that the method of the request is likely to take, on a core of about 2 GHz.
     pub estimated_time_s: f64,
-    /// Probability that it reaches what is asked for.
+    /// Probability that it reaches its target.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub success_probability: f64,
     /// What each method is likely to do.
@@ -119,7 +119,8 @@ mod cost {
     pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 370.0;
 }
 
-/// Memory of a run in bytes. `crowding` is what is asked for as a share of what random placing reaches;
+/// Memory of a run in bytes. `crowding` is the requested volume fraction over that which random sequential addition
+/// reaches;
 /// growth starts from a loose placing.
 fn memory_bytes(grains: f64, crowding: f64, grows: bool) -> u64 {
     let crowded = ((crowding.min(1.0) - 0.75) / 0.25).max(0.0).powi(2);
@@ -133,6 +134,24 @@ fn memory_bytes(grains: f64, crowding: f64, grows: bool) -> u64 {
 
 impl Plan {
     /// Plans a request.
+    ///
+    /// ```
+    /// use packstone_engine::{Limits, PackingRequest, Plan};
+    ///
+    /// let request = PackingRequest::from_json(
+    ///     &serde_json::json!({
+    ///         "specimen": {"type": "box", "size_mm": [150, 150, 150]},
+    ///         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": 0.70},
+    ///     }),
+    ///     1,
+    /// )
+    /// .expect("every field is within its bounds");
+    /// let plan = Plan::new(&request, &Limits::default())?;
+    /// assert!((plan.grains - 44_202.0).abs() < 50.0);
+    /// assert!((plan.volume_fraction_effective - 0.553).abs() < 1e-9);
+    /// assert!(plan.warnings.is_empty());
+    /// # Ok::<(), packstone_engine::PlanError>(())
+    /// ```
     ///
     /// # Errors
     /// When a grain does not fit into the specimen, when there are more grains than `limits`
@@ -216,7 +235,7 @@ fn check_list(mix: &GradedMix) -> Result<(), PlanError> {
 }
 
 /// The cut-off must leave a share of the mass that is more than rounding.
-fn check_cut_off(asked: &Mix, mix: &GradedMix) -> Result<(), PlanError> {
+fn check_cut_off(requested: &Mix, mix: &GradedMix) -> Result<(), PlanError> {
     // With the basis `effective` it is the mixture that has no bounds where nothing is left.
     let (mixture, effective) = (mix.volume_fraction_mixture, mix.volume_fraction_effective);
     if mixture.is_finite() && effective >= MIN_SHARE * mixture {
@@ -226,7 +245,7 @@ fn check_cut_off(asked: &Mix, mix: &GradedMix) -> Result<(), PlanError> {
         pointer: "/mix/d_min_mm".into(),
         detail: format!(
             "{} mm leaves less than {MIN_SHARE:e} of the mass: must lie below a sieve that holds some back",
-            asked.d_min_mm.unwrap_or(mix.d_min_mm)
+            requested.d_min_mm.unwrap_or(mix.d_min_mm)
         ),
     }]))
 }

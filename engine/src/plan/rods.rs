@@ -1,9 +1,8 @@
-//! How dense spheres of many sizes pack at random, from the sizes alone.
+//! Volume fraction of a random close packing of spheres, from the distribution of their diameters.
 //!
-//! Farr and Groot (J. Chem. Phys. 131, 244104, 2009) map the packing to a line: chords that a random
-//! line cuts from the spheres are laid out as rods, longest first, each into the longest gap, with gaps
-//! of at least a fixed share of the shorter neighbour. The share is theirs; it makes equal spheres come
-//! out at 0.6435. This module knows sizes and numbers; it must never know a specimen.
+//! Method of Farr and Groot (J. Chem. Phys. 131, 244104, 2009, arXiv:0912.0852): the chords that a random line
+//! cuts from the spheres are laid out as rods on a line, longest first, each into the longest gap, with gaps of at
+//! least a fixed share of the shorter neighbour. The share is that of the paper; with it equal spheres have 0.6435.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

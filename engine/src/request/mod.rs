@@ -1,9 +1,8 @@
-//! The request: what a user asks the engine to pack, with its defaults, its bounds and its JSON form.
+//! The request: the specimen, the mix, the distance rule and the method of a packing, with defaults, bounds and JSON.
 //!
-//! Field names and variants are the HTTP contract's. Everything that can be judged without
-//! computing (types, signs, intervals, order of sieves) is judged here; whether the mix fits its
-//! specimen is the plan's question ([`crate::plan`]). This module must never know how a packing is
-//! computed.
+//! Field names and variants are those of the HTTP interface. [`PackingRequest::from_json`] judges everything that needs
+//! no computation: types, signs, intervals, order of sieves. Whether the mix fits its specimen is judged by
+//! [`crate::plan`].
 
 pub mod decode;
 pub mod edmd;
@@ -237,7 +236,7 @@ pub struct SizeClass {
     pub mass_fraction: f64,
 }
 
-/// The clear distance `g(i, j)` between two grains, and that to the walls (`engine.md` section 3).
+/// The clear distance `g(i, j)` between two grains, and that to the walls (`docs/method.md`, section 3).
 ///
 /// `wall_gap_mm` replaces the default distance to the walls, which is half of what the grain keeps
 /// from another of its own size. It means nothing in a periodic box.

@@ -27,6 +27,23 @@ impl PackingRequest {
     ///
     /// `seed` is used when the document names none.
     ///
+    /// ```
+    /// use packstone_engine::PackingRequest;
+    /// use serde_json::json;
+    ///
+    /// let mut document = json!({
+    ///     "specimen": {"type": "box", "size_mm": [100, 100, 100]},
+    ///     "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": 0.6},
+    ///     "distance": {"type": "constant", "gap_mm": 0.5},
+    /// });
+    /// let request = PackingRequest::from_json(&document, 7).expect("every field is within its bounds");
+    /// assert_eq!((request.seed, request.mix.d_min_mm), (7, Some(2.0)));
+    ///
+    /// document["distance"]["gap_mm"] = json!(-1);
+    /// let faults = PackingRequest::from_json(&document, 7).unwrap_err();
+    /// assert_eq!(faults[0].pointer, "/distance/gap_mm");
+    /// ```
+    ///
     /// # Errors
     /// All faults of the document, each with its pointer.
     pub fn from_json(value: &Value, seed: u64) -> Result<Self, Vec<FieldError>> {
