@@ -1,14 +1,13 @@
-//! Checkpoints: the state of a run between two epochs, written so that the run can go on from it
-//! after the process was killed.
+//! Checkpoints: the state of a run between two compression cycles, written so that the run can go on from it after the
+//! process was killed.
 //!
-//! This is the envelope; what is inside (the body) belongs to the method that runs. The envelope
-//! makes sure that a state is only ever continued by the same engine on the same request, and that
-//! one cut off or damaged is refused. Writers and readers are handed in: when, where and under which
-//! name checkpoints are kept is the caller's business, and this module must never know.
+//! This is the envelope; what is inside (the body) belongs to the method that runs. The envelope makes sure that a
+//! state is only ever continued by the same engine on the same request, and that one cut off or damaged is refused.
+//! Writers and readers are handed in: the caller decides when, where and under which name checkpoints are kept.
 //!
-//! Layout, all little-endian: magic `PACKSTCK`, `u32` revision of this layout, the engine's version and
-//! the request (each as `u64` length and bytes, the request as its JSON), the body in frames of `u32` length and
-//! bytes, of which one of length 0 is the last, and the CRC-32 of all that came before.
+//! Layout, all little-endian: magic `PACKSTCK`, `u32` revision of this layout, the engine's version and the request
+//! (each as `u64` length and bytes, the request as its JSON), the body in frames of `u32` length and bytes, of which
+//! one of length 0 is the last, and the CRC-32 of all that came before.
 
 use std::io::{self, Read, Write};
 

@@ -1,4 +1,21 @@
-//! Distance rules: the clear distance two grains keep, and that to a wall (`engine.md` section 3).
+//! Distance rules: the gap that two grains keep, and that to a wall.
+//!
+//! A rule is a function `g(d_i, d_j)` of two diameters: 0, a constant, `f (d_i + d_j) / 2` (Schlangen and van Mier),
+//! or `f min(d_i, d_j)` (Wang and others). Where the request names no wall gap, a wall is kept at `g(d, d) / 2`.
+//!
+//! ```
+//! use packstone_engine::{PackingRequest, distance::DistanceRule};
+//! use serde_json::json;
+//!
+//! let request = PackingRequest::from_json(&json!({
+//!     "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+//!     "mix": {"grading": {"type": "diameters", "diameters_mm": [8, 4]}},
+//!     "distance": {"type": "proportional", "factor": 0.1},
+//! }), 1).unwrap();
+//! let rule = DistanceRule::new(&request.distance, &request.specimen);
+//! assert!((rule.gap_mm(8.0, 4.0) - 0.6).abs() < 1e-12);
+//! assert!((rule.wall_gap_mm(8.0) - 0.4).abs() < 1e-12);
+//! ```
 
 use crate::request::{Boundary, Distance, Specimen};
 

@@ -1,9 +1,24 @@
 //! Packstone's engine: from a concrete mix design to a dense, checked packing of spheres.
 //!
-//! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`specimen`] -> [`plan`]
-//! (what to expect, and whether it can fit) -> [`methods`] -> [`check`] -> [`packing`] -> [`export`].
-//! The engine is pure: it computes, reports through [`control`], and writes to writers that it is
-//! handed. It knows no files, no network, no other clock than to state how long a phase took.
+//! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`specimen`] -> [`plan`] (what to expect, and
+//! whether it can fit) -> [`methods`] -> [`check`] -> [`packing`] -> [`export`]. Imports between the modules point
+//! down; `tests/layers.rs` holds their order. The engine computes, reports through [`control`], and writes to writers
+//! that it is handed; it opens no files and no connections, and reads the clock only to time its phases and to obey a
+//! limit of time.
+//!
+//! ```
+//! use packstone_engine::{Limits, PackingRequest, Plan, Unattended, pack};
+//! use serde_json::json;
+//!
+//! let request = PackingRequest::from_json(&json!({
+//!     "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+//!     "mix": {"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4},
+//! }), 1).unwrap();
+//! assert!(Plan::new(&request, &Limits::default()).is_ok());
+//! let packing = pack(&request, &Limits::default(), &Unattended)?;
+//! assert_eq!(packing.spheres.len() as u64, packing.report.summary.grains);
+//! # Ok::<(), packstone_engine::PackError>(())
+//! ```
 // Allowed in `cpu` alone.
 #![deny(unsafe_code)]
 

@@ -1,10 +1,12 @@
-//! What a gradient means: how much a grain would like to lie at a point (`docs/gradient.md`).
+//! Size gradients: how the request's gradient weighs a position for a grain (`docs/gradient.md`).
 //!
-//! Fields are told as shares of volume: at 0.3 of a field, three tenths of the room that the walls leave for the
-//! centre of a grain lie further down. So a grain that lies anywhere with equal probability lies at any share with
-//! equal probability, whatever its size and the specimen's shape, and a grain coarser than three tenths of the
-//! mass may be asked for at 0.3 without anything having to give way. This module knows grains, specimens and fields;
-//! it must never know how places are found.
+//! Positions along a field are quantiles: at 0.3 of a field, three tenths of the volume that the walls leave for the
+//! centre of a grain lie further down. So a grain that lies anywhere with equal probability has any quantile with
+//! equal probability, whatever its size and the specimen's shape, and a grain coarser than three tenths of the mass
+//! may be assigned to 0.3 without displacing others.
+//!
+//! The weight of a position at the quantile `u` for a grain of mass quantile `q` is `exp(-k (u - q)^2)` with the
+//! strength `k`.
 
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
@@ -83,7 +85,7 @@ impl Preference {
     /// What two grains would gain in the logarithm of their weights if they changed places, each counted by its
     /// share of their mass, so that it is mass that the exchange sorts: by number, the mass of the fine grains
     /// would be carried upwards by the largest of them.
-    pub(crate) fn gain_of_exchange(&self, [i, j]: [usize; 2], [p_i, p_j]: [[f64; 3]; 2]) -> f64 {
+    pub(crate) fn log_acceptance_ratio(&self, [i, j]: [usize; 2], [p_i, p_j]: [[f64; 3]; 2]) -> f64 {
         let gain = |grain: usize, from: [f64; 3], to: [f64; 3]| {
             let Grain { volume_mm3, clearance_mm, .. } = self.grains[grain];
             // It fits: the plan has seen to that.

@@ -122,8 +122,8 @@ proptest! {
         strength in 0.01..1000.0_f64, a in prop::array::uniform3(0.0..40.0_f64), b in prop::array::uniform3(0.0..40.0_f64)
     ) {
         let preference = preference(strength, &[6.0, 5.0, 2.0]).unwrap();
-        let there = preference.gain_of_exchange([0, 2], [a, b]);
-        let back = preference.gain_of_exchange([0, 2], [b, a]);
+        let there = preference.log_acceptance_ratio([0, 2], [a, b]);
+        let back = preference.log_acceptance_ratio([0, 2], [b, a]);
         prop_assert!((there + back).abs() < 1e-9 * strength.max(1.0), "{} {}", there, back);
     }
 }
@@ -133,9 +133,9 @@ fn an_exchange_gains_where_mass_comes_nearer_to_its_place() {
     let preference = preference(10.0, &[6.0, 5.999, 2.0]).unwrap();
     // Of quantiles 0.75, 0.26 and 0.009.
     let at = |z: f64| [10.0, 15.0, z];
-    assert!(preference.gain_of_exchange([0, 1], [at(10.0), at(30.0)]) > 2.0);
-    assert!(preference.gain_of_exchange([0, 1], [at(30.0), at(10.0)]) < -2.0);
+    assert!(preference.log_acceptance_ratio([0, 1], [at(10.0), at(30.0)]) > 2.0);
+    assert!(preference.log_acceptance_ratio([0, 1], [at(30.0), at(10.0)]) < -2.0);
     // The large one comes to where it wants to be, whatever the small one loses.
-    assert!(preference.gain_of_exchange([1, 2], [at(20.0), at(14.0)]) > 0.0);
-    assert!(preference.gain_of_exchange([0, 1], [at(20.0), at(20.0)]).abs() < 1e-12);
+    assert!(preference.log_acceptance_ratio([1, 2], [at(20.0), at(14.0)]) > 0.0);
+    assert!(preference.log_acceptance_ratio([0, 1], [at(20.0), at(20.0)]).abs() < 1e-12);
 }

@@ -1,6 +1,4 @@
-//! Specimens: the region that whole grains lie in, and the region that leaves for their centres.
-//!
-//! It knows shapes and nothing of grains but a clearance; it must never know how places are found.
+//! Specimens: the region that whole grains lie in, and the region that remains for their centres.
 
 use std::f64::consts::PI;
 

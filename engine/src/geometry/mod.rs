@@ -1,3 +1,3 @@
-//! Geometry that knows no grains: points, tetrahedra, exact predicates.
+//! Geometry of points: tetrahedra and exact predicates.
 
 pub mod delaunay;

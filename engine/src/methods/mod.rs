@@ -1,4 +1,7 @@
-//! Packing methods: each places the grains of a mix in a specimen.
+//! Packing methods: each finds positions for the grains of a mix in a specimen.
+//!
+//! [`rsa`] inserts grains one after the other at their final size; [`edmd`] lets smaller grains move, collide and
+//! grow.
 
 pub mod edmd;
 pub mod rsa;

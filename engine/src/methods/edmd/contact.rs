@@ -1,10 +1,11 @@
 //! When moving, growing spheres meet: the closed forms of every kind of event.
 //!
-//! All of them find the first time `t >= 0` at which `f(t) = c + 2 b t + a t²` leaves its allowed
-//! side (`engine.md` section 5). The roots are taken in the form that does not cancel
-//! (`c / (-b + sqrt(b² - a c))`), and a distance that is already violated by rounding counts by its
-//! sign of change (Bannerman's rule): closing means now, opening means never. Nothing here knows
-//! of grains, lists or queues.
+//! Two spheres at separation `d` with relative velocity `v`, in contact at the distance `s + g t`, meet when `|d + v
+//! t| = s + g t`: the first `t >= 0` at which `f(t) = c + 2 b t + a t^2` leaves its allowed side, with `a = v.v -
+//! g^2`, `b = d.v - s g`, `c = d.d - s^2` (Lubachevsky and Stillinger 1990, DOI 10.1007/BF01025983). The roots are
+//! taken in the form that does not cancel, `c / (-b + sqrt(b^2 - a c))`. A distance that rounding has already violated
+//! counts by its sign of change: closing means now, opening means never (Bannerman, Strobl, Formella and Poeschel
+//! 2014, DOI 10.1007/s40571-014-0021-8).
 //!
 //! No fused multiply-add: every target then computes the same bits.
 

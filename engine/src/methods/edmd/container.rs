@@ -1,11 +1,9 @@
-//! What holds the grains: walls, a mantle, or the images of a periodic box.
-//!
-//! It knows shapes and one grain at a time; it must never know other grains.
+//! What holds the grains: plane walls, the lateral surface of a cylinder, or the images of a periodic box.
 
 use super::contact::{rises_to_zero, used_up};
 use crate::request::{Boundary, Specimen};
 
-/// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box
+/// Images of a periodic box skin two boxes to either side, so that even a grain as wide as the box
 /// finds all of its neighbours.
 const IMAGES_PER_AXIS: i32 = 5;
 /// Number of images.
@@ -68,13 +66,13 @@ impl Container {
         }
     }
 
-    /// The walls that come within `reach_mm` of a point, as bits.
+    /// The walls that come within `distance_mm` of a point, as bits.
     #[inline(always)]
-    pub(crate) fn walls_within(&self, p: [f64; 3], reach_mm: f64) -> u32 {
+    pub(crate) fn walls_within(&self, p: [f64; 3], distance_mm: f64) -> u32 {
         let ends = |axes: std::ops::Range<usize>, size: [f64; 3]| {
             axes.fold(0, |mask, a| {
-                let low = u32::from(p[a] < reach_mm) << (2 * a);
-                let high = u32::from(p[a] > size[a] - reach_mm) << (2 * a + 1);
+                let low = u32::from(p[a] < distance_mm) << (2 * a);
+                let high = u32::from(p[a] > size[a] - distance_mm) << (2 * a + 1);
                 mask | low | high
             })
         };
@@ -83,7 +81,7 @@ impl Container {
             Self::Box { size_mm } => ends(0..3, size_mm),
             Self::Cylinder { radius_mm, height_mm } => {
                 let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
-                let bound = radius_mm - reach_mm;
+                let bound = radius_mm - distance_mm;
                 let mantle = bound <= 0.0 || x * x + y * y > bound * bound;
                 u32::from(mantle) | ends(2..3, [0.0, 0.0, height_mm])
             }

@@ -1,9 +1,8 @@
 //! What happens to grains and when: prediction of each grain's next event, and its processing.
 //!
-//! Every pair belongs to the grain whose velocity changed last: it alone looks for their meeting.
-//! A grain's next event is therefore stale as soon as its partner changed after it did, and then the
-//! grain looks again among the pairs that are still its own. This module knows grains one epoch
-//! long; it must never know what they grow for.
+//! Every pair belongs to the grain whose velocity changed last: it alone looks for their collision. A grain's next
+//! event is therefore stale as soon as its partner changed after it did, and then the grain looks again among the
+//! pairs that are still its own. Impulses are those of an elastic collision in the frame of the growing surfaces.
 
 use super::contact::fall_to_zero;
 use super::container::HOME;
@@ -96,7 +95,7 @@ impl System {
         if let Some(grain) = self.queue.ahead(1) {
             self.prefetch_neighbours(grain);
             if self.next[grain].with == LEAVES_SPHERE {
-                self.prefetch_renewal(grain);
+                self.prefetch_rebuild(grain);
             }
             let partner = unpack(self.next[grain].with).0;
             if partner < self.len() {
@@ -116,7 +115,7 @@ impl System {
         match with {
             LEAVES_SPHERE => {
                 self.hot[i].advance(now);
-                self.renew::<S, PERIODIC>(set, i);
+                self.rebuild_list::<S, PERIODIC>(set, i);
                 self.predict::<S, PERIODIC>(set, i, now);
             }
             WALL.. => {
@@ -212,13 +211,13 @@ impl System {
         }
     }
 
-    /// Walls and the bound of the sphere of free movement.
+    /// Walls and the bound of the NNL sphere.
     #[inline(always)]
     fn next_without_partner(&self, i: usize, me: &Hot, now: f64) -> Next {
         let cold = &self.cold[i];
         let d: [f64; 3] = std::array::from_fn(|k| me.position[k] - cold.center[k]);
         let v = me.velocity;
-        let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - cold.reach * cold.reach;
+        let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - cold.skin * cold.skin;
         let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2];
         let a = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
         let mut best = Next { time: now + super::contact::rises_to_zero(a, b, c), with: LEAVES_SPHERE };

@@ -4,7 +4,7 @@
 //! less some 1e-7. From there they are moved, not grown. At their full size every pair that is too close is moved
 //! apart along its line of centres by half of what is missing each, and every centre back between the walls, until
 //! nothing is missing (successive projection onto the constraints). The projections converge to positions of round
-//! numbers where the sizes are round numbers, and reach them but for rounding, so the positions are also tried
+//! numbers where the sizes are round numbers, and skin them but for rounding, so the positions are also tried
 //! rounded to nine digits. The result is taken only if it satisfies every constraint without tolerance.
 
 use crate::distance::DistanceRule;

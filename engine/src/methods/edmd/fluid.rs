@@ -1,6 +1,6 @@
 //! Equal spheres in a periodic box without growth: the hard-sphere fluid, whose properties are known.
 //!
-//! What physics and speed are measured on. It knows nothing of mixes.
+//! Physics and speed are measured on it. Its compressibility factor is `Z = p V / (N k T)`.
 
 use std::time::Instant;
 
@@ -75,7 +75,7 @@ impl Fluid {
 
     fn epoch(&mut self, growth: Growth, end: f64, most: u64) -> f64 {
         let before = self.system.counts.collisions();
-        self.system.renew_all(growth, end);
+        self.system.rebuild_all_lists(growth, end);
         self.system.predict_all(self.events_per_time);
         let reached = self.system.run(most, u64::MAX);
         self.system.synchronise(reached);

@@ -1,14 +1,15 @@
 //! A grid of levels that answers which list centres lie near one.
 //!
-//! Level `l` holds the grains whose outer radius (contact radius and reach) lies within a factor of
-//! two below `top / 2^l`, so that a search visits few cells whatever the ratio of sizes. It knows
-//! centres and radii; it must never know how grains move.
+//! Level `l` holds the grains whose cutoff (contact radius and skin) lies within a factor of two below `top / 2^l`, so
+//! that a search visits few cells whatever the ratio of sizes.
+//!
+//! This hot grid is not the common one of `geometry`: grains are entered and removed while the simulation runs.
 
 use super::container::{Container, HOME, image_code};
 use crate::cpu::prefetch;
 
 const NIL: u32 = u32::MAX;
-/// Edge of a cell in largest outer radii of its level.
+/// Edge of a cell in largest cutoffs of its level.
 const EDGE: f64 = 1.6;
 /// Most cells per grain, over all levels; a finer grid would hold mostly nothing.
 const CELLS_PER_GRAIN: f64 = 3.0;
@@ -17,8 +18,8 @@ const BATCH: usize = 32;
 
 #[derive(Clone, Debug)]
 struct Level {
-    /// Largest outer radius of a grain here, in mm.
-    outer_mm: f64,
+    /// Largest cutoff of a grain here, in mm.
+    cutoff_mm: f64,
     cells: [i32; 3],
     per_edge: [f64; 3],
     first_cell: u32,
@@ -35,7 +36,7 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// Empties the grid and lays it out for outer radii between two bounds.
+    /// Empties the grid and lays it out for cutoffs between two bounds.
     pub(crate) fn reset(&mut self, container: &Container, grains: usize, least_mm: f64, top_mm: f64) {
         let count = ((top_mm / least_mm).log2().floor().max(0.0) as usize + 1).min(40);
         let size = container.bounds_mm();
@@ -44,12 +45,12 @@ impl Grid {
         self.levels.clear();
         let mut first_cell = 0;
         for level in 0..count {
-            let outer_mm = top_mm / f64::from(1_u32 << level.min(31));
+            let cutoff_mm = top_mm / f64::from(1_u32 << level.min(31));
             let volume = size[0] * size[1] * size[2];
-            let edge = (EDGE * outer_mm).max((volume / most_cells).cbrt());
+            let edge = (EDGE * cutoff_mm).max((volume / most_cells).cbrt());
             let cells = size.map(|length| ((length / edge).floor() as i32).max(1));
             let per_edge = std::array::from_fn(|a| f64::from(cells[a]) / size[a]);
-            self.levels.push(Level { outer_mm, cells, per_edge, first_cell, grains: 0 });
+            self.levels.push(Level { cutoff_mm, cells, per_edge, first_cell, grains: 0 });
             first_cell += cells.iter().product::<i32>() as u32;
         }
         self.heads.clear();
@@ -58,15 +59,15 @@ impl Grid {
         self.next.resize(grains, NIL);
     }
 
-    /// The largest outer radius it was laid out for, in mm.
+    /// The largest cutoff it was laid out for, in mm.
     pub(crate) fn top_mm(&self) -> f64 {
         self.top_mm
     }
 
     #[inline(always)]
-    fn level_of(&self, outer_mm: f64) -> usize {
+    fn level_of(&self, cutoff_mm: f64) -> usize {
         let mut level = 0;
-        while level + 1 < self.levels.len() && outer_mm <= self.levels[level + 1].outer_mm {
+        while level + 1 < self.levels.len() && cutoff_mm <= self.levels[level + 1].cutoff_mm {
             level += 1;
         }
         level
@@ -81,8 +82,8 @@ impl Grid {
 
     /// Enters a grain; returns the cell by which it can be removed.
     #[inline(always)]
-    pub(crate) fn insert(&mut self, grain: u32, center: [f64; 3], outer_mm: f64) -> u32 {
-        let level = self.level_of(outer_mm);
+    pub(crate) fn insert(&mut self, grain: u32, center: [f64; 3], cutoff_mm: f64) -> u32 {
+        let level = self.level_of(cutoff_mm);
         let cell = self.cell(level, center);
         self.next[grain as usize] = self.heads[cell as usize];
         self.heads[cell as usize] = grain;
@@ -111,13 +112,13 @@ impl Grid {
         }
     }
 
-    /// Visits every grain that may lie within `outer_mm` and its own outer radius, and `extra`
+    /// Visits every grain that may lie within `cutoff_mm` and its own cutoff, and `extra`
     /// times the smaller of both, of a centre, with the code of the image in which it does.
     #[inline(always)]
     pub(crate) fn visit<const PERIODIC: bool>(
         &self,
         center: [f64; 3],
-        outer_mm: f64,
+        cutoff_mm: f64,
         extra: f64,
         levels: std::ops::Range<usize>,
         mut found: impl FnMut(u32, u32),
@@ -126,7 +127,7 @@ impl Grid {
             if level.grains == 0 {
                 continue;
             }
-            let range = outer_mm + level.outer_mm + extra * outer_mm.min(level.outer_mm);
+            let range = cutoff_mm + level.cutoff_mm + extra * cutoff_mm.min(level.cutoff_mm);
             let low: [i32; 3] = std::array::from_fn(|a| floor((center[a] - range) * level.per_edge[a]));
             let high: [i32; 3] = std::array::from_fn(|a| floor((center[a] + range) * level.per_edge[a]));
             if PERIODIC {
@@ -150,9 +151,9 @@ impl Grid {
     }
 
     /// Asks the memory for the cells that a visit at home will look into.
-    pub(crate) fn ask(&self, center: [f64; 3], outer_mm: f64) {
+    pub(crate) fn ask(&self, center: [f64; 3], cutoff_mm: f64) {
         for level in self.levels.iter().filter(|level| level.grains > 0) {
-            let range = outer_mm + level.outer_mm;
+            let range = cutoff_mm + level.cutoff_mm;
             let at = |a: usize, x: f64| ((x * level.per_edge[a]) as i32).clamp(0, level.cells[a] - 1);
             let low: [i32; 3] = std::array::from_fn(|a| at(a, center[a] - range));
             let high: [i32; 3] = std::array::from_fn(|a| at(a, center[a] + range));
@@ -187,10 +188,10 @@ impl Grid {
         batch.flush();
     }
 
-    /// Levels as coarse as or coarser than that of an outer radius.
+    /// Levels as coarse as or coarser than that of an cutoff.
     #[inline(always)]
-    pub(crate) fn coarser(&self, outer_mm: f64) -> std::ops::Range<usize> {
-        0..self.level_of(outer_mm) + 1
+    pub(crate) fn coarser(&self, cutoff_mm: f64) -> std::ops::Range<usize> {
+        0..self.level_of(cutoff_mm) + 1
     }
 
     /// All levels.
@@ -199,10 +200,10 @@ impl Grid {
         0..self.levels.len()
     }
 
-    /// Whether two outer radii belong to the same level.
+    /// Whether two cutoffs belong to the same level.
     #[inline(always)]
-    pub(crate) fn same_level(&self, outer_a: f64, outer_b: f64) -> bool {
-        self.level_of(outer_a) == self.level_of(outer_b)
+    pub(crate) fn same_level(&self, cutoff_a: f64, cutoff_b: f64) -> bool {
+        self.level_of(cutoff_a) == self.level_of(cutoff_b)
     }
 }
 

@@ -1,8 +1,7 @@
-//! How contact distances grow: the one law that all targets come down to.
+//! How contact distances grow in one compression cycle.
 //!
-//! A grain has a contact radius `r`, its radius with its share of the distance rule. Over an epoch
-//! it grows as `r (1 + alpha t) + beta t`: relative growth moves `alpha`, equal absolute growth
-//! `beta`. It knows radii and times; it must never know why grains grow.
+//! A grain has a contact radius `r`, its radius with its share of the distance rule. Over a cycle it grows as `r (1 +
+//! alpha t) + beta t`: isotropic scaling uses `alpha`, uniform growth of all radii `beta`.
 
 /// The growth of one epoch, times counted from its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,8 +1,7 @@
-//! Distance rules as contact radii: what grains are enlarged by while they grow.
+//! Growth protocols: distance rules as contact radii, and what grows towards them.
 //!
-//! A prescribed target grows everything by one scale, distances included, so that at scale 1 every
-//! pair and every wall keeps exactly what its rule asks for; the largest distance grows all radii by
-//! the same length. It knows rules; it must never know positions.
+//! A prescribed target grows everything by one scale, gaps included, so that at scale 1 every pair and every wall
+//! keeps exactly what its rule asks for; the largest distance grows all radii by the same length.
 
 use super::growth::Growth;
 use super::tolerances::BEYOND_TARGET;

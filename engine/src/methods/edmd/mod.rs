@@ -1,13 +1,14 @@
-//! Event-driven molecular dynamics of growing grains (`engine.md` section 5; `docs/edmd.md` explains
-//! the algorithm as built).
+//! Event-driven molecular dynamics (EDMD) of growing grains (Lubachevsky and Stillinger 1990, DOI 10.1007/BF01025983;
+//! for concrete: Titscher and Unger 2015; `docs/edmd.md` explains the algorithm as built).
 //!
-//! Grains move on straight lines, collide elastically and grow, until they have the size and
-//! distance asked for or can grow no further. From the inside out: `contact` has the closed forms,
-//! `growth` how contact distances change in an epoch, `container` the walls, `grid`, `system` and
-//! `queue` find and order what can happen, `events` makes it happen, `swap` exchanges grains between
-//! epochs, `pace` decides how fast to grow, `law` what a distance rule grows, and `run` strings
-//! epochs together. It knows diameters, a specimen and a distance rule; it must never know where
-//! they come from.
+//! Grains move on straight lines, collide elastically and grow, until they have the size and gaps that are asked for
+//! or can grow no further. Near-neighbour lists bound the pairs that are looked at (Donev, Torquato and Stillinger
+//! 2005, DOI 10.1016/j.jcp.2004.08.014).
+//!
+//! From the inside out: `contact` has the closed forms, `growth` how contact distances change in a compression cycle,
+//! `container` the walls, `grid`, `system` and `queue` find and order what can happen, `events` makes it happen,
+//! `swap` exchanges grains between cycles, `pace` decides how fast to grow, `law` what a distance rule grows, `run`
+//! strings cycles together, and `exact_fit` ends the growth of grains that fit exactly.
 
 // The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
 #![allow(clippy::inline_always)]

@@ -1,9 +1,9 @@
-//! The event queue: a window of time cut into bins, of which only the current one is sorted.
+//! The event queue: a calendar of bins in time, of which only the current one is sorted (Paul 2007, DOI
+//! 10.1016/j.jcp.2006.06.042).
 //!
-//! Pushing and popping cost O(1) whatever the number of events. Entries are never removed: one that
-//! no longer matches its grain's next event is dropped when it comes up. Ties in time are broken by
-//! the grain, so that the order of events does not depend on the order of pushes. It knows times and
-//! numbers; it must never know what an event is.
+//! Pushing and popping cost O(1) whatever the number of events. Entries are never removed: one that no longer matches
+//! its grain's next event is dropped when it comes up. Ties in time are broken by the grain, so that the order of
+//! events does not depend on the order of pushes.
 
 use crate::cpu::prefetch;
 

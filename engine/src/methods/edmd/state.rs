@@ -1,7 +1,6 @@
-//! The body of a checkpoint: a run between two epochs, as bytes.
+//! The encoding of a checkpoint's body: numbers as little-endian bytes, counts before what they count.
 //!
-//! Everything that the run after it depends on is here to the last bit, so that it goes on as if it
-//! had never stopped. Numbers are little-endian; counts come before what they count.
+//! Every number is kept to the last bit, so that the run goes on as if it had never stopped.
 
 use std::io::{self, Read, Write};
 

@@ -1,9 +1,9 @@
-//! Exchange of grains of similar size between two epochs.
+//! Monte Carlo swap moves of grains of similar size between two compression cycles (Berthier, Coslovich, Ninarello and
+//! Ozawa 2016, DOI 10.1103/PhysRevLett.116.238002).
 //!
-//! A packing only needs each diameter somewhere. Two grains may therefore change places whenever
-//! the larger fits where the smaller was; velocities, masses and diameters go with the grains, so
-//! momentum and energy stay what they were. Near jamming, where grains hardly move, this is what
-//! still lets sizes and voids find each other (swap Monte Carlo; Berthier and others 2016).
+//! A packing only needs each diameter somewhere. Two grains may therefore change positions whenever the larger fits
+//! where the smaller was; velocities, masses and diameters go with the grains, so momentum and energy stay what they
+//! were. Near jamming, where grains hardly move, this is what still lets sizes and voids find each other.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -11,12 +11,12 @@ use super::system::{System, unpack};
 use crate::rng::uniform;
 use crate::segregation::Preference;
 
-/// Share of accepted exchanges that the window of sizes is steered to.
+/// Share of accepted swaps that the window of sizes is steered to.
 const ACCEPTED_AIM: f64 = 0.3;
 const LEAST_WINDOW: f64 = 1e-7;
 const MOST_WINDOW: f64 = 0.3;
 
-/// What an exchange needs to know beside the grains.
+/// What an swap needs to know beside the grains.
 #[derive(Clone, Debug)]
 pub(crate) struct Swaps {
     /// Where the grain of each rank is.
@@ -34,8 +34,8 @@ impl Swaps {
         Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
     }
 
-    /// Tries so many exchanges in a system whose lists were just renewed. `sizes` are contact radii
-    /// by rank, falling, in any unit. With a preference exchanges are as Metropolis and others (1953) have it: those
+    /// Tries so many swaps in a system whose lists were just rebuilt. `sizes` are contact radii
+    /// by rank, falling, in any unit. With a preference swaps are as Metropolis and others (1953) have it: those
     /// that go against it happen the more rarely the more they do, so that the gradient is kept and not levelled.
     pub(crate) fn sweep(
         &mut self,
@@ -98,9 +98,9 @@ impl Swaps {
             let (i, j) = (self.site[larger] as usize, self.site[smaller] as usize);
             let places = [system.hot[i].position, system.hot[j].position];
             let wanted = preference.is_none_or(|preference| {
-                uniform(rng).ln() <= preference.gain_of_exchange([larger, smaller], places)
+                uniform(rng).ln() <= preference.log_acceptance_ratio([larger, smaller], places)
             });
-            if wanted && exchange(system, i, j) {
+            if wanted && swap(system, i, j) {
                 self.site.swap(larger, smaller);
                 accepted += 1;
             }
@@ -109,13 +109,13 @@ impl Swaps {
     }
 }
 
-/// Tries to exchange a grain for a smaller one anywhere, so that it gets free; says whether it is.
-pub(crate) fn free(system: &mut System, grain: usize, tries: u64, rng: &mut Xoshiro256PlusPlus) -> bool {
+/// Tries to swap a grain for a smaller one anywhere, so that it gets free; says whether it is.
+pub(crate) fn unjam(system: &mut System, grain: usize, tries: u64, rng: &mut Xoshiro256PlusPlus) -> bool {
     let n = system.len();
     let radius = system.hot[grain].radius;
     for _ in 0..tries {
         let other = (uniform(rng) * n as f64) as usize;
-        if system.hot[other].radius < radius && exchange(system, grain, other) {
+        if system.hot[other].radius < radius && swap(system, grain, other) {
             return true;
         }
     }
@@ -124,13 +124,13 @@ pub(crate) fn free(system: &mut System, grain: usize, tries: u64, rng: &mut Xosh
 
 /// Lets grain `i` and the smaller `j` change places if `i` fits.
 #[inline(always)]
-fn exchange(system: &mut System, i: usize, j: usize) -> bool {
+fn swap(system: &mut System, i: usize, j: usize) -> bool {
     let (large, small) = (system.hot[i].radius, system.hot[j].radius);
     let more = system.growth.radius(large, system.end) - system.growth.radius(small, system.end);
     // The list at j was made for the smaller grain: what the larger one needs more is taken from
-    // the free movement.
+    // the skin.
     let needed = more * (1.0 + system.growth.kappa) * system.growth.wall_factor.max(1.0);
-    if needed > 0.5 * system.cold[j].reach {
+    if needed > 0.5 * system.cold[j].skin {
         return false;
     }
     let position = system.hot[j].position;
@@ -166,8 +166,8 @@ fn exchange(system: &mut System, i: usize, j: usize) -> bool {
     (system.hot[i].velocity, system.hot[j].velocity) = (v_j, v_i);
     system.mass.swap(i, j);
     system.rank.swap(i, j);
-    system.cold[j].reach -= needed;
+    system.cold[j].skin -= needed;
     // And the list at i was made for a larger grain.
-    system.cold[i].reach += more * system.growth.wall_factor.min(1.0);
+    system.cold[i].skin += more * system.growth.wall_factor.min(1.0);
     true
 }

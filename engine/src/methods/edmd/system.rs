@@ -1,9 +1,9 @@
-//! Grains in motion within one epoch: their records, their neighbour lists and how both are renewed.
+//! Grains in motion within one compression cycle: their records, their near-neighbour lists, and the rebuilds of both.
 //!
-//! Every grain lives in a sphere of free movement around its list centre. Two grains whose spheres,
-//! enlarged by their contact radii at the end of the epoch, do not overlap can't meet; all others
-//! stand in each other's lists. A grain that leaves its sphere gets a new one and a new list. This
-//! module knows where grains are; when they meet is `events`' business.
+//! Every grain lives in its NNL sphere, whose radius is its skin (Donev, Torquato and Stillinger 2005, DOI
+//! 10.1016/j.jcp.2004.08.014). Two grains whose NNL spheres, enlarged by their contact radii at the end of the cycle
+//! to their cutoffs, do not overlap cannot meet; all others stand in each other's lists. A grain that leaves its NNL
+//! sphere gets a new one and a new list.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -21,14 +21,14 @@ const GRAIN_MASK: u32 = (1 << GRAIN_BITS) - 1;
 pub(crate) const MAX_GRAINS: usize = (1 << GRAIN_BITS) - 16;
 
 /// Reach of a grain that has no history, in contact radii.
-const FIRST_REACH: f64 = 0.3;
-/// Bounds of the reach in contact radii.
-const LEAST_REACH: f64 = 0.04;
-const MOST_REACH: f64 = 2.0;
-/// Renewals per collision in an epoch above which a grain gets more reach, and below which it gets
-/// less: a renewal costs about as much as ten collisions save by shorter lists.
-const MANY_RENEWALS: f64 = 0.10;
-const FEW_RENEWALS: f64 = 0.04;
+const FIRST_SKIN: f64 = 0.3;
+/// Bounds of the skin in contact radii.
+const LEAST_SKIN: f64 = 0.04;
+const MOST_SKIN: f64 = 2.0;
+/// Rebuilds per collision in an epoch above which a grain gets more skin, and below which it gets
+/// less: a rebuild costs about as much as ten collisions save by shorter lists.
+const MANY_REBUILDS: f64 = 0.10;
+const FEW_REBUILDS: f64 = 0.04;
 const MORE: f64 = 1.15;
 const LESS: f64 = 0.87;
 /// Cache lines of a list that are asked for ahead.
@@ -81,12 +81,12 @@ impl Hot {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(64))]
 pub(crate) struct Cold {
-    /// Centre of the sphere of free movement, in mm.
+    /// Centre of the NNL sphere, in mm.
     pub(crate) center: [f64; 3],
     /// Its radius in mm.
-    pub(crate) reach: f64,
+    pub(crate) skin: f64,
     /// That and the contact radius at the end of the epoch, in mm.
-    pub(crate) outer: f64,
+    pub(crate) cutoff: f64,
     offset: u32,
     len: u32,
     capacity: u32,
@@ -95,19 +95,19 @@ pub(crate) struct Cold {
     pub(crate) walls: u32,
     /// Collisions in the epoch.
     pub(crate) collisions: u16,
-    /// Renewals in the epoch.
-    pub(crate) renewals: u16,
+    /// Rebuilds in the epoch.
+    pub(crate) rebuilds: u16,
 }
 
 impl Cold {
-    /// Trades the length of the list against the number of its renewals.
+    /// Trades the length of the list against the number of its rebuilds.
     #[inline(always)]
-    fn adapt_reach(&mut self) {
-        let (renewals, collisions) = (f64::from(self.renewals), f64::from(self.collisions));
-        if renewals > MANY_RENEWALS * (collisions + 2.0) {
-            self.reach *= MORE;
-        } else if renewals < FEW_RENEWALS * (collisions + 2.0) && collisions > 0.0 {
-            self.reach *= LESS;
+    fn adapt_skin(&mut self) {
+        let (rebuilds, collisions) = (f64::from(self.rebuilds), f64::from(self.collisions));
+        if rebuilds > MANY_REBUILDS * (collisions + 2.0) {
+            self.skin *= MORE;
+        } else if rebuilds < FEW_REBUILDS * (collisions + 2.0) && collisions > 0.0 {
+            self.skin *= LESS;
         }
     }
 }
@@ -151,8 +151,8 @@ pub(crate) struct System {
     /// Which diameter each grain has, counted from the largest.
     pub(crate) rank: Vec<u32>,
     pub(crate) growth: Growth,
-    /// Bound of the reach by which no search goes beyond the images there are, in mm.
-    most_reach: f64,
+    /// Bound of the skin by which no search goes beyond the images there are, in mm.
+    most_skin: f64,
     /// Length of the epoch in s.
     pub(crate) end: f64,
     pub(crate) shifts: Box<[[f64; 3]; IMAGES]>,
@@ -163,12 +163,12 @@ pub(crate) struct System {
     grid: Grid,
     slab: Vec<u32>,
     slab_at_start: usize,
-    /// Room for the candidates of a renewal.
+    /// Room for the candidates of a rebuild.
     found: Vec<u32>,
 }
 
 impl System {
-    /// Grains at rest with `reach_mm` 0, meaning none known yet; centres, contact radii and masses
+    /// Grains at rest with a skin of 0, meaning that none is known yet; centres, contact radii and masses
     /// in the order of the ranks.
     pub(crate) fn new(container: Container, centers: &[[f64; 3]], radii: &[f64], masses: &[f64]) -> Self {
         let hot = centers
@@ -185,7 +185,7 @@ impl System {
             next: Vec::new(),
             rank: (0..radii.len() as u32).collect(),
             growth: Growth::default(),
-            most_reach: f64::INFINITY,
+            most_skin: f64::INFINITY,
             end: 0.0,
             shifts: Box::new(container.shifts()),
             counts: Counts::default(),
@@ -228,14 +228,14 @@ impl System {
         }
     }
 
-    /// Asks the memory for what a renewal of a grain reads, whose list is there.
+    /// Asks the memory for what a rebuild of a grain reads, whose list is there.
     #[inline(never)]
-    pub(crate) fn prefetch_renewal(&self, grain: usize) {
+    pub(crate) fn prefetch_rebuild(&self, grain: usize) {
         for &entry in self.list(grain) {
             prefetch(&self.cold, unpack(entry).0);
         }
         let hot = &self.hot[grain];
-        self.grid.ask(hot.position_at(self.next[grain].time), self.cold[grain].outer);
+        self.grid.ask(hot.position_at(self.next[grain].time), self.cold[grain].cutoff);
     }
 
     /// Largest contact radius of the epoch.
@@ -249,33 +249,33 @@ impl System {
         self.slab.len() > 2 * self.slab_at_start + 4096
     }
 
-    /// Starts an epoch of `end` s with all times at 0: spheres of free movement around every grain,
+    /// Starts an epoch of `end` s with all times at 0: NNL spheres around every grain,
     /// and new lists.
-    pub(crate) fn renew_all(&mut self, growth: Growth, end: f64) {
+    pub(crate) fn rebuild_all_lists(&mut self, growth: Growth, end: f64) {
         self.growth = growth;
         self.end = end;
         self.virial = 0.0;
         if self.container.is_periodic() {
             // A contact distance is at most an edge; this leaves a search another one.
             let shortest = self.container.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
-            self.most_reach = shortest / 2.0 / (1.0 + growth.kappa);
+            self.most_skin = shortest / 2.0 / (1.0 + growth.kappa);
         }
         let n = self.len();
         for cold in &mut self.cold {
-            cold.adapt_reach();
-            (cold.collisions, cold.renewals) = (0, 0);
+            cold.adapt_skin();
+            (cold.collisions, cold.rebuilds) = (0, 0);
         }
         for i in 0..n {
             debug_assert_eq!(self.hot[i].time, 0.0);
             self.hot[i].position = self.container.wrap(self.hot[i].position);
             self.center_sphere(i);
         }
-        let least = self.cold.iter().map(|cold| cold.outer).fold(f64::INFINITY, f64::min);
+        let least = self.cold.iter().map(|cold| cold.cutoff).fold(f64::INFINITY, f64::min);
         let top = (0..n).map(|i| self.last_radius(i)).fold(0.0, f64::max) * 1.5;
-        let top = self.cold.iter().map(|cold| cold.outer).fold(top, f64::max);
+        let top = self.cold.iter().map(|cold| cold.cutoff).fold(top, f64::max);
         self.grid.reset(&self.container, n, least.max(1e-9 * top), top);
         for i in 0..n {
-            self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].outer);
+            self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].cutoff);
         }
         // Called as a closure that is inlined: what it inlines is compiled for the instruction set.
         let cpu = self.cpu;
@@ -292,28 +292,28 @@ impl System {
         }
     }
 
-    /// Puts the sphere of free movement of a grain around its position.
+    /// Puts the NNL sphere of a grain around its position.
     #[inline(always)]
     fn center_sphere(&mut self, i: usize) {
         let radius = self.last_radius(i);
         let (start, rate) = self.growth.wall(self.hot[i].radius);
         let contact = start + rate * self.end;
         let cold = &mut self.cold[i];
-        if cold.reach <= 0.0 {
-            cold.reach = FIRST_REACH * radius;
+        if cold.skin <= 0.0 {
+            cold.skin = FIRST_SKIN * radius;
         }
-        cold.reach = cold.reach.clamp(LEAST_REACH * radius, MOST_REACH * radius).min(self.most_reach);
-        cold.outer = radius + cold.reach;
+        cold.skin = cold.skin.clamp(LEAST_SKIN * radius, MOST_SKIN * radius).min(self.most_skin);
+        cold.cutoff = radius + cold.skin;
         cold.center = self.hot[i].position;
-        cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.reach);
+        cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.skin);
     }
 
     /// Whether two grains must know of each other, the second in some image.
     #[inline(always)]
     fn are_neighbours<const PERIODIC: bool>(&self, i: usize, j: usize, image: u32) -> bool {
         let (a, b) = (&self.cold[i], &self.cold[j]);
-        let smaller = (a.outer - a.reach).min(b.outer - b.reach);
-        let range = a.outer + b.outer + self.growth.kappa * smaller;
+        let smaller = (a.cutoff - a.skin).min(b.cutoff - b.skin);
+        let range = a.cutoff + b.cutoff + self.growth.kappa * smaller;
         let mut d: [f64; 3] = std::array::from_fn(|k| b.center[k] - a.center[k]);
         if PERIODIC {
             let shift = &self.shifts[image as usize];
@@ -330,20 +330,20 @@ impl System {
         let mut ends: Vec<u32> = Vec::with_capacity(n);
         let mut degree = vec![0_u32; n];
         for i in 0..n {
-            let outer = self.cold[i].outer;
+            let cutoff = self.cold[i].cutoff;
             let from = half.len();
             let center = self.cold[i].center;
             self.grid.visit::<PERIODIC>(
                 center,
-                outer,
+                cutoff,
                 self.growth.kappa,
-                self.grid.coarser(outer),
+                self.grid.coarser(cutoff),
                 |j, image| {
                     let j_index = j as usize;
                     if j_index == i {
                         return;
                     }
-                    if j_index > i && self.grid.same_level(self.cold[j_index].outer, outer) {
+                    if j_index > i && self.grid.same_level(self.cold[j_index].cutoff, cutoff) {
                         return;
                     }
                     if self.are_neighbours::<PERIODIC>(i, j_index, image) {
@@ -405,18 +405,18 @@ impl System {
         }
     }
 
-    /// Gives a grain whose record stands at the present a new sphere of free movement and new
+    /// Gives a grain whose record stands at the present a new NNL sphere and new
     /// neighbours.
     #[inline(never)]
-    pub(crate) fn renew<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S, i: usize) {
+    pub(crate) fn rebuild_list<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S, i: usize) {
         set.call(
             #[inline(always)]
-            || self.renew_inlined::<PERIODIC>(i),
+            || self.rebuild_list_inlined::<PERIODIC>(i),
         );
     }
 
     #[inline(always)]
-    fn renew_inlined<const PERIODIC: bool>(&mut self, i: usize) {
+    fn rebuild_list_inlined<const PERIODIC: bool>(&mut self, i: usize) {
         self.counts.list_rebuilds += 1;
         let (offset, len) = (self.cold[i].offset as usize, self.cold[i].len as usize);
         // Far apart in memory: asked for all at once, not one after the other.
@@ -435,19 +435,19 @@ impl System {
         if PERIODIC {
             self.hot[i].position = self.container.wrap(self.hot[i].position);
         }
-        self.cold[i].renewals = self.cold[i].renewals.saturating_add(1);
-        if self.cold[i].renewals > 2 {
-            self.cold[i].adapt_reach();
+        self.cold[i].rebuilds = self.cold[i].rebuilds.saturating_add(1);
+        if self.cold[i].rebuilds > 2 {
+            self.cold[i].adapt_skin();
         }
         let most = self.grid.top_mm() - self.last_radius(i);
-        self.cold[i].reach = self.cold[i].reach.min(most);
+        self.cold[i].skin = self.cold[i].skin.min(most);
         self.center_sphere(i);
-        let outer = self.cold[i].outer;
+        let cutoff = self.cold[i].cutoff;
         let center = self.cold[i].center;
-        self.cold[i].cell = self.grid.insert(i as u32, center, outer);
+        self.cold[i].cell = self.grid.insert(i as u32, center, cutoff);
         let mut found = std::mem::take(&mut self.found);
         found.clear();
-        self.grid.visit::<PERIODIC>(center, outer, self.growth.kappa, self.grid.all(), |j, image| {
+        self.grid.visit::<PERIODIC>(center, cutoff, self.growth.kappa, self.grid.all(), |j, image| {
             prefetch(&self.cold, j as usize);
             found.push(j | image << GRAIN_BITS);
         });

@@ -1,10 +1,11 @@
-//! A grid whose cells list every placed grain that can forbid a place inside them.
+//! A grid whose cells list every inserted grain that can exclude a point inside them.
 //!
-//! One look at one cell answers whether a point is free, whatever the mix of sizes: a large grain
-//! stands in the lists of all cells that its exclusion sphere touches. The lists are exact for the
-//! grains known when the grid was built and short chains for those placed since; the grid is
-//! rebuilt as grains get smaller. Cost per attempt therefore does not depend on the number of
-//! grains. Knows exclusion spheres only; it must never decide what to try next.
+//! One look at one cell answers whether a point is free, whatever the mix of sizes: a large grain stands in the lists
+//! of all cells that its exclusion sphere touches. The lists are exact for the grains known when the grid was built,
+//! and short chains for those inserted since; the grid is rebuilt as grains get smaller. The cost per attempt
+//! therefore does not depend on the number of grains.
+//!
+//! This hot grid is not the common one of `geometry`: its cells hold touched spheres, not centres.
 
 use super::End;
 use crate::memory::filled;
@@ -207,14 +208,14 @@ impl Cells {
     pub(super) fn blocking(&self, cell: usize, p: [f64; 3], part_mm: f64) -> Option<Placed> {
         for &entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
             let sphere = self.sphere(entry);
-            if holds(&sphere, p, part_mm) {
+            if covers(&sphere, p, part_mm) {
                 return Some(sphere);
             }
         }
         let mut at = self.heads[cell];
         while let Some(link) = self.links.get(at as usize) {
             let sphere = self.sphere(link.entry);
-            if holds(&sphere, p, part_mm) {
+            if covers(&sphere, p, part_mm) {
                 return Some(sphere);
             }
             at = link.next;
@@ -227,11 +228,13 @@ impl Cells {
     pub(super) fn gather_around(&self, cell: usize, p: [f64; 3], part_mm: f64, into: &mut Vec<Placed>) {
         into.clear();
         let known = &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize];
-        into.extend(known.iter().map(|&entry| self.sphere(entry)).filter(|sphere| holds(sphere, p, part_mm)));
+        into.extend(
+            known.iter().map(|&entry| self.sphere(entry)).filter(|sphere| covers(sphere, p, part_mm)),
+        );
         let mut at = self.heads[cell];
         while let Some(link) = self.links.get(at as usize) {
             let sphere = self.sphere(link.entry);
-            if holds(&sphere, p, part_mm) {
+            if covers(&sphere, p, part_mm) {
                 into.push(sphere);
             }
             at = link.next;
@@ -286,9 +289,9 @@ impl Cells {
     }
 }
 
-/// Whether an exclusion sphere holds a point, for a new grain with `part_mm`.
+/// Whether an exclusion sphere covers a point, for a new grain with `part_mm`.
 #[inline(always)]
-fn holds(sphere: &Placed, p: [f64; 3], part_mm: f64) -> bool {
+fn covers(sphere: &Placed, p: [f64; 3], part_mm: f64) -> bool {
     let [dx, dy, dz] = [p[0] - sphere[0], p[1] - sphere[1], p[2] - sphere[2]];
     let reach = sphere[3] + part_mm;
     dx * dx + dy * dy + dz * dz < reach * reach

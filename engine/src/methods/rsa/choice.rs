@@ -1,6 +1,4 @@
-//! The choice among several free places for one grain, by their weights.
-//!
-//! It knows weights alone; it must never know what they mean.
+//! The choice among several free positions of one grain, with probabilities proportional to their weights.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 

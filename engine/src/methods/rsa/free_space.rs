@@ -1,4 +1,4 @@
-//! What may be left of the free space: voxels that no single exclusion sphere holds.
+//! What may be left of the free space: voxels that no single exclusion sphere covers.
 //!
 //! A point drawn uniformly from the voxels, kept if it is free, is uniform in the free space, for
 //! the voxels always hold all of it. Failed draws shrink the voxels: one inside the sphere that
@@ -25,10 +25,10 @@ use crate::rng::uniform;
 const MAX_LEVEL: usize = 30;
 /// Points drawn ahead.
 const BATCH: usize = 16;
-/// Steps of grain size at which sleeping voxels wake.
-const BEDS: usize = 128;
+/// Steps of grain size at which deferred voxels activate.
+const SIZE_BINS: usize = 128;
 /// A sphere is said to hold a voxel with this relative margin, far above rounding.
-const HELD_MARGIN: f64 = 1.0 + 1.0e-12;
+const COVERED_MARGIN: f64 = 1.0 + 1.0e-12;
 
 /// A voxel of some level: its cell, and its place in the cell in units of its own edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -71,32 +71,32 @@ impl Batch {
     }
 }
 
-/// A voxel that some sphere or wall holds for all grains whose part is above `held_above`.
+/// A voxel that some sphere or wall holds for all grains whose part is above `covered_above`.
 #[derive(Clone, Copy, Debug)]
-struct Sleeper {
-    held_above: f64,
+struct Deferred {
+    covered_above: f64,
     level: u8,
     voxel: Voxel,
 }
 
-impl PartialEq for Sleeper {
+impl PartialEq for Deferred {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Sleeper {}
+impl Eq for Deferred {}
 
-impl PartialOrd for Sleeper {
+impl PartialOrd for Deferred {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl Ord for Sleeper {
+impl Ord for Deferred {
     fn cmp(&self, other: &Self) -> Ordering {
         let key = |s: &Self| (s.level, s.voxel.cell, s.voxel.at);
-        self.held_above.total_cmp(&other.held_above).then_with(|| key(self).cmp(&key(other)))
+        self.covered_above.total_cmp(&other.covered_above).then_with(|| key(self).cmp(&key(other)))
     }
 }
 
@@ -115,15 +115,15 @@ pub(super) struct Served<'a> {
 #[derive(Debug)]
 pub(super) struct FreeSpace<'a> {
     /// Voxels that may hold a place for the present grain, by level.
-    awake: Vec<Vec<Voxel>>,
-    /// Sleepers by the step of part in which they wake.
-    beds: Vec<Vec<Sleeper>>,
-    /// Beds before this one are empty: their sleepers are awake or about to wake.
-    bed: usize,
-    /// Sleepers of the beds already emptied.
-    light: BinaryHeap<Sleeper>,
-    /// Voxels held for parts of at least this are not awake.
-    now_mm: f64,
+    active: Vec<Vec<Voxel>>,
+    /// Deferred voxels by the step of part in which they activate.
+    size_bins: Vec<Vec<Deferred>>,
+    /// Beds before this one are empty: their deferred voxels are active or about to activate.
+    bin: usize,
+    /// Deferred voxels of the size_bins already emptied.
+    due: BinaryHeap<Deferred>,
+    /// Voxels covered for parts of at least this are not active.
+    threshold_mm: f64,
     served: Served<'a>,
     batch: Batch,
     /// Voxels tested against exclusion spheres.
@@ -144,11 +144,11 @@ impl<'a> FreeSpace<'a> {
             .map(|cell| Voxel { cell: cell as u32, at: [0; 3] })
             .collect();
         Self {
-            awake: vec![voxels],
-            beds: vec![Vec::new(); BEDS],
-            bed: 0,
-            light: BinaryHeap::new(),
-            now_mm: served.largest_part,
+            active: vec![voxels],
+            size_bins: vec![Vec::new(); SIZE_BINS],
+            bin: 0,
+            due: BinaryHeap::new(),
+            threshold_mm: served.largest_part,
             served,
             batch: Batch::empty(),
             tested: 0,
@@ -156,26 +156,26 @@ impl<'a> FreeSpace<'a> {
         }
     }
 
-    /// Wakes the voxels that may hold a place for a grain of `part_mm`; parts must not rise from
-    /// call to call. Unless `exactly`, the others of its bed wake with them, which spares most grains
+    /// Activates the voxels that may hold a place for a grain of `part_mm`; parts must not rise from
+    /// call to call. Unless `exactly`, the others of its bin activate with them, which spares most grains
     /// the loss of the points drawn ahead.
-    pub(super) fn wake(&mut self, part_mm: f64, exactly: bool) {
-        let bed = self.served.bed_of(part_mm);
-        while self.bed <= bed {
-            self.light.extend(std::mem::take(&mut self.beds[self.bed]));
-            self.bed += 1;
+    pub(super) fn activate(&mut self, part_mm: f64, exactly: bool) {
+        let bin = self.served.bin_of(part_mm);
+        while self.bin <= bin {
+            self.due.extend(std::mem::take(&mut self.size_bins[self.bin]));
+            self.bin += 1;
         }
-        self.now_mm = if exactly { part_mm } else { self.served.least_of(bed) };
-        while self.light.peek().is_some_and(|sleeper| sleeper.held_above >= self.now_mm) {
+        self.threshold_mm = if exactly { part_mm } else { self.served.least_of(bin) };
+        while self.due.peek().is_some_and(|deferred| deferred.covered_above >= self.threshold_mm) {
             // The points drawn ahead do not know this voxel.
             self.batch.next = BATCH;
-            if let Some(Sleeper { level, voxel, .. }) = self.light.pop() {
-                self.awake[usize::from(level)].push(voxel);
+            if let Some(Deferred { level, voxel, .. }) = self.due.pop() {
+                self.active[usize::from(level)].push(voxel);
             }
         }
     }
 
-    /// A uniform point of the voxels awake, or of those that were awake a few draws ago; `None`
+    /// A uniform point of the voxels active, or of those that were active a few draws ago; `None`
     /// when nothing was left.
     #[inline(always)]
     pub(super) fn draw(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<Draw> {
@@ -198,12 +198,12 @@ impl<'a> FreeSpace<'a> {
         let mut draws = [Draw::default(); BATCH];
         for draw in &mut draws {
             draw.level = self.draw_level(volume_cells, rng)?;
-            let voxels = self.awake[draw.level].len();
+            let voxels = self.active[draw.level].len();
             draw.index = ((u128::from(rng.next_u64()) * voxels as u128) >> 64) as usize;
             draw.point = std::array::from_fn(|_| uniform(rng));
         }
         for draw in &mut draws {
-            draw.voxel = self.awake[draw.level][draw.index];
+            draw.voxel = self.active[draw.level][draw.index];
         }
         for draw in &mut draws {
             let corner = cells.corner(draw.cell());
@@ -217,11 +217,11 @@ impl<'a> FreeSpace<'a> {
         Some(())
     }
 
-    /// Volume of the voxels awake, in units of a cell.
+    /// Volume of the voxels active, in units of a cell.
     #[inline(always)]
     fn volume_cells(&self) -> f64 {
         let mut volume = 0.0;
-        for level in self.awake.iter().rev() {
+        for level in self.active.iter().rev() {
             volume = volume / 8.0 + level.len() as f64;
         }
         volume
@@ -230,13 +230,13 @@ impl<'a> FreeSpace<'a> {
     /// A level with the probability of its share of the volume.
     #[inline(always)]
     fn draw_level(&self, volume_cells: f64, rng: &mut Xoshiro256PlusPlus) -> Option<usize> {
-        if let [only] = self.awake.as_slice() {
+        if let [only] = self.active.as_slice() {
             return (!only.is_empty()).then_some(0);
         }
         let mut left = uniform(rng) * volume_cells;
         let mut last = None;
         let mut weight = 1.0;
-        for (level, voxels) in self.awake.iter().enumerate() {
+        for (level, voxels) in self.active.iter().enumerate() {
             if !voxels.is_empty() {
                 last = Some(level);
                 left -= voxels.len() as f64 * weight;
@@ -249,17 +249,17 @@ impl<'a> FreeSpace<'a> {
         last
     }
 
-    /// Puts the voxel of a failed draw to sleep if `blocking` holds it whole; says whether it did.
+    /// Puts the voxel of a failed draw aside if `blocking` holds it whole; says whether it did.
     #[inline(always)]
-    pub(super) fn drop_if_held(&mut self, draw: &Draw, blocking: &Placed, cells: &Cells) -> bool {
+    pub(super) fn drop_if_covered(&mut self, draw: &Draw, blocking: &Placed, cells: &Cells) -> bool {
         let (center, half) = geometry(cells, draw.voxel, draw.level);
         self.tested += 1;
-        let held_above = held_above(blocking, center, half);
-        let held = held_above < self.now_mm;
-        if held && self.remove(draw) {
-            self.keep(draw.voxel, draw.level, held_above);
+        let covered_above = covered_above(blocking, center, half);
+        let covered = covered_above < self.threshold_mm;
+        if covered && self.remove(draw) {
+            self.keep(draw.voxel, draw.level, covered_above);
         }
-        held
+        covered
     }
 
     /// Splits the voxel of a failed draw.
@@ -275,7 +275,7 @@ impl<'a> FreeSpace<'a> {
     /// Takes out the voxel of a draw; says whether it was still there.
     #[inline(always)]
     fn remove(&mut self, draw: &Draw) -> bool {
-        let voxels = &mut self.awake[draw.level];
+        let voxels = &mut self.active[draw.level];
         let there = voxels.get(draw.index) == Some(&draw.voxel);
         if there {
             voxels.swap_remove(draw.index);
@@ -285,41 +285,41 @@ impl<'a> FreeSpace<'a> {
 
     #[inline(always)]
     fn split_voxel(&mut self, voxel: Voxel, level: usize, cells: &Cells) {
-        while self.awake.len() <= level + 1 {
-            self.awake.push(Vec::new());
+        while self.active.len() <= level + 1 {
+            self.active.push(Vec::new());
         }
         // All eight parts meet in the centre, so a sphere that holds one of them holds the centre.
         let (center, whole) = geometry(cells, voxel, level);
         let half = whole.map(|h| h / 2.0);
-        cells.gather_around(voxel.cell as usize, center, self.now_mm, &mut self.spheres);
-        let held_above = parts_held_above(&self.spheres, center, half);
+        cells.gather_around(voxel.cell as usize, center, self.threshold_mm, &mut self.spheres);
+        let covered_above = parts_covered_above(&self.spheres, center, half);
         self.tested += 8;
         let by_walls = !self.served.far_from_walls(center, whole);
-        for (part, &held_by_spheres) in held_above.iter().enumerate() {
+        for (part, &covered_by_spheres) in covered_above.iter().enumerate() {
             let bit = [part & 1, part >> 1 & 1, part >> 2];
             // Along an axis without extent both halves are the same place.
             if (0..3).any(|a| bit[a] == 1 && half[a] == 0.0) {
                 continue;
             }
-            let mut held_above = held_by_spheres;
+            let mut covered_above = covered_by_spheres;
             if by_walls {
                 let part_center = std::array::from_fn(|a| center[a] + (2.0 * bit[a] as f64 - 1.0) * half[a]);
-                held_above = held_above.min(self.served.outside_above(part_center, half));
+                covered_above = covered_above.min(self.served.outside_above(part_center, half));
             }
             let at = std::array::from_fn(|a| 2 * voxel.at[a] + bit[a] as u32);
-            self.keep(Voxel { cell: voxel.cell, at }, level + 1, held_above);
+            self.keep(Voxel { cell: voxel.cell, at }, level + 1, covered_above);
         }
     }
 
-    /// Keeps a voxel, awake or asleep, unless it is held for all grains to come.
+    /// Keeps a voxel, active or deferred, unless it is covered for all grains to come.
     #[inline(always)]
-    fn keep(&mut self, voxel: Voxel, level: usize, held_above: f64) {
-        if held_above >= self.now_mm {
-            self.awake[level].push(voxel);
-        } else if held_above >= self.served.least_part {
-            let sleeper = Sleeper { held_above, level: level as u8, voxel };
-            let bed = self.served.bed_of(held_above);
-            if bed < self.bed { self.light.push(sleeper) } else { self.beds[bed].push(sleeper) }
+    fn keep(&mut self, voxel: Voxel, level: usize, covered_above: f64) {
+        if covered_above >= self.threshold_mm {
+            self.active[level].push(voxel);
+        } else if covered_above >= self.served.least_part {
+            let deferred = Deferred { covered_above, level: level as u8, voxel };
+            let bin = self.served.bin_of(covered_above);
+            if bin < self.bin { self.due.push(deferred) } else { self.size_bins[bin].push(deferred) }
         }
     }
 }
@@ -327,16 +327,16 @@ impl<'a> FreeSpace<'a> {
 impl Served<'_> {
     /// The step in which a part lies: 0 for the largest. Parts outside the range count as its ends.
     #[inline(always)]
-    fn bed_of(&self, part_mm: f64) -> usize {
+    fn bin_of(&self, part_mm: f64) -> usize {
         let share = (self.largest_part - part_mm) / (self.largest_part - self.least_part);
         // A range of one part only has a share that is no number, which becomes 0.
-        ((share * BEDS as f64) as usize).min(BEDS - 1)
+        ((share * SIZE_BINS as f64) as usize).min(SIZE_BINS - 1)
     }
 
-    /// A part no larger than any in the bed.
-    fn least_of(&self, bed: usize) -> f64 {
-        let share = (bed + 1) as f64 / BEDS as f64;
-        (self.largest_part - share * (self.largest_part - self.least_part)) / HELD_MARGIN
+    /// A part no larger than any in the bin.
+    fn least_of(&self, bin: usize) -> f64 {
+        let share = (bin + 1) as f64 / SIZE_BINS as f64;
+        (self.largest_part - share * (self.largest_part - self.least_part)) / COVERED_MARGIN
     }
 
     /// Whether no grain served is kept out of a cuboid by walls.
@@ -347,7 +347,7 @@ impl Served<'_> {
 
     /// The part above which walls keep grains out of a whole cuboid.
     fn outside_above(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
-        let clearance = self.specimen.clearance_reaching_some(center, half) * HELD_MARGIN;
+        let clearance = self.specimen.clearance_reaching_some(center, half) * COVERED_MARGIN;
         if clearance >= self.largest_clearance {
             return f64::INFINITY;
         }
@@ -356,22 +356,22 @@ impl Served<'_> {
             return f64::NEG_INFINITY;
         }
         let share = (clearance - self.least_clearance) / range;
-        (self.least_part + share * (self.largest_part - self.least_part)) * HELD_MARGIN
+        (self.least_part + share * (self.largest_part - self.least_part)) * COVERED_MARGIN
     }
 }
 
-/// The part of the exclusion radius above which a sphere holds a whole cuboid.
+/// The part of the exclusion radius above which a sphere covers a whole cuboid.
 #[inline(always)]
-fn held_above(sphere: &Placed, center: [f64; 3], half: [f64; 3]) -> f64 {
+fn covered_above(sphere: &Placed, center: [f64; 3], half: [f64; 3]) -> f64 {
     let far = |a: usize| (center[a] - sphere[a]).abs() + half[a];
     let (x, y, z) = (far(0), far(1), far(2));
-    (x * x + y * y + z * z).sqrt() * HELD_MARGIN - sphere[3]
+    (x * x + y * y + z * z).sqrt() * COVERED_MARGIN - sphere[3]
 }
 
-/// [`held_above`] of the eight parts of a voxel, the least over all spheres. Along each axis a part
+/// [`covered_above`] of the eight parts of a voxel, the least over all spheres. Along each axis a part
 /// reaches from `center` to `2 half` on one side.
 #[inline(always)]
-fn parts_held_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> [f64; 8] {
+fn parts_covered_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> [f64; 8] {
     let mut least = [f64::INFINITY; 8];
     for sphere in spheres {
         let far2 = |a: usize| {
@@ -381,7 +381,7 @@ fn parts_held_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> [f6
         let (x, y, z) = (far2(0), far2(1), far2(2));
         let distance2: [f64; 8] = std::array::from_fn(|part| x[part & 1] + y[part >> 1 & 1] + z[part >> 2]);
         for (least, distance2) in least.iter_mut().zip(distance2) {
-            *least = least.min(distance2.sqrt() * HELD_MARGIN - sphere[3]);
+            *least = least.min(distance2.sqrt() * COVERED_MARGIN - sphere[3]);
         }
     }
     least

@@ -1,9 +1,14 @@
-//! Random sequential addition, largest grain first (`engine.md` section 4).
+//! Random sequential addition (RSA), largest grain first.
 //!
-//! Two modules do the work: `cells` answers whether a point is free, `free_space` knows where
-//! free points can still be. This one drives them: it cuts the grains into segments of similar
-//! size, each with a grid of its own, and finds a place for one grain after the other. It knows
-//! diameters, a specimen and a distance rule; it must never know where they come from.
+//! A grain is inserted at a uniform random point of the free space: where its sphere lies inside the specimen and
+//! keeps its gap from all grains inserted before. Every distance rule is an exclusion radius `R = a r_j + b` of the
+//! new grain around a grain of radius `r_j` ([`crate::distance::Exclusion`]), because the new grain is the smaller
+//! one.
+//!
+//! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and
+//! proves saturation when none is left (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
+//! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes). This module drives both: it cuts
+//! the grains into segments of similar size, each with a grid of its own.
 
 // Forced inlining carries the instruction set of the search to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]
@@ -39,7 +44,7 @@ const SEGMENT_GROWTH: f64 = 2.0;
 const CELL_EDGE: f64 = 1.5;
 /// Failed draws for one grain before voxels are split.
 const SPLIT_AFTER: u64 = 100;
-/// Failed draws for one grain after which voxels wake for each grain exactly, to the end of the
+/// Failed draws for one grain after which voxels activate for each grain exactly, to the end of the
 /// segment.
 const EXACT_AFTER: u64 = 1000;
 /// Relative margin on exclusion radii, so that the check, which rounds differently, never sees a
@@ -254,7 +259,7 @@ impl Run<'_> {
                 limit: rsa.attempts_per_grain,
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
             };
-            free.wake(search.part, exactly);
+            free.activate(search.part, exactly);
             let cpu = self.cpu;
             let found = cpu.call(
                 #[inline(always)]
@@ -294,7 +299,7 @@ impl Run<'_> {
     ) -> Found {
         loop {
             if search.failed == EXACT_AFTER {
-                free.wake(search.part, true);
+                free.activate(search.part, true);
             }
             match self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng) {
                 Found::NotYet => {}
@@ -371,7 +376,7 @@ impl Run<'_> {
         if inside {
             match cells.blocking(draw.cell(), draw.point, search.part) {
                 None => return Found::Place(draw),
-                Some(sphere) if free.drop_if_held(&draw, &sphere, cells) => {}
+                Some(sphere) if free.drop_if_covered(&draw, &sphere, cells) => {}
                 Some(_) if split => free.split(&draw, cells),
                 Some(_) => {}
             }

@@ -1,6 +1,4 @@
-//! A run between two epochs as the body of a checkpoint.
-//!
-//! It knows every number that an epoch depends on; it must never know where a body is kept.
+//! A run between two compression cycles as the body of a checkpoint: every number that the next cycle depends on.
 
 use std::io::{self, Write};
 
@@ -56,8 +54,8 @@ impl Run {
             out.f64s(hot.iter().map(|hot| hot.position[a]))?;
             out.f64s(hot.iter().map(|hot| hot.velocity[a]))?;
         }
-        out.f64s(self.system.cold.iter().map(|cold| cold.reach))?;
-        let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.renewals) << 16;
+        out.f64s(self.system.cold.iter().map(|cold| cold.skin))?;
+        let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.rebuilds) << 16;
         out.u32s(self.system.cold.iter().map(met))?;
         out.u32s(self.system.rank.iter().copied())?;
         out.u64(self.curve.len() as u64)?;
@@ -121,7 +119,7 @@ impl Run {
                 hot.velocity[a] = velocities[i];
             }
         }
-        let reach = same(input.f64s()?)?;
+        let skin = same(input.f64s()?)?;
         let collisions = input.u32s()?;
         let rank = input.u32s()?;
         let mut seen = vec![false; n];
@@ -135,8 +133,8 @@ impl Run {
         }
         let masses = frame.masses();
         for (i, cold) in run.system.cold.iter_mut().enumerate() {
-            cold.reach = reach[i];
-            (cold.collisions, cold.renewals) = (collisions[i] as u16, (collisions[i] >> 16) as u16);
+            cold.skin = skin[i];
+            (cold.collisions, cold.rebuilds) = (collisions[i] as u16, (collisions[i] >> 16) as u16);
         }
         run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
         run.system.rank = rank;
@@ -173,6 +171,6 @@ impl Run {
             && near(self.energy, energy_at_start, 1e-9)
             && near(self.system.energy(), self.energy, 2.0 * ENERGY_DRIFT)
             && self.system.hot.iter().all(|hot| inside(&hot.position))
-            && self.system.cold.iter().all(|cold| (0.0..=longest).contains(&cold.reach))
+            && self.system.cold.iter().all(|cold| (0.0..=longest).contains(&cold.skin))
     }
 }

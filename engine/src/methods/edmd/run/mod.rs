@@ -1,8 +1,9 @@
-//! One run from the first epoch to the last: growth, pressure, exchanges, limits, checkpoints.
+//! One run from the first compression cycle to the last: growth, pressure, swaps, limits, checkpoints.
 //!
-//! Between two epochs all grains stand at the same time and the run is a handful of numbers and
-//! columns; a checkpoint holds them, and an epoch depends on nothing else. It knows grains, a law of
-//! growth and limits; it must never know files or clocks other than to obey a limit of time.
+//! Between two cycles all grains stand at the same time and the run is a handful of numbers and columns; a checkpoint
+//! holds them, and a cycle depends on nothing else. The pressure of a cycle is the compressibility factor `Z = 1 + W /
+//! (2 E t)` with the sum `W` of impulse times contact distance, the kinetic energy `E` and the time `t` (Lubachevsky
+//! and Stillinger 1990, DOI 10.1007/BF01025983).
 
 mod body;
 mod forecast;
@@ -14,7 +15,7 @@ use std::time::Instant;
 use super::container::Container;
 use super::law::Law;
 use super::pace::{LOOSE_PACE, Pace, room};
-use super::swap::{Swaps, free};
+use super::swap::{Swaps, unjam};
 use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
 use crate::checkpoint::Checkpoint;
@@ -34,10 +35,10 @@ pub(crate) const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
 const LEAST_EPOCH_GRAINS: u64 = 100;
 /// Largest relative growth in an epoch.
 const EPOCH_GROWTH: f64 = 0.01;
-/// Exchanges tried per grain in an epoch.
-const EXCHANGES_PER_GRAIN: f64 = 10.0;
-/// Relative difference of sizes that exchanges start with.
-const FIRST_EXCHANGE_WINDOW: f64 = 0.05;
+/// Swaps tried per grain in an epoch.
+const SWAPS_PER_GRAIN: f64 = 10.0;
+/// Relative difference of sizes that swaps start with.
+const FIRST_SWAP_WINDOW: f64 = 0.05;
 /// Energy may drift by this share before velocities are rescaled.
 const ENERGY_DRIFT: f64 = 0.01;
 /// Events between two looks at the control.
@@ -47,17 +48,17 @@ const EPOCHS_PER_SORT: u64 = 16;
 const LEAST_SORTED: usize = 20_000;
 /// Most points of the curve; when it is full every other one goes.
 const CURVE_POINTS: usize = 500;
-/// A grain with more than this share of an epoch's collisions is stuck.
-const STUCK_SHARE: f64 = 0.25;
+/// A grain with more than this share of an epoch's collisions is pinned.
+const PINNED_SHARE: f64 = 0.25;
 /// Fewer grains than this are few enough for any to have that share.
-const STUCK_AMONG: usize = 50;
+const PINNED_AMONG: usize = 50;
 /// Simulated time per event and grain below which growth to a target, or to the largest distance, has
 /// stalled, over the time in which a grain passes its own radius. At radii of 1.3 mm and 0.5 mm/s that
-/// is 1e-6 s and 1e-8 s (`engine.md` section 5).
+/// is 1e-6 s and 1e-8 s.
 const TARGET_STALL: f64 = 2e-7;
 const DISTANCE_STALL: f64 = 2e-9;
-/// Exchanges tried to free a stuck grain.
-const FREEING_TRIES: u64 = 10_000;
+/// Swaps tried to free a pinned grain.
+const UNJAM_TRIES: u64 = 10_000;
 
 /// What grows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +86,7 @@ pub(crate) struct Frame<'a> {
     /// Events per grain that growth to the target is expected to take; progress is predicted from it.
     pub(crate) expected_events_per_grain: f64,
     pub(crate) moments: Moments,
-    /// The gradient that exchanges keep to.
+    /// The gradient that swaps keep to.
     pub(crate) preference: Option<Preference>,
     /// Since the run, or its part after a checkpoint, began.
     pub(crate) started: Instant,
@@ -185,7 +186,7 @@ impl Run {
             pressure: 1.0,
             events_per_time,
             energy,
-            swaps: Swaps::new(FIRST_EXCHANGE_WINDOW),
+            swaps: Swaps::new(FIRST_SWAP_WINDOW),
             compression_cycles: 0,
             rescalings: 0,
             pinned_grains: 0,
@@ -259,15 +260,15 @@ impl Run {
         };
         let most = if self.stage == Stage::Scale { EPOCH_GROWTH } else { EPOCH_GROWTH * mean };
         let end = left.min(most) / rate;
-        let stuck = self.stuck_grain();
-        self.system.renew_all(growth, end);
+        let pinned = self.pinned_grain();
+        self.system.rebuild_all_lists(growth, end);
         let mut rng = epoch_stream(frame.request.seed, self.compression_cycles);
-        if let Some(grain) = stuck {
+        if let Some(grain) = pinned {
             self.pinned_grains += 1;
-            free(&mut self.system, grain, FREEING_TRIES, &mut rng);
+            unjam(&mut self.system, grain, UNJAM_TRIES, &mut rng);
         }
         if frame.options.swap != Some(false) {
-            let tries = (EXCHANGES_PER_GRAIN * n as f64) as u64;
+            let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
             self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng);
         }
         self.system.predict_all(self.events_per_time);
@@ -337,13 +338,13 @@ impl Run {
 
     /// The grain that took part in most collisions of the last epoch, if that is too many: it is caught
     /// between others, which push it back and forth while the rest stands still.
-    fn stuck_grain(&self) -> Option<usize> {
+    fn pinned_grain(&self) -> Option<usize> {
         let collisions = |grain: &usize| u64::from(self.system.cold[*grain].collisions);
         let all: u64 = (0..self.system.len()).map(|grain| collisions(&grain)).sum();
         let most = (0..self.system.len()).max_by_key(collisions)?;
-        let stuck =
-            self.system.len() >= STUCK_AMONG && collisions(&most) as f64 > STUCK_SHARE * all as f64 / 2.0;
-        stuck.then_some(most)
+        let pinned =
+            self.system.len() >= PINNED_AMONG && collisions(&most) as f64 > PINNED_SHARE * all as f64 / 2.0;
+        pinned.then_some(most)
     }
 
     pub(crate) fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {

@@ -76,7 +76,7 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
         body[at..at + bytes.len()].copy_from_slice(bytes);
         body
     };
-    // Three pairs of columns of positions and velocities, reach, and then two of four bytes each.
+    // Three pairs of columns of positions and velocities, skin, and then two of four bytes each.
     let ranks = column(7) + 8 + 4 * grains + 8;
     let mut longer = body.clone();
     longer.extend([0; 8]);
@@ -96,7 +96,7 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
         ("a grain nowhere", with(column(0) + 8, &f64::NAN.to_le_bytes())),
         ("a grain far away", with(column(0) + 8, &1e6_f64.to_le_bytes())),
         ("a grain too fast", with(column(1) + 8, &1e200_f64.to_le_bytes())),
-        ("a reach below nothing", with(column(6) + 8, &(-1_f64).to_le_bytes())),
+        ("a skin below nothing", with(column(6) + 8, &(-1_f64).to_le_bytes())),
     ];
     for (what, body) in broken {
         let anew = gone_on_from(body);

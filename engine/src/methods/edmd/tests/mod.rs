@@ -40,7 +40,7 @@ impl Scene {
         for (hot, grain) in system.hot.iter_mut().zip(grains) {
             hot.velocity = grain.velocity;
         }
-        system.renew_all(growth, end_s);
+        system.rebuild_all_lists(growth, end_s);
         system.predict_all(1.0);
         Self { system }
     }

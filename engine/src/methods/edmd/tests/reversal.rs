@@ -39,7 +39,7 @@ const NO_GROWTH: Growth =
 
 /// One epoch of at most so much time and so many events; how long it was.
 fn epoch(system: &mut System, time_s: f64, most: u64) -> f64 {
-    system.renew_all(NO_GROWTH, time_s);
+    system.rebuild_all_lists(NO_GROWTH, time_s);
     system.predict_all(1e5);
     let reached = system.run(most, u64::MAX);
     system.synchronise(reached);

@@ -370,14 +370,14 @@ proptest! {
     }
 
     #[test]
-    fn the_sphere_of_free_movement_is_left_in_time(way in anywhere(1.0), v in anywhere(1.0), reach in 1.8..3.0_f64) {
-        let (a, b, c) = (dot(v, v), dot(way, v), dot(way, way) - reach * reach);
+    fn the_sphere_of_free_movement_is_left_in_time(way in anywhere(1.0), v in anywhere(1.0), skin in 1.8..3.0_f64) {
+        let (a, b, c) = (dot(v, v), dot(way, v), dot(way, way) - skin * skin);
         let computed = rises_to_zero(a, b, c);
         let (way, v) = (vector(way), vector(v));
         let exact = Parabola {
             a: -double::dot(v, v),
             b: -double::dot(way, v),
-            c: Double::from(reach) * reach.into() - double::dot(way, way),
+            c: Double::from(skin) * skin.into() - double::dot(way, way),
         };
         let first = exact.falls_to_zero().unwrap();
         let error = f64::from((first - computed.into()).abs() / first);
