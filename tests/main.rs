@@ -25,6 +25,7 @@ mod data_dir;
 mod determinism;
 mod events;
 mod exports;
+mod faults;
 mod formats;
 mod gradient;
 mod growth;

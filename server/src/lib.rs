@@ -9,6 +9,7 @@ mod artifacts;
 mod checkpoints;
 mod cli;
 mod config;
+mod disk;
 mod exports;
 mod hex;
 mod http;

@@ -86,6 +86,8 @@ kinds! {
         "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
     FormatNotReady "format-not-ready" 404 "The format is being made"
         "What was asked for takes longer to make than an answer is held back; it goes on being made. Ask again after `Retry-After`, or ask for it at `/v1/jobs/{id}/exports`, where its progress can be followed."
+    InsufficientStorage "insufficient-storage" 507 "No space is left"
+        "The disk of the server, or a quota, has no space for what this needs; `detail` has the figures. Delete jobs, studies or exports, or ask again after `Retry-After`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     InternalError "internal-error" 500 "Internal error"

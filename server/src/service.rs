@@ -11,12 +11,13 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
-use tokio::time::timeout;
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
 use crate::http::auth::{ApiKeys, KeysError};
 use crate::http::{self, App};
@@ -28,9 +29,12 @@ use crate::metrics::Metrics;
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
 const LEASE: Duration = Duration::from_mins(1);
-/// Time that running jobs may take to go back to the queue, beyond that of the last requests: with
-/// those it stays below the ten seconds that init systems and container engines grant.
-const STOP_RUNS: Duration = Duration::from_secs(3);
+/// Time that running jobs may take to keep a last checkpoint (5 s) and to go back to the queue. It stays below the ten
+/// seconds that init systems and container engines grant.
+const STOP_RUNS: Duration = Duration::from_secs(8);
+
+/// Time between two looks at the reserve of disk space.
+const RESERVE_EVERY: Duration = Duration::from_secs(1);
 
 /// Why the service does not start.
 #[derive(Debug, thiserror::Error)]
@@ -91,8 +95,9 @@ impl Service {
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
+        let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes);
         let store = Store::open(&options.data_dir.join("packstone.sqlite"), limits).await?;
-        let recovered = store.recover().await?;
+        let recovered = store.recover(checkpoints.kept().map_err(data_dir)?).await?;
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
@@ -103,7 +108,8 @@ impl Service {
         let metrics = Arc::new(Metrics::default());
         let shutdown = CancellationToken::new();
         let connections = Arc::new(Semaphore::new(options.max_connections));
-        let runner = Runner { store, artifacts, checkpoints, limits: options.limits(), metrics, shutdown };
+        let runner =
+            Runner { store, artifacts, checkpoints, disk, limits: options.limits(), metrics, shutdown };
         let app = App::new(&options, &runner, keys, Arc::clone(&connections));
         Ok(Self { app, runner, listener, connections, options, _lock: lock })
     }
@@ -126,10 +132,18 @@ impl Service {
         let router = http::router(app.clone());
         let workers = tokio::spawn(work(runner, options.clone()));
         app.set_ready(true);
+        let stopped = tokio::spawn({
+            let shutdown = shutdown.clone();
+            async move {
+                shutdown.cancelled().await;
+                Instant::now()
+            }
+        });
         http_server::serve(listener, router, connections, shutdown.clone()).await;
         // The listener may end on its own only by a bug; the workers must not outlive it.
         shutdown.cancel();
-        if timeout(STOP_RUNS, workers).await.is_err() {
+        let stopped = stopped.await.unwrap_or_else(|_| Instant::now());
+        if timeout_at(stopped + STOP_RUNS, workers).await.is_err() {
             tracing::error!("a run did not stop in time; its job is taken back at the next start");
         }
         if timeout(Duration::from_secs(1), store.close()).await.is_err() {
@@ -153,6 +167,7 @@ async fn work(runner: Runner, options: ServeOptions) {
         options.sweep_interval(),
         runner.shutdown.clone(),
     ));
+    tasks.spawn(keep_reserve(runner.store.clone(), runner.shutdown.clone()));
     let export_worker = ExportWorker {
         store: runner.store.clone(),
         artifacts: runner.artifacts.clone(),
@@ -171,6 +186,16 @@ async fn work(runner: Runner, options: ServeOptions) {
     while let Some(ended) = tasks.join_next().await {
         if let Err(error) = ended {
             tracing::error!(%error, "a worker ended by a defect of this program");
+        }
+    }
+}
+
+/// Takes the reserve of disk space again, soon after a deletion has used it.
+async fn keep_reserve(store: Store, shutdown: CancellationToken) {
+    loop {
+        tokio::select! {
+            () = sleep(RESERVE_EVERY) => store.refill_reserve().await,
+            () = shutdown.cancelled() => return,
         }
     }
 }

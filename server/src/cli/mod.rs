@@ -64,7 +64,7 @@ pub(crate) fn main() -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("packstone: {failure}");
+            crate::telemetry::say(&format!("packstone: {failure}"));
             ExitCode::FAILURE
         }
     }

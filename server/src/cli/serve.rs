@@ -16,7 +16,8 @@ pub(super) fn run(options: ServeOptions) -> Result<(), Failure> {
         let address = service.address()?;
         let shutdown = service.shutdown();
         // The one line on standard output, for whoever started this with port 0.
-        print(&format!("packstone listening on http://{address}\n"))?;
+        // Where nobody can read it, the service goes on.
+        let _ = print(&format!("packstone listening on http://{address}\n"));
         tracing::info!(%address, "listening");
         tokio::spawn(async move {
             let name = tokio::select! {

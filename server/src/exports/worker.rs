@@ -18,6 +18,7 @@ use tracing::Instrument as _;
 
 use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
+use crate::disk::is_passing;
 use crate::jobs::control::{RunControl, Stop};
 use crate::jobs::runner::as_recorded;
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
@@ -55,6 +56,8 @@ enum End {
     },
     Failed(Box<Problem>),
     Stopped(Stop),
+    /// A fault of the machine kept the file from being made.
+    Faulted,
 }
 
 impl ExportWorker {
@@ -149,19 +152,22 @@ impl ExportWorker {
     fn make(&self, claimed: &ClaimedExport, control: &RunControl) -> End {
         match self.try_make(claimed, control) {
             Ok(end) => end,
-            Err(problem) => control.stopped().map_or(End::Failed(problem), End::Stopped),
+            Err(failure) => control.stopped().map_or_else(|| failure.into(), End::Stopped),
         }
     }
 
-    fn try_make(&self, claimed: &ClaimedExport, control: &RunControl) -> Result<End, Box<Problem>> {
+    fn try_make(&self, claimed: &ClaimedExport, control: &RunControl) -> Result<End, Failure> {
         let record = &claimed.export;
         let export = ExportRequest::from_json(&record.options)
-            .map_err(|faults| Box::new(Problem::fields(Kind::ValidationError, faults)))?;
+            .map_err(|faults| Failure::of(Problem::fields(Kind::ValidationError, faults)))?;
         let unreadable = |error: &dyn std::fmt::Display| {
             tracing::error!(%error, "the stored result is unreadable");
-            Box::new(Problem::new(Kind::InternalError, "the stored result is missing or damaged"))
+            Failure::of(Problem::new(Kind::InternalError, "the stored result is missing or damaged"))
         };
-        let stored = self.artifacts.read(&claimed.result).map_err(|error| unreadable(&error))?;
+        let stored = self
+            .artifacts
+            .read(&claimed.result)
+            .map_err(|error| if is_passing(&error) { Failure::fault(&error) } else { unreadable(&error) })?;
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
         let spheres = tables::load(&stored).map_err(|error| unreadable(&error))?;
@@ -174,7 +180,7 @@ impl ExportWorker {
         let written = self
             .artifacts
             .write_export(&place, control, |out| export.write(&model, &limits, control, out))
-            .map_err(|error| Box::new(logged(error)))?;
+            .map_err(failed)?;
         let (file, report) = written;
         let report = serde_json::to_value(&report).map_err(|error| unreadable(&error))?;
         Ok(End::Made { file, report, _place: place })
@@ -188,6 +194,7 @@ impl ExportWorker {
                     ("succeeded", self.store.export_made(record, file.clone(), report.clone()).await)
                 }
                 End::Failed(problem) => ("failed", self.store.export_failed(record, problem).await),
+                End::Faulted => ("requeued", self.store.export_requeued_after_fault(record).await),
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.export_requeued(record).await),
                 End::Stopped(_) => ("called_off", Ok::<_, StoreError>(false)),
             };
@@ -236,13 +243,41 @@ impl ExportWorker {
     }
 }
 
-fn logged(error: ExportError) -> Problem {
-    match &error {
-        ExportError::Write(error) if error.kind() != io::ErrorKind::ConnectionAborted => {
-            tracing::error!(%error, "what was made was not written");
-        }
-        ExportError::CheckFailed(what) => tracing::error!(%what, "what was made failed its check"),
-        _ => {}
+/// Why a file was not made.
+enum Failure {
+    /// By the request, the packing or a defect.
+    Lasting(Box<Problem>),
+    /// By a fault of the machine.
+    Fault,
+}
+
+impl Failure {
+    fn of(problem: Problem) -> Self {
+        Self::Lasting(Box::new(problem))
     }
-    error.into()
+
+    fn fault(error: &io::Error) -> Self {
+        tracing::warn!(%error, "a file could not be read or written");
+        Self::Fault
+    }
+}
+
+impl From<Failure> for End {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Lasting(problem) => Self::Failed(problem),
+            Failure::Fault => Self::Faulted,
+        }
+    }
+}
+
+fn failed(error: ExportError) -> Failure {
+    match error {
+        ExportError::Write(error) => Failure::fault(&error),
+        ExportError::CheckFailed(what) => {
+            tracing::error!(%what, "what was made failed its check");
+            Failure::of(ExportError::CheckFailed(what).into())
+        }
+        other => Failure::of(other.into()),
+    }
 }

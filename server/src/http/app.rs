@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::disk::Disk;
 use crate::http::auth;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
@@ -33,6 +34,7 @@ pub(crate) struct Shared {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
+    pub(crate) disk: Disk,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) keys: Option<auth::ApiKeys>,
     pub(crate) limits: Limits,
@@ -66,6 +68,7 @@ impl App {
                 store: runner.store.clone(),
                 artifacts: runner.artifacts.clone(),
                 checkpoints: runner.checkpoints.clone(),
+                disk: runner.disk.clone(),
                 metrics: Arc::clone(&runner.metrics),
                 keys,
                 limits: options.limits(),

@@ -68,7 +68,12 @@ pub(crate) async fn sweep(
     artifacts: &Artifacts,
     checkpoints: &Checkpoints,
 ) -> Result<Swept, SweepError> {
-    let mut swept = Swept { reclaimed: store.reclaim_expired_leases().await?, ..Swept::default() };
+    let kept = tokio::task::spawn_blocking({
+        let checkpoints = checkpoints.clone();
+        move || checkpoints.kept()
+    })
+    .await??;
+    let mut swept = Swept { reclaimed: store.reclaim_expired_leases(kept).await?, ..Swept::default() };
     while let Some(removed) = store.remove_expired_study().await? {
         swept.expired += 1;
         remove_all(artifacts, removed).await?;

@@ -18,15 +18,16 @@ use utoipa::ToSchema;
 
 use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
+use crate::disk::is_passing;
 use crate::http::app::App;
 use crate::http::exports::formats::{self, ResultFormat};
 use crate::http::files::{self, Described};
 use crate::http::negotiation;
 use crate::http::openapi;
 use crate::http::params::{JobPath, Query};
-use crate::http::problems::refused;
+use crate::http::problems::{of_fault, refused};
 use crate::http::problems::sets::{ResultProblems, SummaryProblems};
-use crate::jobs::store::StoreError;
+use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
 use crate::problem::{Kind, Problem};
 
@@ -235,6 +236,10 @@ pub(crate) async fn blocking<T: Send + 'static>(
     };
     match tokio::task::spawn_blocking(read).await {
         Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) if is_passing(&error) => {
+            tracing::error!(%error, %what, "a stored result cannot be read at present");
+            Err(of_fault(Fault::Io))
+        }
         Ok(Err(error)) => Err(failed(&error)),
         Err(error) => Err(failed(&error)),
     }

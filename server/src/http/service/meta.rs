@@ -186,13 +186,19 @@ pub(crate) struct Health {
     status: &'static str,
 }
 
-/// Whether the process answers at all
+/// Whether the process works
+///
+/// It fails only where the database cannot be opened any more, so that a restart is the only help.
 #[utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "get_health",
-    responses((status = 200, description = "It answers", body = Health))
+    responses((status = 200, description = "It works", body = Health), ReadyProblems)
 )]
-pub(crate) async fn health() -> Response {
-    axum::Json(Health { status: "ok" }).into_response()
+pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> {
+    if app.shared.store.is_lost() {
+        let detail = "the database cannot be opened any more; the server has to be restarted";
+        return Err(Problem::new(Kind::NotReady, detail));
+    }
+    Ok(axum::Json(Health { status: "ok" }).into_response())
 }
 
 /// Whether the service takes jobs
@@ -206,6 +212,17 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
     let not_ready = |why: &str| Problem::new(Kind::NotReady, why).with_header("retry-after", "1");
     if !app.is_ready() {
         return Err(not_ready("the server is starting or stopping"));
+    }
+    let disk = &app.shared.disk;
+    match disk.space() {
+        Ok(space) if space.free < disk.min_free_bytes(space) => {
+            let (free, least) = (space.free, disk.min_free_bytes(space));
+            return Err(not_ready(&format!(
+                "{free} bytes are free in the data directory, fewer than the {least} that must stay free"
+            )));
+        }
+        Ok(_) => {}
+        Err(error) => tracing::warn!(%error, "the free space of the data directory is not known"),
     }
     app.shared.store.check_writable().await.map_err(|error| {
         tracing::error!(%error, "the store cannot be written");

@@ -91,7 +91,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
+            let mut writer = store.writer().await?;
             sqlx::query("update artifacts set format_revision = ?, format_lengths = ? where job = ?")
                 .bind(revision)
                 .bind(to_json(&lengths)?)

@@ -4,7 +4,7 @@
 //! submissions with one key that arrive together, one inserts and the other finds it.
 
 use packstone_engine::export::tables::EngineInfo;
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::{Row as _, SqliteConnection};
 
 use super::{Store, StoreError, detached, now_us, rows, turns};
 use crate::jobs::{JobId, JobRecord, JobRequest};
@@ -59,8 +59,8 @@ impl Store {
         let body = to_json(request)?;
         let labels = to_json(&request.labels)?;
         let engine = to_json(&EngineInfo::current())?;
-        let mut writer = self.shared.writer.lock().await;
-        let mut tx = writer.begin_with("begin immediate").await?;
+        let mut writer = self.writer().await?;
+        let mut tx = writer.begin().await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
         }

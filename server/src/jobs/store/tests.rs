@@ -118,7 +118,7 @@ async fn only_the_holder_of_the_lease_may_write() {
     let (_folder, store) = fresh().await;
     submit(&store, json!({})).await;
     let old = store.claim().await.unwrap().unwrap().lease;
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let new = store.claim().await.unwrap().unwrap().lease;
     assert_eq!((new.id, new.attempt), (old.id, old.attempt + 1));
     let problem = Problem::internal();
@@ -150,13 +150,13 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
     // The process ends without a word, and another opens the file.
     drop(store);
     let store = open(&folder, LIMITS).await;
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     assert_eq!(store.claim().await.unwrap().unwrap().lease.attempt, 2);
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let ended = store.get(job.id).await.unwrap().unwrap();
     assert_eq!(ended.state, State::Failed);
     assert_eq!(ended.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
-    assert_eq!(store.recover().await.unwrap(), 0);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 0);
     let retried = store.retry(job.id).await.unwrap();
     assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
     assert_eq!((retried.error, retried.finished_at), (None, None));
@@ -172,7 +172,7 @@ async fn a_job_whose_cancellation_was_asked_for_is_not_recovered() {
     let Cancelled::Soon(again) = store.cancel(job.id).await.unwrap() else { panic!("it was running") };
     assert_eq!(again.version, asked.version, "asking twice is no news");
     assert!(store.heartbeat(lease, None).await.unwrap().cancel_requested);
-    store.recover().await.unwrap();
+    store.recover(Vec::new()).await.unwrap();
     assert_eq!(store.get(job.id).await.unwrap().unwrap().state, State::Cancelled);
 }
 
@@ -182,12 +182,12 @@ async fn leases_run_out() {
     let store = open(&folder, StoreLimits { lease: Duration::ZERO, ..LIMITS }).await;
     let job = submit(&store, json!({})).await;
     store.claim().await.unwrap().unwrap();
-    assert_eq!(store.reclaim_expired_leases().await.unwrap(), 1);
+    assert_eq!(store.reclaim_expired_leases(Vec::new()).await.unwrap(), 1);
     assert_eq!(store.get(job.id).await.unwrap().unwrap().attempt, 2);
     drop(store);
     let store = open(&folder, LIMITS).await;
     store.claim().await.unwrap().unwrap();
-    assert_eq!(store.reclaim_expired_leases().await.unwrap(), 0, "this one lasts a minute");
+    assert_eq!(store.reclaim_expired_leases(Vec::new()).await.unwrap(), 0, "this one lasts a minute");
 }
 
 #[tokio::test]

@@ -1,8 +1,8 @@
 //! What the store does without being asked by a client: recovery after a crash, leases that ran out,
 //! jobs that expired.
 
+use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection as _, Row as _};
 
 use super::submit::to_json;
 use super::{Store, StoreError, detached, now_us, rows};
@@ -11,6 +11,20 @@ use crate::problem::{Kind, Problem};
 
 /// Expired jobs removed in one transaction; more would keep submissions waiting.
 const EXPIRED_AT_ONCE: i64 = 200;
+
+/// However far its checkpoints come, a job is not started more often.
+const MOST_ATTEMPTS: i64 = 1000;
+
+/// A checkpoint that an attempt kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Kept {
+    /// The job's id.
+    pub(crate) job: String,
+    /// The attempt that kept it.
+    pub(crate) attempt: i64,
+    /// When, in microseconds since the Unix epoch.
+    pub(crate) at_us: i64,
+}
 
 /// A job that was removed.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,24 +37,39 @@ pub(crate) struct Removed {
 impl Store {
     /// At start-up, when no worker can be alive: takes every running job back into the queue with
     /// its next attempt, or ends it where it has none left. Returns how many were running.
-    pub(crate) async fn recover(&self) -> Result<usize, StoreError> {
-        self.reclaim(i64::MAX).await
+    pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
+        self.reclaim(i64::MAX, checkpoints).await
     }
 
     /// Does the same for the jobs whose lease ran out, after a suspended machine for example.
-    pub(crate) async fn reclaim_expired_leases(&self) -> Result<usize, StoreError> {
-        self.reclaim(now_us()).await
+    pub(crate) async fn reclaim_expired_leases(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
+        self.reclaim(now_us(), checkpoints).await
     }
 
-    async fn reclaim(&self, leases_until: i64) -> Result<usize, StoreError> {
+    /// An attempt that has kept a checkpoint has come further than the one before: it does not count.
+    async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         detached(async move {
             let exhausted = Problem::new(
                 Kind::AttemptsExhausted,
                 "the server stopped during every attempt that max_attempts allows",
             );
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            for kept in &checkpoints {
+                sqlx::query(
+                    "update jobs set max_attempts = max_attempts + 1
+                     where id = ? and attempt = ? and state = 'running' and lease_expires_at <= ?
+                         and started_at <= ? and attempt < ?",
+                )
+                .bind(&kept.job)
+                .bind(kept.attempt)
+                .bind(leases_until)
+                .bind(kept.at_us)
+                .bind(MOST_ATTEMPTS)
+                .execute(&mut *tx)
+                .await?;
+            }
             let moved = sqlx::query(
                 "update jobs set
                      state = case when cancel_requested then 'cancelled'
@@ -58,6 +87,12 @@ impl Store {
             .bind(to_json(&exhausted.document())?)
             .fetch_all(&mut *tx)
             .await?;
+            if leases_until == i64::MAX {
+                // A restart may be what ends a fault of the machine.
+                sqlx::query("update jobs set not_before = null where not_before is not null")
+                    .execute(&mut *tx)
+                    .await?;
+            }
             tx.commit().await?;
             drop(writer);
             for row in &moved {
@@ -75,10 +110,9 @@ impl Store {
     /// Removes finished jobs past their `expires_at`, a bounded number at a time; an empty answer
     /// means that none is left. Those of a study stay until it is finished.
     pub(crate) async fn remove_expired(&self) -> Result<Vec<Removed>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let expired = sqlx::query(
                 "select jobs.seq, jobs.id, artifacts.path,
                      (select json_group_array(exports.path) from exports
@@ -133,8 +167,8 @@ impl Store {
     pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             sqlx::query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut *tx).await?;
             Ok(tx.rollback().await?)
         })

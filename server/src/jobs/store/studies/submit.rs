@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use packstone_engine::export::tables::EngineInfo;
 use serde_json::Value;
-use sqlx::{Connection as _, QueryBuilder, Row as _, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::submit::{IdempotencyKey, to_json};
 use super::super::{Store, StoreError, detached, now_us, turns};
@@ -64,8 +64,8 @@ impl Store {
     async fn insert_study(&self, new: &NewStudy) -> Result<SubmittedStudy, StoreError> {
         let jobs = new.study.jobs() as u64;
         let request = to_json(&new.request)?;
-        let mut writer = self.shared.writer.lock().await;
-        let mut tx = writer.begin_with("begin immediate").await?;
+        let mut writer = self.writer().await?;
+        let mut tx = writer.begin().await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(SubmittedStudy::Existing(existing));
         }

@@ -199,7 +199,7 @@ async fn runs_come_to_a_table_and_void_ones_say_nothing() {
     // A crash: the attempts that are left run again, and what ran is not forgotten.
     drop(store);
     let store = open(&folder, LIMITS).await;
-    assert_eq!(store.recover().await.unwrap(), 3);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 3);
     assert_eq!(again(&store, &study).await.counts.queued, 3);
     for _ in 0..3 {
         let lease = claim(&store).await;
@@ -432,7 +432,7 @@ async fn a_file_of_the_first_version_is_brought_up_to_date() {
     let folder = tempfile::tempdir().unwrap();
     let ids = old_file(&folder).await;
     let store = open(&folder, LIMITS).await;
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let counts = store.counts().await.unwrap();
     assert_eq!((counts[&State::Queued], counts[&State::Succeeded]), (3, 1));
     let jobs = store.list(&Filter::default(), None, 10).await.unwrap().jobs;
