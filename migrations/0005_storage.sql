@@ -76,3 +76,11 @@ begin
     update stored_bytes set bytes = bytes - old.bytes
     where owner = old.owner and kind = iif(old.kept, 'exports', 'cache');
 end;
+
+-- Names of revision 1 in what was recorded of runs; requests and reports are renamed by the program.
+update jobs set error = replace(replace(error, '/problems/packing-not-reached', '/problems/target-not-reached'),
+    '"proven":', '"saturation_proven":')
+where error like '%/problems/packing-not-reached%';
+update jobs set progress = replace(replace(replace(progress,
+    '"phase":"take"', '"phase":"sampling"'), '"phase":"verify"', '"phase":"check"'), '"phase":"derive"', '"phase":"export"')
+where progress is not null;

@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use packstone_engine::Limits;
 
+use crate::memory;
 use crate::telemetry::LogFormat;
 
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
@@ -29,13 +30,13 @@ pub(crate) struct ServeOptions {
     /// Jobs that run at once [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
-    /// Models of results (meshes, voxels, lattices) that are made at once, beside the jobs; cuts, which take a moment,
-    /// have one more
-    #[arg(long, env = "PACKSTONE_DERIVERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    /// Exports (meshes, voxels, lattices) that are made at once, beside the jobs; slices, which take a moment, have one
+    /// worker more
+    #[arg(long, env = "PACKSTONE_EXPORT_WORKERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub(crate) export_workers: u16,
-    /// Most bytes of models that were made for a download only; beyond, those used longest ago go, and are made again
-    /// when they are asked for
-    #[arg(long, env = "PACKSTONE_DERIVED_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
+    /// Most bytes of exports that were made for a download only; beyond, those used longest ago are removed, and made
+    /// again when they are requested
+    #[arg(long, env = "PACKSTONE_EXPORT_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
     pub(crate) export_cache_bytes: u64,
     /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
@@ -49,12 +50,12 @@ pub(crate) struct ServeOptions {
     /// Most grains of one packing
     #[arg(long, env = "PACKSTONE_MAX_GRAINS", default_value_t = Limits::default().max_grains)]
     pub(crate) max_grains: u64,
-    /// Most memory of one packing, in MiB [default: four fifths of the machine's, shared by the
-    /// jobs and models that may run at once, and at most 8 GB]
-    #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB")]
+    /// Most memory of one packing, in MiB [default: four fifths of the machine's, or of the limit
+    /// of the control group, shared by the jobs and exports that may run at once, and at most 8 GB]
+    #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) max_memory_mib: Option<u64>,
     /// Most memory of one model of a result, and longest file of one, in MiB [default: as for a packing]
-    #[arg(long, env = "PACKSTONE_MAX_MODEL_MIB")]
+    #[arg(long, env = "PACKSTONE_MAX_MODEL_MIB", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) max_model_mib: Option<u64>,
     /// Most jobs that wait
     #[arg(long, env = "PACKSTONE_MAX_QUEUED", default_value_t = 100_000)]
@@ -72,6 +73,19 @@ pub(crate) struct ServeOptions {
     /// most 5 % of the file system]
     #[arg(long, env = "PACKSTONE_MIN_FREE_BYTES")]
     pub(crate) min_free_bytes: Option<u64>,
+    /// Most bytes of results, kept exports and cached exports together [default: as much as the disk has]
+    #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES")]
+    pub(crate) max_stored_bytes: Option<u64>,
+    /// Most bytes of results and kept exports of the jobs that one API key submitted [default: no bound]
+    #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES_PER_KEY")]
+    pub(crate) max_stored_bytes_per_key: Option<u64>,
+    /// Start although results lie in the data directory that the database does not know, and move them to its folder
+    /// `quarantine`
+    #[arg(long, env = "PACKSTONE_ADOPT_ORPHANS")]
+    pub(crate) adopt_orphans: bool,
+    /// Days after which files in the folder `quarantine` are removed
+    #[arg(long, env = "PACKSTONE_QUARANTINE_DAYS", default_value_t = 7)]
+    pub(crate) quarantine_days: u32,
     /// Seconds between two sweeps for expired jobs and files left over
     #[arg(long, env = "PACKSTONE_SWEEP_INTERVAL_S", default_value_t = 300.0, value_parser = seconds)]
     pub(crate) sweep_interval_s: f64,
@@ -112,16 +126,10 @@ impl ServeOptions {
 /// What one packing may use by default, when `workers` of them may run at once.
 pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
     let most = Limits::default().max_memory_bytes;
-    let total = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| total_memory_bytes(&text));
-    match total {
+    match memory::total_bytes() {
         Some(total) => most.min((total as f64 * MEMORY_SHARE / workers.max(1) as f64) as u64),
         None => most,
     }
-}
-
-fn total_memory_bytes(meminfo: &str) -> Option<u64> {
-    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -142,12 +150,6 @@ pub(crate) fn seconds_or_none(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn memory_is_read_from_the_kernels_table() {
-        assert_eq!(total_memory_bytes("MemFree: 1 kB\nMemTotal:       2048 kB\n"), Some(2_097_152));
-        assert_eq!(total_memory_bytes("MemFree: 1 kB\n"), None);
-    }
 
     #[test]
     fn intervals_are_bounded() {

@@ -17,6 +17,7 @@ use tokio_util::sync::CancellationToken;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::descriptors::{self, TooFew};
 use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
 use crate::http::auth::{ApiKeys, KeysError};
@@ -26,6 +27,7 @@ use crate::jobs::runner::Runner;
 use crate::jobs::store::{Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
+use crate::storage::Storage;
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
 const LEASE: Duration = Duration::from_mins(1);
@@ -59,6 +61,16 @@ pub(crate) enum StartError {
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// Results lie there that the database does not know.
+    #[error(
+        "{count} results in {data_dir}/artifacts belong to no job of the database {data_dir}/packstone.sqlite, as \
+         {example}: the database is missing, empty, or older than they are. Put the right database back; or start with \
+         --adopt-orphans, which moves them to {data_dir}/quarantine, where they are removed after --quarantine-days"
+    )]
+    Orphans { data_dir: String, count: usize, example: String },
+    /// The system allows too few open files.
+    #[error(transparent)]
+    Descriptors(#[from] TooFew),
     /// The first sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
@@ -80,7 +92,7 @@ impl Service {
     ///
     /// # Errors
     /// See [`StartError`]: each is something the operator can change.
-    pub(crate) async fn open(options: ServeOptions) -> Result<Self, StartError> {
+    pub(crate) async fn open(mut options: ServeOptions) -> Result<Self, StartError> {
         let keys = options.api_keys_file.as_deref().map(ApiKeys::read).transpose()?;
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
@@ -91,12 +103,26 @@ impl Service {
         let artifacts = Artifacts::open(options.data_dir.join("artifacts")).map_err(data_dir)?;
         let checkpoints = Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
             .map_err(data_dir)?;
+        let database = options.data_dir.join("packstone.sqlite");
+        let empty = std::fs::metadata(&database).map_or(true, |found| found.len() == 0);
+        if empty && !options.adopt_orphans {
+            refuse_orphans(&options.data_dir, &artifacts.results().map_err(data_dir)?)?;
+        }
         let listener = TcpListener::bind(options.listen)
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
         let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes);
-        let store = Store::open(&options.data_dir.join("packstone.sqlite"), limits).await?;
+        let store = Store::open(&database, limits).await?;
+        if !options.adopt_orphans {
+            let mut orphans = Vec::new();
+            for (job, path) in artifacts.results().map_err(data_dir)? {
+                if !store.knows_job(&job).await? && !store.is_removed(&path).await? {
+                    orphans.push((job, path));
+                }
+            }
+            refuse_orphans(&options.data_dir, &orphans)?;
+        }
         let recovered = store.recover(checkpoints.kept().map_err(data_dir)?).await?;
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
@@ -107,9 +133,17 @@ impl Service {
         }
         let metrics = Arc::new(Metrics::default());
         let shutdown = CancellationToken::new();
+        let files = options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
+        options.max_connections = descriptors::provide(options.max_connections, files)?;
         let connections = Arc::new(Semaphore::new(options.max_connections));
-        let runner =
-            Runner { store, artifacts, checkpoints, disk, limits: options.limits(), metrics, shutdown };
+        let storage = Storage::new(
+            store.clone(),
+            disk.clone(),
+            options.max_stored_bytes,
+            options.max_stored_bytes_per_key,
+        );
+        let limits = options.limits();
+        let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
         let app = App::new(&options, &runner, keys, Arc::clone(&connections));
         Ok(Self { app, runner, listener, connections, options, _lock: lock })
     }
@@ -156,7 +190,8 @@ impl Service {
 /// Runs the workers, the export workers and the sweeper to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions) {
-    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints).await {
+    let days = options.quarantine_days;
+    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints, days).await {
         tracing::error!(%error, "the first sweep failed");
     }
     let mut tasks = JoinSet::new();
@@ -165,12 +200,14 @@ async fn work(runner: Runner, options: ServeOptions) {
         runner.artifacts.clone(),
         runner.checkpoints.clone(),
         options.sweep_interval(),
+        days,
         runner.shutdown.clone(),
     ));
     tasks.spawn(keep_reserve(runner.store.clone(), runner.shutdown.clone()));
     let export_worker = ExportWorker {
         store: runner.store.clone(),
         artifacts: runner.artifacts.clone(),
+        storage: runner.storage.clone(),
         limits: runner.limits,
         metrics: Arc::clone(&runner.metrics),
         shutdown: runner.shutdown.clone(),
@@ -198,6 +235,16 @@ async fn keep_reserve(store: Store, shutdown: CancellationToken) {
             () = shutdown.cancelled() => return,
         }
     }
+}
+
+/// Refuses to start over results that the database does not know.
+fn refuse_orphans(data_dir: &Path, orphans: &[(String, String)]) -> Result<(), StartError> {
+    let Some((_, example)) = orphans.first() else { return Ok(()) };
+    Err(StartError::Orphans {
+        data_dir: data_dir.display().to_string(),
+        count: orphans.len(),
+        example: example.clone(),
+    })
 }
 
 fn lock(data_dir: &Path) -> Result<File, StartError> {

@@ -8,6 +8,7 @@ use std::sync::PoisonError;
 
 use packstone_engine::Unattended;
 use packstone_engine::export::tables::{Column, Head, SphereSource, stored::Layout};
+use packstone_engine::request::upgrade;
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, write};
@@ -35,7 +36,9 @@ impl Artifacts {
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is not what was stored.
     pub(crate) fn read(&self, record: &ArtifactRecord) -> io::Result<StoredResult> {
         let file = self.open_checked(&record.path, record.bytes, &record.sha256)?;
-        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
+        let mut layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
+        // A result of revision 1 has a request of revision 1.
+        upgrade(&mut layout.head.request);
         if layout.file_length() != record.bytes {
             return Err(invalid(format!("{} holds other columns than it says", record.path)));
         }

@@ -25,6 +25,7 @@ use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
+use crate::storage::{Bound, NoRoom, Storage};
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -38,6 +39,7 @@ const SPHERE_BYTES: u64 = 32;
 pub(crate) struct ExportWorker {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
+    pub(crate) storage: Storage,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
     /// When cancelled, what is being made goes back to its queue.
@@ -94,10 +96,12 @@ impl ExportWorker {
         let started = Instant::now();
         let record = claimed.export.clone();
         let control = Arc::new(RunControl::default());
+        // A store that cannot tell fails the export at its end at the latest.
+        let room = self.storage.room(&record.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let mut making = tokio::task::spawn_blocking({
             let (export_worker, control, span) =
                 (self.clone(), Arc::clone(&control), tracing::Span::current());
-            move || span.in_scope(|| export_worker.make(&claimed, &control))
+            move || span.in_scope(|| export_worker.make(&claimed, room, &control))
         });
         let end = tokio::select! {
             end = &mut making => end,
@@ -149,14 +153,19 @@ impl ExportWorker {
     }
 
     /// The work itself, on a thread that may block.
-    fn make(&self, claimed: &ClaimedExport, control: &RunControl) -> End {
-        match self.try_make(claimed, control) {
+    fn make(&self, claimed: &ClaimedExport, room: (u64, Bound), control: &RunControl) -> End {
+        match self.try_make(claimed, room, control) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or_else(|| failure.into(), End::Stopped),
         }
     }
 
-    fn try_make(&self, claimed: &ClaimedExport, control: &RunControl) -> Result<End, Failure> {
+    fn try_make(
+        &self,
+        claimed: &ClaimedExport,
+        (left, bound): (u64, Bound),
+        control: &RunControl,
+    ) -> Result<End, Failure> {
         let record = &claimed.export;
         let export = ExportRequest::from_json(&record.options)
             .map_err(|faults| Failure::of(Problem::fields(Kind::ValidationError, faults)))?;
@@ -179,8 +188,14 @@ impl ExportWorker {
         let model = Model { specimen: &specimen, spheres: &spheres };
         let written = self
             .artifacts
-            .write_export(&place, control, |out| export.write(&model, &limits, control, out))
-            .map_err(failed)?;
+            .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))
+            .map_err(|error| match error {
+                ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
+                    let no_room = NoRoom { needed: left.saturating_add(1), left, bound };
+                    Failure::of(Problem::new(Kind::InsufficientStorage, no_room.to_string()))
+                }
+                other => failed(other),
+            })?;
         let (file, report) = written;
         let report = serde_json::to_value(&report).map_err(|error| unreadable(&error))?;
         Ok(End::Made { file, report, _place: place })
@@ -224,7 +239,11 @@ impl ExportWorker {
     }
 
     async fn shrink_cache(&self, made: &ExportRecord) {
-        match self.store.shrink_cache(self.cache_bytes, made.id).await {
+        let shrunk = async {
+            let most = self.storage.cache_bytes(self.cache_bytes).await?;
+            self.store.shrink_cache(most, made.id).await
+        };
+        match shrunk.await {
             Ok(paths) if paths.is_empty() => {}
             Ok(paths) => {
                 tracing::info!(files = paths.len(), "dropped what was used longest ago of the cache");

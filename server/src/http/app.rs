@@ -15,6 +15,7 @@ use crate::http::auth;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
+use crate::storage::Storage;
 
 /// Bodies of more than this are read and planned a few at a time and off the threads that answer.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
@@ -35,6 +36,7 @@ pub(crate) struct Shared {
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
+    pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) keys: Option<auth::ApiKeys>,
     pub(crate) limits: Limits,
@@ -69,6 +71,7 @@ impl App {
                 artifacts: runner.artifacts.clone(),
                 checkpoints: runner.checkpoints.clone(),
                 disk: runner.disk.clone(),
+                storage: runner.storage.clone(),
                 metrics: Arc::clone(&runner.metrics),
                 keys,
                 limits: options.limits(),

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::export::tables::{EngineInfo, Head};
-use packstone_engine::{Control as _, Limits, PackError, Phase, Progress, Spheres};
+use packstone_engine::{Control as _, Limits, PackError, Phase, Plan, Progress, Spheres};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
@@ -27,6 +27,7 @@ use crate::exports::NewExport;
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
+use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
 
 /// Progress is recorded no more often than this.
@@ -52,6 +53,7 @@ pub(crate) struct Runner {
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
+    pub(crate) storage: Storage,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
     /// When cancelled, running jobs go back to the queue and workers end.
@@ -133,9 +135,11 @@ impl Runner {
         let control = Arc::new(RunControl::keeping(keeper));
         let timeout_s = claimed.job.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
+        // A store that cannot tell fails the run at its end at the latest.
+        let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let mut running = tokio::task::spawn_blocking({
             let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
-            move || span.in_scope(|| runner.pack_and_write(&claimed, &control, packing))
+            move || span.in_scope(|| runner.pack_and_write(&claimed, room, &control, packing))
         });
         let end = tokio::select! {
             end = &mut running => end,
@@ -210,8 +214,14 @@ impl Runner {
     }
 
     /// The run itself, on a thread that may block.
-    fn pack_and_write(&self, claimed: &Claimed, control: &RunControl, packing: oneshot::Sender<()>) -> End {
-        match self.try_pack_and_write(claimed, control, packing) {
+    fn pack_and_write(
+        &self,
+        claimed: &Claimed,
+        room: (u64, Bound),
+        control: &RunControl,
+        packing: oneshot::Sender<()>,
+    ) -> End {
+        match self.try_pack_and_write(claimed, room, control, packing) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
         }
@@ -220,6 +230,7 @@ impl Runner {
     fn try_pack_and_write(
         &self,
         claimed: &Claimed,
+        room: (u64, Bound),
         control: &RunControl,
         packing: oneshot::Sender<()>,
     ) -> Result<End, Failure> {
@@ -230,6 +241,12 @@ impl Runner {
         let request = JobRequest::read(&stored, 0, None)
             .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
         let (request, postprocess) = (request.packing(), request.postprocess);
+        if let Ok(plan) = Plan::new(&request, &self.limits)
+            && let Err(no_room) = fits(Storage::bytes_of_result(plan.grains), room)
+        {
+            tracing::warn!(%no_room, "the result would not fit; the job waits");
+            return Ok(End::Faulted);
+        }
         let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
         if resume.is_some() {
             control.resumed();

@@ -141,8 +141,9 @@ impl Store {
             .await?
             .ok_or(StoreError::LeaseLost)?;
             sqlx::query(
-                "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
-                 values (?, ?, ?, ?, ?, ?, ?, ?)",
+                "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths,
+                     owner)
+                 values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, (select owner from jobs where seq = ?1))",
             )
             .bind(lease.seq)
             .bind(lease.attempt)

@@ -19,6 +19,7 @@ mod submit;
 #[cfg(test)]
 mod tests;
 mod turns;
+mod upgrade;
 mod upkeep;
 mod writer;
 
@@ -43,7 +44,7 @@ pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
-pub(crate) use upkeep::{Kept, Removed};
+pub(crate) use upkeep::{Kept, Removed, StoredKind};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;
@@ -161,9 +162,11 @@ impl Store {
             .max_lifetime(None)
             .connect_with(options.clone().create_if_missing(false).read_only(true))
             .await?;
+        let writer = Writer::new(writer, options.create_if_missing(false));
+        upgrade::run(&mut writer.lock(Durability::PowerCut).await?).await?;
         Ok(Self {
             shared: Arc::new(Shared {
-                writer: Writer::new(writer, options.create_if_missing(false)),
+                writer,
                 readers,
                 reserve: Reserve::open(file.with_file_name(RESERVE)),
                 changes: Changes::default(),

@@ -24,6 +24,8 @@ pub(crate) struct IdempotencyKey {
 #[derive(Clone, Debug)]
 pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
+    /// Name of the API key that it came with; empty where the server asks for none.
+    pub(crate) owner: String,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -69,8 +71,8 @@ impl Store {
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, turn)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 attempt_budget, created_at, updated_at, expires_at, engine, turn, owner)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -85,6 +87,7 @@ impl Store {
         .bind(request.expires_at_us())
         .bind(engine)
         .bind(turn)
+        .bind(&new.owner)
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;

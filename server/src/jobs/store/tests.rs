@@ -32,7 +32,7 @@ fn request(extra: &serde_json::Value) -> JobRequest {
 }
 
 pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord {
-    let new = NewJob { request: request(&extra), idempotency_key: None };
+    let new = NewJob { request: request(&extra), owner: String::new(), idempotency_key: None };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,
         Submitted::Existing(_) => panic!("a job without a key exists already"),
@@ -216,6 +216,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
     let (folder, store) = fresh().await;
     let keyed = |scope: &str, body: &str| NewJob {
         request: request(&json!({})),
+        owner: scope.into(),
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
             key: "k".into(),
@@ -259,7 +260,7 @@ async fn the_queue_is_bounded() {
     let store = open(&folder, StoreLimits { max_queued: 2, ..LIMITS }).await;
     let first = submit(&store, json!({})).await.id;
     submit(&store, json!({})).await;
-    let third = NewJob { request: request(&json!({})), idempotency_key: None };
+    let third = NewJob { request: request(&json!({})), owner: String::new(), idempotency_key: None };
     assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull { most: 2, .. })));
     store.cancel(first).await.unwrap();
     assert!(matches!(store.submit(third).await.unwrap(), Submitted::Created(_)));

@@ -2,6 +2,8 @@
 //! jobs that expired.
 
 use sqlx::Row as _;
+use std::collections::BTreeMap;
+
 use sqlx::sqlite::SqliteRow;
 
 use super::submit::to_json;
@@ -24,6 +26,31 @@ pub(crate) struct Kept {
     pub(crate) attempt: i64,
     /// When, in microseconds since the Unix epoch.
     pub(crate) at_us: i64,
+}
+
+/// What a stored file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) enum StoredKind {
+    /// The result of a job.
+    Results,
+    /// An export that stays with its job.
+    Exports,
+    /// An export that may be removed and made again.
+    Cache,
+}
+
+impl StoredKind {
+    /// All kinds.
+    pub(crate) const ALL: [Self; 3] = [Self::Results, Self::Exports, Self::Cache];
+
+    /// Name in the database and the metrics.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Results => "results",
+            Self::Exports => "exports",
+            Self::Cache => "cache",
+        }
+    }
 }
 
 /// A job that was removed.
@@ -161,6 +188,61 @@ impl Store {
             .fetch_optional(self.readers())
             .await?;
         Ok(row.is_some())
+    }
+
+    /// At most `limit` paths of files that committed deletions have left behind.
+    pub(crate) async fn removals(&self, limit: u32) -> Result<Vec<String>, StoreError> {
+        let paths = sqlx::query_scalar("select path from removals limit ?");
+        Ok(paths.bind(limit).fetch_all(self.readers()).await?)
+    }
+
+    /// Whether a committed deletion has left the file of this path behind.
+    pub(crate) async fn is_removed(&self, path: &str) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from removals where path = ?")
+            .bind(path)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
+    /// Forgets files that have been removed.
+    pub(crate) async fn forget_removals(&self, paths: Vec<String>) -> Result<(), StoreError> {
+        self.freeing(move |store| {
+            let paths = paths.clone();
+            async move {
+                let paths = to_json(&paths)?;
+                let mut writer = store.quick_writer().await?;
+                sqlx::query("delete from removals where path in (select value from json_each(?))")
+                    .bind(paths)
+                    .execute(&mut *writer)
+                    .await?;
+                Ok(())
+            }
+        })
+        .await
+    }
+
+    /// Whether there is, in whatever state, a job of this id.
+    pub(crate) async fn knows_job(&self, id: &str) -> Result<bool, StoreError> {
+        let row =
+            sqlx::query("select 1 from jobs where id = ?").bind(id).fetch_optional(self.readers()).await?;
+        Ok(row.is_some())
+    }
+
+    /// Bytes of files by name of the API key and kind.
+    pub(crate) async fn stored_bytes(&self) -> Result<BTreeMap<(String, StoredKind), u64>, StoreError> {
+        let rows =
+            sqlx::query("select owner, kind, bytes from stored_bytes").fetch_all(self.readers()).await?;
+        rows.iter()
+            .map(|row| {
+                let name: String = row.try_get("kind")?;
+                let kind = StoredKind::ALL
+                    .into_iter()
+                    .find(|kind| kind.name() == name)
+                    .ok_or_else(|| StoreError::Row(format!("unknown kind of file {name:?}")))?;
+                Ok(((row.try_get("owner")?, kind), row.try_get::<i64, _>("bytes")?.max(0).cast_unsigned()))
+            })
+            .collect()
     }
 
     /// Fails where the file cannot be written; changes nothing.

@@ -206,8 +206,9 @@ async fn insert(
     row: Row,
 ) -> Result<Option<i64>, StoreError> {
     let inserted = sqlx::query(
-        "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at)
-         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9)
+        "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at,
+             owner)
+         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9, (select owner from jobs where seq = ?2))
          on conflict (job, key) do nothing returning seq",
     )
     .bind(ExportId::new().to_string())

@@ -70,6 +70,7 @@ fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
         started_at: row.try_get("started_at")?,
         finished_at: row.try_get("finished_at")?,
         updated_at: row.try_get("updated_at")?,
+        owner: row.try_get("owner")?,
     })
 }
 

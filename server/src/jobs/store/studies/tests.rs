@@ -40,7 +40,7 @@ fn new(request: &Value, key: Option<(&str, &str)>) -> NewStudy {
         key: key.into(),
         body_sha256: body.into(),
     });
-    NewStudy { request: study.recorded(request), study, idempotency_key }
+    NewStudy { request: study.recorded(request), study, owner: String::new(), idempotency_key }
 }
 
 async fn take_in(store: &Store, request: &Value) -> StudyRecord {
