@@ -42,6 +42,7 @@ mod python_readers;
 mod ranges;
 mod scheduling;
 mod shutdown;
+mod storage;
 mod streaming;
 mod studies;
 mod study_command;

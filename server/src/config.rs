@@ -1,10 +1,11 @@
 //! What the operator decides: the options of `packstone serve`, each also an environment variable.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::builder::{BoolishValueParser, Resettable};
+use clap::{Args, Command};
 use packstone_engine::Limits;
 
 use crate::memory;
@@ -21,8 +22,9 @@ pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 /// Options of `packstone serve`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ServeOptions {
-    /// Address and port to listen on; port 0 takes a free one
-    #[arg(long, env = "PACKSTONE_LISTEN", default_value = "127.0.0.1:8080")]
+    /// Address and port to listen on, as `127.0.0.1:8080`, `localhost:8080`, or `:8080` for all addresses; port 0 takes a
+    /// free one
+    #[arg(long, env = "PACKSTONE_LISTEN", default_value = "127.0.0.1:8080", value_parser = address)]
     pub(crate) listen: SocketAddr,
     /// Directory of the database and the results; made where it is missing
     #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
@@ -42,7 +44,7 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
     /// Listen beyond this machine without API keys
-    #[arg(long, env = "PACKSTONE_INSECURE")]
+    #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,
     /// Form of the log lines on standard error
     #[arg(long, env = "PACKSTONE_LOG_FORMAT", value_enum, default_value_t)]
@@ -81,7 +83,7 @@ pub(crate) struct ServeOptions {
     pub(crate) max_stored_bytes_per_key: Option<u64>,
     /// Start although results lie in the data directory that the database does not know, and move them to its folder
     /// `quarantine`
-    #[arg(long, env = "PACKSTONE_ADOPT_ORPHANS")]
+    #[arg(long, env = "PACKSTONE_ADOPT_ORPHANS", value_parser = BoolishValueParser::new())]
     pub(crate) adopt_orphans: bool,
     /// Days after which files in the folder `quarantine` are removed
     #[arg(long, env = "PACKSTONE_QUARANTINE_DAYS", default_value_t = 7)]
@@ -132,6 +134,26 @@ pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
     }
 }
 
+/// The command line, in which a variable of the environment that is empty counts as not set: `compose.yaml` sets such.
+pub(crate) fn without_empty_variables(command: Command) -> Command {
+    let command = command.mut_args(|arg| {
+        let empty = arg.get_env().and_then(std::env::var_os).is_some_and(|value| value.is_empty());
+        if empty { arg.env(Resettable::Reset) } else { arg }
+    });
+    command.mut_subcommands(without_empty_variables)
+}
+
+/// An address to listen on: numbers, a name, or a port alone for all addresses.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let wanted = if text.starts_with(':') { format!("0.0.0.0{text}") } else { text.to_owned() };
+    let found: Vec<SocketAddr> = wanted
+        .to_socket_addrs()
+        .map_err(|error| format!("{error}; write it as 127.0.0.1:8080, localhost:8080 or :8080"))?
+        .collect();
+    let first = found.iter().find(|address| address.is_ipv4()).or(found.first());
+    first.copied().ok_or_else(|| "the name has no address".to_owned())
+}
+
 fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(s) if (0.05..=86_400.0).contains(&s) => Ok(s),
@@ -150,6 +172,21 @@ pub(crate) fn seconds_or_none(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn addresses_are_numbers_names_or_ports() {
+        for (text, found) in [
+            ("127.0.0.1:80", "127.0.0.1:80"),
+            ("localhost:8080", "127.0.0.1:8080"),
+            (":8080", "0.0.0.0:8080"),
+            ("[::1]:1", "[::1]:1"),
+        ] {
+            assert_eq!(address(text).map(|address| address.to_string()), Ok(found.to_owned()));
+        }
+        for bad in ["", "8080", "127.0.0.1", ":http"] {
+            assert!(address(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn intervals_are_bounded() {

@@ -90,6 +90,8 @@ kinds! {
         "The disk of the server, or a quota, has no space for what this needs; `detail` has the figures. Delete jobs, studies or exports, or ask again after `Retry-After`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
+    ResultDamaged "result-damaged" 410 "The stored result is damaged"
+        "The file of the result is missing, or is not what was stored. Retry the job: it packs the same spheres again."
     InternalError "internal-error" 500 "Internal error"
         "A fault of this server, recorded in its log under the request's or the job's id."
     TargetNotReached "target-not-reached" 422 "The packing was not reached"

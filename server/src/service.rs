@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{Notify, Semaphore};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
@@ -83,6 +83,7 @@ pub(crate) struct Service {
     listener: TcpListener,
     connections: Arc<Semaphore>,
     options: ServeOptions,
+    reload: Arc<Notify>,
     // Held, never read: the lock ends with it.
     _lock: File,
 }
@@ -145,12 +146,17 @@ impl Service {
         let limits = options.limits();
         let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
         let app = App::new(&options, &runner, keys, Arc::clone(&connections));
-        Ok(Self { app, runner, listener, connections, options, _lock: lock })
+        Ok(Self { app, runner, listener, connections, options, reload: Arc::default(), _lock: lock })
     }
 
     /// Where it listens.
     pub(crate) fn address(&self) -> std::io::Result<std::net::SocketAddr> {
         self.listener.local_addr()
+    }
+
+    /// Notified when the files of the configuration are to be read again: the API keys.
+    pub(crate) fn reload(&self) -> Arc<Notify> {
+        Arc::clone(&self.reload)
     }
 
     /// Cancel it to stop the service.
@@ -161,7 +167,7 @@ impl Service {
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
     pub(crate) async fn serve(self) {
-        let Self { app, runner, listener, connections, options, _lock } = self;
+        let Self { app, runner, listener, connections, options, reload: _, _lock } = self;
         let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
         let router = http::router(app.clone());
         let workers = tokio::spawn(work(runner, options.clone()));
@@ -173,7 +179,7 @@ impl Service {
                 Instant::now()
             }
         });
-        http_server::serve(listener, router, connections, shutdown.clone()).await;
+        http_server::serve(listener, router, connections, options.max_connections, shutdown.clone()).await;
         // The listener may end on its own only by a bug; the workers must not outlive it.
         shutdown.cancel();
         let stopped = stopped.await.unwrap_or_else(|_| Instant::now());
@@ -201,6 +207,7 @@ async fn work(runner: Runner, options: ServeOptions) {
         runner.checkpoints.clone(),
         options.sweep_interval(),
         days,
+        Arc::clone(&runner.metrics),
         runner.shutdown.clone(),
     ));
     tasks.spawn(keep_reserve(runner.store.clone(), runner.shutdown.clone()));

@@ -12,6 +12,7 @@ use packstone_engine::request::upgrade;
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, write};
+use crate::disk::is_passing;
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
@@ -43,6 +44,12 @@ impl Artifacts {
             return Err(invalid(format!("{} holds other columns than it says", record.path)));
         }
         Ok(StoredResult { layout, file })
+    }
+
+    /// Whether a result is missing or not what was stored; its digest is checked in any case.
+    pub(crate) fn is_damaged(&self, record: &ArtifactRecord) -> bool {
+        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(&record.path);
+        self.read(record).is_err_and(|error| !is_passing(&error))
     }
 
     /// Opens a file that is as long as it was stored, and has the digest that it had.

@@ -3,7 +3,7 @@
 //! The packing thread calls this every few milliseconds, so it is a short lock and an atomic. What
 //! to do with either is decided by the runner, which also owns every clock.
 
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
@@ -32,6 +32,8 @@ pub(crate) struct RunControl {
     resumed: AtomicBool,
     /// The run is in a phase that keeps checkpoints.
     growing: AtomicBool,
+    /// Share of the work done, as the bits of a float.
+    fraction: AtomicU64,
     /// The next checkpoint is wanted at once, and is the last.
     last_checkpoint: AtomicBool,
 }
@@ -67,6 +69,11 @@ impl RunControl {
         keeps
     }
 
+    /// Share of the work done, as last reported.
+    pub(crate) fn fraction(&self) -> f64 {
+        f64::from_bits(self.fraction.load(Ordering::Acquire))
+    }
+
     /// Says that the run goes on from a checkpoint.
     pub(crate) fn resumed(&self) {
         self.resumed.store(true, Ordering::Release);
@@ -85,6 +92,7 @@ impl RunControl {
 
 impl Control for RunControl {
     fn report(&self, progress: &Progress) {
+        self.fraction.store(progress.fraction.to_bits(), Ordering::Release);
         self.growing.store(progress.phase == Phase::Edmd, Ordering::Release);
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress.clone());
     }

@@ -79,6 +79,15 @@ struct Stored {
     _place: InFlight,
 }
 
+/// What is known of a run besides its end.
+#[derive(Clone, Copy)]
+struct Run {
+    took: Duration,
+    timeout_s: Option<f64>,
+    /// Share of the work done.
+    fraction: f64,
+}
+
 /// Why a run made no packing, and what a study keeps of it.
 struct Failure {
     problem: Box<Problem>,
@@ -153,7 +162,8 @@ impl Runner {
             );
             End::Failed(problem.into())
         });
-        self.record_end(lease, end, started.elapsed(), timeout_s).await;
+        let run = Run { took: started.elapsed(), timeout_s, fraction: control.fraction() };
+        self.record_end(lease, end, run).await;
     }
 
     /// Watches a run for as long as it lasts.
@@ -309,7 +319,8 @@ impl Runner {
     }
 
     /// Writes down how a run ended. A fault of the machine is waited out: the work is done and lies on the disk.
-    async fn record_end(&self, lease: Lease, end: End, took: Duration, timeout_s: Option<f64>) {
+    async fn record_end(&self, lease: Lease, end: End, run: Run) {
+        let took = run.took;
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
@@ -327,8 +338,10 @@ impl Runner {
                 }
                 End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
                 End::Stopped(Stop::TimedOut) => {
-                    let bound = timeout_s.unwrap_or_default();
-                    let detail = format!("the job ran longer than its timeout_s of {bound} s");
+                    let (bound, done) = (run.timeout_s.unwrap_or_default(), 100.0 * run.fraction);
+                    let detail = format!(
+                        "the job ran longer than its timeout_s of {bound} s; about {done:.0} % of the work was done"
+                    );
                     let problem = Problem::new(Kind::TimedOut, detail);
                     let facts = Facts { time_s: took.as_secs_f64(), ..Facts::default() };
                     ("failed", self.store.fail(lease, &problem, facts).await)

@@ -4,6 +4,7 @@
 //! not committed is in flight until its commit. A complete file is removed only where the database says that a deletion
 //! left it behind. One that the database does not know is moved to the quarantine, and removed after some days.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Zoned;
@@ -14,6 +15,7 @@ use super::JobId;
 use super::store::{Removed, Store, StoreError};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
+use crate::metrics::Metrics;
 
 /// Files that deletions have left behind, looked at together.
 const REMOVALS_AT_ONCE: u32 = 1000;
@@ -43,6 +45,7 @@ pub(crate) async fn run(
     checkpoints: Checkpoints,
     every: Duration,
     quarantine_days: u32,
+    metrics: Arc<Metrics>,
     shutdown: CancellationToken,
 ) {
     let mut tick = interval(every);
@@ -52,7 +55,9 @@ pub(crate) async fn run(
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        match sweep(&store, &artifacts, &checkpoints, quarantine_days).await {
+        let swept = sweep(&store, &artifacts, &checkpoints, quarantine_days).await;
+        metrics.swept(swept.is_ok());
+        match swept {
             Ok(swept) if swept != Swept::default() => tracing::info!(
                 reclaimed = swept.reclaimed,
                 expired = swept.expired,

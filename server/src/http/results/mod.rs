@@ -227,6 +227,13 @@ pub(crate) async fn blocking<T: Send + 'static>(
     what: impl std::fmt::Display,
     read: impl FnOnce() -> io::Result<T> + Send + 'static,
 ) -> Result<T, Problem> {
+    let damaged = |error: &io::Error| {
+        tracing::error!(%error, %what, "a stored result is missing or damaged");
+        Problem::new(
+            Kind::ResultDamaged,
+            "the stored result is missing or damaged: retry the job, which packs it again",
+        )
+    };
     let failed = |error: &dyn std::fmt::Display| {
         tracing::error!(%error, %what, "a stored result is unreadable");
         Problem::new(
@@ -240,7 +247,7 @@ pub(crate) async fn blocking<T: Send + 'static>(
             tracing::error!(%error, %what, "a stored result cannot be read at present");
             Err(of_fault(Fault::Io))
         }
-        Ok(Err(error)) => Err(failed(&error)),
+        Ok(Err(error)) => Err(damaged(&error)),
         Err(error) => Err(failed(&error)),
     }
 }

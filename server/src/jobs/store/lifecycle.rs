@@ -317,19 +317,23 @@ impl Store {
         .await
     }
 
-    /// Sends a failed or cancelled job back to the queue, with its attempts renewed.
+    /// Sends a failed or cancelled job back to the queue, with its attempts renewed; a succeeded one where its result at the
+    /// path `damaged` is no longer what was stored.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`], [`StoreError::QueueFull`], or the database's.
-    pub(crate) async fn retry(&self, id: JobId) -> Result<JobRecord, StoreError> {
+    pub(crate) async fn retry(&self, id: JobId, damaged: Option<String>) -> Result<JobRecord, StoreError> {
         let store = self.clone();
         detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let before = rows::by_id(&mut tx, id).await?;
-            if !before.state.may_retry() {
+            let is_damaged =
+                damaged.is_some() && damaged == before.artifact.as_ref().map(|found| found.path.clone());
+            if !before.state.may_retry() && !(before.state == State::Succeeded && is_damaged) {
                 return Err(StoreError::Forbidden(before.state));
             }
+            sqlx::query("delete from artifacts where job = ?").bind(before.seq).execute(&mut *tx).await?;
             store.check_queue(&mut tx, 1).await?;
             let flow = runs::flow_of(&mut tx, before.seq).await?;
             let turn = turns::take(&mut tx, flow, before.priority, 1).await?;

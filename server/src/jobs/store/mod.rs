@@ -246,6 +246,11 @@ impl Store {
         let _ = tokio::task::spawn_blocking(move || reserve.refill()).await;
     }
 
+    /// Faults after which the database was opened anew.
+    pub(crate) fn faults(&self) -> u64 {
+        self.shared.writer.replaced()
+    }
+
     /// Whether the database cannot be opened any more, and only a restart or an operator can help.
     pub(crate) fn is_lost(&self) -> bool {
         self.shared.writer.lost_for().is_some_and(|lost_for| lost_for >= LOST_AFTER)

@@ -157,7 +157,7 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
     assert_eq!(ended.state, State::Failed);
     assert_eq!(ended.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
     assert_eq!(store.recover(Vec::new()).await.unwrap(), 0);
-    let retried = store.retry(job.id).await.unwrap();
+    let retried = store.retry(job.id, None).await.unwrap();
     assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
     assert_eq!((retried.error, retried.finished_at), (None, None));
 }
@@ -194,13 +194,13 @@ async fn leases_run_out() {
 async fn states_forbid_what_makes_no_sense() {
     let (_folder, store) = fresh().await;
     let queued = submit(&store, json!({})).await.id;
-    assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Queued))));
+    assert!(matches!(store.retry(queued, None).await, Err(StoreError::Forbidden(State::Queued))));
     assert!(matches!(store.delete(queued).await, Err(StoreError::Forbidden(State::Queued))));
     let lease = store.claim().await.unwrap().unwrap().lease;
     assert!(matches!(store.delete(queued).await, Err(StoreError::Forbidden(State::Running))));
     succeed(&store, lease).await;
     assert!(matches!(store.cancel(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
-    assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
+    assert!(matches!(store.retry(queued, None).await, Err(StoreError::Forbidden(State::Succeeded))));
     assert_eq!(store.delete(queued).await.unwrap(), [format!("{queued}.1")]);
     assert_eq!(store.get(queued).await.unwrap(), None);
     assert!(matches!(store.cancel(queued).await, Err(StoreError::NoJob)));
@@ -264,7 +264,7 @@ async fn the_queue_is_bounded() {
     assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull { most: 2, .. })));
     store.cancel(first).await.unwrap();
     assert!(matches!(store.submit(third).await.unwrap(), Submitted::Created(_)));
-    assert!(matches!(store.retry(first).await, Err(StoreError::QueueFull { most: 2, .. })));
+    assert!(matches!(store.retry(first, None).await, Err(StoreError::QueueFull { most: 2, .. })));
     let counts = store.counts().await.unwrap();
     assert_eq!((counts[&State::Queued], counts[&State::Cancelled]), (2, 1));
 }

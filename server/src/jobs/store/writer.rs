@@ -7,6 +7,7 @@
 
 use std::ops::{Deref, DerefMut};
 use std::sync::PoisonError;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use sqlx::sqlite::SqliteConnectOptions;
@@ -32,6 +33,8 @@ pub(super) struct Writer {
     state: Mutex<State>,
     /// Since when no connection could be opened in place of an unusable one.
     lost_since: std::sync::Mutex<Option<Instant>>,
+    /// How often the connection was replaced.
+    replaced: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -51,7 +54,12 @@ impl Writer {
     /// Takes over an open connection; `options` open its successors, and set `synchronous = full`.
     pub(super) fn new(connection: SqliteConnection, options: SqliteConnectOptions) -> Self {
         let state = State { connection, durability: Durability::PowerCut, unusable: false };
-        Self { options, state: Mutex::new(state), lost_since: std::sync::Mutex::default() }
+        Self {
+            options,
+            state: Mutex::new(state),
+            lost_since: std::sync::Mutex::default(),
+            replaced: AtomicU64::default(),
+        }
     }
 
     /// Waits for the writers before, and hands out a connection that is in no transaction.
@@ -82,6 +90,7 @@ impl Writer {
                 // The old one closes when its thread sees that it was dropped.
                 *state = State { connection, durability: Durability::PowerCut, unusable: false };
                 *lost_since = None;
+                self.replaced.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(
                     "the connection that writes to the database was unusable and has been replaced"
                 );
@@ -96,6 +105,11 @@ impl Writer {
                 Err(error.into())
             }
         }
+    }
+
+    /// How often the connection was replaced.
+    pub(super) fn replaced(&self) -> u64 {
+        self.replaced.load(Ordering::Relaxed)
     }
 
     /// For how long no usable connection could be opened; `None` while there is one.

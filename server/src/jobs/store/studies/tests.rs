@@ -163,7 +163,7 @@ async fn what_is_given_back_keeps_its_turn_and_what_is_retried_takes_a_new_one()
     store.give_back(first).await.unwrap();
     assert_eq!(claim(&store).await.id, first.id);
     fail(&store, second, Kind::TargetNotReached, 1.0).await;
-    store.retry(second.id).await.unwrap();
+    store.retry(second.id, None).await.unwrap();
     let mut last = claim(&store).await;
     for _ in 0..7 {
         assert_ne!(last.id, second.id, "others come first");
@@ -247,7 +247,7 @@ async fn a_met_rule_calls_off_what_waits_of_its_point_only() {
     assert_eq!(called_off.len(), 3);
 
     // Whoever knows better sends them back; then they wait again.
-    store.retry(called_off[0].id).await.unwrap();
+    store.retry(called_off[0].id, None).await.unwrap();
     let zero = &cells(&store, &study).await[0];
     assert_eq!((zero.stopped_early, zero.waiting), (2, 1));
     let (record, retried) = store.retry_study(study.id, vec![State::Failed, State::Cancelled]).await.unwrap();
