@@ -226,3 +226,34 @@ async fn what_is_no_checkpoint_is_refused_and_can_be_discarded() {
 async fn packstone_with(directory: &Path, args: &[&str], option: &str) -> crate::harness::Finished {
     packstone(directory, &[args, &[option]].concat()).await
 }
+
+#[tokio::test]
+async fn attempts_that_keep_a_checkpoint_do_not_count() {
+    let data_dir = DataDir::new();
+    let mut server = keeping(&data_dir).await;
+    let job = server.client().submit(&jobs::with(jobs::growth(), "/max_attempts", json!(1))).await;
+    let id = id_of(&job).to_owned();
+    for attempt in 1..=2 {
+        assert_eq!(server.client().running(&id).await["attempt"], attempt);
+        let name = format!("{id}.{attempt}.checkpoint");
+        eventually("a checkpoint of the attempt", || data_dir.checkpoints().contains(&name)).await;
+        server.kill().await;
+        server = keeping(&data_dir).await;
+    }
+    let ended = server.client().finished(&id).await;
+    assert_eq!(ended["state"], "succeeded", "{ended:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_server_that_is_asked_to_stop_keeps_a_last_checkpoint() {
+    let data_dir = DataDir::new();
+    // The first is due after five seconds, unless the server stops.
+    let server = Launch::new(&data_dir).args(&["--checkpoint-every-s", "3600"]).start().await;
+    let client = server.client();
+    let job = client.submit(&jobs::endless_growth()).await;
+    client.job_when(id_of(&job), "it to grow", |job| job["progress"]["phase"] == "edmd").await;
+    assert!(data_dir.checkpoints().is_empty());
+    server.stop().await;
+    assert_eq!(data_dir.checkpoints(), [format!("{}.1.checkpoint", id_of(&job))]);
+}

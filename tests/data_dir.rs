@@ -97,10 +97,83 @@ async fn orphaned_files_are_swept_and_others_kept() {
     for orphan in &orphans {
         fs::write(orphan, "half a result").unwrap();
     }
-    let server = Launch::new(&data_dir).args(&["--sweep-interval-s", "1"]).start().await;
+    let refused = run(Launch::new(&data_dir).into_command()).await;
+    assert_eq!(refused.code, Some(1));
+    assert!(refused.stderr.contains("--adopt-orphans"), "{}", refused.stderr);
+    assert!(orphans.iter().all(|orphan| orphan.exists()), "a refused start changes nothing");
+    let args = ["--sweep-interval-s", "1", "--adopt-orphans"];
+    let server = Launch::new(&data_dir).args(&args).start().await;
     eventually("orphans to be swept", || !orphans.iter().any(|orphan| orphan.exists())).await;
     assert!(stored.exists());
+    let kept = quarantined(&data_dir);
+    assert_eq!(kept.len(), 1, "the whole file is kept, the half one is not: {kept:?}");
+    assert_eq!(fs::read(&kept[0]).unwrap(), b"half a result");
+    assert!(server.log().contains("quarantine"), "{}", server.log());
     server.client().result(id_of(&job)).await;
+    server.stop().await;
+}
+
+/// The files in the quarantine.
+fn quarantined(data_dir: &DataDir) -> Vec<std::path::PathBuf> {
+    let mut folders = vec![data_dir.path().join("quarantine")];
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        let Ok(entries) = fs::read_dir(folder) else { continue };
+        for entry in entries.map(Result::unwrap) {
+            if entry.file_type().unwrap().is_dir() {
+                folders.push(entry.path())
+            } else {
+                files.push(entry.path())
+            }
+        }
+    }
+    files
+}
+
+#[tokio::test]
+async fn a_database_that_does_not_belong_to_the_results_is_refused() {
+    let data_dir = DataDir::new();
+    let database = data_dir.path().join("packstone.sqlite");
+    let server = Server::start(&data_dir).await;
+    let first = server.client().succeed(&jobs::quick(1)).await;
+    server.stop().await;
+    let older = fs::read(&database).unwrap();
+    let server = Server::start(&data_dir).await;
+    let second = server.client().succeed(&jobs::quick(2)).await;
+    server.stop().await;
+    let present = fs::read(&database).unwrap();
+    let remove = || {
+        for ending in ["", "-wal", "-shm"] {
+            let _ = fs::remove_file(data_dir.path().join(format!("packstone.sqlite{ending}")));
+        }
+    };
+    for wrong in [None, Some(Vec::new()), Some(older)] {
+        remove();
+        if let Some(wrong) = wrong {
+            fs::write(&database, wrong).unwrap();
+        }
+        let refused = run(Launch::new(&data_dir).into_command()).await;
+        assert_eq!(refused.code, Some(1));
+        assert!(refused.stderr.contains("--adopt-orphans"), "{}", refused.stderr);
+        assert_eq!(data_dir.artifacts().len(), 2, "nothing is removed");
+    }
+    // What is put in quarantine can be put back.
+    remove();
+    let server = Launch::new(&data_dir).args(&["--adopt-orphans"]).start().await;
+    eventually("the results to be moved", || data_dir.artifacts().is_empty()).await;
+    assert_eq!(quarantined(&data_dir).len(), 2);
+    server.stop().await;
+    for file in quarantined(&data_dir) {
+        let parts: Vec<_> = file.iter().collect();
+        let back: std::path::PathBuf = parts[parts.len() - 2..].iter().collect();
+        fs::rename(&file, data_dir.path().join("artifacts").join(back)).unwrap();
+    }
+    remove();
+    fs::write(&database, present).unwrap();
+    let server = Server::start(&data_dir).await;
+    for job in [&first, &second] {
+        server.client().result(id_of(job)).await;
+    }
     server.stop().await;
 }
 
@@ -117,13 +190,19 @@ async fn a_missing_or_damaged_result_is_a_fault_and_harms_nothing_else() {
     let file = of(id_of(&job));
     let whole = fs::read(&file).unwrap();
     fs::write(&file, &whole[..whole.len() / 2]).unwrap();
-    client.get(&path).send().await.expect_problem(500, "internal-error");
+    client.get(&path).send().await.expect_problem(410, "result-damaged");
     fs::remove_file(&file).unwrap();
-    client.get(&path).send().await.expect_problem(500, "internal-error");
+    client.get(&path).send().await.expect_problem(410, "result-damaged");
     assert_eq!(client.job(id_of(&job)).await["state"], "succeeded");
     client.result(id_of(&other)).await;
     // Put back from a backup, it is served again.
     fs::write(&file, &whole).unwrap();
-    client.result(id_of(&job)).await;
+    let before = client.result(id_of(&job)).await;
+    client.post(&format!("/v1/jobs/{}/retry", id_of(&job))).send().await.expect_problem(409, "conflict");
+    // Without one, the job packs the same spheres again.
+    fs::remove_file(&file).unwrap();
+    client.post(&format!("/v1/jobs/{}/retry", id_of(&job))).send().await.expect(200);
+    assert_eq!(client.finished(id_of(&job)).await["state"], "succeeded");
+    assert_eq!(client.result(id_of(&job)).await["spheres"], before["spheres"]);
     server.stop().await;
 }

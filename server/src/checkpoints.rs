@@ -19,7 +19,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use packstone_engine::{Checkpoint, PackingRequest, Resume};
+use packstone_engine::{Checkpoint, CheckpointError, PackingRequest, Resume};
+
+use crate::jobs::store::Kept;
 
 /// Ending of a complete checkpoint.
 const COMPLETE: &str = ".checkpoint";
@@ -140,6 +142,11 @@ impl Checkpoints {
                     tracing::info!(of_attempt = found.attempt, "going on from a checkpoint");
                     Some(resume)
                 }
+                // It could not be read, for want of file descriptors for example: it may be readable later.
+                Err(CheckpointError::Io(error)) if error.kind() != io::ErrorKind::UnexpectedEof => {
+                    tracing::warn!(%error, of_attempt = found.attempt, "a checkpoint could not be read");
+                    None
+                }
                 Err(error) => {
                     tracing::warn!(%error, of_attempt = found.attempt, "a checkpoint is of no use, and removed");
                     removed(&found);
@@ -180,6 +187,19 @@ impl Checkpoints {
     /// Removes one file that was found.
     pub(crate) fn remove_found(found: &Found) -> io::Result<()> {
         remove(&found.file)
+    }
+
+    /// The whole checkpoints with the times at which they were kept, for the count of attempts.
+    pub(crate) fn kept(&self) -> io::Result<Vec<Kept>> {
+        let since_epoch = |found: &Found| {
+            let changed = fs::metadata(&found.file).and_then(|found| found.modified()).ok()?;
+            changed.duration_since(std::time::UNIX_EPOCH).ok()
+        };
+        let kept = self.list()?.into_iter().filter(|found| found.complete).filter_map(|found| {
+            let at_us = i64::try_from(since_epoch(&found)?.as_micros()).ok()?;
+            Some(Kept { job: found.id, attempt: found.attempt, at_us })
+        });
+        Ok(kept.collect())
     }
 
     /// Every checkpoint, whole or not.

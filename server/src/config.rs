@@ -1,12 +1,14 @@
 //! What the operator decides: the options of `packstone serve`, each also an environment variable.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::builder::{BoolishValueParser, Resettable};
+use clap::{Args, Command};
 use packstone_engine::Limits;
 
+use crate::memory;
 use crate::telemetry::LogFormat;
 
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
@@ -20,8 +22,9 @@ pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 /// Options of `packstone serve`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ServeOptions {
-    /// Address and port to listen on; port 0 takes a free one
-    #[arg(long, env = "PACKSTONE_LISTEN", default_value = "127.0.0.1:8080")]
+    /// Address and port to listen on, as `127.0.0.1:8080`, `localhost:8080`, or `:8080` for all addresses; port 0 takes a
+    /// free one
+    #[arg(long, env = "PACKSTONE_LISTEN", default_value = "127.0.0.1:8080", value_parser = address)]
     pub(crate) listen: SocketAddr,
     /// Directory of the database and the results; made where it is missing
     #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
@@ -29,19 +32,19 @@ pub(crate) struct ServeOptions {
     /// Jobs that run at once [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
-    /// Models of results (meshes, voxels, lattices) that are made at once, beside the jobs; cuts, which take a moment,
-    /// have one more
-    #[arg(long, env = "PACKSTONE_DERIVERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    /// Exports (meshes, voxels, lattices) that are made at once, beside the jobs; slices, which take a moment, have one
+    /// worker more
+    #[arg(long, env = "PACKSTONE_EXPORT_WORKERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub(crate) export_workers: u16,
-    /// Most bytes of models that were made for a download only; beyond, those used longest ago go, and are made again
-    /// when they are asked for
-    #[arg(long, env = "PACKSTONE_DERIVED_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
+    /// Most bytes of exports that were made for a download only; beyond, those used longest ago are removed, and made
+    /// again when they are requested
+    #[arg(long, env = "PACKSTONE_EXPORT_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
     pub(crate) export_cache_bytes: u64,
     /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
     /// Listen beyond this machine without API keys
-    #[arg(long, env = "PACKSTONE_INSECURE")]
+    #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,
     /// Form of the log lines on standard error
     #[arg(long, env = "PACKSTONE_LOG_FORMAT", value_enum, default_value_t)]
@@ -49,12 +52,12 @@ pub(crate) struct ServeOptions {
     /// Most grains of one packing
     #[arg(long, env = "PACKSTONE_MAX_GRAINS", default_value_t = Limits::default().max_grains)]
     pub(crate) max_grains: u64,
-    /// Most memory of one packing, in MiB [default: four fifths of the machine's, shared by the
-    /// jobs and models that may run at once, and at most 8 GB]
-    #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB")]
+    /// Most memory of one packing, in MiB [default: four fifths of the machine's, or of the limit
+    /// of the control group, shared by the jobs and exports that may run at once, and at most 8 GB]
+    #[arg(long, env = "PACKSTONE_MAX_MEMORY_MIB", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) max_memory_mib: Option<u64>,
     /// Most memory of one model of a result, and longest file of one, in MiB [default: as for a packing]
-    #[arg(long, env = "PACKSTONE_MAX_MODEL_MIB")]
+    #[arg(long, env = "PACKSTONE_MAX_MODEL_MIB", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) max_model_mib: Option<u64>,
     /// Most jobs that wait
     #[arg(long, env = "PACKSTONE_MAX_QUEUED", default_value_t = 100_000)]
@@ -68,6 +71,23 @@ pub(crate) struct ServeOptions {
     /// Most results being sent at once
     #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64)]
     pub(crate) max_downloads: usize,
+    /// Free space of the data directory's file system, in bytes, below which nothing is taken in [default: 1 GiB, at
+    /// most 5 % of the file system]
+    #[arg(long, env = "PACKSTONE_MIN_FREE_BYTES")]
+    pub(crate) min_free_bytes: Option<u64>,
+    /// Most bytes of results, kept exports and cached exports together [default: as much as the disk has]
+    #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES")]
+    pub(crate) max_stored_bytes: Option<u64>,
+    /// Most bytes of results and kept exports of the jobs that one API key submitted [default: no bound]
+    #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES_PER_KEY")]
+    pub(crate) max_stored_bytes_per_key: Option<u64>,
+    /// Start although results lie in the data directory that the database does not know, and move them to its folder
+    /// `quarantine`
+    #[arg(long, env = "PACKSTONE_ADOPT_ORPHANS", value_parser = BoolishValueParser::new())]
+    pub(crate) adopt_orphans: bool,
+    /// Days after which files in the folder `quarantine` are removed
+    #[arg(long, env = "PACKSTONE_QUARANTINE_DAYS", default_value_t = 7)]
+    pub(crate) quarantine_days: u32,
     /// Seconds between two sweeps for expired jobs and files left over
     #[arg(long, env = "PACKSTONE_SWEEP_INTERVAL_S", default_value_t = 300.0, value_parser = seconds)]
     pub(crate) sweep_interval_s: f64,
@@ -108,16 +128,30 @@ impl ServeOptions {
 /// What one packing may use by default, when `workers` of them may run at once.
 pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
     let most = Limits::default().max_memory_bytes;
-    let total = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| total_memory_bytes(&text));
-    match total {
+    match memory::total_bytes() {
         Some(total) => most.min((total as f64 * MEMORY_SHARE / workers.max(1) as f64) as u64),
         None => most,
     }
 }
 
-fn total_memory_bytes(meminfo: &str) -> Option<u64> {
-    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+/// The command line, in which a variable of the environment that is empty counts as not set: `compose.yaml` sets such.
+pub(crate) fn without_empty_variables(command: Command) -> Command {
+    let command = command.mut_args(|arg| {
+        let empty = arg.get_env().and_then(std::env::var_os).is_some_and(|value| value.is_empty());
+        if empty { arg.env(Resettable::Reset) } else { arg }
+    });
+    command.mut_subcommands(without_empty_variables)
+}
+
+/// An address to listen on: numbers, a name, or a port alone for all addresses.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let wanted = if text.starts_with(':') { format!("0.0.0.0{text}") } else { text.to_owned() };
+    let found: Vec<SocketAddr> = wanted
+        .to_socket_addrs()
+        .map_err(|error| format!("{error}; write it as 127.0.0.1:8080, localhost:8080 or :8080"))?
+        .collect();
+    let first = found.iter().find(|address| address.is_ipv4()).or(found.first());
+    first.copied().ok_or_else(|| "the name has no address".to_owned())
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -140,9 +174,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memory_is_read_from_the_kernels_table() {
-        assert_eq!(total_memory_bytes("MemFree: 1 kB\nMemTotal:       2048 kB\n"), Some(2_097_152));
-        assert_eq!(total_memory_bytes("MemFree: 1 kB\n"), None);
+    fn addresses_are_numbers_names_or_ports() {
+        for (text, found) in [
+            ("127.0.0.1:80", "127.0.0.1:80"),
+            ("localhost:8080", "127.0.0.1:8080"),
+            (":8080", "0.0.0.0:8080"),
+            ("[::1]:1", "[::1]:1"),
+        ] {
+            assert_eq!(address(text).map(|address| address.to_string()), Ok(found.to_owned()));
+        }
+        for bad in ["", "8080", "127.0.0.1", ":http"] {
+            assert!(address(bad).is_err(), "{bad}");
+        }
     }
 
     #[test]

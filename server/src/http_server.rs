@@ -1,16 +1,19 @@
 //! The accept loop: connections in, a service behind, and an orderly end.
 //!
-//! `axum::serve` waits for slow heads forever and for open event streams at the end; this loop
-//! gives a head ten seconds, bounds the number of connections, and after the signal to stop lets
-//! requests finish until a deadline. It knows sockets and hyper; it must never know a route.
+//! `axum::serve` waits for slow heads forever and for open event streams at the end; this loop gives a head ten seconds,
+//! bounds the number of connections, in all and of one client, and after the signal to stop lets requests finish until a
+//! deadline. Connections beyond the bound are answered with 503.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
@@ -21,6 +24,10 @@ use tokio_util::task::TaskTracker;
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time that requests may take to finish after the signal to stop.
 const DRAIN: Duration = Duration::from_secs(5);
+/// Connections that are told at once that there is no place for them.
+const REFUSALS: usize = 16;
+/// Time that such a connection may take.
+const REFUSAL_TIMEOUT: Duration = Duration::from_secs(2);
 /// Pause after the system refused a connection, for want of file descriptors for example.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 
@@ -29,34 +36,44 @@ pub(crate) async fn serve(
     listener: TcpListener,
     router: Router,
     connections: Arc<Semaphore>,
+    max_connections: usize,
     shutdown: CancellationToken,
 ) {
     let tracker = TaskTracker::new();
     let abort = CancellationToken::new();
+    let counts = Counts::default();
+    let refusals = Arc::new(Semaphore::new(REFUSALS));
     loop {
-        // The permit comes first: beyond the bound, connections wait in the system's backlog.
-        let permit = tokio::select! {
-            permit = Arc::clone(&connections).acquire_owned() => permit,
-            () = shutdown.cancelled() => break,
-        };
-        let Ok(permit) = permit else { break };
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
             () = shutdown.cancelled() => break,
         };
-        match accepted {
-            Ok((stream, _)) => {
-                let (router, shutdown, abort) = (router.clone(), shutdown.clone(), abort.clone());
-                tracker.spawn(async move {
-                    connection(stream, router, shutdown, abort).await;
-                    drop(permit);
-                });
-            }
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
             Err(error) => {
                 tracing::warn!(%error, "a connection was not accepted");
                 sleep(REFUSED_PAUSE).await;
+                continue;
             }
-        }
+        };
+        let admitted = counts.admit(peer.ip(), share_of(peer.ip(), max_connections));
+        let permit =
+            admitted.and_then(|place| Some((place, Arc::clone(&connections).try_acquire_owned().ok()?)));
+        let Some(permit) = permit else {
+            // Beyond the bound of refusals, connections are closed without a word.
+            if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
+                tracker.spawn(async move {
+                    let _ = timeout(REFUSAL_TIMEOUT, refuse(stream)).await;
+                    drop(turn);
+                });
+            }
+            continue;
+        };
+        let (router, shutdown, abort) = (router.clone(), shutdown.clone(), abort.clone());
+        tracker.spawn(async move {
+            connection(stream, router, shutdown, abort).await;
+            drop(permit);
+        });
     }
     drop(listener);
     tracker.close();
@@ -65,6 +82,64 @@ pub(crate) async fn serve(
         abort.cancel();
         tracker.wait().await;
     }
+}
+
+/// Open connections by address of the client.
+#[derive(Clone, Debug, Default)]
+struct Counts(Arc<Mutex<HashMap<IpAddr, usize>>>);
+
+/// One connection of a client; dropped, it makes room for another.
+struct Admitted {
+    counts: Counts,
+    peer: IpAddr,
+}
+
+impl Counts {
+    /// Counts a connection, unless the client has `most` already.
+    fn admit(&self, peer: IpAddr, most: usize) -> Option<Admitted> {
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = counts.entry(peer).or_default();
+        if *count >= most {
+            return None;
+        }
+        *count += 1;
+        Some(Admitted { counts: self.clone(), peer })
+    }
+}
+
+impl Drop for Admitted {
+    fn drop(&mut self) {
+        let mut counts = self.counts.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = counts.get_mut(&self.peer) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.peer);
+            }
+        }
+    }
+}
+
+/// How many of the connections one address may have: half of them; from this machine all, for a reverse proxy brings all
+/// its clients from there.
+fn share_of(peer: IpAddr, max_connections: usize) -> usize {
+    if peer.is_loopback() { max_connections } else { max_connections.div_ceil(2) }
+}
+
+/// Answers `503` to a connection for which there is no place, whatever it asks.
+async fn refuse(mut stream: TcpStream) -> std::io::Result<()> {
+    const BODY: &str = r#"{"type":"/problems/busy","title":"Busy","status":503,"detail":"as many connections are open as may be"}"#;
+    let head = format!(
+        "HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\ncontent-length: {}\r\n\
+         retry-after: 5\r\nconnection: close\r\n\r\n",
+        BODY.len()
+    );
+    stream.write_all(head.as_bytes()).await?;
+    stream.write_all(BODY.as_bytes()).await?;
+    stream.shutdown().await?;
+    // Closed with bytes unread, the connection would be reset, and the answer lost with it.
+    let mut rest = [0; 4096];
+    while stream.read(&mut rest).await? > 0 {}
+    Ok(())
 }
 
 async fn connection(
@@ -93,5 +168,26 @@ async fn connection(
     if let Err(error) = ended {
         // Clients hang up all the time.
         tracing::debug!(%error, "a connection ended early");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_client_gets_its_share_and_no_more() {
+        let counts = Counts::default();
+        let peer = IpAddr::from([192, 0, 2, 1]);
+        let most = share_of(peer, 4);
+        let first = counts.admit(peer, most);
+        let second = counts.admit(peer, most);
+        assert!(first.is_some() && second.is_some() && counts.admit(peer, most).is_none());
+        assert!(counts.admit(IpAddr::from([192, 0, 2, 2]), most).is_some());
+        drop(second);
+        assert!(counts.admit(peer, most).is_some());
+        drop(first);
+        assert!(counts.0.lock().is_ok_and(|counts| counts.is_empty()));
+        assert_eq!(share_of(IpAddr::from([127, 0, 0, 1]), 4), 4);
     }
 }

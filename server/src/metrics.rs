@@ -22,6 +22,8 @@ const JOB_BOUNDS_S: &[f64] = &[0.1, 0.5, 1.0, 5.0, 15.0, 60.0, 300.0, 1800.0, 72
 pub(crate) struct Metrics {
     submitted: AtomicU64,
     studies_submitted: AtomicU64,
+    sweeps: AtomicU64,
+    failed_sweeps: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
     exports: Mutex<BTreeMap<(&'static str, &'static str), Histogram>>,
@@ -72,9 +74,25 @@ pub(crate) struct Gauges {
     pub(crate) workers: usize,
     pub(crate) connections: usize,
     pub(crate) results_being_sent: usize,
+    /// Bytes of stored files by kind.
+    pub(crate) stored_bytes: BTreeMap<&'static str, u64>,
+    /// Free bytes of the disk, and those that must stay free.
+    pub(crate) disk: Option<(u64, u64)>,
+    /// Faults after which the database was opened anew.
+    pub(crate) store_faults: u64,
+    /// Seconds that the oldest waiting job has waited.
+    pub(crate) queue_age_s: f64,
+    /// Seconds since the newest checkpoint was written, if there is one.
+    pub(crate) checkpoint_age_s: Option<f64>,
 }
 
 impl Metrics {
+    /// A sweep ended, well or not.
+    pub(crate) fn swept(&self, succeeded: bool) {
+        let counter = if succeeded { &self.sweeps } else { &self.failed_sweeps };
+        counter.fetch_add(1, Ordering::Relaxed);
+    }
+
     /// A job was taken in.
     pub(crate) fn job_submitted(&self) {
         self.submitted.fetch_add(1, Ordering::Relaxed);
@@ -122,6 +140,36 @@ impl Metrics {
         }
         out.head("packstone_export_cache_bytes", "gauge", "Bytes of models that nobody asked to be kept.");
         out.line("packstone_export_cache_bytes", "", gauges.export_cache_bytes);
+        out.head("packstone_stored_bytes", "gauge", "Bytes of results, kept exports and cached exports.");
+        for (kind, bytes) in &gauges.stored_bytes {
+            out.line("packstone_stored_bytes", &format!("kind=\"{kind}\""), bytes);
+        }
+        if let Some((free, least)) = gauges.disk {
+            out.head("packstone_disk_free_bytes", "gauge", "Free bytes of the data directory's file system.");
+            out.line("packstone_disk_free_bytes", "", free);
+            out.head("packstone_disk_min_free_bytes", "gauge", "Bytes of it that must stay free.");
+            out.line("packstone_disk_min_free_bytes", "", least);
+        }
+        out.head("packstone_queue_age_seconds", "gauge", "Time that the oldest waiting job has waited.");
+        out.line("packstone_queue_age_seconds", "", gauges.queue_age_s);
+        if let Some(age_s) = gauges.checkpoint_age_s {
+            out.head(
+                "packstone_checkpoint_age_seconds",
+                "gauge",
+                "Time since the newest checkpoint was written.",
+            );
+            out.line("packstone_checkpoint_age_seconds", "", age_s);
+        }
+        out.head("packstone_sweeps_total", "counter", "Sweeps by outcome.");
+        out.line("packstone_sweeps_total", "outcome=\"succeeded\"", self.sweeps.load(Ordering::Relaxed));
+        out.line("packstone_sweeps_total", "outcome=\"failed\"", self.failed_sweeps.load(Ordering::Relaxed));
+        out.head(
+            "packstone_store_faults_total",
+            "counter",
+            "Faults after which the database was opened anew.",
+        );
+        out.line("packstone_store_faults_total", "", gauges.store_faults);
+        process(&mut out);
         out.head("packstone_workers", "gauge", "Jobs that may run at once.");
         out.line("packstone_workers", "", gauges.workers);
         out.head("packstone_http_connections", "gauge", "Open connections.");
@@ -159,6 +207,37 @@ impl Metrics {
         }
         out.0
     }
+}
+
+/// What Linux tells of this process, under the names that all exporters use.
+fn process(out: &mut Text) {
+    out.head("packstone_build_info", "gauge", "The version of this program; always 1.");
+    out.line("packstone_build_info", concat!("version=\"", env!("CARGO_PKG_VERSION"), "\""), 1);
+    let page_bytes = rustix::param::page_size() as u64;
+    let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    if let Some(pages) = statm.split_whitespace().nth(1).and_then(|pages| pages.parse::<u64>().ok()) {
+        out.head("process_resident_memory_bytes", "gauge", "Resident memory.");
+        out.line("process_resident_memory_bytes", "", pages * page_bytes);
+    }
+    if let Ok(open) = std::fs::read_dir("/proc/self/fd") {
+        out.head("process_open_fds", "gauge", "Open file descriptors.");
+        out.line("process_open_fds", "", open.count());
+    }
+    if let Some(most) = rustix::process::getrlimit(rustix::process::Resource::Nofile).current {
+        out.head("process_max_fds", "gauge", "File descriptors that may be open.");
+        out.line("process_max_fds", "", most);
+    }
+    if let Some(cpu_s) = cpu_seconds(&std::fs::read_to_string("/proc/self/stat").unwrap_or_default()) {
+        out.head("process_cpu_seconds_total", "counter", "Processor time of this process.");
+        out.line("process_cpu_seconds_total", "", cpu_s);
+    }
+}
+
+/// User and system time, fields 14 and 15 of `/proc/self/stat` (proc(5)); the name in field 2 may hold spaces.
+fn cpu_seconds(stat: &str) -> Option<f64> {
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let (user, system): (f64, f64) = (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
+    Some((user + system) / rustix::param::clock_ticks_per_second() as f64)
 }
 
 /// Writing to a string cannot fail, so results are dropped here.

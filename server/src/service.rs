@@ -9,14 +9,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{Notify, Semaphore};
 use tokio::task::JoinSet;
-use tokio::time::timeout;
+use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::descriptors::{self, TooFew};
+use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
 use crate::http::auth::{ApiKeys, KeysError};
 use crate::http::{self, App};
@@ -25,12 +27,16 @@ use crate::jobs::runner::Runner;
 use crate::jobs::store::{Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
+use crate::storage::Storage;
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
 const LEASE: Duration = Duration::from_mins(1);
-/// Time that running jobs may take to go back to the queue, beyond that of the last requests: with
-/// those it stays below the ten seconds that init systems and container engines grant.
-const STOP_RUNS: Duration = Duration::from_secs(3);
+/// Time that running jobs may take to keep a last checkpoint (5 s) and to go back to the queue. It stays below the ten
+/// seconds that init systems and container engines grant.
+const STOP_RUNS: Duration = Duration::from_secs(8);
+
+/// Time between two looks at the reserve of disk space.
+const RESERVE_EVERY: Duration = Duration::from_secs(1);
 
 /// Why the service does not start.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +61,16 @@ pub(crate) enum StartError {
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// Results lie there that the database does not know.
+    #[error(
+        "{count} results in {data_dir}/artifacts belong to no job of the database {data_dir}/packstone.sqlite, as \
+         {example}: the database is missing, empty, or older than they are. Put the right database back; or start with \
+         --adopt-orphans, which moves them to {data_dir}/quarantine, where they are removed after --quarantine-days"
+    )]
+    Orphans { data_dir: String, count: usize, example: String },
+    /// The system allows too few open files.
+    #[error(transparent)]
+    Descriptors(#[from] TooFew),
     /// The first sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
@@ -67,6 +83,7 @@ pub(crate) struct Service {
     listener: TcpListener,
     connections: Arc<Semaphore>,
     options: ServeOptions,
+    reload: Arc<Notify>,
     // Held, never read: the lock ends with it.
     _lock: File,
 }
@@ -76,7 +93,7 @@ impl Service {
     ///
     /// # Errors
     /// See [`StartError`]: each is something the operator can change.
-    pub(crate) async fn open(options: ServeOptions) -> Result<Self, StartError> {
+    pub(crate) async fn open(mut options: ServeOptions) -> Result<Self, StartError> {
         let keys = options.api_keys_file.as_deref().map(ApiKeys::read).transpose()?;
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
@@ -87,12 +104,27 @@ impl Service {
         let artifacts = Artifacts::open(options.data_dir.join("artifacts")).map_err(data_dir)?;
         let checkpoints = Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
             .map_err(data_dir)?;
+        let database = options.data_dir.join("packstone.sqlite");
+        let empty = std::fs::metadata(&database).map_or(true, |found| found.len() == 0);
+        if empty && !options.adopt_orphans {
+            refuse_orphans(&options.data_dir, &artifacts.results().map_err(data_dir)?)?;
+        }
         let listener = TcpListener::bind(options.listen)
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
-        let store = Store::open(&options.data_dir.join("packstone.sqlite"), limits).await?;
-        let recovered = store.recover().await?;
+        let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes);
+        let store = Store::open(&database, limits).await?;
+        if !options.adopt_orphans {
+            let mut orphans = Vec::new();
+            for (job, path) in artifacts.results().map_err(data_dir)? {
+                if !store.knows_job(&job).await? && !store.is_removed(&path).await? {
+                    orphans.push((job, path));
+                }
+            }
+            refuse_orphans(&options.data_dir, &orphans)?;
+        }
+        let recovered = store.recover(checkpoints.kept().map_err(data_dir)?).await?;
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
@@ -102,15 +134,29 @@ impl Service {
         }
         let metrics = Arc::new(Metrics::default());
         let shutdown = CancellationToken::new();
+        let files = options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
+        options.max_connections = descriptors::provide(options.max_connections, files)?;
         let connections = Arc::new(Semaphore::new(options.max_connections));
-        let runner = Runner { store, artifacts, checkpoints, limits: options.limits(), metrics, shutdown };
+        let storage = Storage::new(
+            store.clone(),
+            disk.clone(),
+            options.max_stored_bytes,
+            options.max_stored_bytes_per_key,
+        );
+        let limits = options.limits();
+        let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
         let app = App::new(&options, &runner, keys, Arc::clone(&connections));
-        Ok(Self { app, runner, listener, connections, options, _lock: lock })
+        Ok(Self { app, runner, listener, connections, options, reload: Arc::default(), _lock: lock })
     }
 
     /// Where it listens.
     pub(crate) fn address(&self) -> std::io::Result<std::net::SocketAddr> {
         self.listener.local_addr()
+    }
+
+    /// Notified when the files of the configuration are to be read again: the API keys.
+    pub(crate) fn reload(&self) -> Arc<Notify> {
+        Arc::clone(&self.reload)
     }
 
     /// Cancel it to stop the service.
@@ -121,15 +167,23 @@ impl Service {
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
     pub(crate) async fn serve(self) {
-        let Self { app, runner, listener, connections, options, _lock } = self;
+        let Self { app, runner, listener, connections, options, reload: _, _lock } = self;
         let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
         let router = http::router(app.clone());
         let workers = tokio::spawn(work(runner, options.clone()));
         app.set_ready(true);
-        http_server::serve(listener, router, connections, shutdown.clone()).await;
+        let stopped = tokio::spawn({
+            let shutdown = shutdown.clone();
+            async move {
+                shutdown.cancelled().await;
+                Instant::now()
+            }
+        });
+        http_server::serve(listener, router, connections, options.max_connections, shutdown.clone()).await;
         // The listener may end on its own only by a bug; the workers must not outlive it.
         shutdown.cancel();
-        if timeout(STOP_RUNS, workers).await.is_err() {
+        let stopped = stopped.await.unwrap_or_else(|_| Instant::now());
+        if timeout_at(stopped + STOP_RUNS, workers).await.is_err() {
             tracing::error!("a run did not stop in time; its job is taken back at the next start");
         }
         if timeout(Duration::from_secs(1), store.close()).await.is_err() {
@@ -142,7 +196,8 @@ impl Service {
 /// Runs the workers, the export workers and the sweeper to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions) {
-    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints).await {
+    let days = options.quarantine_days;
+    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints, days).await {
         tracing::error!(%error, "the first sweep failed");
     }
     let mut tasks = JoinSet::new();
@@ -151,11 +206,15 @@ async fn work(runner: Runner, options: ServeOptions) {
         runner.artifacts.clone(),
         runner.checkpoints.clone(),
         options.sweep_interval(),
+        days,
+        Arc::clone(&runner.metrics),
         runner.shutdown.clone(),
     ));
+    tasks.spawn(keep_reserve(runner.store.clone(), runner.shutdown.clone()));
     let export_worker = ExportWorker {
         store: runner.store.clone(),
         artifacts: runner.artifacts.clone(),
+        storage: runner.storage.clone(),
         limits: runner.limits,
         metrics: Arc::clone(&runner.metrics),
         shutdown: runner.shutdown.clone(),
@@ -173,6 +232,26 @@ async fn work(runner: Runner, options: ServeOptions) {
             tracing::error!(%error, "a worker ended by a defect of this program");
         }
     }
+}
+
+/// Takes the reserve of disk space again, soon after a deletion has used it.
+async fn keep_reserve(store: Store, shutdown: CancellationToken) {
+    loop {
+        tokio::select! {
+            () = sleep(RESERVE_EVERY) => store.refill_reserve().await,
+            () = shutdown.cancelled() => return,
+        }
+    }
+}
+
+/// Refuses to start over results that the database does not know.
+fn refuse_orphans(data_dir: &Path, orphans: &[(String, String)]) -> Result<(), StartError> {
+    let Some((_, example)) = orphans.first() else { return Ok(()) };
+    Err(StartError::Orphans {
+        data_dir: data_dir.display().to_string(),
+        count: orphans.len(),
+        example: example.clone(),
+    })
 }
 
 fn lock(data_dir: &Path) -> Result<File, StartError> {

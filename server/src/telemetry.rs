@@ -1,8 +1,9 @@
 //! Logs: one line an event on standard error, as text or as JSON.
 //!
-//! Standard output is for what a command was asked for.
+//! Standard output is for what a command was asked for. A line that cannot be written, to a full disk or a closed pipe, is
+//! dropped: `eprintln!` would panic, and the panic hook, which logs as well, would end the process with signal 6.
 
-use std::io::IsTerminal as _;
+use std::io::{self, IsTerminal as _, Write};
 
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -20,6 +21,27 @@ pub(crate) enum LogFormat {
     Json,
 }
 
+/// A writer whose failures nobody hears of.
+struct Lossy<W>(W);
+
+impl<W: Write> Write for Lossy<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // A part of a line is no better than none; the caller must not try the rest for ever.
+        let _ = self.0.write_all(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let _ = self.0.flush();
+        Ok(())
+    }
+}
+
+/// Writes a line to standard error; one that cannot be written is dropped.
+pub(crate) fn say(line: &str) {
+    let _ = Lossy(io::stderr()).write_all(format!("{line}\n").as_bytes());
+}
+
 /// Starts to log. `default_filter` holds where `PACKSTONE_LOG` is not set, as `info` or
 /// `packstone_server=debug,sqlx=warn`.
 pub(crate) fn start(format: LogFormat, default_filter: &str) {
@@ -28,8 +50,10 @@ pub(crate) fn start(format: LogFormat, default_filter: &str) {
         .parse_lossy(std::env::var(FILTER_VARIABLE).unwrap_or_else(|_| default_filter.into()));
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr);
+        .with_ansi(io::stderr().is_terminal())
+        // Its default is to report a failed write by `eprintln!`.
+        .log_internal_errors(false)
+        .with_writer(|| Lossy(io::stderr()));
     // A second start, in tests, keeps the first.
     let _ = match format {
         LogFormat::Text => lines.finish().try_init(),

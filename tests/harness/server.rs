@@ -219,6 +219,11 @@ impl Server {
         self.signal(Signal::TERM);
     }
 
+    /// Hangs up, as a terminal that is closed does.
+    pub(crate) fn hang_up(&self) {
+        self.signal(Signal::HUP);
+    }
+
     /// Interrupts it, as a person at the terminal does.
     pub(crate) fn interrupt(&self) {
         self.signal(Signal::INT);

@@ -10,18 +10,19 @@ use super::{Artifacts, InFlight};
 use crate::exports::StoredFile;
 
 impl Artifacts {
-    /// Writes a file of what `make` makes.
+    /// Writes a file of what `make` makes, of at most so many bytes.
     ///
     /// # Errors
-    /// Those of `make` and of the disk, with [`io::ErrorKind::ConnectionAborted`] for a stop by `control`. Nothing is
-    /// left behind.
+    /// Those of `make` and of the disk, with [`io::ErrorKind::ConnectionAborted`] for a stop by `control` and
+    /// [`io::ErrorKind::QuotaExceeded`] for a file of more bytes. Nothing is left behind.
     pub(crate) fn write_export(
         &self,
         place: &InFlight,
+        most_bytes: u64,
         control: &dyn Control,
         make: impl FnOnce(&mut dyn Write) -> Result<ExportReport, ExportError>,
     ) -> Result<(StoredFile, ExportReport), ExportError> {
-        let (report, bytes, sha256) = self.write_whole(place, control, make, || Ok(()))?;
+        let (report, bytes, sha256) = self.write_whole(place, most_bytes, control, make, || Ok(()))?;
         Ok((StoredFile { path: place.path.clone(), bytes, sha256 }, report))
     }
 

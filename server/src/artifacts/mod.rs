@@ -18,10 +18,16 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use jiff::civil::Date;
+
 /// Ending of a complete result.
 const RESULT: &str = ".packstone";
-/// Ending of a complete file that was made of one.
-const DERIVED: &str = ".export";
+/// Ending of a complete export.
+const EXPORT: &str = ".export";
+/// Ending of a complete export of revision 1.
+const EXPORT_1: &str = ".derived";
+/// Name of the folder, beside the one of results, to which files are moved that the database does not know.
+const QUARANTINE: &str = "quarantine";
 /// What follows the ending of one that is being written.
 const PARTIAL: &str = ".tmp";
 
@@ -60,7 +66,7 @@ impl Artifacts {
 
     /// Claims the place of a file that an attempt makes of a result.
     pub(crate) fn begin_export(&self, id: &str, attempt: i64) -> InFlight {
-        self.claim(id, attempt, DERIVED)
+        self.claim(id, attempt, EXPORT)
     }
 
     /// Two digits of the id's random end keep the folders small.
@@ -101,7 +107,7 @@ impl Artifacts {
                 };
                 let path = format!("{folder}/{name}");
                 let complete = path.strip_suffix(PARTIAL).unwrap_or(&path);
-                if [RESULT, DERIVED].iter().any(|ending| complete.ends_with(ending)) {
+                if [RESULT, EXPORT, EXPORT_1].iter().any(|ending| complete.ends_with(ending)) {
                     found.push((path.clone(), complete.to_owned()));
                 }
             }
@@ -109,6 +115,54 @@ impl Artifacts {
         let in_flight = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         found.retain(|(_, complete)| !in_flight.contains(complete));
         Ok(found)
+    }
+
+    /// The ids of the jobs that complete results belong to, by their names, with the paths of the results.
+    pub(crate) fn results(&self) -> io::Result<Vec<(String, String)>> {
+        let results = self.settled()?.into_iter().filter_map(|(path, complete)| {
+            let name = complete.rsplit('/').next()?.strip_suffix(RESULT)?;
+            let (id, _attempt) = name.rsplit_once('.')?;
+            (path == complete).then(|| (id.to_owned(), path))
+        });
+        Ok(results.collect())
+    }
+
+    /// Moves a file that the database does not know to the quarantine, and returns where it lies there. A missing one is
+    /// as good as moved.
+    pub(crate) fn quarantine(&self, path: &str, today: Date) -> io::Result<Option<PathBuf>> {
+        let to = self.quarantine_root().join(today.to_string()).join(path);
+        if let Some(folder) = to.parent() {
+            fs::create_dir_all(folder)?;
+        }
+        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
+        match fs::rename(self.locate(path), &to) {
+            Ok(()) => Ok(Some(to)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Removes what has been in the quarantine for more than so many days, and returns the folders removed.
+    pub(crate) fn empty_quarantine(&self, today: Date, days: u32) -> io::Result<Vec<PathBuf>> {
+        let mut removed = Vec::new();
+        let entries = match fs::read_dir(self.quarantine_root()) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(removed),
+            entries => entries?,
+        };
+        for entry in entries {
+            let entry = entry?;
+            let since: Option<Date> = entry.file_name().to_str().and_then(|name| name.parse().ok());
+            let age = since.and_then(|since| today.since(since).ok()).map(|age| i64::from(age.get_days()));
+            if age.is_some_and(|age| age > i64::from(days)) {
+                fs::remove_dir_all(entry.path())?;
+                removed.push(entry.path());
+            }
+        }
+        Ok(removed)
+    }
+
+    fn quarantine_root(&self) -> PathBuf {
+        self.root.with_file_name(QUARANTINE)
     }
 
     fn locate(&self, path: &str) -> PathBuf {
@@ -125,6 +179,22 @@ fn sync_dir(folder: &Path) -> io::Result<()> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_quarantine_is_emptied_after_its_days() {
+        let folder = tempfile::tempdir().unwrap();
+        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
+        fs::write(folder.path().join("artifacts/ab/xab.1.packstone"), "x").unwrap();
+        let day = |text: &str| text.parse::<Date>().unwrap();
+        let moved = artifacts.quarantine("ab/xab.1.packstone", day("2026-03-28")).unwrap().unwrap();
+        assert_eq!(moved, folder.path().join("quarantine/2026-03-28/ab/xab.1.packstone"));
+        assert_eq!(fs::read(&moved).unwrap(), b"x");
+        assert_eq!(artifacts.quarantine("ab/xab.1.packstone", day("2026-03-28")).unwrap(), None);
+        assert!(artifacts.empty_quarantine(day("2026-04-04"), 7).unwrap().is_empty());
+        assert_eq!(artifacts.empty_quarantine(day("2026-04-05"), 7).unwrap().len(), 1);
+        assert!(!moved.exists());
+    }
 
     #[test]
     fn what_is_in_flight_is_not_settled() {

@@ -8,9 +8,11 @@ use std::sync::PoisonError;
 
 use packstone_engine::Unattended;
 use packstone_engine::export::tables::{Column, Head, SphereSource, stored::Layout};
+use packstone_engine::request::upgrade;
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, write};
+use crate::disk::is_passing;
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
@@ -35,11 +37,19 @@ impl Artifacts {
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is not what was stored.
     pub(crate) fn read(&self, record: &ArtifactRecord) -> io::Result<StoredResult> {
         let file = self.open_checked(&record.path, record.bytes, &record.sha256)?;
-        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
+        let mut layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
+        // A result of revision 1 has a request of revision 1.
+        upgrade(&mut layout.head.request);
         if layout.file_length() != record.bytes {
             return Err(invalid(format!("{} holds other columns than it says", record.path)));
         }
         Ok(StoredResult { layout, file })
+    }
+
+    /// Whether a result is missing or not what was stored; its digest is checked in any case.
+    pub(crate) fn is_damaged(&self, record: &ArtifactRecord) -> bool {
+        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(&record.path);
+        self.read(record).is_err_and(|error| !is_passing(&error))
     }
 
     /// Opens a file that is as long as it was stored, and has the digest that it had.

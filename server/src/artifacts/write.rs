@@ -35,6 +35,7 @@ impl Artifacts {
         let mut format_lengths = BTreeMap::new();
         let ((), bytes, sha256) = self.write_whole(
             place,
+            u64::MAX,
             control,
             |out| stored::write(head, spheres, out),
             || count_lengths(head, spheres, control).map(|lengths| format_lengths = lengths),
@@ -60,13 +61,14 @@ impl Artifacts {
     pub(super) fn write_whole<T, E: From<io::Error>>(
         &self,
         place: &InFlight,
+        most_bytes: u64,
         control: &dyn Control,
         write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
         before_rename: impl FnOnce() -> Result<(), E>,
     ) -> Result<(T, u64, String), E> {
         let complete = self.locate(&place.path);
         let partial = self.locate(&format!("{}{PARTIAL}", place.path));
-        let written = self.write_partial(&partial, control, write).and_then(|written| {
+        let written = self.write_partial(&partial, most_bytes, control, write).and_then(|written| {
             before_rename()?;
             fs::rename(&partial, &complete)?;
             if let Some(folder) = complete.parent() {
@@ -84,6 +86,7 @@ impl Artifacts {
     fn write_partial<T, E: From<io::Error>>(
         &self,
         partial: &Path,
+        most_bytes: u64,
         control: &dyn Control,
         write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
     ) -> Result<(T, u64, String), E> {
@@ -94,7 +97,7 @@ impl Artifacts {
             sync_dir(&self.root)?;
         }
         let mut digested =
-            Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, control };
+            Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, most_bytes, control };
         let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
         let value = write(&mut buffered)?;
         buffered.flush()?;
@@ -131,12 +134,16 @@ struct Digested<'a> {
     inner: File,
     digest: Sha256,
     bytes: u64,
+    most_bytes: u64,
     control: &'a dyn Control,
 }
 
 impl Write for Digested<'_> {
     fn write(&mut self, block: &[u8]) -> io::Result<usize> {
         check(self.control)?;
+        if self.bytes + block.len() as u64 > self.most_bytes {
+            return Err(io::ErrorKind::QuotaExceeded.into());
+        }
         let written = self.inner.write(block)?;
         self.digest.update(&block[..written]);
         self.bytes += written as u64;

@@ -1,10 +1,13 @@
 //! The command line: one subcommand per file.
 
+mod backup;
 mod bar;
 mod bench;
+mod check;
 mod demo;
 mod differences;
 mod export;
+mod health;
 mod key;
 mod models;
 mod openapi;
@@ -15,7 +18,7 @@ mod study;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 /// Turns a concrete mix design into a packing of spheres
 #[derive(Parser)]
@@ -41,6 +44,12 @@ enum Command {
     Openapi,
     /// Measure the engine on this machine
     Bench(bench::Options),
+    /// Copy the data directory of a service, running or not
+    Backup(backup::Options),
+    /// Check every file of a data directory against the database
+    Check(check::Options),
+    /// Ask a service whether it takes jobs
+    Health(health::Options),
     /// Make an API key and its line for the file of keys
     Key(key::Options),
 }
@@ -51,7 +60,9 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 /// Runs the command line of this process.
 #[inline(never)] // Nothing of it may run before the processor has been looked at.
 pub(crate) fn main() -> ExitCode {
-    let ended = match Cli::parse().command {
+    let command = crate::config::without_empty_variables(Cli::command());
+    let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
+    let ended = match cli.command {
         Command::Serve(options) => serve::run(*options),
         Command::Demo(options) => demo::run(options),
         Command::Run(options) => run::run(&options),
@@ -59,12 +70,15 @@ pub(crate) fn main() -> ExitCode {
         Command::Study(options) => study::run(&options),
         Command::Openapi => openapi::run(),
         Command::Bench(options) => bench::run(&options),
+        Command::Backup(options) => backup::run(&options),
+        Command::Check(options) => check::run(&options),
+        Command::Health(options) => health::run(&options),
         Command::Key(options) => key::run(&options),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("packstone: {failure}");
+            crate::telemetry::say(&format!("packstone: {failure}"));
             ExitCode::FAILURE
         }
     }

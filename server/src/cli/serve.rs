@@ -12,16 +12,25 @@ pub(super) fn run(options: ServeOptions) -> Result<(), Failure> {
     block_on(async {
         let mut terminate = signal(SignalKind::terminate())?;
         let mut interrupt = signal(SignalKind::interrupt())?;
+        let mut hang_up = signal(SignalKind::hangup())?;
         let service = Service::open(options).await?;
         let address = service.address()?;
-        let shutdown = service.shutdown();
+        let (shutdown, reload) = (service.shutdown(), service.reload());
         // The one line on standard output, for whoever started this with port 0.
-        print(&format!("packstone listening on http://{address}\n"))?;
+        // Where nobody can read it, the service goes on.
+        let _ = print(&format!("packstone listening on http://{address}\n"));
         tracing::info!(%address, "listening");
         tokio::spawn(async move {
-            let name = tokio::select! {
-                _ = terminate.recv() => "SIGTERM",
-                _ = interrupt.recv() => "SIGINT",
+            let name = loop {
+                tokio::select! {
+                    _ = terminate.recv() => break "SIGTERM",
+                    _ = interrupt.recv() => break "SIGINT",
+                    // The terminal that started it has gone, or an operator asks for a reload.
+                    _ = hang_up.recv() => {
+                        tracing::info!(signal = "SIGHUP", "reloading");
+                        reload.notify_waiters();
+                    }
+                }
             };
             tracing::info!(signal = name, "stopping");
             shutdown.cancel();

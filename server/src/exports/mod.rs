@@ -94,6 +94,8 @@ pub(crate) struct ExportRecord {
     pub(crate) started_at: Option<i64>,
     pub(crate) finished_at: Option<i64>,
     pub(crate) updated_at: i64,
+    /// Name of the API key that submitted the job; empty where the server asked for none.
+    pub(crate) owner: String,
 }
 
 impl ExportRecord {
@@ -130,7 +132,10 @@ impl NewExport {
 /// packing decide.
 pub(crate) fn is_transient(error: Option<&Value>) -> bool {
     let slug = error.and_then(|error| error["type"].as_str()).and_then(|uri| uri.rsplit('/').next());
-    matches!(slug.and_then(Kind::from_slug), None | Some(Kind::InternalError | Kind::AttemptsExhausted))
+    matches!(
+        slug.and_then(Kind::from_slug),
+        None | Some(Kind::InternalError | Kind::AttemptsExhausted | Kind::InsufficientStorage)
+    )
 }
 
 /// Why it could not be made, as a problem for whoever asks for the file.

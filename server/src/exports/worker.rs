@@ -18,12 +18,14 @@ use tracing::Instrument as _;
 
 use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
+use crate::disk::is_passing;
 use crate::jobs::control::{RunControl, Stop};
 use crate::jobs::runner::as_recorded;
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
+use crate::storage::{Bound, NoRoom, Storage};
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -37,6 +39,7 @@ const SPHERE_BYTES: u64 = 32;
 pub(crate) struct ExportWorker {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
+    pub(crate) storage: Storage,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
     /// When cancelled, what is being made goes back to its queue.
@@ -55,6 +58,8 @@ enum End {
     },
     Failed(Box<Problem>),
     Stopped(Stop),
+    /// A fault of the machine kept the file from being made.
+    Faulted,
 }
 
 impl ExportWorker {
@@ -91,10 +96,12 @@ impl ExportWorker {
         let started = Instant::now();
         let record = claimed.export.clone();
         let control = Arc::new(RunControl::default());
+        // A store that cannot tell fails the export at its end at the latest.
+        let room = self.storage.room(&record.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let mut making = tokio::task::spawn_blocking({
             let (export_worker, control, span) =
                 (self.clone(), Arc::clone(&control), tracing::Span::current());
-            move || span.in_scope(|| export_worker.make(&claimed, &control))
+            move || span.in_scope(|| export_worker.make(&claimed, room, &control))
         });
         let end = tokio::select! {
             end = &mut making => end,
@@ -146,22 +153,30 @@ impl ExportWorker {
     }
 
     /// The work itself, on a thread that may block.
-    fn make(&self, claimed: &ClaimedExport, control: &RunControl) -> End {
-        match self.try_make(claimed, control) {
+    fn make(&self, claimed: &ClaimedExport, room: (u64, Bound), control: &RunControl) -> End {
+        match self.try_make(claimed, room, control) {
             Ok(end) => end,
-            Err(problem) => control.stopped().map_or(End::Failed(problem), End::Stopped),
+            Err(failure) => control.stopped().map_or_else(|| failure.into(), End::Stopped),
         }
     }
 
-    fn try_make(&self, claimed: &ClaimedExport, control: &RunControl) -> Result<End, Box<Problem>> {
+    fn try_make(
+        &self,
+        claimed: &ClaimedExport,
+        (left, bound): (u64, Bound),
+        control: &RunControl,
+    ) -> Result<End, Failure> {
         let record = &claimed.export;
         let export = ExportRequest::from_json(&record.options)
-            .map_err(|faults| Box::new(Problem::fields(Kind::ValidationError, faults)))?;
+            .map_err(|faults| Failure::of(Problem::fields(Kind::ValidationError, faults)))?;
         let unreadable = |error: &dyn std::fmt::Display| {
             tracing::error!(%error, "the stored result is unreadable");
-            Box::new(Problem::new(Kind::InternalError, "the stored result is missing or damaged"))
+            Failure::of(Problem::new(Kind::InternalError, "the stored result is missing or damaged"))
         };
-        let stored = self.artifacts.read(&claimed.result).map_err(|error| unreadable(&error))?;
+        let stored = self
+            .artifacts
+            .read(&claimed.result)
+            .map_err(|error| if is_passing(&error) { Failure::fault(&error) } else { unreadable(&error) })?;
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
         let spheres = tables::load(&stored).map_err(|error| unreadable(&error))?;
@@ -173,8 +188,14 @@ impl ExportWorker {
         let model = Model { specimen: &specimen, spheres: &spheres };
         let written = self
             .artifacts
-            .write_export(&place, control, |out| export.write(&model, &limits, control, out))
-            .map_err(|error| Box::new(logged(error)))?;
+            .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))
+            .map_err(|error| match error {
+                ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
+                    let no_room = NoRoom { needed: left.saturating_add(1), left, bound };
+                    Failure::of(Problem::new(Kind::InsufficientStorage, no_room.to_string()))
+                }
+                other => failed(other),
+            })?;
         let (file, report) = written;
         let report = serde_json::to_value(&report).map_err(|error| unreadable(&error))?;
         Ok(End::Made { file, report, _place: place })
@@ -188,6 +209,7 @@ impl ExportWorker {
                     ("succeeded", self.store.export_made(record, file.clone(), report.clone()).await)
                 }
                 End::Failed(problem) => ("failed", self.store.export_failed(record, problem).await),
+                End::Faulted => ("requeued", self.store.export_requeued_after_fault(record).await),
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.export_requeued(record).await),
                 End::Stopped(_) => ("called_off", Ok::<_, StoreError>(false)),
             };
@@ -217,7 +239,11 @@ impl ExportWorker {
     }
 
     async fn shrink_cache(&self, made: &ExportRecord) {
-        match self.store.shrink_cache(self.cache_bytes, made.id).await {
+        let shrunk = async {
+            let most = self.storage.cache_bytes(self.cache_bytes).await?;
+            self.store.shrink_cache(most, made.id).await
+        };
+        match shrunk.await {
             Ok(paths) if paths.is_empty() => {}
             Ok(paths) => {
                 tracing::info!(files = paths.len(), "dropped what was used longest ago of the cache");
@@ -236,13 +262,41 @@ impl ExportWorker {
     }
 }
 
-fn logged(error: ExportError) -> Problem {
-    match &error {
-        ExportError::Write(error) if error.kind() != io::ErrorKind::ConnectionAborted => {
-            tracing::error!(%error, "what was made was not written");
-        }
-        ExportError::CheckFailed(what) => tracing::error!(%what, "what was made failed its check"),
-        _ => {}
+/// Why a file was not made.
+enum Failure {
+    /// By the request, the packing or a defect.
+    Lasting(Box<Problem>),
+    /// By a fault of the machine.
+    Fault,
+}
+
+impl Failure {
+    fn of(problem: Problem) -> Self {
+        Self::Lasting(Box::new(problem))
     }
-    error.into()
+
+    fn fault(error: &io::Error) -> Self {
+        tracing::warn!(%error, "a file could not be read or written");
+        Self::Fault
+    }
+}
+
+impl From<Failure> for End {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Lasting(problem) => Self::Failed(problem),
+            Failure::Fault => Self::Faulted,
+        }
+    }
+}
+
+fn failed(error: ExportError) -> Failure {
+    match error {
+        ExportError::Write(error) => Failure::fault(&error),
+        ExportError::CheckFailed(what) => {
+            tracing::error!(%what, "what was made failed its check");
+            Failure::of(ExportError::CheckFailed(what).into())
+        }
+        other => Failure::of(other.into()),
+    }
 }

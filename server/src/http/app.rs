@@ -10,10 +10,12 @@ use tokio_util::sync::CancellationToken;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
+use crate::disk::Disk;
 use crate::http::auth;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
+use crate::storage::Storage;
 
 /// Bodies of more than this are read and planned a few at a time and off the threads that answer.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
@@ -33,6 +35,8 @@ pub(crate) struct Shared {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
+    pub(crate) disk: Disk,
+    pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) keys: Option<auth::ApiKeys>,
     pub(crate) limits: Limits,
@@ -66,6 +70,8 @@ impl App {
                 store: runner.store.clone(),
                 artifacts: runner.artifacts.clone(),
                 checkpoints: runner.checkpoints.clone(),
+                disk: runner.disk.clone(),
+                storage: runner.storage.clone(),
                 metrics: Arc::clone(&runner.metrics),
                 keys,
                 limits: options.limits(),

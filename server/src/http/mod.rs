@@ -23,6 +23,7 @@ mod response;
 mod results;
 mod router;
 mod service;
+mod storage;
 mod studies;
 mod submission;
 mod waiting;

@@ -3,10 +3,10 @@
 //! The packing thread calls this every few milliseconds, so it is a short lock and an atomic. What
 //! to do with either is decided by the runner, which also owns every clock.
 
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use packstone_engine::{Checkpoint, Control, Progress};
+use packstone_engine::{Checkpoint, Control, Phase, Progress};
 
 use crate::checkpoints::Keeper;
 
@@ -30,6 +30,12 @@ pub(crate) struct RunControl {
     latest: Mutex<Option<Progress>>,
     keeper: Option<Keeper>,
     resumed: AtomicBool,
+    /// The run is in a phase that keeps checkpoints.
+    growing: AtomicBool,
+    /// Share of the work done, as the bits of a float.
+    fraction: AtomicU64,
+    /// The next checkpoint is wanted at once, and is the last.
+    last_checkpoint: AtomicBool,
 }
 
 impl RunControl {
@@ -55,6 +61,19 @@ impl RunControl {
         }
     }
 
+    /// Asks for a last checkpoint, after which the run stops as for [`Stop::Shutdown`]. Returns `false` where the run is
+    /// in no phase that keeps one.
+    pub(crate) fn stop_after_checkpoint(&self) -> bool {
+        let keeps = self.keeper.is_some() && self.growing.load(Ordering::Acquire);
+        self.last_checkpoint.store(keeps, Ordering::Release);
+        keeps
+    }
+
+    /// Share of the work done, as last reported.
+    pub(crate) fn fraction(&self) -> f64 {
+        f64::from_bits(self.fraction.load(Ordering::Acquire))
+    }
+
     /// Says that the run goes on from a checkpoint.
     pub(crate) fn resumed(&self) {
         self.resumed.store(true, Ordering::Release);
@@ -73,6 +92,8 @@ impl RunControl {
 
 impl Control for RunControl {
     fn report(&self, progress: &Progress) {
+        self.fraction.store(progress.fraction.to_bits(), Ordering::Release);
+        self.growing.store(progress.phase == Phase::Edmd, Ordering::Release);
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress.clone());
     }
 
@@ -81,12 +102,16 @@ impl Control for RunControl {
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.keeper.as_ref().is_some_and(Keeper::is_due)
+        let wanted = |keeper: &Keeper| self.last_checkpoint.load(Ordering::Acquire) || keeper.is_due();
+        self.keeper.as_ref().is_some_and(wanted)
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
         if let Some(keeper) = &self.keeper {
             keeper.keep(checkpoint);
+            if self.last_checkpoint.load(Ordering::Acquire) {
+                self.stop(Stop::Shutdown);
+            }
         }
     }
 }

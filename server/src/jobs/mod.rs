@@ -141,6 +141,8 @@ pub(crate) struct JobRecord {
     pub(crate) artifact: Option<ArtifactRecord>,
     /// Its place in a study, if it is part of one.
     pub(crate) study: Option<StudyPlace>,
+    /// Name of the API key that submitted it; empty where the server asked for none.
+    pub(crate) owner: String,
 }
 
 impl JobRecord {

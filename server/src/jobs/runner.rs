@@ -6,12 +6,11 @@
 //! passes on a client's wish to cancel, the job's time limit and the server's stop. It alone
 //! decides what the end of a run means; the engine only ends.
 
-use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::export::tables::{EngineInfo, Head};
-use packstone_engine::{Control as _, Limits, PackError, Phase, Progress};
+use packstone_engine::{Control as _, Limits, PackError, Phase, Plan, Progress, Spheres};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
@@ -23,10 +22,12 @@ use super::store::{Claimed, Store, StoreError};
 use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
+use crate::disk::Disk;
 use crate::exports::NewExport;
 use crate::metrics::Metrics;
 use crate::pace::Pace;
 use crate::problem::{Kind, Problem};
+use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
 
 /// Progress is recorded no more often than this.
@@ -35,8 +36,15 @@ const PROGRESS_EVERY: Duration = Duration::from_millis(500);
 const RENEW_EVERY: Duration = Duration::from_secs(15);
 /// A store that fails gets this much time before the next try.
 const STORE_PAUSE: Duration = Duration::from_secs(1);
-/// How often the end of a job is offered to a store that fails, before its lease may run out.
+/// How often the end of a job is offered to a store that fails by a defect, before the lease of the job may run out.
 const END_TRIES: u32 = 5;
+/// How often it is offered after the server was asked to stop.
+const END_TRIES_AT_STOP: u32 = 3;
+/// Pauses before a result is written once more that a fault of the machine kept from the disk; it stays in memory.
+const WRITE_PAUSES: [Duration; 4] =
+    [Duration::from_secs(1), Duration::from_secs(2), Duration::from_secs(4), Duration::from_secs(8)];
+/// Time for a last checkpoint after the server was asked to stop.
+const LAST_CHECKPOINT: Duration = Duration::from_secs(5);
 
 /// What every worker needs.
 #[derive(Clone, Debug)]
@@ -44,6 +52,8 @@ pub(crate) struct Runner {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
+    pub(crate) disk: Disk,
+    pub(crate) storage: Storage,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
     /// When cancelled, running jobs go back to the queue and workers end.
@@ -56,6 +66,8 @@ enum End {
     Stored(Box<Stored>),
     Stopped(Stop),
     Failed(Failure),
+    /// A fault of the machine kept the result from being stored.
+    Faulted,
 }
 
 /// What a run left on disk, and what is known of it.
@@ -65,6 +77,15 @@ struct Stored {
     grains: u64,
     postprocess: Vec<NewExport>,
     _place: InFlight,
+}
+
+/// What is known of a run besides its end.
+#[derive(Clone, Copy)]
+struct Run {
+    took: Duration,
+    timeout_s: Option<f64>,
+    /// Share of the work done.
+    fraction: f64,
 }
 
 /// Why a run made no packing, and what a study keeps of it.
@@ -123,9 +144,11 @@ impl Runner {
         let control = Arc::new(RunControl::keeping(keeper));
         let timeout_s = claimed.job.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
+        // A store that cannot tell fails the run at its end at the latest.
+        let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let mut running = tokio::task::spawn_blocking({
             let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
-            move || span.in_scope(|| runner.pack_and_write(&claimed, &control, packing))
+            move || span.in_scope(|| runner.pack_and_write(&claimed, room, &control, packing))
         });
         let end = tokio::select! {
             end = &mut running => end,
@@ -139,7 +162,8 @@ impl Runner {
             );
             End::Failed(problem.into())
         });
-        self.record_end(lease, end, started.elapsed(), timeout_s).await;
+        let run = Run { took: started.elapsed(), timeout_s, fraction: control.fraction() };
+        self.record_end(lease, end, run).await;
     }
 
     /// Watches a run for as long as it lasts.
@@ -157,6 +181,7 @@ impl Runner {
         let mut pace = Pace::default();
         // A wish to cancel that came between the lease and the subscription is seen here.
         let mut look = true;
+        let mut last_checkpoint_by: Option<Instant> = None;
         loop {
             if look {
                 match self.store.get(lease.id).await {
@@ -169,7 +194,14 @@ impl Runner {
             tokio::select! {
                 () = changes.changed() => look = true,
                 () = at(deadline), if !control.should_stop() => control.stop(Stop::TimedOut),
-                () = self.shutdown.cancelled(), if !control.should_stop() => control.stop(Stop::Shutdown),
+                () = self.shutdown.cancelled(), if last_checkpoint_by.is_none() && !control.should_stop() => {
+                    if control.stop_after_checkpoint() {
+                        last_checkpoint_by = Some(Instant::now() + LAST_CHECKPOINT);
+                    } else {
+                        control.stop(Stop::Shutdown);
+                    }
+                }
+                () = at(last_checkpoint_by), if !control.should_stop() => control.stop(Stop::Shutdown),
                 _ = tick.tick() => {
                     let news = control.take_progress();
                     if news.is_none() && renewed.elapsed() < RENEW_EVERY {
@@ -192,8 +224,14 @@ impl Runner {
     }
 
     /// The run itself, on a thread that may block.
-    fn pack_and_write(&self, claimed: &Claimed, control: &RunControl, packing: oneshot::Sender<()>) -> End {
-        match self.try_pack_and_write(claimed, control, packing) {
+    fn pack_and_write(
+        &self,
+        claimed: &Claimed,
+        room: (u64, Bound),
+        control: &RunControl,
+        packing: oneshot::Sender<()>,
+    ) -> End {
+        match self.try_pack_and_write(claimed, room, control, packing) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
         }
@@ -202,6 +240,7 @@ impl Runner {
     fn try_pack_and_write(
         &self,
         claimed: &Claimed,
+        room: (u64, Bound),
         control: &RunControl,
         packing: oneshot::Sender<()>,
     ) -> Result<End, Failure> {
@@ -212,6 +251,12 @@ impl Runner {
         let request = JobRequest::read(&stored, 0, None)
             .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
         let (request, postprocess) = (request.packing(), request.postprocess);
+        if let Ok(plan) = Plan::new(&request, &self.limits)
+            && let Err(no_room) = fits(Storage::bytes_of_result(plan.grains), room)
+        {
+            tracing::warn!(%no_room, "the result would not fit; the job waits");
+            return Ok(End::Faulted);
+        }
         let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
         if resume.is_some() {
             control.resumed();
@@ -242,18 +287,40 @@ impl Runner {
             report: packed.report,
         };
         let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
-        let artifact = self
-            .artifacts
-            .write(&place, &head, &packed.spheres, control)
-            .map_err(|error| unwritten(&error))?;
+        let Some(artifact) = self.write(&place, &head, &packed.spheres, control) else {
+            return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
+        };
         let postprocess =
             postprocess.items().iter().map(|(_, item)| NewExport::new(item, &artifact.sha256)).collect();
         Ok(End::Stored(Box::new(Stored { artifact, facts, grains, postprocess, _place: place })))
     }
 
-    /// Writes down how a run ended, and keeps trying for a while: the work is done, it would be a
-    /// pity to lose it to a full disk that someone is about to clear.
-    async fn record_end(&self, lease: Lease, end: End, took: Duration, timeout_s: Option<f64>) {
+    /// Writes a result; `None` where the run was stopped, or a fault of the machine does not pass within 15 s.
+    fn write(
+        &self,
+        place: &InFlight,
+        head: &Head,
+        spheres: &Spheres,
+        control: &RunControl,
+    ) -> Option<ArtifactRecord> {
+        let mut pauses = WRITE_PAUSES.iter();
+        loop {
+            let error = match self.artifacts.write(place, head, spheres, control) {
+                Ok(artifact) => return Some(artifact),
+                Err(error) => error,
+            };
+            let pause = pauses.next().filter(|_| control.stopped().is_none())?;
+            tracing::warn!(%error, pause_s = pause.as_secs(), "the result was not written; trying again");
+            let until = std::time::Instant::now() + *pause;
+            while std::time::Instant::now() < until && control.stopped().is_none() {
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        }
+    }
+
+    /// Writes down how a run ended. A fault of the machine is waited out: the work is done and lies on the disk.
+    async fn record_end(&self, lease: Lease, end: End, run: Run) {
+        let took = run.took;
         let mut tries = 1;
         loop {
             let (outcome, recorded) = match &end {
@@ -271,20 +338,23 @@ impl Runner {
                 }
                 End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
                 End::Stopped(Stop::TimedOut) => {
-                    let bound = timeout_s.unwrap_or_default();
-                    let detail = format!("the job ran longer than its timeout_s of {bound} s");
+                    let (bound, done) = (run.timeout_s.unwrap_or_default(), 100.0 * run.fraction);
+                    let detail = format!(
+                        "the job ran longer than its timeout_s of {bound} s; about {done:.0} % of the work was done"
+                    );
                     let problem = Problem::new(Kind::TimedOut, detail);
                     let facts = Facts { time_s: took.as_secs_f64(), ..Facts::default() };
                     ("failed", self.store.fail(lease, &problem, facts).await)
                 }
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.give_back(lease).await),
+                End::Faulted => ("requeued", self.store.requeue_after_fault(lease).await),
                 End::Stopped(Stop::LeaseLost) => ("lease_lost", Err(StoreError::LeaseLost)),
             };
             match recorded {
                 Ok(()) => {
                     tracing::info!(outcome, took_s = took.as_secs_f64(), "ended");
                     self.metrics.job_ended(outcome, took);
-                    if !matches!(end, End::Stopped(Stop::Shutdown)) {
+                    if !matches!(end, End::Stopped(Stop::Shutdown) | End::Faulted) {
                         self.remove_checkpoints(lease).await;
                     }
                     return;
@@ -298,7 +368,7 @@ impl Runner {
                     }
                     return;
                 }
-                Err(error) if tries < END_TRIES => {
+                Err(error) if self.may_try_again(&error, tries) => {
                     tracing::error!(%error, tries, "the end of the job was not recorded; trying again");
                     tries += 1;
                     sleep(STORE_PAUSE).await;
@@ -308,6 +378,15 @@ impl Runner {
                     return;
                 }
             }
+        }
+    }
+
+    /// Whether the end of a job is to be offered to the store once more.
+    fn may_try_again(&self, error: &StoreError, tries: u32) -> bool {
+        if self.shutdown.is_cancelled() {
+            tries < END_TRIES_AT_STOP
+        } else {
+            error.fault().is_some() || tries < END_TRIES
         }
     }
 
@@ -367,11 +446,4 @@ pub(crate) fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duratio
         eta_s: pace.eta_s(elapsed),
         growth: progress.growth,
     }
-}
-
-fn unwritten(error: &io::Error) -> Problem {
-    if error.kind() != io::ErrorKind::ConnectionAborted {
-        tracing::error!(%error, "the result was not written");
-    }
-    Problem::new(Kind::InternalError, format!("the result could not be written: {}", error.kind()))
 }

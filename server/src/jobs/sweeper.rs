@@ -1,10 +1,13 @@
-//! Clearing up at intervals: expired jobs, leases that ran out, results and checkpoints that nothing refers to.
+//! Clearing up at intervals: expired jobs, leases that ran out, files that deletions left behind, and checkpoints.
 //!
-//! The order keeps results safe: files are listed first, then those of live attempts are left out,
-//! then the store is asked; a file that was renamed but not committed is in flight until its commit.
+//! Files are listed first, then those of live attempts are left out, then the store is asked; a file that was renamed but
+//! not committed is in flight until its commit. A complete file is removed only where the database says that a deletion
+//! left it behind. One that the database does not know is moved to the quarantine, and removed after some days.
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use jiff::Zoned;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
@@ -12,6 +15,10 @@ use super::JobId;
 use super::store::{Removed, Store, StoreError};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
+use crate::metrics::Metrics;
+
+/// Files that deletions have left behind, looked at together.
+const REMOVALS_AT_ONCE: u32 = 1000;
 
 /// What a sweep found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,6 +44,8 @@ pub(crate) async fn run(
     artifacts: Artifacts,
     checkpoints: Checkpoints,
     every: Duration,
+    quarantine_days: u32,
+    metrics: Arc<Metrics>,
     shutdown: CancellationToken,
 ) {
     let mut tick = interval(every);
@@ -46,7 +55,9 @@ pub(crate) async fn run(
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        match sweep(&store, &artifacts, &checkpoints).await {
+        let swept = sweep(&store, &artifacts, &checkpoints, quarantine_days).await;
+        metrics.swept(swept.is_ok());
+        match swept {
             Ok(swept) if swept != Swept::default() => tracing::info!(
                 reclaimed = swept.reclaimed,
                 expired = swept.expired,
@@ -67,8 +78,14 @@ pub(crate) async fn sweep(
     store: &Store,
     artifacts: &Artifacts,
     checkpoints: &Checkpoints,
+    quarantine_days: u32,
 ) -> Result<Swept, SweepError> {
-    let mut swept = Swept { reclaimed: store.reclaim_expired_leases().await?, ..Swept::default() };
+    let kept = tokio::task::spawn_blocking({
+        let checkpoints = checkpoints.clone();
+        move || checkpoints.kept()
+    })
+    .await??;
+    let mut swept = Swept { reclaimed: store.reclaim_expired_leases(kept).await?, ..Swept::default() };
     while let Some(removed) = store.remove_expired_study().await? {
         swept.expired += 1;
         remove_all(artifacts, removed).await?;
@@ -86,15 +103,44 @@ pub(crate) async fn sweep(
         move || artifacts.settled()
     })
     .await??;
+    let today = Zoned::now().date();
     for (path, complete) in settled {
-        let partial = path != complete;
-        if partial || !store.refers_to(&complete).await? {
+        if path != complete {
+            // Half of a file, of an attempt that was killed.
             artifacts.remove(&path)?;
+            tracing::info!(path, "removed a file that was not written to its end");
+            swept.files += 1;
+        } else if !store.refers_to(&complete).await? {
+            if store.is_removed(&complete).await? {
+                artifacts.remove(&path)?;
+            } else if let Some(to) = artifacts.quarantine(&path, today)? {
+                tracing::warn!(path, to = %to.display(), "moved a file that the database does not know to the quarantine");
+            }
             swept.files += 1;
         }
     }
+    forget_removals(store, artifacts).await?;
+    for folder in artifacts.empty_quarantine(today, quarantine_days)? {
+        tracing::warn!(folder = %folder.display(), quarantine_days, "removed files from the quarantine");
+    }
     swept.files += sweep_checkpoints(store, checkpoints).await?;
     Ok(swept)
+}
+
+/// Removes the files that committed deletions have left behind, and forgets them.
+async fn forget_removals(store: &Store, artifacts: &Artifacts) -> Result<(), SweepError> {
+    loop {
+        let paths = store.removals(REMOVALS_AT_ONCE).await?;
+        if paths.is_empty() {
+            return Ok(());
+        }
+        for path in &paths {
+            if !store.refers_to(path).await? {
+                artifacts.remove(path)?;
+            }
+        }
+        store.forget_removals(paths).await?;
+    }
 }
 
 /// Removes the results of jobs that are gone, on a thread that may block: of a study they are many.
@@ -160,7 +206,7 @@ mod tests {
         let place = artifacts.begin("live-ab", 1);
         std::fs::write(file("live-ab.1.packstone"), "x").unwrap();
 
-        let swept = sweep(&store, &artifacts, &checkpoints).await.unwrap();
+        let swept = sweep(&store, &artifacts, &checkpoints, 7).await.unwrap();
         assert_eq!(swept, Swept { reclaimed: 0, expired: 1, files: 2 });
         let mut left: Vec<String> = std::fs::read_dir(folder.path().join("artifacts/ab"))
             .unwrap()
@@ -170,7 +216,7 @@ mod tests {
         assert_eq!(left, ["kept.1.packstone", "live-ab.1.packstone"]);
         drop(place);
         assert_eq!(
-            sweep(&store, &artifacts, &checkpoints).await.unwrap().files,
+            sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files,
             1,
             "its attempt ended without a commit"
         );
@@ -192,12 +238,12 @@ mod tests {
         }
         write("nonsense.1.checkpoint".into());
         write("notes.txt".into());
-        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 3, "of a job that waits");
-        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 0);
+        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 3, "of a job that waits");
+        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 0);
         let lease = store.claim().await.unwrap().unwrap().lease;
-        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 0, "of one that runs");
+        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 0, "of one that runs");
         store.finish_cancelled(lease).await.unwrap();
-        assert_eq!(sweep(&store, &artifacts, &checkpoints).await.unwrap().files, 2, "of one that ended");
+        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 2, "of one that ended");
         assert!(folder.path().join("checkpoints/notes.txt").exists());
     }
 
@@ -208,7 +254,11 @@ mod tests {
             "expires_at": expires_at
         });
         let request = JobRequest::read(&request, 1, None).unwrap();
-        match store.submit(NewJob { request, warnings: Vec::new(), idempotency_key: None }).await.unwrap() {
+        match store
+            .submit(NewJob { request, warnings: Vec::new(), owner: String::new(), idempotency_key: None })
+            .await
+            .unwrap()
+        {
             Submitted::Created(job) | Submitted::Existing(job) => job.id,
         }
     }

@@ -44,7 +44,7 @@ pub(crate) async fn cancel(
     shown(&app, &job, status).await
 }
 
-/// Retry a job that failed or was cancelled
+/// Retry a job that failed, was cancelled, or whose stored result is damaged
 ///
 /// It goes back to the queue as its next attempt, with its attempts renewed.
 #[utoipa::path(
@@ -58,12 +58,27 @@ pub(crate) async fn retry(
     query: Query,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let job = app.shared.store.retry(id).await.map_err(|error| refused(error, id))?;
+    let job = app
+        .shared
+        .store
+        .retry(id, damaged_result(&app, id).await?)
+        .await
+        .map_err(|error| refused(error, id))?;
     // Its ended attempts took theirs along, unless the server stopped during the last of them. Who
     // retries wants a new start, which an attempt that is faster than this may miss: then it goes on.
     remove_checkpoints(&app, id, job.attempt - 1).await;
     tracing::info!(job_id = %id, attempt = job.attempt, "retried");
     shown(&app, &job, StatusCode::OK).await
+}
+
+/// The path of the job's result, if the file is missing or not what was stored.
+async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem> {
+    let job = app.shared.store.get(id).await.map_err(|error| refused(error, id))?;
+    let Some(artifact) = job.and_then(|job| job.artifact) else { return Ok(None) };
+    let artifacts = app.shared.artifacts.clone();
+    let path = artifact.path.clone();
+    let damaged = tokio::task::spawn_blocking(move || artifacts.is_damaged(&artifact)).await;
+    Ok(damaged.unwrap_or(false).then_some(path))
 }
 
 /// Delete a finished job, its result, and what was made of it

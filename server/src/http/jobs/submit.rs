@@ -20,11 +20,13 @@ use crate::http::params::Query;
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
+use crate::http::storage::check_room;
 use crate::http::submission::{content_sha256, idempotency_key};
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{IdempotencyKey, NewJob, Submitted};
 use crate::jobs::{JobRequest, request};
 use crate::problem::{Kind, Problem};
+use crate::storage::Storage;
 use crate::strict_json;
 
 /// Submit a job, or ask what one would amount to
@@ -63,9 +65,11 @@ pub(crate) async fn submit(
     if dry_run {
         return Ok(axum::Json(plan).into_response());
     }
-    let idempotency_key = key.map(|key| IdempotencyKey { scope: caller.0, key, body_sha256 });
+    let owner = caller.0;
+    check_room(&app, &owner, Storage::bytes_of_result(plan.grains)).await?;
+    let idempotency_key = key.map(|key| IdempotencyKey { scope: owner.clone(), key, body_sha256 });
     let submitted =
-        app.shared.store.submit(NewJob { request, warnings: plan.warnings, idempotency_key }).await?;
+        app.shared.store.submit(NewJob { request, warnings: plan.warnings, owner, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {
             tracing::info!(job_id = %record.id, grains = plan.grains, "taken in");

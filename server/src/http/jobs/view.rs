@@ -42,6 +42,9 @@ pub(crate) struct JobSummary {
     /// Jobs of higher priority run first.
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
+    /// Name of the API key that submitted the job; `null` where the server asks for none.
+    #[schema(required)]
+    submitted_by: Option<String>,
     /// Seed of the random generator.
     #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     seed: i64,
@@ -153,6 +156,7 @@ impl JobSummary {
             attempt: job.attempt,
             max_attempts: job.max_attempts,
             priority: job.priority,
+            submitted_by: Some(job.owner.clone()).filter(|owner| !owner.is_empty()),
             seed: job.seed,
             timeout_s: job.timeout_s,
             created_at: time(job.created_at),

@@ -3,4 +3,4 @@
 mod response;
 pub(crate) mod sets;
 
-pub(crate) use response::{PROBLEM_JSON, Unwritten, refused};
+pub(crate) use response::{PROBLEM_JSON, Unwritten, of_fault, refused};

@@ -6,7 +6,7 @@
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
-use crate::jobs::store::StoreError;
+use crate::jobs::store::{Fault, StoreError};
 use crate::problem::{Kind, Problem};
 
 /// Media type of the documents.
@@ -49,6 +49,17 @@ pub(crate) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem 
     }
 }
 
+/// What a client learns of a fault of the machine: it passes, and the same request may succeed then.
+pub(crate) fn of_fault(fault: Fault) -> Problem {
+    let (kind, detail) = match fault {
+        Fault::NoSpace => (Kind::InsufficientStorage, "the disk of the server is full"),
+        Fault::Locked => (Kind::NotReady, "another program holds a lock on the database of the server"),
+        Fault::NoMemory => (Kind::NotReady, "the server has no memory left"),
+        Fault::Io => (Kind::NotReady, "the server cannot read or write its data directory at present"),
+    };
+    Problem::new(kind, detail).with_header("retry-after", "5")
+}
+
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match error {
@@ -64,7 +75,10 @@ impl From<StoreError> for Problem {
             StoreError::NoStudy => Self::new(Kind::NotFound, "there is no such study any more"),
             other => {
                 tracing::error!(error = %other, "the store failed");
-                Self::internal()
+                match other.fault() {
+                    Some(fault) => of_fault(fault),
+                    None => Self::internal(),
+                }
             }
         }
     }

@@ -44,10 +44,10 @@ problem_sets! {
     RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
     /// Of results.
     ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, NotAcceptable 406,
-        JobFailed 409, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
+        JobFailed 409, ResultDamaged 410, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of cuts.
     SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, JobFailed 409,
-        RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
+        ResultDamaged 410, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of what is to be made of a result.
     ExportProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
         JobFailed 409, Conflict 409, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422,
@@ -58,7 +58,7 @@ problem_sets! {
     /// Of results without spheres.
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
     /// Of plots.
-    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, Busy 503;
+    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, ResultDamaged 410, Busy 503;
     /// Of plots of studies.
     StudyPlotProblems: ValidationError 400, NotFound 404, Busy 503;
     /// Of routes that ask for nothing.

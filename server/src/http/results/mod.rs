@@ -18,15 +18,16 @@ use utoipa::ToSchema;
 
 use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
+use crate::disk::is_passing;
 use crate::http::app::App;
 use crate::http::exports::formats::{self, ResultFormat};
 use crate::http::files::{self, Described};
 use crate::http::negotiation;
 use crate::http::openapi;
 use crate::http::params::{JobPath, Query};
-use crate::http::problems::refused;
 use crate::http::problems::sets::{ResultProblems, SummaryProblems};
-use crate::jobs::store::StoreError;
+use crate::http::problems::{of_fault, refused};
+use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
 use crate::problem::{Kind, Problem};
 
@@ -226,6 +227,13 @@ pub(crate) async fn blocking<T: Send + 'static>(
     what: impl std::fmt::Display,
     read: impl FnOnce() -> io::Result<T> + Send + 'static,
 ) -> Result<T, Problem> {
+    let damaged = |error: &io::Error| {
+        tracing::error!(%error, %what, "a stored result is missing or damaged");
+        Problem::new(
+            Kind::ResultDamaged,
+            "the stored result is missing or damaged: retry the job, which packs it again",
+        )
+    };
     let failed = |error: &dyn std::fmt::Display| {
         tracing::error!(%error, %what, "a stored result is unreadable");
         Problem::new(
@@ -235,7 +243,11 @@ pub(crate) async fn blocking<T: Send + 'static>(
     };
     match tokio::task::spawn_blocking(read).await {
         Ok(Ok(value)) => Ok(value),
-        Ok(Err(error)) => Err(failed(&error)),
+        Ok(Err(error)) if is_passing(&error) => {
+            tracing::error!(%error, %what, "a stored result cannot be read at present");
+            Err(of_fault(Fault::Io))
+        }
+        Ok(Err(error)) => Err(damaged(&error)),
         Err(error) => Err(failed(&error)),
     }
 }

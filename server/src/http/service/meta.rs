@@ -1,5 +1,7 @@
 //! What the service says about itself: what it can do, how it is, what it counted, its interface.
 
+use std::collections::BTreeMap;
+
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
@@ -17,6 +19,7 @@ use crate::http::exports::formats;
 use crate::http::params::Query;
 use crate::http::problems::sets::{OpenProblems, ReadyProblems};
 use crate::jobs::request;
+use crate::jobs::store::StoredKind;
 use crate::metrics::Gauges;
 use crate::problem::{Kind, Problem};
 use crate::studies;
@@ -186,13 +189,19 @@ pub(crate) struct Health {
     status: &'static str,
 }
 
-/// Whether the process answers at all
+/// Whether the process works
+///
+/// It fails only where the database cannot be opened any more, so that a restart is the only help.
 #[utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "get_health",
-    responses((status = 200, description = "It answers", body = Health))
+    responses((status = 200, description = "It works", body = Health), ReadyProblems)
 )]
-pub(crate) async fn health() -> Response {
-    axum::Json(Health { status: "ok" }).into_response()
+pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> {
+    if app.shared.store.is_lost() {
+        let detail = "the database cannot be opened any more; the server has to be restarted";
+        return Err(Problem::new(Kind::NotReady, detail));
+    }
+    Ok(axum::Json(Health { status: "ok" }).into_response())
 }
 
 /// Whether the service takes jobs
@@ -207,11 +216,30 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
     if !app.is_ready() {
         return Err(not_ready("the server is starting or stopping"));
     }
+    let disk = &app.shared.disk;
+    match disk.space() {
+        Ok(space) if space.free < disk.min_free_bytes(space) => {
+            let (free, least) = (space.free, disk.min_free_bytes(space));
+            return Err(not_ready(&format!(
+                "{free} bytes are free in the data directory, fewer than the {least} that must stay free"
+            )));
+        }
+        Ok(_) => {}
+        Err(error) => tracing::warn!(%error, "the free space of the data directory is not known"),
+    }
     app.shared.store.check_writable().await.map_err(|error| {
         tracing::error!(%error, "the store cannot be written");
         not_ready("the store cannot be written; the server's log says why")
     })?;
     Ok(axum::Json(Health { status: "ready" }).into_response())
+}
+
+/// Seconds since the newest checkpoint was written.
+async fn newest_checkpoint(app: &App) -> Option<f64> {
+    let checkpoints = app.shared.checkpoints.clone();
+    let kept = tokio::task::spawn_blocking(move || checkpoints.kept()).await.ok()?.ok()?;
+    let newest = kept.iter().map(|kept| kept.at_us).max()?;
+    Some((jiff::Timestamp::now().as_microsecond() - newest).max(0) as f64 / 1e6)
 }
 
 /// Counters in the text form of Prometheus
@@ -222,6 +250,11 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
 pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     let shared = &app.shared;
     let export = shared.store.export_counts().await?;
+    let mut stored: BTreeMap<&'static str, u64> =
+        StoredKind::ALL.iter().map(|kind| (kind.name(), 0)).collect();
+    for ((_, kind), bytes) in shared.store.stored_bytes().await? {
+        *stored.entry(kind.name()).or_default() += bytes;
+    }
     let gauges = Gauges {
         export: export.states,
         export_cache_bytes: export.cache_bytes,
@@ -229,6 +262,11 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
         open_studies: shared.store.open_studies().await?,
         workers: shared.workers,
         connections: shared.max_connections.saturating_sub(shared.connections.available_permits()),
+        stored_bytes: stored,
+        disk: shared.disk.space().ok().map(|space| (space.free, shared.disk.min_free_bytes(space))),
+        store_faults: shared.store.faults(),
+        queue_age_s: shared.store.queue_age().await?.as_secs_f64(),
+        checkpoint_age_s: newest_checkpoint(&app).await,
         results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),
     };
     let mut response = shared.metrics.render(&gauges).into_response();

@@ -18,6 +18,7 @@ use crate::http::params::Query;
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
+use crate::http::storage::check_room;
 use crate::http::studies::get::wait_until;
 use crate::http::studies::schemas::StudyRequest;
 use crate::http::studies::view::{self, Study as StudyView};
@@ -26,6 +27,7 @@ use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::request;
 use crate::jobs::store::{IdempotencyKey, NewStudy, StudyState, SubmittedStudy};
 use crate::problem::Problem;
+use crate::storage::Storage;
 use crate::strict_json;
 use crate::studies::Study;
 
@@ -67,8 +69,12 @@ pub(crate) async fn submit(
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let Submission { study, request, body_sha256 } = read(&app, bytes).await?;
-    let idempotency_key = key.map(|key| IdempotencyKey { scope: caller.0, key, body_sha256 });
-    let submitted = app.shared.store.submit_study(NewStudy { study, request, idempotency_key }).await?;
+    let owner = caller.0;
+    // The grains of each job are counted when it starts; then it waits where its result would not fit.
+    check_room(&app, &owner, Storage::bytes_of_result(0.0) * study.jobs() as u64).await?;
+    let idempotency_key = key.map(|key| IdempotencyKey { scope: owner.clone(), key, body_sha256 });
+    let submitted =
+        app.shared.store.submit_study(NewStudy { study, request, owner, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         SubmittedStudy::Created(record) => {
             tracing::info!(study_id = %record.id, jobs = record.jobs(), "taken in");

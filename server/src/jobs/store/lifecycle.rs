@@ -5,12 +5,13 @@
 
 use std::time::Duration;
 
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::Row as _;
 
 use super::exports::{files_of_job, insert_beforehand};
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, detached, micros, now_us, rows, turns};
+use super::writer::Writing;
+use super::{Store, StoreError, detached, fault_pause, micros, now_us, rows, turns};
 use crate::exports::NewExport;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::problem::Problem;
@@ -20,7 +21,8 @@ use crate::studies::{Facts, Outcome};
 /// sorts the queue at every claim.
 macro_rules! next_in_queue {
     () => {
-        "select seq from jobs indexed by jobs_queue where state = 'queued'
+        "select seq from jobs indexed by jobs_queue
+         where state = 'queued' and (not_before is null or not_before <= ?1)
          order by priority desc, turn, seq limit 1"
     };
 }
@@ -60,12 +62,9 @@ impl Store {
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
-            let claimed = claim(&mut writer, store.limits().lease).await;
-            sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
+            let mut writer = store.quick_writer().await?;
+            let claimed = claim(&mut writer, store.limits().lease).await?;
             drop(writer);
-            let claimed = claimed?;
             if let Some(claimed) = &claimed {
                 store.announce_job(&claimed.job);
             }
@@ -86,7 +85,7 @@ impl Store {
         let store = self.clone();
         detached(async move {
             let news = progress.as_ref().map(to_json).transpose()?;
-            let mut writer = store.shared.writer.lock().await;
+            let mut writer = store.writer().await?;
             let now = now_us();
             let row = sqlx::query(
                 "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
@@ -126,8 +125,8 @@ impl Store {
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let now = now_us();
             let moved = sqlx::query(
                 "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
@@ -142,8 +141,9 @@ impl Store {
             .await?
             .ok_or(StoreError::LeaseLost)?;
             sqlx::query(
-                "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
-                 values (?, ?, ?, ?, ?, ?, ?, ?)",
+                "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths,
+                     owner)
+                 values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, (select owner from jobs where seq = ?1))",
             )
             .bind(lease.seq)
             .bind(lease.attempt)
@@ -176,7 +176,8 @@ impl Store {
     pub(crate) async fn fail(&self, lease: Lease, problem: &Problem, facts: Facts) -> Result<(), StoreError> {
         let document = to_json(&problem.document())?;
         let run = (runs::outcome_of(problem.kind), facts);
-        self.leave_running(lease, State::Failed, Some(document), Some(run)).await
+        self.leave_running(lease, State::Failed, Some(document), Some(run)).await?;
+        Ok(())
     }
 
     /// Ends a job as its client wished.
@@ -184,7 +185,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn finish_cancelled(&self, lease: Lease) -> Result<(), StoreError> {
-        self.leave_running(lease, State::Cancelled, None, None).await
+        self.leave_running(lease, State::Cancelled, None, None).await?;
+        Ok(())
     }
 
     /// Gives a job back whose run was broken off by no fault of its own; the attempt does not count.
@@ -192,7 +194,51 @@ impl Store {
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn give_back(&self, lease: Lease) -> Result<(), StoreError> {
-        self.leave_running(lease, State::Queued, None, None).await
+        self.leave_running(lease, State::Queued, None, None).await?;
+        Ok(())
+    }
+
+    /// Gives a job back that met a fault of the machine. The attempt does not count; the next one starts after a pause
+    /// that doubles with each fault.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(crate) async fn requeue_after_fault(&self, lease: Lease) -> Result<(), StoreError> {
+        let store = self.clone();
+        let pause = detached(async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            let now = now_us();
+            let faults: i64 = sqlx::query(
+                "update jobs set faults = faults + 1 where seq = ? and attempt = ? and state = 'running'
+                 returning faults",
+            )
+            .bind(lease.seq)
+            .bind(lease.attempt)
+            .fetch_optional(&mut *tx)
+            .await?
+            .ok_or(StoreError::LeaseLost)?
+            .try_get("faults")?;
+            let pause = fault_pause(faults);
+            sqlx::query(
+                "update jobs set state = 'queued', version = version + 1, updated_at = ?1, lease_expires_at = null,
+                     started_at = null, progress = null, not_before = ?2
+                 where seq = ?3",
+            )
+            .bind(now)
+            .bind(now.saturating_add(micros(pause)))
+            .bind(lease.seq)
+            .execute(&mut *tx)
+            .await?;
+            tx.commit().await?;
+            drop(writer);
+            store.announce_lease(lease);
+            Ok(pause)
+        })
+        .await?;
+        tracing::warn!(pause_s = pause.as_secs(), "a fault of the machine: the job is requeued");
+        self.wake_worker_after(pause);
+        Ok(())
     }
 
     async fn leave_running(
@@ -204,8 +250,8 @@ impl Store {
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let now = now_us();
             let moved = sqlx::query(
                 "update jobs set state = ?1, version = version + 1, updated_at = ?2, lease_expires_at = null,
@@ -244,10 +290,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is finished, or the database's.
     pub(crate) async fn cancel(&self, id: JobId) -> Result<Cancelled, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let before = rows::by_id(&mut tx, id).await?;
             if before.state.is_finished() {
                 return Err(StoreError::Forbidden(before.state));
@@ -272,26 +317,31 @@ impl Store {
         .await
     }
 
-    /// Sends a failed or cancelled job back to the queue, with its attempts renewed.
+    /// Sends a failed or cancelled job back to the queue, with its attempts renewed; a succeeded one where its result at the
+    /// path `damaged` is no longer what was stored.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`], [`StoreError::QueueFull`], or the database's.
-    pub(crate) async fn retry(&self, id: JobId) -> Result<JobRecord, StoreError> {
+    pub(crate) async fn retry(&self, id: JobId, damaged: Option<String>) -> Result<JobRecord, StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let before = rows::by_id(&mut tx, id).await?;
-            if !before.state.may_retry() {
+            let is_damaged =
+                damaged.is_some() && damaged == before.artifact.as_ref().map(|found| found.path.clone());
+            if !before.state.may_retry() && !(before.state == State::Succeeded && is_damaged) {
                 return Err(StoreError::Forbidden(before.state));
             }
+            sqlx::query("delete from artifacts where job = ?").bind(before.seq).execute(&mut *tx).await?;
             store.check_queue(&mut tx, 1).await?;
             let flow = runs::flow_of(&mut tx, before.seq).await?;
             let turn = turns::take(&mut tx, flow, before.priority, 1).await?;
             sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
-                     started_at = null, finished_at = null, progress = null, error = null, turn = ?3
+                     started_at = null, finished_at = null, progress = null, error = null, turn = ?3,
+                     faults = 0, not_before = null
                  where seq = ?1",
             )
             .bind(before.seq)
@@ -315,10 +365,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is not finished, or the database's.
     pub(crate) async fn delete(&self, id: JobId) -> Result<Vec<String>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let job = rows::by_id(&mut tx, id).await?;
             if !job.state.is_finished() {
                 return Err(StoreError::Forbidden(job.state));
@@ -337,12 +386,13 @@ impl Store {
         .await
     }
 }
-async fn claim(writer: &mut SqliteConnection, lease: Duration) -> Result<Option<Claimed>, StoreError> {
-    let mut tx = writer.begin_with("begin immediate").await?;
+
+async fn claim(writer: &mut Writing<'_>, lease: Duration) -> Result<Option<Claimed>, StoreError> {
+    let mut tx = writer.begin().await?;
     let now = now_us();
     let row = sqlx::query(concat!(
         "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-             lease_expires_at = ?2, progress = null, error = null, engine = ?3
+             lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null
          where seq = (",
         next_in_queue!(),
         ") returning seq, priority, turn",

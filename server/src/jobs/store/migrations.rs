@@ -13,6 +13,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (2, "studies", include_str!("../../../../migrations/0002_studies.sql")),
     (3, "derived", include_str!("../../../../migrations/0003_derived.sql")),
     (4, "exports", include_str!("../../../../migrations/0004_exports.sql")),
+    (5, "storage", include_str!("../../../../migrations/0005_storage.sql")),
     (8, "warnings", include_str!("../../../../migrations/0008_warnings.sql")),
 ];
 

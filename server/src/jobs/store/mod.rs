@@ -9,6 +9,7 @@
 //! It must never know HTTP, and it never opens an artifact.
 
 mod exports;
+mod faults;
 mod lifecycle;
 mod migrations;
 mod query;
@@ -18,7 +19,9 @@ mod submit;
 #[cfg(test)]
 mod tests;
 mod turns;
+mod upgrade;
 mod upkeep;
+mod writer;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -27,24 +30,33 @@ use std::time::Duration;
 use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
-use tokio::sync::{Mutex, Notify};
+use tokio::sync::Notify;
 
 use super::notifications::{Changes, Subscription};
 use super::{JobId, JobRecord, Lease, State};
+use crate::disk::Reserve;
 use crate::ids::{ExportId, StudyId};
+use writer::{Durability, Writer, Writing};
 
 pub(crate) use exports::{ClaimedExport, Wish};
+pub(crate) use faults::Fault;
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
-pub(crate) use upkeep::Removed;
+pub(crate) use upkeep::{Kept, Removed, StoredKind};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;
 /// How long a reader waits for a connection, and a writer for a lock that another program holds on
 /// the file (a backup, `sqlite3` in a terminal).
 const WAIT: Duration = Duration::from_secs(10);
+/// Name of the reserve of disk space, beside the database.
+const RESERVE: &str = "reserve";
+/// A pause by the monotonic clock may end before it does by the clock of the database.
+const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
+/// An unusable database is lost for good after so long.
+const LOST_AFTER: Duration = Duration::from_mins(1);
 
 /// Why the store did not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -110,8 +122,9 @@ pub(crate) struct Store {
 
 #[derive(Debug)]
 struct Shared {
-    writer: Mutex<SqliteConnection>,
+    writer: Writer,
     readers: SqlitePool,
+    reserve: Reserve,
     changes: Changes<JobId>,
     study_changes: Changes<StudyId>,
     export_changes: Changes<ExportId>,
@@ -147,12 +160,15 @@ impl Store {
             .test_before_acquire(false)
             .idle_timeout(None)
             .max_lifetime(None)
-            .connect_with(options.create_if_missing(false).read_only(true))
+            .connect_with(options.clone().create_if_missing(false).read_only(true))
             .await?;
+        let writer = Writer::new(writer, options.create_if_missing(false));
+        upgrade::run(&mut writer.lock(Durability::PowerCut).await?).await?;
         Ok(Self {
             shared: Arc::new(Shared {
-                writer: Mutex::new(writer),
+                writer,
                 readers,
+                reserve: Reserve::open(file.with_file_name(RESERVE)),
                 changes: Changes::default(),
                 study_changes: Changes::default(),
                 export_changes: Changes::default(),
@@ -188,6 +204,15 @@ impl Store {
         self.shared.export_workers.iter().for_each(Notify::notify_one);
     }
 
+    /// The same for an export that may not start yet.
+    fn wake_export_workers_after(&self, pause: Duration) {
+        let store = self.clone();
+        tokio::spawn(async move {
+            tokio::time::sleep(pause + CLOCKS_DIFFER).await;
+            store.wake_export_workers();
+        });
+    }
+
     /// Waits until a job may have come into the queue.
     pub(crate) async fn queue_grew(&self) {
         self.shared.queue.notified().await;
@@ -201,10 +226,57 @@ impl Store {
     /// Closes the file, after which every call fails; folds the write-ahead log into it.
     pub(crate) async fn close(&self) {
         self.shared.readers.close().await;
-        let mut writer = self.shared.writer.lock().await;
         // The connection itself closes with the last clone; what is not folded in is folded in later.
-        if let Err(error) = sqlx::query("pragma wal_checkpoint(truncate)").execute(&mut *writer).await {
+        if let Err(error) = self.shared.writer.fold_log().await {
             tracing::warn!(%error, "the write-ahead log was not folded in");
+        }
+    }
+
+    /// Takes the reserve of disk space again after a deletion has used it, as soon as there is space.
+    pub(crate) async fn refill_reserve(&self) {
+        if self.shared.reserve.is_held() {
+            return;
+        }
+        // The log that the deletion wrote lies in the space of the reserve.
+        if let Err(error) = self.shared.writer.fold_log().await {
+            tracing::warn!(%error, "the write-ahead log was not folded in");
+        }
+        let reserve = self.shared.reserve.clone();
+        // A panic in there is logged by the hook; the next call tries again.
+        let _ = tokio::task::spawn_blocking(move || reserve.refill()).await;
+    }
+
+    /// Faults after which the database was opened anew.
+    pub(crate) fn faults(&self) -> u64 {
+        self.shared.writer.replaced()
+    }
+
+    /// Whether the database cannot be opened any more, and only a restart or an operator can help.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.shared.writer.lost_for().is_some_and(|lost_for| lost_for >= LOST_AFTER)
+    }
+
+    /// Waits for the right to write; what is committed survives a power cut.
+    async fn writer(&self) -> Result<Writing<'_>, StoreError> {
+        self.shared.writer.lock(Durability::PowerCut).await
+    }
+
+    /// The same for what may be lost in a power cut together with all that followed it.
+    async fn quick_writer(&self) -> Result<Writing<'_>, StoreError> {
+        self.shared.writer.lock(Durability::ProcessEnd).await
+    }
+
+    /// Runs a write after which space can be freed. On a full disk it gets the reserve's space and is run once more.
+    async fn freeing<T, W>(&self, write: impl Fn(Self) -> W) -> Result<T, StoreError>
+    where
+        T: Send + 'static,
+        W: Future<Output = Result<T, StoreError>> + Send + 'static,
+    {
+        match detached(write(self.clone())).await {
+            Err(error) if error.is_full() && self.shared.reserve.release() => {
+                detached(write(self.clone())).await
+            }
+            ended => ended,
         }
     }
 
@@ -254,6 +326,15 @@ impl Store {
         self.shared.export_changes.announce(id);
     }
 
+    /// After a commit that put a job into the queue which may not start yet.
+    fn wake_worker_after(&self, pause: Duration) {
+        let store = self.clone();
+        tokio::spawn(async move {
+            tokio::time::sleep(pause + CLOCKS_DIFFER).await;
+            store.wake_worker();
+        });
+    }
+
     /// After a commit that put a job into the queue.
     fn wake_worker(&self) {
         self.shared.queue.notify_one();
@@ -270,6 +351,14 @@ async fn detached<T: Send + 'static>(
 /// The store's clock, in microseconds since the Unix epoch.
 fn now_us() -> i64 {
     Timestamp::now().as_microsecond()
+}
+
+/// How long a job or an export waits after so many faults of the machine: 5 s, doubled by each, at most 10 min.
+fn fault_pause(faults: i64) -> Duration {
+    const FIRST_S: u64 = 5;
+    const LONGEST_S: u64 = 600;
+    let doublings = u32::try_from((faults - 1).clamp(0, 10)).unwrap_or(10);
+    Duration::from_secs((FIRST_S << doublings).min(LONGEST_S))
 }
 
 fn micros(duration: Duration) -> i64 {

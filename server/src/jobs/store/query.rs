@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row as _, Sqlite};
 
 use super::rows::select_jobs;
 use super::submit::to_json;
-use super::{Store, StoreError, detached, rows};
+use super::{Store, StoreError, detached, now_us, rows};
 use crate::ids::StudyId;
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -71,6 +71,17 @@ impl Store {
         Ok(Page { jobs, next_before })
     }
 
+    /// How long the job that was taken in first has waited, of those that wait.
+    pub(crate) async fn queue_age(&self) -> Result<std::time::Duration, StoreError> {
+        let oldest: Option<i64> = sqlx::query_scalar(
+            "select created_at from jobs indexed by jobs_by_state where state = 'queued' order by seq limit 1",
+        )
+        .fetch_optional(self.readers())
+        .await?;
+        let waited_us = oldest.map_or(0, |created_at| now_us().saturating_sub(created_at).max(0));
+        Ok(std::time::Duration::from_micros(waited_us.cast_unsigned()))
+    }
+
     /// How many jobs are in each state.
     pub(crate) async fn counts(&self) -> Result<BTreeMap<State, u64>, StoreError> {
         let rows = sqlx::query("select state, jobs from job_counts").fetch_all(self.readers()).await?;
@@ -91,7 +102,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
+            let mut writer = store.writer().await?;
             sqlx::query("update artifacts set format_revision = ?, format_lengths = ? where job = ?")
                 .bind(revision)
                 .bind(to_json(&lengths)?)

@@ -69,6 +69,7 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         error: optional_json("error")?,
         artifact,
         study,
+        owner: row.try_get("owner")?,
     })
 }
 

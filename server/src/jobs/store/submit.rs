@@ -4,7 +4,7 @@
 //! submissions with one key that arrive together, one inserts and the other finds it.
 
 use packstone_engine::export::tables::EngineInfo;
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::{Row as _, SqliteConnection};
 
 use super::{Store, StoreError, detached, now_us, rows, turns};
 use crate::jobs::{JobId, JobRecord, JobRequest};
@@ -26,6 +26,8 @@ pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
     /// What the plan of the request warns of.
     pub(crate) warnings: Vec<String>,
+    /// Name of the API key that it came with; empty where the server asks for none.
+    pub(crate) owner: String,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -62,8 +64,8 @@ impl Store {
         let labels = to_json(&request.labels)?;
         let engine = to_json(&EngineInfo::current())?;
         let warnings = to_json(&new.warnings)?;
-        let mut writer = self.shared.writer.lock().await;
-        let mut tx = writer.begin_with("begin immediate").await?;
+        let mut writer = self.writer().await?;
+        let mut tx = writer.begin().await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
         }
@@ -72,8 +74,8 @@ impl Store {
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -89,6 +91,7 @@ impl Store {
         .bind(engine)
         .bind(turn)
         .bind(warnings)
+        .bind(&new.owner)
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;

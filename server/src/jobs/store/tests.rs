@@ -32,7 +32,12 @@ fn request(extra: &serde_json::Value) -> JobRequest {
 }
 
 pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord {
-    let new = NewJob { request: request(&extra), warnings: Vec::new(), idempotency_key: None };
+    let new = NewJob {
+        request: request(&extra),
+        warnings: Vec::new(),
+        owner: String::new(),
+        idempotency_key: None,
+    };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,
         Submitted::Existing(_) => panic!("a job without a key exists already"),
@@ -118,7 +123,7 @@ async fn only_the_holder_of_the_lease_may_write() {
     let (_folder, store) = fresh().await;
     submit(&store, json!({})).await;
     let old = store.claim().await.unwrap().unwrap().lease;
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let new = store.claim().await.unwrap().unwrap().lease;
     assert_eq!((new.id, new.attempt), (old.id, old.attempt + 1));
     let problem = Problem::internal();
@@ -150,14 +155,14 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
     // The process ends without a word, and another opens the file.
     drop(store);
     let store = open(&folder, LIMITS).await;
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     assert_eq!(store.claim().await.unwrap().unwrap().lease.attempt, 2);
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let ended = store.get(job.id).await.unwrap().unwrap();
     assert_eq!(ended.state, State::Failed);
     assert_eq!(ended.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
-    assert_eq!(store.recover().await.unwrap(), 0);
-    let retried = store.retry(job.id).await.unwrap();
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 0);
+    let retried = store.retry(job.id, None).await.unwrap();
     assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
     assert_eq!((retried.error, retried.finished_at), (None, None));
 }
@@ -172,7 +177,7 @@ async fn a_job_whose_cancellation_was_asked_for_is_not_recovered() {
     let Cancelled::Soon(again) = store.cancel(job.id).await.unwrap() else { panic!("it was running") };
     assert_eq!(again.version, asked.version, "asking twice is no news");
     assert!(store.heartbeat(lease, None).await.unwrap().cancel_requested);
-    store.recover().await.unwrap();
+    store.recover(Vec::new()).await.unwrap();
     assert_eq!(store.get(job.id).await.unwrap().unwrap().state, State::Cancelled);
 }
 
@@ -182,25 +187,25 @@ async fn leases_run_out() {
     let store = open(&folder, StoreLimits { lease: Duration::ZERO, ..LIMITS }).await;
     let job = submit(&store, json!({})).await;
     store.claim().await.unwrap().unwrap();
-    assert_eq!(store.reclaim_expired_leases().await.unwrap(), 1);
+    assert_eq!(store.reclaim_expired_leases(Vec::new()).await.unwrap(), 1);
     assert_eq!(store.get(job.id).await.unwrap().unwrap().attempt, 2);
     drop(store);
     let store = open(&folder, LIMITS).await;
     store.claim().await.unwrap().unwrap();
-    assert_eq!(store.reclaim_expired_leases().await.unwrap(), 0, "this one lasts a minute");
+    assert_eq!(store.reclaim_expired_leases(Vec::new()).await.unwrap(), 0, "this one lasts a minute");
 }
 
 #[tokio::test]
 async fn states_forbid_what_makes_no_sense() {
     let (_folder, store) = fresh().await;
     let queued = submit(&store, json!({})).await.id;
-    assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Queued))));
+    assert!(matches!(store.retry(queued, None).await, Err(StoreError::Forbidden(State::Queued))));
     assert!(matches!(store.delete(queued).await, Err(StoreError::Forbidden(State::Queued))));
     let lease = store.claim().await.unwrap().unwrap().lease;
     assert!(matches!(store.delete(queued).await, Err(StoreError::Forbidden(State::Running))));
     succeed(&store, lease).await;
     assert!(matches!(store.cancel(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
-    assert!(matches!(store.retry(queued).await, Err(StoreError::Forbidden(State::Succeeded))));
+    assert!(matches!(store.retry(queued, None).await, Err(StoreError::Forbidden(State::Succeeded))));
     assert_eq!(store.delete(queued).await.unwrap(), [format!("{queued}.1")]);
     assert_eq!(store.get(queued).await.unwrap(), None);
     assert!(matches!(store.cancel(queued).await, Err(StoreError::NoJob)));
@@ -217,6 +222,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
     let keyed = |scope: &str, body: &str| NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
+        owner: scope.into(),
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
             key: "k".into(),
@@ -260,11 +266,16 @@ async fn the_queue_is_bounded() {
     let store = open(&folder, StoreLimits { max_queued: 2, ..LIMITS }).await;
     let first = submit(&store, json!({})).await.id;
     submit(&store, json!({})).await;
-    let third = NewJob { request: request(&json!({})), warnings: Vec::new(), idempotency_key: None };
+    let third = NewJob {
+        request: request(&json!({})),
+        warnings: Vec::new(),
+        owner: String::new(),
+        idempotency_key: None,
+    };
     assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull { most: 2, .. })));
     store.cancel(first).await.unwrap();
     assert!(matches!(store.submit(third).await.unwrap(), Submitted::Created(_)));
-    assert!(matches!(store.retry(first).await, Err(StoreError::QueueFull { most: 2, .. })));
+    assert!(matches!(store.retry(first, None).await, Err(StoreError::QueueFull { most: 2, .. })));
     let counts = store.counts().await.unwrap();
     assert_eq!((counts[&State::Queued], counts[&State::Cancelled]), (2, 1));
 }

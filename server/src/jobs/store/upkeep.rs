@@ -1,8 +1,10 @@
 //! What the store does without being asked by a client: recovery after a crash, leases that ran out,
 //! jobs that expired.
 
+use sqlx::Row as _;
+use std::collections::BTreeMap;
+
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection as _, Row as _};
 
 use super::submit::to_json;
 use super::{Store, StoreError, detached, now_us, rows};
@@ -11,6 +13,45 @@ use crate::problem::{Kind, Problem};
 
 /// Expired jobs removed in one transaction; more would keep submissions waiting.
 const EXPIRED_AT_ONCE: i64 = 200;
+
+/// However far its checkpoints come, a job is not started more often.
+const MOST_ATTEMPTS: i64 = 1000;
+
+/// A checkpoint that an attempt kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Kept {
+    /// The job's id.
+    pub(crate) job: String,
+    /// The attempt that kept it.
+    pub(crate) attempt: i64,
+    /// When, in microseconds since the Unix epoch.
+    pub(crate) at_us: i64,
+}
+
+/// What a stored file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) enum StoredKind {
+    /// The result of a job.
+    Results,
+    /// An export that stays with its job.
+    Exports,
+    /// An export that may be removed and made again.
+    Cache,
+}
+
+impl StoredKind {
+    /// All kinds.
+    pub(crate) const ALL: [Self; 3] = [Self::Results, Self::Exports, Self::Cache];
+
+    /// Name in the database and the metrics.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Results => "results",
+            Self::Exports => "exports",
+            Self::Cache => "cache",
+        }
+    }
+}
 
 /// A job that was removed.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,24 +64,39 @@ pub(crate) struct Removed {
 impl Store {
     /// At start-up, when no worker can be alive: takes every running job back into the queue with
     /// its next attempt, or ends it where it has none left. Returns how many were running.
-    pub(crate) async fn recover(&self) -> Result<usize, StoreError> {
-        self.reclaim(i64::MAX).await
+    pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
+        self.reclaim(i64::MAX, checkpoints).await
     }
 
     /// Does the same for the jobs whose lease ran out, after a suspended machine for example.
-    pub(crate) async fn reclaim_expired_leases(&self) -> Result<usize, StoreError> {
-        self.reclaim(now_us()).await
+    pub(crate) async fn reclaim_expired_leases(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
+        self.reclaim(now_us(), checkpoints).await
     }
 
-    async fn reclaim(&self, leases_until: i64) -> Result<usize, StoreError> {
+    /// An attempt that has kept a checkpoint has come further than the one before: it does not count.
+    async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         detached(async move {
             let exhausted = Problem::new(
                 Kind::AttemptsExhausted,
                 "the server stopped during every attempt that max_attempts allows",
             );
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            for kept in &checkpoints {
+                sqlx::query(
+                    "update jobs set max_attempts = max_attempts + 1
+                     where id = ? and attempt = ? and state = 'running' and lease_expires_at <= ?
+                         and started_at <= ? and attempt < ?",
+                )
+                .bind(&kept.job)
+                .bind(kept.attempt)
+                .bind(leases_until)
+                .bind(kept.at_us)
+                .bind(MOST_ATTEMPTS)
+                .execute(&mut *tx)
+                .await?;
+            }
             let moved = sqlx::query(
                 "update jobs set
                      state = case when cancel_requested then 'cancelled'
@@ -58,6 +114,12 @@ impl Store {
             .bind(to_json(&exhausted.document())?)
             .fetch_all(&mut *tx)
             .await?;
+            if leases_until == i64::MAX {
+                // A restart may be what ends a fault of the machine.
+                sqlx::query("update jobs set not_before = null where not_before is not null")
+                    .execute(&mut *tx)
+                    .await?;
+            }
             tx.commit().await?;
             drop(writer);
             for row in &moved {
@@ -75,10 +137,9 @@ impl Store {
     /// Removes finished jobs past their `expires_at`, a bounded number at a time; an empty answer
     /// means that none is left. Those of a study stay until it is finished.
     pub(crate) async fn remove_expired(&self) -> Result<Vec<Removed>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let expired = sqlx::query(
                 "select jobs.seq, jobs.id, artifacts.path,
                      (select json_group_array(exports.path) from exports
@@ -129,12 +190,67 @@ impl Store {
         Ok(row.is_some())
     }
 
+    /// At most `limit` paths of files that committed deletions have left behind.
+    pub(crate) async fn removals(&self, limit: u32) -> Result<Vec<String>, StoreError> {
+        let paths = sqlx::query_scalar("select path from removals limit ?");
+        Ok(paths.bind(limit).fetch_all(self.readers()).await?)
+    }
+
+    /// Whether a committed deletion has left the file of this path behind.
+    pub(crate) async fn is_removed(&self, path: &str) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from removals where path = ?")
+            .bind(path)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
+    /// Forgets files that have been removed.
+    pub(crate) async fn forget_removals(&self, paths: Vec<String>) -> Result<(), StoreError> {
+        self.freeing(move |store| {
+            let paths = paths.clone();
+            async move {
+                let paths = to_json(&paths)?;
+                let mut writer = store.quick_writer().await?;
+                sqlx::query("delete from removals where path in (select value from json_each(?))")
+                    .bind(paths)
+                    .execute(&mut *writer)
+                    .await?;
+                Ok(())
+            }
+        })
+        .await
+    }
+
+    /// Whether there is, in whatever state, a job of this id.
+    pub(crate) async fn knows_job(&self, id: &str) -> Result<bool, StoreError> {
+        let row =
+            sqlx::query("select 1 from jobs where id = ?").bind(id).fetch_optional(self.readers()).await?;
+        Ok(row.is_some())
+    }
+
+    /// Bytes of files by name of the API key and kind.
+    pub(crate) async fn stored_bytes(&self) -> Result<BTreeMap<(String, StoredKind), u64>, StoreError> {
+        let rows =
+            sqlx::query("select owner, kind, bytes from stored_bytes").fetch_all(self.readers()).await?;
+        rows.iter()
+            .map(|row| {
+                let name: String = row.try_get("kind")?;
+                let kind = StoredKind::ALL
+                    .into_iter()
+                    .find(|kind| kind.name() == name)
+                    .ok_or_else(|| StoreError::Row(format!("unknown kind of file {name:?}")))?;
+                Ok(((row.try_get("owner")?, kind), row.try_get::<i64, _>("bytes")?.max(0).cast_unsigned()))
+            })
+            .collect()
+    }
+
     /// Fails where the file cannot be written; changes nothing.
     pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             sqlx::query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut *tx).await?;
             Ok(tx.rollback().await?)
         })

@@ -1,7 +1,8 @@
 //! Asking for something export, and calling it off.
 
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::{Row as _, SqliteConnection};
 
+use super::super::writer::Writing;
 use super::super::{Store, StoreError, detached, now_us};
 use super::{by_seq, export, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, is_transient};
@@ -31,17 +32,12 @@ impl Store {
     ) -> Result<(ExportRecord, bool), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let asked = if wish == Wish::Keep {
-                ask(&mut writer, job, &new, wish).await
-            } else {
-                sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
-                let asked = ask(&mut writer, job, &new, wish).await;
-                sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
-                asked
+            let mut writer = match wish {
+                Wish::Keep => store.writer().await?,
+                Wish::Use => store.quick_writer().await?,
             };
+            let Asked { record, created, job_changed } = ask(&mut writer, job, &new, wish).await?;
             drop(writer);
-            let Asked { record, created, job_changed } = asked?;
             if record.state == ExportState::Queued {
                 store.wake_export_workers();
             }
@@ -59,7 +55,7 @@ impl Store {
     pub(crate) async fn requeue_export(&self, seq: i64, path: String) -> Result<(), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
+            let mut writer = store.writer().await?;
             sqlx::query(
                 "update exports set state = 'queued', attempt = attempt + 1, version = version + 1, rank = 0,
                      path = null, bytes = null, sha256 = null, report = null, progress = null, started_at = null,
@@ -84,10 +80,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoExport`], or the database's.
     pub(crate) async fn delete_export(&self, job: JobId, id: ExportId) -> Result<Option<String>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let row = sqlx::query(select_exports!("where exports.id = ? and jobs.id = ?"))
                 .bind(id.to_string())
                 .bind(job.to_string())
@@ -116,13 +111,8 @@ struct Asked {
     job_changed: bool,
 }
 
-async fn ask(
-    writer: &mut SqliteConnection,
-    job: JobId,
-    new: &NewExport,
-    wish: Wish,
-) -> Result<Asked, StoreError> {
-    let mut tx = writer.begin_with("begin immediate").await?;
+async fn ask(writer: &mut Writing<'_>, job: JobId, new: &NewExport, wish: Wish) -> Result<Asked, StoreError> {
+    let mut tx = writer.begin().await?;
     let job: i64 = sqlx::query("select seq from jobs where id = ? and state = 'succeeded'")
         .bind(job.to_string())
         .fetch_optional(&mut *tx)
@@ -216,8 +206,9 @@ async fn insert(
     row: Row,
 ) -> Result<Option<i64>, StoreError> {
     let inserted = sqlx::query(
-        "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at)
-         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9)
+        "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at,
+             owner)
+         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9, (select owner from jobs where seq = ?2))
          on conflict (job, key) do nothing returning seq",
     )
     .bind(ExportId::new().to_string())

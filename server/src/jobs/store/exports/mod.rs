@@ -27,7 +27,10 @@ pub(crate) use work::ClaimedExport;
 /// A query for what is export, with the ids of the jobs; `$tail` holds what follows.
 macro_rules! select_exports {
     ($tail:literal) => {
-        concat!("select export.*, jobs.id as job_id from exports join jobs on jobs.seq = exports.job ", $tail)
+        concat!(
+            "select exports.*, jobs.id as job_id from exports join jobs on jobs.seq = exports.job ",
+            $tail
+        )
     };
 }
 use select_exports;
@@ -67,6 +70,7 @@ fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
         started_at: row.try_get("started_at")?,
         finished_at: row.try_get("finished_at")?,
         updated_at: row.try_get("updated_at")?,
+        owner: row.try_get("owner")?,
     })
 }
 

@@ -1,9 +1,10 @@
 //! The moves of something export from state to state, by those who make it.
 
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::Row as _;
 
 use super::super::submit::to_json;
-use super::super::{Store, StoreError, detached, now_us, rows};
+use super::super::writer::Writing;
+use super::super::{Store, StoreError, detached, fault_pause, micros, now_us, rows};
 use super::{by_seq, export_id};
 use crate::exports::{ExportRecord, StoredFile};
 use crate::ids::ExportId;
@@ -18,10 +19,10 @@ macro_rules! next {
     ($tail:literal) => {
         concat!(
             "update exports set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 progress = null, error = null
+                 progress = null, error = null, not_before = null
              where seq = (select seq from exports ",
             $tail,
-            " order by rank, seq limit 1) returning seq"
+            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1) returning seq"
         )
     };
 }
@@ -44,7 +45,7 @@ impl Store {
                 Kind::AttemptsExhausted,
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
             );
-            let mut writer = store.shared.writer.lock().await;
+            let mut writer = store.writer().await?;
             let moved = sqlx::query(
                 "update exports set
                      state = iif(attempt >= ?2, 'failed', 'queued'), error = iif(attempt >= ?2, ?3, null),
@@ -67,13 +68,10 @@ impl Store {
     pub(crate) async fn claim_export(&self, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            // What a power cut undoes of a claim waits as before.
-            sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
-            let claimed = claim(&mut writer, quick).await;
-            sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
+            // An export whose claim a power cut undoes waits as before.
+            let mut writer = store.quick_writer().await?;
+            let claimed = claim(&mut writer, quick).await?;
             drop(writer);
-            let claimed = claimed?;
             if let Some(claimed) = &claimed {
                 store.notify_export(claimed.export.id);
             }
@@ -91,8 +89,7 @@ impl Store {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            sqlx::query("pragma synchronous = normal").execute(&mut *writer).await?;
+            let mut writer = store.quick_writer().await?;
             let moved = sqlx::query(
                 "update exports set progress = ?1, version = version + 1, updated_at = ?2
                  where seq = ?3 and attempt = ?4 and state = 'running'",
@@ -102,10 +99,9 @@ impl Store {
             .bind(seq)
             .bind(attempt)
             .execute(&mut *writer)
-            .await;
-            sqlx::query("pragma synchronous = full").execute(&mut *writer).await?;
+            .await?;
             drop(writer);
-            let still = moved?.rows_affected() > 0;
+            let still = moved.rows_affected() > 0;
             if still {
                 store.notify_export(id);
             }
@@ -150,12 +146,51 @@ impl Store {
         self.end_export(of, End { state: "queued", file: None, report: None, error: None }).await
     }
 
+    /// Gives it back after a fault of the machine; the attempt does not count, and the next one starts after a pause.
+    /// `false` where nobody wants it any more.
+    pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<bool, StoreError> {
+        let (seq, attempt, id) = (of.seq, of.attempt, of.id);
+        let store = self.clone();
+        let pause = detached(async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            let now = now_us();
+            let row = sqlx::query(
+                "update exports set state = 'queued', faults = faults + 1, version = version + 1, updated_at = ?1,
+                     started_at = null, progress = null
+                 where seq = ?2 and attempt = ?3 and state = 'running' returning faults",
+            )
+            .bind(now)
+            .bind(seq)
+            .bind(attempt)
+            .fetch_optional(&mut *tx)
+            .await?;
+            let Some(row) = row else { return Ok(None) };
+            let pause = fault_pause(row.try_get("faults")?);
+            sqlx::query("update exports set not_before = ? where seq = ?")
+                .bind(now.saturating_add(micros(pause)))
+                .bind(seq)
+                .execute(&mut *tx)
+                .await?;
+            tx.commit().await?;
+            drop(writer);
+            store.notify_export(id);
+            Ok(Some(pause))
+        })
+        .await?;
+        if let Some(pause) = pause {
+            tracing::warn!(pause_s = pause.as_secs(), "a fault of the machine: the export is requeued");
+            self.wake_export_workers_after(pause);
+        }
+        Ok(pause.is_some())
+    }
+
     async fn end_export(&self, of: &ExportRecord, end: End) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
         detached(async move {
             let json = |value: &Option<serde_json::Value>| value.as_ref().map(to_json).transpose();
-            let mut writer = store.shared.writer.lock().await;
+            let mut writer = store.writer().await?;
             let moved = sqlx::query(
                 "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,
                      progress = null, version = version + 1, updated_at = ?7,
@@ -189,10 +224,9 @@ impl Store {
         most_bytes: u64,
         but: ExportId,
     ) -> Result<Vec<String>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let mut held: i64 =
                 sqlx::query_scalar("select sum(cache_bytes) from export_counts").fetch_one(&mut *tx).await?;
             let (mut paths, mut dropped) = (Vec::new(), Vec::new());
@@ -239,8 +273,8 @@ pub(super) fn claim_sql(quick: bool) -> &'static str {
     }
 }
 
-async fn claim(writer: &mut SqliteConnection, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
-    let mut tx = writer.begin_with("begin immediate").await?;
+async fn claim(writer: &mut Writing<'_>, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
+    let mut tx = writer.begin().await?;
     let row = sqlx::query(claim_sql(quick)).bind(now_us()).fetch_optional(&mut *tx).await?;
     let Some(row) = row else {
         tx.rollback().await?;

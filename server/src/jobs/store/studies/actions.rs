@@ -1,7 +1,7 @@
 //! What a client may do to a study as a whole, and its end by time.
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::{Row as _, SqliteConnection};
 
 use super::super::upkeep::Removed;
 use super::super::{Store, StoreError, detached, now_us, rows, turns};
@@ -15,10 +15,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoStudy`], [`StoreError::StudyForbidden`] where it is finished, or the database's.
     pub(crate) async fn cancel_study(&self, id: StudyId) -> Result<StudyRecord, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let before = query::by_id(&mut tx, id).await?;
             if before.state() == StudyState::Finished {
                 return Err(StoreError::StudyForbidden(before.state()));
@@ -56,8 +55,8 @@ impl Store {
     ) -> Result<(StudyRecord, Vec<(JobId, i64)>), StoreError> {
         let store = self.clone();
         detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let seq = query::by_id(&mut tx, id).await?.seq;
             let mut retried = Vec::new();
             for state in states.into_iter().filter(|state| state.may_retry()) {
@@ -124,10 +123,9 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoStudy`], [`StoreError::StudyForbidden`] where it is not finished, or the database's.
     pub(crate) async fn delete_study(&self, id: StudyId) -> Result<Vec<Removed>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let study = query::by_id(&mut tx, id).await?;
             if study.state() != StudyState::Finished {
                 return Err(StoreError::StudyForbidden(study.state()));
@@ -146,10 +144,9 @@ impl Store {
 
     /// Removes one finished study past its time with its jobs; `None` when no such study is left.
     pub(crate) async fn remove_expired_study(&self) -> Result<Option<Vec<Removed>>, StoreError> {
-        let store = self.clone();
-        detached(async move {
-            let mut writer = store.shared.writer.lock().await;
-            let mut tx = writer.begin_with("begin immediate").await?;
+        self.freeing(move |store| async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
             let expired = sqlx::query(
                 "select seq, id from studies where expires_at <= ? and finished_at is not null
                  order by expires_at limit 1",

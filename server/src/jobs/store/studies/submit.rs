@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use packstone_engine::export::tables::EngineInfo;
 use serde_json::Value;
-use sqlx::{Connection as _, QueryBuilder, Row as _, Sqlite, SqliteConnection};
+use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::submit::{IdempotencyKey, to_json};
 use super::super::{Store, StoreError, detached, now_us, turns};
@@ -22,6 +22,8 @@ pub(crate) struct NewStudy {
     pub(crate) study: Study,
     /// The request as submitted, with its seed.
     pub(crate) request: Value,
+    /// Name of the API key that it came with; empty where the server asks for none.
+    pub(crate) owner: String,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -64,8 +66,8 @@ impl Store {
     async fn insert_study(&self, new: &NewStudy) -> Result<SubmittedStudy, StoreError> {
         let jobs = new.study.jobs() as u64;
         let request = to_json(&new.request)?;
-        let mut writer = self.shared.writer.lock().await;
-        let mut tx = writer.begin_with("begin immediate").await?;
+        let mut writer = self.writer().await?;
+        let mut tx = writer.begin().await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(SubmittedStudy::Existing(existing));
         }
@@ -74,7 +76,7 @@ impl Store {
         let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
         let rows = rows_of(&mut tx, study, &new.study).await?;
-        insert_jobs(&mut tx, study, &rows, now).await?;
+        insert_jobs(&mut tx, study, &rows, &new.owner, now).await?;
         insert_bodies(&mut tx, &new.study, &rows).await?;
         insert_labels(&mut tx, &rows).await?;
         let record = query::by_seq(&mut tx, study).await?;
@@ -204,6 +206,7 @@ async fn insert_jobs(
     connection: &mut SqliteConnection,
     study: i64,
     rows: &[Row<'_>],
+    owner: &str,
     now: i64,
 ) -> Result<(), StoreError> {
     let engine = to_json(&EngineInfo::current())?;
@@ -211,7 +214,7 @@ async fn insert_jobs(
         let labels = chunk.iter().map(|row| to_json(&row.job.labels)).collect::<Result<Vec<_>, _>>()?;
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn) ",
+                 attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner) ",
         );
         query.push_values(chunk.iter().zip(labels), |mut values, (row, labels)| {
             let job = row.job;
@@ -221,7 +224,7 @@ async fn insert_jobs(
             values.push_bind(job.max_attempts).push_bind(job.max_attempts);
             values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
             values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
-            values.push_bind(row.turn);
+            values.push_bind(row.turn).push_bind(owner.to_owned());
         });
         query.build().execute(&mut *connection).await?;
     }

@@ -40,7 +40,7 @@ fn new(request: &Value, key: Option<(&str, &str)>) -> NewStudy {
         key: key.into(),
         body_sha256: body.into(),
     });
-    NewStudy { request: study.recorded(request), study, idempotency_key }
+    NewStudy { request: study.recorded(request), study, owner: String::new(), idempotency_key }
 }
 
 async fn take_in(store: &Store, request: &Value) -> StudyRecord {
@@ -163,7 +163,7 @@ async fn what_is_given_back_keeps_its_turn_and_what_is_retried_takes_a_new_one()
     store.give_back(first).await.unwrap();
     assert_eq!(claim(&store).await.id, first.id);
     fail(&store, second, Kind::TargetNotReached, 1.0).await;
-    store.retry(second.id).await.unwrap();
+    store.retry(second.id, None).await.unwrap();
     let mut last = claim(&store).await;
     for _ in 0..7 {
         assert_ne!(last.id, second.id, "others come first");
@@ -199,7 +199,7 @@ async fn runs_come_to_a_table_and_void_ones_say_nothing() {
     // A crash: the attempts that are left run again, and what ran is not forgotten.
     drop(store);
     let store = open(&folder, LIMITS).await;
-    assert_eq!(store.recover().await.unwrap(), 3);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 3);
     assert_eq!(again(&store, &study).await.counts.queued, 3);
     for _ in 0..3 {
         let lease = claim(&store).await;
@@ -247,7 +247,7 @@ async fn a_met_rule_calls_off_what_waits_of_its_point_only() {
     assert_eq!(called_off.len(), 3);
 
     // Whoever knows better sends them back; then they wait again.
-    store.retry(called_off[0].id).await.unwrap();
+    store.retry(called_off[0].id, None).await.unwrap();
     let zero = &cells(&store, &study).await[0];
     assert_eq!((zero.stopped_early, zero.waiting), (2, 1));
     let (record, retried) = store.retry_study(study.id, vec![State::Failed, State::Cancelled]).await.unwrap();
@@ -432,7 +432,7 @@ async fn a_file_of_the_first_version_is_brought_up_to_date() {
     let folder = tempfile::tempdir().unwrap();
     let ids = old_file(&folder).await;
     let store = open(&folder, LIMITS).await;
-    assert_eq!(store.recover().await.unwrap(), 1);
+    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let counts = store.counts().await.unwrap();
     assert_eq!((counts[&State::Queued], counts[&State::Succeeded]), (3, 1));
     let jobs = store.list(&Filter::default(), None, 10).await.unwrap().jobs;

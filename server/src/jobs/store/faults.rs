@@ -1,0 +1,81 @@
+//! Which errors of the database are faults of the machine, which pass, and not of the program.
+
+use super::StoreError;
+
+/// A fault of the machine that the database met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fault {
+    /// The file system is full.
+    NoSpace,
+    /// Another program holds a lock on the database.
+    Locked,
+    /// No memory is left.
+    NoMemory,
+    /// A file could not be opened, read or written: no descriptors, a failing disk, a read-only file system.
+    Io,
+}
+
+/// The fault behind an error of the database; `None` where the program is at fault.
+pub(super) fn fault_of(error: &sqlx::Error) -> Option<Fault> {
+    match error {
+        sqlx::Error::Database(error) => by_code(error.code()?.parse().ok()?),
+        sqlx::Error::Io(error) if crate::disk::is_full(error) => Some(Fault::NoSpace),
+        // What is left of a transaction that SQLite rolled back by itself; see `writer`.
+        sqlx::Error::Io(_)
+        | sqlx::Error::PoolTimedOut
+        | sqlx::Error::WorkerCrashed
+        | sqlx::Error::BeginFailed
+        | sqlx::Error::InvalidSavePointStatement => Some(Fault::Io),
+        _ => None,
+    }
+}
+
+/// By SQLite's result code (<https://sqlite.org/rescode.html>); an extended code has the primary one in its last byte.
+fn by_code(code: i32) -> Option<Fault> {
+    /// `SQLITE_IOERR_SHMSIZE`: the shared memory file could not grow.
+    const SHMSIZE: i32 = 10 | (19 << 8);
+    match (code, code & 0xff) {
+        (SHMSIZE, _) | (_, 13) => Some(Fault::NoSpace),
+        (_, 5 | 6 | 15) => Some(Fault::Locked),
+        (_, 7) => Some(Fault::NoMemory),
+        (_, 8 | 10 | 14) => Some(Fault::Io),
+        _ => None,
+    }
+}
+
+impl StoreError {
+    /// The fault of the machine behind it, if it is one.
+    pub(crate) fn fault(&self) -> Option<Fault> {
+        match self {
+            Self::Database(error) => fault_of(error),
+            _ => None,
+        }
+    }
+
+    /// Whether the file system is full.
+    pub(crate) fn is_full(&self) -> bool {
+        self.fault() == Some(Fault::NoSpace)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn result_codes_tell_faults_of_the_machine_from_others() {
+        for (code, fault) in [
+            (13, Some(Fault::NoSpace)),
+            (4874, Some(Fault::NoSpace)),
+            (5, Some(Fault::Locked)),
+            (517, Some(Fault::Locked)),
+            (7, Some(Fault::NoMemory)),
+            (14, Some(Fault::Io)),
+            (778, Some(Fault::Io)),
+            (1, None),
+            (787, None),
+        ] {
+            assert_eq!(by_code(code), fault, "{code}");
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! The one connection that writes to the database, replaced when a fault of the machine has made it unusable.
+//!
+//! SQLite rolls a transaction back by itself on `SQLITE_FULL`, `SQLITE_IOERR` and `SQLITE_NOMEM`
+//! (<https://sqlite.org/lang_transaction.html>, section 3). The `ROLLBACK` that sqlx sends afterwards then fails, and
+//! sqlx 0.9 lowers its count of open transactions on success only: from then on it refuses every `BEGIN`. So each write
+//! first asks whether the connection is in no transaction, and opens another one where it is.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{Connection as _, Sqlite, SqliteConnection, Transaction};
+use tokio::sync::{Mutex, MutexGuard};
+
+use super::StoreError;
+use super::faults::{Fault, fault_of};
+
+/// What a commit survives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Durability {
+    /// A power cut: the commit waits for the disk.
+    PowerCut,
+    /// The end of the process only; the next commit of the other kind takes this one to the disk with it.
+    ProcessEnd,
+}
+
+/// The connection, one writer at a time.
+#[derive(Debug)]
+pub(super) struct Writer {
+    options: SqliteConnectOptions,
+    state: Mutex<State>,
+    /// Since when no connection could be opened in place of an unusable one.
+    lost_since: std::sync::Mutex<Option<Instant>>,
+    /// How often the connection was replaced.
+    replaced: AtomicU64,
+}
+
+#[derive(Debug)]
+struct State {
+    connection: SqliteConnection,
+    durability: Durability,
+    unusable: bool,
+}
+
+/// The right to write; dropped, it lets the next writer in.
+#[derive(Debug)]
+pub(super) struct Writing<'a> {
+    state: MutexGuard<'a, State>,
+}
+
+impl Writer {
+    /// Takes over an open connection; `options` open its successors, and set `synchronous = full`.
+    pub(super) fn new(connection: SqliteConnection, options: SqliteConnectOptions) -> Self {
+        let state = State { connection, durability: Durability::PowerCut, unusable: false };
+        Self {
+            options,
+            state: Mutex::new(state),
+            lost_since: std::sync::Mutex::default(),
+            replaced: AtomicU64::default(),
+        }
+    }
+
+    /// Waits for the writers before, and hands out a connection that is in no transaction.
+    ///
+    /// # Errors
+    /// The database's, where the connection is unusable and no other one can be opened.
+    pub(super) async fn lock(&self, durability: Durability) -> Result<Writing<'_>, StoreError> {
+        let mut state = self.state.lock().await;
+        if state.unusable || !is_idle(&mut state.connection).await {
+            self.replace(&mut state).await?;
+        }
+        if state.durability != durability {
+            let pragma = match durability {
+                Durability::PowerCut => "pragma synchronous = full",
+                Durability::ProcessEnd => "pragma synchronous = normal",
+            };
+            sqlx::query(pragma).execute(&mut state.connection).await?;
+            state.durability = durability;
+        }
+        Ok(Writing { state })
+    }
+
+    async fn replace(&self, state: &mut State) -> Result<(), StoreError> {
+        let opened = SqliteConnection::connect_with(&self.options).await;
+        let mut lost_since = self.lost_since.lock().unwrap_or_else(PoisonError::into_inner);
+        match opened {
+            Ok(connection) => {
+                // The old one closes when its thread sees that it was dropped.
+                *state = State { connection, durability: Durability::PowerCut, unusable: false };
+                *lost_since = None;
+                self.replaced.fetch_add(1, Ordering::Relaxed);
+                tracing::warn!(
+                    "the connection that writes to the database was unusable and has been replaced"
+                );
+                Ok(())
+            }
+            Err(error) => {
+                state.unusable = true;
+                // A full disk or a lock of another program goes away by itself: the store is not lost.
+                if fault_of(&error).is_none_or(|fault| fault == Fault::Io) {
+                    lost_since.get_or_insert_with(Instant::now);
+                }
+                Err(error.into())
+            }
+        }
+    }
+
+    /// How often the connection was replaced.
+    pub(super) fn replaced(&self) -> u64 {
+        self.replaced.load(Ordering::Relaxed)
+    }
+
+    /// For how long no usable connection could be opened; `None` while there is one.
+    pub(super) fn lost_for(&self) -> Option<Duration> {
+        self.lost_since.lock().unwrap_or_else(PoisonError::into_inner).map(|since| since.elapsed())
+    }
+
+    /// Waits for the writers before and copies the write-ahead log into the database.
+    pub(super) async fn fold_log(&self) -> Result<(), StoreError> {
+        let mut state = self.state.lock().await;
+        sqlx::query("pragma wal_checkpoint(truncate)").execute(&mut state.connection).await?;
+        Ok(())
+    }
+}
+
+/// Whether the connection answers and is in no transaction. A transaction that was dropped is rolled back by the
+/// connection's thread, before the thread answers here.
+async fn is_idle(connection: &mut SqliteConnection) -> bool {
+    connection.ping().await.is_ok() && !connection.is_in_transaction()
+}
+
+impl Writing<'_> {
+    /// Begins a transaction that may write from its start on.
+    ///
+    /// # Errors
+    /// The database's. Unless another program holds the lock, the connection is replaced before the next write.
+    pub(super) async fn begin(&mut self) -> Result<Transaction<'_, Sqlite>, sqlx::Error> {
+        let State { connection, unusable, .. } = &mut *self.state;
+        match connection.begin_with("begin immediate").await {
+            Ok(transaction) => Ok(transaction),
+            Err(error) => {
+                *unusable = fault_of(&error) != Some(Fault::Locked);
+                Err(error)
+            }
+        }
+    }
+}
+
+impl Deref for Writing<'_> {
+    type Target = SqliteConnection;
+
+    fn deref(&self) -> &SqliteConnection {
+        &self.state.connection
+    }
+}
+
+impl DerefMut for Writing<'_> {
+    fn deref_mut(&mut self) -> &mut SqliteConnection {
+        &mut self.state.connection
+    }
+}

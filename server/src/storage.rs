@@ -1,0 +1,139 @@
+//! How much may be stored: the free space of the disk, a quota of the service, and a quota of each API key.
+//!
+//! Results and kept exports count; the cache does not, for it makes way. A job is estimated before it is taken in and
+//! before it runs, an export is watched while it is written.
+
+use std::collections::BTreeMap;
+
+use crate::disk::Disk;
+use crate::jobs::store::{Store, StoreError, StoredKind};
+
+/// Bytes of a stored grain: four 64-bit numbers.
+const GRAIN_BYTES: f64 = 32.0;
+/// Bytes of a stored result besides its grains, and of its rows in the database; more than most need.
+const HEAD_BYTES: u64 = 16 << 10;
+
+/// The bounds of the service.
+#[derive(Clone, Debug)]
+pub(crate) struct Storage {
+    store: Store,
+    disk: Disk,
+    max_bytes: Option<u64>,
+    max_bytes_per_key: Option<u64>,
+}
+
+/// More than may be stored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct NoRoom {
+    /// Bytes that it would take at least.
+    pub(crate) needed: u64,
+    /// Bytes that are left.
+    pub(crate) left: u64,
+    /// What leaves no more.
+    pub(crate) bound: Bound,
+}
+
+/// What bounds the bytes that may be stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Bound {
+    /// The free space of the disk, of which some must stay free.
+    Disk,
+    /// `--max-stored-bytes`.
+    Service(u64),
+    /// `--max-stored-bytes-per-key`.
+    Key(u64),
+}
+
+impl std::fmt::Display for NoRoom {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { needed, left, bound } = self;
+        write!(f, "it needs about {needed} bytes, and {left} are left ")?;
+        match bound {
+            Bound::Disk => write!(f, "on the disk of the server"),
+            Bound::Service(quota) => write!(f, "of the {quota} that results and exports may take"),
+            Bound::Key(quota) => write!(f, "of the {quota} that results and exports of one API key may take"),
+        }
+    }
+}
+
+impl Storage {
+    /// The bounds of a service: `max_bytes` in all, `max_bytes_per_key` for each API key.
+    pub(crate) fn new(
+        store: Store,
+        disk: Disk,
+        max_bytes: Option<u64>,
+        max_bytes_per_key: Option<u64>,
+    ) -> Self {
+        Self { store, disk, max_bytes, max_bytes_per_key }
+    }
+
+    /// Bytes that a result of so many grains takes.
+    pub(crate) fn bytes_of_result(grains: f64) -> u64 {
+        (grains * GRAIN_BYTES) as u64 + HEAD_BYTES
+    }
+
+    /// Bytes that the key `owner` may store, and what leaves no more.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn room(&self, owner: &str) -> Result<(u64, Bound), StoreError> {
+        let mut least = (self.disk.room(), Bound::Disk);
+        if self.max_bytes.is_none() && self.max_bytes_per_key.is_none() {
+            return Ok(least);
+        }
+        let stored = self.store.stored_bytes().await?;
+        let quotas = [
+            self.max_bytes.map(|quota| (quota.saturating_sub(lasting(&stored, None)), Bound::Service(quota))),
+            self.max_bytes_per_key
+                .map(|quota| (quota.saturating_sub(lasting(&stored, Some(owner))), Bound::Key(quota))),
+        ];
+        for quota in quotas.into_iter().flatten() {
+            if quota.0 < least.0 {
+                least = quota;
+            }
+        }
+        Ok(least)
+    }
+
+    /// Bytes that the cache may hold beside what is stored, at most `most`.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn cache_bytes(&self, most: u64) -> Result<u64, StoreError> {
+        let Some(quota) = self.max_bytes else { return Ok(most) };
+        let stored = self.store.stored_bytes().await?;
+        Ok(most.min(quota.saturating_sub(lasting(&stored, None))))
+    }
+}
+
+/// Bytes of results and kept exports, of all keys or of one.
+fn lasting(stored: &BTreeMap<(String, StoredKind), u64>, owner: Option<&str>) -> u64 {
+    let counts = |(key, kind): &(String, StoredKind)| {
+        *kind != StoredKind::Cache && owner.is_none_or(|owner| owner == key)
+    };
+    stored.iter().filter(|(key, _)| counts(key)).map(|(_, bytes)| *bytes).sum()
+}
+
+/// Refuses what is larger than the room.
+///
+/// # Errors
+/// [`NoRoom`].
+pub(crate) fn fits(needed: u64, (left, bound): (u64, Bound)) -> Result<(), NoRoom> {
+    if needed > left { Err(NoRoom { needed, left, bound }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_has_the_figures() {
+        assert_eq!(fits(10, (10, Bound::Disk)), Ok(()));
+        let refused = fits(11, (10, Bound::Key(40))).unwrap_err();
+        assert_eq!(
+            refused.to_string(),
+            "it needs about 11 bytes, and 10 are left of the 40 that results and exports of one API key may take"
+        );
+        assert_eq!(Storage::bytes_of_result(1e6), 32_000_000 + HEAD_BYTES);
+    }
+}

@@ -1,0 +1,261 @@
+//! Faults of the machine: a full disk, no file descriptors, a locked database. None may lose or stick anything.
+//!
+//! Disks of their own are `tmpfs` mounts, for which the suite must run as root; without, these tests say so and pass.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::harness::deadline::{eventually, patiently, within};
+use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs};
+
+/// A data directory on a small file system of its own.
+struct SmallDisk {
+    data_dir: DataDir,
+    mount: PathBuf,
+}
+
+impl SmallDisk {
+    /// One of so many bytes; `None`, aloud, where this user may not mount.
+    fn mounted(bytes: u64) -> Option<Self> {
+        let data_dir = DataDir::new();
+        let mount = data_dir.path().ancestors().nth(2).unwrap().to_owned();
+        let size = format!("size={bytes}");
+        let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(&mount).status();
+        if status.is_ok_and(|status| status.success()) {
+            return Some(Self { data_dir, mount });
+        }
+        eprintln!("SKIPPED: mounting a tmpfs needs root");
+        None
+    }
+
+    fn filler(&self) -> PathBuf {
+        self.mount.join("filler")
+    }
+
+    /// Writes until nothing fits any more.
+    fn fill(&self) {
+        let mut file = fs::OpenOptions::new().create(true).append(true).open(self.filler()).unwrap();
+        let block = vec![7; 1 << 12];
+        while file.write_all(&block).is_ok() {}
+        // Less than a block may still fit.
+        while file.write_all(&[7]).is_ok() {}
+    }
+
+    fn clear(&self) {
+        fs::remove_file(self.filler()).unwrap();
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("-l").arg(&self.mount).status();
+    }
+}
+
+async fn start(disk: &SmallDisk) -> Server {
+    Launch::new(&disk.data_dir).start().await
+}
+
+/// Submits until a write meets a full disk, and not only the look at the free space before it.
+async fn submit_until_a_write_fails(disk: &SmallDisk, client: &Client) {
+    for _ in 0..100 {
+        let refused = submit_until_refused(client).await;
+        if refused["detail"].as_str().unwrap().contains("is full") {
+            return;
+        }
+        let filler = fs::OpenOptions::new().write(true).open(disk.filler()).unwrap();
+        filler.set_len(filler.metadata().unwrap().len() - (36 << 10)).unwrap();
+    }
+    panic!("no write has met a full disk");
+}
+
+async fn faults(client: &Client) -> u64 {
+    let reply = client.get("/metrics").send().await;
+    let text = String::from_utf8(reply.body.to_vec()).unwrap();
+    let line = text.lines().find_map(|line| line.strip_prefix("packstone_store_faults_total "));
+    line.unwrap().parse().unwrap()
+}
+
+/// Submits until the disk refuses, and returns the refusal.
+async fn submit_until_refused(client: &Client) -> Value {
+    for seed in 0..10_000 {
+        let reply = client.post("/v1/jobs").json(&jobs::quick(seed)).send().await;
+        assert_ne!(reply.status, 500, "a full disk is no internal error");
+        if reply.status != 201 {
+            assert!(!reply.header("retry-after").is_empty());
+            return reply.expect_problem(507, "insufficient-storage");
+        }
+    }
+    panic!("the disk is never full");
+}
+
+#[tokio::test]
+async fn writes_come_back_after_a_full_disk() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = Launch::new(&disk.data_dir).args(&["--min-free-bytes", "0"]).start().await;
+    let client = server.client();
+    let before = client.succeed(&jobs::quick(1)).await;
+    client.get("/readyz").send().await.expect(200);
+    disk.fill();
+    submit_until_a_write_fails(&disk, &client).await;
+    client.get("/readyz").send().await.expect_problem(503, "not-ready");
+    client.get("/healthz").send().await.expect(200);
+    // What is there can be read.
+    assert_eq!(client.job(id_of(&before)).await["state"], "succeeded");
+    client.result(id_of(&before)).await;
+    client.get("/v1/jobs").send().await.expect(200);
+
+    disk.clear();
+    let accepted = within(Duration::from_secs(5), "the first write after there is space", async {
+        loop {
+            let reply = client.post("/v1/jobs").json(&jobs::quick(2)).send().await;
+            if reply.status == 201 {
+                return reply.json();
+            }
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    assert_eq!(client.finished(id_of(&accepted)).await["state"], "succeeded");
+    client.get("/readyz").send().await.expect(200);
+    assert!(faults(&client).await >= 1, "no connection was replaced: the test has not met the fault");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn readiness_fails_before_the_disk_is_full() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = Launch::new(&disk.data_dir).args(&["--min-free-bytes", "8000000"]).start().await;
+    let client = server.client();
+    client.get("/readyz").send().await.expect(200);
+    fs::write(disk.filler(), vec![7; 13 << 20]).unwrap();
+    let problem = client.get("/readyz").send().await.expect_problem(503, "not-ready");
+    assert!(problem["detail"].as_str().unwrap().contains("8000000"), "{problem}");
+    disk.clear();
+    client.get("/readyz").send().await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn jobs_can_be_deleted_on_a_full_disk() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = start(&disk).await;
+    let client = server.client();
+    let mut finished = Vec::new();
+    for seed in 0..20 {
+        finished.push(client.succeed(&jobs::equal_spheres(2000, seed)).await);
+    }
+    // A log that was folded in has no room of its own left: restart, so that the deletion has to grow it.
+    server.stop().await;
+    let server = start(&disk).await;
+    let client = server.client();
+    disk.fill();
+    submit_until_refused(&client).await;
+    for job in &finished {
+        client.delete(&format!("/v1/jobs/{}", id_of(job))).send().await.expect(204);
+    }
+    eventually("the files to go", || disk.data_dir.artifacts().is_empty()).await;
+    // Their space is the service's again, and the reserve with it.
+    let reserve = disk.data_dir.path().join("reserve");
+    eventually("the reserve to be made again", || reserve.exists()).await;
+    client.succeed(&jobs::quick(99)).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_study_goes_on_after_a_full_disk() {
+    let Some(disk) = SmallDisk::mounted(12 << 20) else { return };
+    let server = Launch::new(&disk.data_dir).workers(2).start().await;
+    let client = server.client();
+    // Eight megabytes of results, of which half find room beside the filler.
+    let mut template = jobs::equal_spheres(10_000, 1);
+    template.as_object_mut().unwrap().remove("seed");
+    let study = json!({"template": template, "replicates": 24});
+    let study = client.post("/v1/studies").json(&study).send().await.expect(201).json();
+    let path = format!("/v1/studies/{}", id_of(&study));
+    fs::write(disk.filler(), vec![7; 7 << 20]).unwrap();
+    patiently("the disk to be full", async {
+        while !server.log().contains("trying again") {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    })
+    .await;
+    disk.clear();
+    let ended = client.get(&path).header("prefer", "wait=60").send().await.expect(200).json();
+    assert_eq!(ended["counts"]["succeeded"], 24, "{ended:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_log_on_a_full_disk_ends_nothing() {
+    let Some(disk) = SmallDisk::mounted(8 << 20) else { return };
+    let data_dir = DataDir::new();
+    let log = fs::File::create(disk.mount.join("log")).unwrap();
+    disk.fill();
+    let mut command = Launch::new(&data_dir).env("PACKSTONE_LOG", "info").into_command();
+    let mut child = command.stdout(std::process::Stdio::piped()).stderr(log).spawn().unwrap();
+    let address = tokio::task::spawn_blocking({
+        let stdout = child.stdout.take().unwrap();
+        move || {
+            let mut line = String::new();
+            std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).unwrap();
+            line.trim().rsplit_once("http://").unwrap().1.parse().unwrap()
+        }
+    })
+    .await
+    .unwrap();
+    let client = Client::new(address);
+    client.succeed(&jobs::quick(1)).await;
+    assert_eq!(child.try_wait().unwrap(), None, "it still runs");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+/// The database is locked by another program for as long as this lives.
+struct Locked(std::process::Child);
+
+impl Locked {
+    fn by_another_program(database: &Path) -> Self {
+        let script = "import sqlite3,sys,time\n\
+                      c=sqlite3.connect(sys.argv[1],isolation_level=None)\n\
+                      c.execute('begin immediate')\nprint('locked',flush=True)\ntime.sleep(600)\n";
+        let mut child = Command::new("python3")
+            .args(["-c", script])
+            .arg(database)
+            .stdout(std::process::Stdio::piped())
+            .spawn()
+            .expect("python3");
+        let mut line = String::new();
+        let stdout = child.stdout.take().unwrap();
+        std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).unwrap();
+        assert_eq!(line.trim(), "locked");
+        Self(child)
+    }
+}
+
+impl Drop for Locked {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[tokio::test]
+async fn a_database_that_another_program_locks_is_not_ready() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    client.succeed(&jobs::quick(1)).await;
+    let locked = Locked::by_another_program(&data_dir.path().join("packstone.sqlite"));
+    let reply = client.post("/v1/jobs").json(&jobs::quick(2)).send().await;
+    assert!(!reply.header("retry-after").is_empty());
+    reply.expect_problem(503, "not-ready");
+    drop(locked);
+    client.succeed(&jobs::quick(2)).await;
+    server.stop().await;
+}

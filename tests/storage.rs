@@ -1,0 +1,234 @@
+//! What may be stored, backups and checks of a data directory, and data directories of earlier versions.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::harness::{DataDir, Launch, Server, id_of, jobs, packstone, run};
+
+#[tokio::test]
+async fn a_job_that_would_exceed_a_quota_is_refused_with_figures() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--max-stored-bytes", "200000"]).start().await;
+    let client = server.client();
+    client.succeed(&jobs::equal_spheres(2000, 1)).await;
+    let reply = client.post("/v1/jobs").json(&jobs::equal_spheres(5000, 1)).send().await;
+    assert!(!reply.header("retry-after").is_empty());
+    let problem = reply.expect_problem(507, "insufficient-storage");
+    let (needed, free) = (problem["needed_bytes"].as_u64().unwrap(), problem["free_bytes"].as_u64().unwrap());
+    assert!((160_000..200_000).contains(&needed) && free < 140_000, "{problem}");
+    assert!(problem["detail"].as_str().unwrap().contains("200000"), "{problem}");
+    let metrics = client.get("/metrics").send().await;
+    let text = String::from_utf8(metrics.body.to_vec()).unwrap();
+    let stored = text.lines().find_map(|line| line.strip_prefix("packstone_stored_bytes{kind=\"results\"} "));
+    assert!(stored.unwrap().parse::<u64>().unwrap() > 64_000, "{text}");
+    for name in [
+        "packstone_disk_free_bytes",
+        "process_open_fds",
+        "packstone_queue_age_seconds",
+        "packstone_build_info",
+    ] {
+        assert!(text.lines().any(|line| line.starts_with(name)), "{name} is missing in\n{text}");
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_backup_of_a_running_service_is_whole_and_can_be_served() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let job = client.succeed(&jobs::quick(1)).await;
+    let before = client.result_in(id_of(&job), "npy").await;
+    let parent = tempfile::tempdir().unwrap();
+    let source = data_dir.path().to_str().unwrap();
+    let ended = packstone(parent.path(), &["backup", "copy", "--data-dir", source]).await;
+    assert_eq!(ended.code, Some(0), "{} {}", ended.stdout, ended.stderr);
+    let again = packstone(parent.path(), &["backup", "copy", "--data-dir", source]).await;
+    assert_ne!(again.code, Some(0), "a backup is never overwritten");
+    client.delete(&format!("/v1/jobs/{}", id_of(&job))).send().await.expect(204);
+    server.stop().await;
+
+    let ended = packstone(parent.path(), &["check", "copy"]).await;
+    assert_eq!(ended.code, Some(0), "{} {}", ended.stdout, ended.stderr);
+    let restored = DataDir::new();
+    fs::create_dir_all(restored.path().parent().unwrap()).unwrap();
+    fs::rename(parent.path().join("copy"), restored.path())
+        .or_else(|_| copy_all(&parent.path().join("copy"), restored.path()))
+        .unwrap();
+    let server = Server::start(&restored).await;
+    assert_eq!(server.client().result_in(id_of(&job), "npy").await, before);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_check_finds_what_is_damaged_missing_and_unknown() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    for seed in 0..3 {
+        server.client().succeed(&jobs::quick(seed)).await;
+    }
+    server.stop().await;
+    let directory = data_dir.path().to_str().unwrap().to_owned();
+    let files = data_dir.artifacts();
+    fs::remove_file(&files[0]).unwrap();
+    let mut changed = fs::read(&files[1]).unwrap();
+    changed[100] ^= 1;
+    fs::write(&files[1], changed).unwrap();
+    fs::write(files[2].with_file_name("01900000-0000-7000-8000-000000000000.1.packstone"), "x").unwrap();
+    let ended = packstone(Path::new("/"), &["check", &directory]).await;
+    assert_eq!(ended.code, Some(1));
+    assert_eq!(ended.stdout.lines().count(), 4, "{}", ended.stdout);
+    assert!(ended.stdout.contains("3 files checked, 3 faults"), "{}", ended.stdout);
+}
+
+#[tokio::test]
+async fn health_is_asked_without_a_client() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let url = format!("http://{}", server.address());
+    let ended = packstone(Path::new("/"), &["health", &url]).await;
+    assert_eq!((ended.code, ended.stdout.as_str()), (Some(0), "ready\n"), "{}", ended.stderr);
+    server.stop().await;
+    assert_eq!(packstone(Path::new("/"), &["health", &url]).await.code, Some(1));
+}
+
+#[tokio::test]
+async fn empty_variables_are_not_set_and_names_are_addresses() {
+    let data_dir = DataDir::new();
+    let launch = Launch::new(&data_dir).listen("localhost:0");
+    let launch = launch
+        .env("PACKSTONE_INSECURE", "")
+        .env("PACKSTONE_API_KEYS_FILE", "")
+        .env("PACKSTONE_MAX_QUEUED", "");
+    let server = launch.start().await;
+    assert!(server.address().ip().is_loopback());
+    server.stop().await;
+    let server = Launch::new(&data_dir).listen(":0").env("PACKSTONE_INSECURE", "1").start().await;
+    server.stop().await;
+    let refused = run(Launch::new(&data_dir).args(&["--max-model-mib", "0"]).into_command()).await;
+    assert_eq!(refused.code, Some(2), "{}", refused.stderr);
+}
+
+#[tokio::test]
+async fn a_closed_terminal_does_not_end_a_service() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    server.hang_up();
+    server.client().succeed(&jobs::quick(1)).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn connections_beyond_the_bound_are_answered() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--max-connections", "2"]).start().await;
+    let open: Vec<_> = (0..2).map(|_| std::net::TcpStream::connect(server.address()).unwrap()).collect();
+    let address = server.address();
+    let answer = tokio::task::spawn_blocking(move || {
+        use std::io::{Read as _, Write as _};
+        let mut stream = std::net::TcpStream::connect(address).unwrap();
+        stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").unwrap();
+        let mut answer = Vec::new();
+        let mut block = [0; 1024];
+        while let Ok(read @ 1..) = stream.read(&mut block) {
+            answer.extend_from_slice(&block[..read]);
+            if answer.ends_with(b"}") {
+                break;
+            }
+        }
+        String::from_utf8(answer).unwrap()
+    })
+    .await
+    .unwrap();
+    assert!(answer.starts_with("HTTP/1.1 503 ") && answer.contains("retry-after"), "{answer}");
+    drop(open);
+    server.client().get("/healthz").send().await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn too_few_file_descriptors_are_said_at_the_start() {
+    let data_dir = DataDir::new();
+    let serve = |limit: u32| {
+        let mut command = std::process::Command::new("sh");
+        let script = format!(
+            "ulimit -n {limit}; exec {} serve --listen 127.0.0.1:0 --workers 1 --data-dir {}",
+            env!("CARGO_BIN_EXE_packstone"),
+            data_dir.path().display()
+        );
+        command.args(["-c", &script]);
+        command
+    };
+    let refused = run(serve(100)).await;
+    assert_eq!(refused.code, Some(1));
+    assert!(refused.stderr.contains("ulimit -n"), "{}", refused.stderr);
+}
+
+fn copy_all(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            copy_all(&entry.path(), &target)?;
+        } else {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
+}
+
+/// A data directory that version 0.1 made at commit 722a477: three jobs (one failed), a study of four, two exports.
+const REVISION_1: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/v1");
+const FIRST: &str = "01a20133-fb38-77b9-8a94-2253cccffd4b";
+const STUDY: &str = "01a20134-5cc5-76c1-980b-af251e391f44";
+
+#[tokio::test]
+async fn a_data_directory_of_revision_1_is_served() {
+    let data_dir = DataDir::new();
+    copy_all(Path::new(REVISION_1), data_dir.path()).unwrap();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let recorded = |name: &str| fs::read(Path::new(REVISION_1).join(name)).unwrap();
+    assert!(client.result_in(FIRST, "csv").await == recorded("first.csv"), "its columns are the same bytes");
+    assert!(client.result_in(FIRST, "npy").await == recorded("first.npy"));
+    let result = client.result(FIRST).await;
+    let request = &result["request"];
+    assert_eq!(
+        request["distance"],
+        json!({"type": "constant", "gap_mm": 0.5, "wall_gap_mm": 0.300_000_000_000_000_04})
+    );
+    assert_eq!(request["mix"]["grading"]["diameters_mm"], json!([8.5, 7.25, 6.1]));
+    assert!(result["check"]["min_gap_mm"].is_number() && result.get("verification").is_none(), "{result:#}");
+    let summary = client.get(&format!("/v1/jobs/{FIRST}/result/summary")).send().await.expect(200).json();
+    assert_eq!(summary["check"], result["check"]);
+    assert_eq!(&summary["request"], request);
+
+    let listed = client.get("/v1/jobs?limit=50").send().await.expect(200).json();
+    let failed =
+        listed["items"].as_array().unwrap().iter().find(|job| job["state"] == "failed").unwrap().clone();
+    assert!(failed["error"]["type"].as_str().unwrap().ends_with("target-not-reached"), "{failed:#}");
+    client.post(&format!("/v1/jobs/{}/retry", id_of(&failed))).send().await.expect(200);
+    assert_eq!(client.finished(id_of(&failed)).await["state"], "failed");
+
+    let table: Vec<Value> = client.table(STUDY).await;
+    assert_eq!(table.len(), 2);
+    assert_eq!(table[0]["/distance/gap_mm"], 0.25, "{table:?}");
+    assert_eq!(table[1]["successes"], 2);
+
+    let exports = client.get(&format!("/v1/jobs/{FIRST}/exports")).send().await.expect(200).json();
+    let export = &exports["items"][0];
+    assert_eq!(
+        (export["type"].as_str(), export["bytes"].as_u64()),
+        (Some("voxels"), Some(64)),
+        "{exports:#}"
+    );
+    server.stop().await;
+    // It has been carried over once; the second start finds nothing to do.
+    let server = Server::start(&data_dir).await;
+    assert!(!server.log().contains("revision 1"), "{}", server.log());
+    server.client().result(FIRST).await;
+    server.stop().await;
+}
