@@ -43,6 +43,7 @@ pub fn pack_or_resume(
     resume: Option<Resume>,
     control: &dyn Control,
 ) -> Result<Packing, PackError> {
+    request.validate().map_err(PlanError::Invalid)?;
     let plan = Plan::new(request, limits)?;
     let start = Instant::now();
     let control: &dyn Control = &Part::new(control, 0.0, 1.0);

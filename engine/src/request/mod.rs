@@ -41,7 +41,8 @@ pub const MIN_FULLER_EXPONENT: f64 = 0.01;
 /// mortar by convention (Titscher and Unger 2015, section 3).
 pub const DEFAULT_D_MIN_MM: f64 = 2.0;
 
-/// A packing to compute. Read it with [`PackingRequest::from_json`].
+/// A packing to compute. Read it with [`PackingRequest::from_json`], or build it in code and judge it with
+/// [`PackingRequest::validate`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PackingRequest {

@@ -59,6 +59,24 @@ impl PackingRequest {
         }
     }
 
+    /// Judges a request that was built in code by the bounds of one that is read from JSON.
+    ///
+    /// [`crate::pack`] calls it, so a request outside the bounds is refused whatever its origin.
+    ///
+    /// # Errors
+    /// All faults, each with its pointer.
+    pub fn validate(&self) -> Result<(), Vec<FieldError>> {
+        let whole = |detail: String| vec![FieldError { pointer: String::new(), detail }];
+        let value =
+            serde_json::to_value(self).map_err(|error| whole(format!("has no JSON form: {error}")))?;
+        let read = Self::from_json(&value, self.seed)?;
+        if read == *self {
+            return Ok(());
+        }
+        // JSON has no such numbers; and what is absent is read as its default.
+        Err(whole("has a number that is not finite, or leaves out mix.d_min_mm, which has a default".into()))
+    }
+
     /// Reads the packing's fields from an object that may hold others, which the caller asks for.
     ///
     /// `None` means that faults were reported; the reverse does not hold, so ask the faults.

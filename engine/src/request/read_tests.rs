@@ -330,3 +330,27 @@ proptest! {
         prop_assert_eq!(serde_json::to_string(&read).unwrap(), text);
     }
 }
+
+#[test]
+fn a_request_built_in_code_is_held_to_the_same_bounds() {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4},
+    });
+    let valid = PackingRequest::from_json(&value, 3).unwrap();
+    assert_eq!(valid.validate(), Ok(()));
+    let mut negative = valid.clone();
+    negative.specimen = Specimen::Box { size_mm: [-1.0, 50.0, 50.0], boundary: Boundary::Walls };
+    let pointers = |request: &PackingRequest| -> Vec<String> {
+        request.validate().unwrap_err().into_iter().map(|fault| fault.pointer).collect()
+    };
+    assert_eq!(pointers(&negative), ["/specimen/size_mm/0"]);
+    let refused = crate::pack(&negative, &crate::Limits::default(), &crate::Unattended);
+    assert!(matches!(refused, Err(crate::PackError::Plan(crate::PlanError::Invalid(_)))), "{refused:?}");
+    let mut missing = valid.clone();
+    missing.mix.volume_fraction = Some(f64::NAN);
+    assert_eq!(pointers(&missing), ["/mix/volume_fraction"]);
+    let mut endless = valid;
+    endless.distance = Distance::None { wall_gap_mm: Some(f64::INFINITY) };
+    assert_eq!(pointers(&endless), [""]);
+}
