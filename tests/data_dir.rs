@@ -120,11 +120,8 @@ fn quarantined(data_dir: &DataDir) -> Vec<std::path::PathBuf> {
     while let Some(folder) = folders.pop() {
         let Ok(entries) = fs::read_dir(folder) else { continue };
         for entry in entries.map(Result::unwrap) {
-            if entry.file_type().unwrap().is_dir() {
-                folders.push(entry.path())
-            } else {
-                files.push(entry.path())
-            }
+            let into = if entry.file_type().unwrap().is_dir() { &mut folders } else { &mut files };
+            into.push(entry.path());
         }
     }
     files

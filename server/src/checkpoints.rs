@@ -21,12 +21,11 @@ use std::time::{Duration, Instant};
 
 use packstone_engine::{Checkpoint, CheckpointError, PackingRequest, Resume};
 
+use crate::atomic_file::{self, PARTIAL};
 use crate::jobs::store::Kept;
 
 /// Ending of a complete checkpoint.
 const COMPLETE: &str = ".checkpoint";
-/// Ending that is added to one that is being written.
-const PARTIAL: &str = ".tmp";
 const BUFFER_BYTES: usize = 1 << 18;
 /// The first checkpoint of a run comes no later: a job of minutes should not lose half of them.
 const FIRST_AFTER: Duration = Duration::from_secs(5);
@@ -34,36 +33,18 @@ const FIRST_AFTER: Duration = Duration::from_secs(5);
 /// gigabytes must not become what the run spends its time with.
 const PAUSE_PER_COST: u32 = 10;
 
-/// Writes a checkpoint so that under its name there is always a whole one: temporary name, fsync, rename,
-/// fsync of the folder. Returns its length in bytes.
+/// Writes a checkpoint in place of an earlier one of that name. Returns its length in bytes.
 ///
 /// # Errors
-/// Those of the disk; an earlier checkpoint of that name is still there then.
+/// Those of the disk; the earlier checkpoint is still there then.
 pub(crate) fn write(file: &Path, checkpoint: &Checkpoint<'_>) -> io::Result<u64> {
-    let mut partial = file.as_os_str().to_owned();
-    partial.push(PARTIAL);
-    let partial = PathBuf::from(partial);
-    let written = write_partial(&partial, checkpoint).and_then(|bytes| {
-        fs::rename(&partial, file)?;
-        if let Some(folder) = file.parent() {
-            File::open(folder)?.sync_all()?;
-        }
-        Ok(bytes)
-    });
-    if written.is_err() {
-        // What is left of a full disk is given back; the sweeper has the rest.
-        let _ = fs::remove_file(&partial);
-    }
-    written
-}
-
-fn write_partial(partial: &Path, checkpoint: &Checkpoint<'_>) -> io::Result<u64> {
-    let mut out = BufWriter::with_capacity(BUFFER_BYTES, File::create(partial)?);
-    checkpoint.write_to(&mut out)?;
-    out.flush()?;
-    let file = out.get_ref();
-    file.sync_all()?;
-    Ok(file.metadata()?.len())
+    let write = |file: &File| {
+        let mut out = BufWriter::with_capacity(BUFFER_BYTES, file);
+        checkpoint.write_to(&mut out)?;
+        out.flush()?;
+        Ok(file.metadata()?.len())
+    };
+    atomic_file::write(file, write, || Ok(()))
 }
 
 /// Removes a file. A missing one is as good as removed.
@@ -156,9 +137,9 @@ impl Checkpoints {
         })
     }
 
-    /// Keeps the checkpoints of one attempt.
-    pub(crate) fn keeper(&self, id: &str, attempt: i64) -> Keeper {
-        Keeper {
+    /// The writer of the checkpoints of one attempt.
+    pub(crate) fn writer(&self, id: &str, attempt: i64) -> CheckpointWriter {
+        CheckpointWriter {
             folder: self.clone(),
             id: id.to_owned(),
             attempt,
@@ -243,9 +224,9 @@ fn parse(name: &str) -> Option<(&str, i64, bool)> {
     Some((id, attempt.parse().ok()?, whole.is_none()))
 }
 
-/// Keeps the checkpoints of one attempt, on its packing thread.
+/// Writes the checkpoints of one attempt, on its packing thread.
 #[derive(Debug)]
-pub(crate) struct Keeper {
+pub(crate) struct CheckpointWriter {
     folder: Checkpoints,
     id: String,
     attempt: i64,
@@ -254,7 +235,7 @@ pub(crate) struct Keeper {
     failing: AtomicBool,
 }
 
-impl Keeper {
+impl CheckpointWriter {
     /// Whether a checkpoint is due.
     pub(crate) fn is_due(&self) -> bool {
         self.schedule.is_due()

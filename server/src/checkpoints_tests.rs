@@ -55,10 +55,10 @@ impl Folder {
 fn an_attempt_goes_on_from_the_newest_state_of_its_job() {
     let folder = Folder::new();
     assert_eq!(folder.checkpoints.resume("job", &request(7)), None);
-    let first = folder.checkpoints.keeper("job", 1);
+    let first = folder.checkpoints.writer("job", 1);
     checkpoint(7, "early", |c| first.keep(c));
     checkpoint(7, "late", |c| first.keep(c));
-    checkpoint(7, "another's", |c| folder.checkpoints.keeper("job-2", 1).keep(c));
+    checkpoint(7, "another's", |c| folder.checkpoints.writer("job-2", 1).keep(c));
     assert_eq!(folder.checkpoints.resume("job", &request(7)), Some(state(7, "late")));
     assert_eq!(folder.names(), ["job-2.1.checkpoint", "job.1.checkpoint"]);
 }
@@ -66,7 +66,7 @@ fn an_attempt_goes_on_from_the_newest_state_of_its_job() {
 #[test]
 fn an_attempt_that_lost_its_lease_harms_no_later_one() {
     let folder = Folder::new();
-    let (lost, holder) = (folder.checkpoints.keeper("job", 9), folder.checkpoints.keeper("job", 10));
+    let (lost, holder) = (folder.checkpoints.writer("job", 9), folder.checkpoints.writer("job", 10));
     checkpoint(7, "lost, early", |c| lost.keep(c));
     checkpoint(7, "held", |c| holder.keep(c));
     assert_eq!(folder.names(), ["job.10.checkpoint"], "what the holder has replaced is gone");
@@ -82,7 +82,7 @@ fn an_attempt_that_lost_its_lease_harms_no_later_one() {
 #[test]
 fn what_cannot_be_gone_on_from_is_removed_and_an_older_state_taken() {
     let folder = Folder::new();
-    checkpoint(7, "good", |c| folder.checkpoints.keeper("job", 1).keep(c));
+    checkpoint(7, "good", |c| folder.checkpoints.writer("job", 1).keep(c));
     fs::write(folder.file("job.2.checkpoint"), "damaged").unwrap();
     checkpoint(8, "of another request", |c| {
         write(&folder.file("job.3.checkpoint"), c).unwrap();
@@ -95,7 +95,7 @@ fn what_cannot_be_gone_on_from_is_removed_and_an_older_state_taken() {
 #[test]
 fn a_checkpoint_that_cannot_be_written_leaves_the_last_one() {
     let folder = Folder::new();
-    let keeper = folder.checkpoints.keeper("job", 1);
+    let keeper = folder.checkpoints.writer("job", 1);
     checkpoint(7, "kept", |c| keeper.keep(c));
     let full = |_: &mut dyn io::Write| Err(io::ErrorKind::StorageFull.into());
     keeper.keep(&Checkpoint::new(&request(7), &full));

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod artifacts;
+mod atomic_file;
 mod checkpoints;
 mod cli;
 mod config;

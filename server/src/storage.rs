@@ -123,6 +123,7 @@ pub(crate) fn fits(needed: u64, (left, bound): (u64, Bound)) -> Result<(), NoRoo
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -15,10 +15,12 @@ pub(crate) mod write;
 use std::collections::HashSet;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use jiff::civil::Date;
+
+use crate::atomic_file::PARTIAL;
 
 /// Ending of a complete result.
 const RESULT: &str = ".packstone";
@@ -28,8 +30,6 @@ const EXPORT: &str = ".export";
 const EXPORT_1: &str = ".derived";
 /// Name of the folder, beside the one of results, to which files are moved that the database does not know.
 const QUARANTINE: &str = "quarantine";
-/// What follows the ending of one that is being written.
-const PARTIAL: &str = ".tmp";
 
 /// The folder of results.
 #[derive(Clone, Debug)]
@@ -168,11 +168,6 @@ impl Artifacts {
     fn locate(&self, path: &str) -> PathBuf {
         self.root.join(path)
     }
-}
-
-/// Makes the entries of a folder survive a power cut.
-fn sync_dir(folder: &Path) -> io::Result<()> {
-    fs::File::open(folder)?.sync_all()
 }
 
 #[cfg(test)]

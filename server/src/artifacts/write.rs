@@ -1,19 +1,16 @@
-//! Writing a file so that it is whole or not there.
-//!
-//! Temporary name, digest while writing, fsync of the file, rename, fsync of the folders. Only then
-//! may the store refer to it.
+//! Writing results and exports, with their digests; only then may the store refer to them.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
 
 use packstone_engine::Control;
 use packstone_engine::export::tables::{self, Format, Head, SphereSource, stored};
 use serde_json::Map;
 use sha2::{Digest, Sha256};
 
-use super::{Artifacts, InFlight, PARTIAL, sync_dir};
+use super::{Artifacts, InFlight};
+use crate::atomic_file::{self, sync_folder};
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
@@ -67,43 +64,21 @@ impl Artifacts {
         before_rename: impl FnOnce() -> Result<(), E>,
     ) -> Result<(T, u64, String), E> {
         let complete = self.locate(&place.path);
-        let partial = self.locate(&format!("{}{PARTIAL}", place.path));
-        let written = self.write_partial(&partial, most_bytes, control, write).and_then(|written| {
-            before_rename()?;
-            fs::rename(&partial, &complete)?;
-            if let Some(folder) = complete.parent() {
-                sync_dir(folder)?;
-            }
-            Ok(written)
-        });
-        if written.is_err() {
-            // What cannot be removed now is the sweeper's.
-            let _ = fs::remove_file(&partial);
-        }
-        written
-    }
-
-    fn write_partial<T, E: From<io::Error>>(
-        &self,
-        partial: &Path,
-        most_bytes: u64,
-        control: &dyn Control,
-        write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
-    ) -> Result<(T, u64, String), E> {
-        if let Some(folder) = partial.parent()
+        if let Some(folder) = complete.parent()
             && !folder.is_dir()
         {
             fs::create_dir_all(folder)?;
-            sync_dir(&self.root)?;
+            sync_folder(&self.root)?;
         }
-        let mut digested =
-            Digested { inner: File::create(partial)?, digest: Sha256::new(), bytes: 0, most_bytes, control };
-        let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
-        let value = write(&mut buffered)?;
-        buffered.flush()?;
-        drop(buffered);
-        digested.inner.sync_all()?;
-        Ok((value, digested.bytes, hex::encode(&digested.digest.finalize())))
+        let write = |file: &File| {
+            let mut digested = Digested { inner: file, digest: Sha256::new(), bytes: 0, most_bytes, control };
+            let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
+            let value = write(&mut buffered)?;
+            buffered.flush()?;
+            drop(buffered);
+            Ok((value, digested.bytes, hex::encode(&digested.digest.finalize())))
+        };
+        atomic_file::write(&complete, write, before_rename)
     }
 }
 
@@ -131,7 +106,7 @@ fn check(control: &dyn Control) -> io::Result<()> {
 
 /// A file that digests what is written to it, and refuses once the run is to stop.
 struct Digested<'a> {
-    inner: File,
+    inner: &'a File,
     digest: Sha256,
     bytes: u64,
     most_bytes: u64,

@@ -22,7 +22,7 @@ pub(crate) const MAX_KEPT: u64 = 100;
 /// Most that may wait because clients asked for it; what jobs asked for beforehand is bounded by the jobs.
 pub(crate) const MAX_WAITING: u64 = 1000;
 
-/// Where something export stands.
+/// The state of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ExportState {

@@ -1,5 +1,5 @@
-//! Those who make what is export: each takes the next thing that waits, has the engine make it on a thread of the
-//! blocking pool, and writes down how that ended.
+//! Export workers: each claims the next export that waits, has the engine make it on a thread of the blocking pool, and
+//! records how that ended.
 //!
 //! There are few of them beside the workers, and one more for what is made in a moment, so that a cut need not wait for a
 //! lattice model. Each watches its run from outside, as workers do: progress out, the server's stop and the

@@ -1,4 +1,4 @@
-//! The engine's view of the one who runs it: progress goes out, the wish to stop comes in.
+//! The engine's view of the one who runs it: progress goes out, the request to stop comes in.
 //!
 //! The packing thread calls this every few milliseconds, so it is a short lock and an atomic. What
 //! to do with either is decided by the runner, which also owns every clock.
@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
 
-use crate::checkpoints::Keeper;
+use crate::checkpoints::CheckpointWriter;
 
 /// Why a run is to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub(crate) enum Stop {
 pub(crate) struct RunControl {
     stop: AtomicU8,
     latest: Mutex<Option<Progress>>,
-    keeper: Option<Keeper>,
+    checkpoints: Option<CheckpointWriter>,
     resumed: AtomicBool,
     /// The run is in a phase that keeps checkpoints.
     growing: AtomicBool,
@@ -40,8 +40,8 @@ pub(crate) struct RunControl {
 
 impl RunControl {
     /// Control of a run whose checkpoints are kept.
-    pub(crate) fn keeping(keeper: Keeper) -> Self {
-        Self { keeper: Some(keeper), ..Self::default() }
+    pub(crate) fn with_checkpoints(checkpoints: CheckpointWriter) -> Self {
+        Self { checkpoints: Some(checkpoints), ..Self::default() }
     }
 
     /// Asks the run to stop. The first reason stays.
@@ -64,7 +64,7 @@ impl RunControl {
     /// Asks for a last checkpoint, after which the run stops as for [`Stop::Shutdown`]. Returns `false` where the run is
     /// in no phase that keeps one.
     pub(crate) fn stop_after_checkpoint(&self) -> bool {
-        let keeps = self.keeper.is_some() && self.growing.load(Ordering::Acquire);
+        let keeps = self.checkpoints.is_some() && self.growing.load(Ordering::Acquire);
         self.last_checkpoint.store(keeps, Ordering::Release);
         keeps
     }
@@ -102,13 +102,14 @@ impl Control for RunControl {
     }
 
     fn wants_checkpoint(&self) -> bool {
-        let wanted = |keeper: &Keeper| self.last_checkpoint.load(Ordering::Acquire) || keeper.is_due();
-        self.keeper.as_ref().is_some_and(wanted)
+        let wanted =
+            |writer: &CheckpointWriter| self.last_checkpoint.load(Ordering::Acquire) || writer.is_due();
+        self.checkpoints.as_ref().is_some_and(wanted)
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        if let Some(keeper) = &self.keeper {
-            keeper.keep(checkpoint);
+        if let Some(writer) = &self.checkpoints {
+            writer.keep(checkpoint);
             if self.last_checkpoint.load(Ordering::Acquire) {
                 self.stop(Stop::Shutdown);
             }

@@ -1,7 +1,7 @@
-//! Who waits for which job, or study, to change.
+//! Notifications of changes of jobs, studies and exports.
 //!
-//! A change is announced after its commit, and only by its id: the store stays the one truth,
-//! and whoever wakes reads it there. So a waiter that subscribes before it reads misses nothing.
+//! A change is notified after its commit, and only by ID: a waiter that wakes reads the store. A waiter that subscribes
+//! before it reads misses nothing.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -13,17 +13,17 @@ type Waiters<Id> = Mutex<HashMap<Id, watch::Sender<()>>>;
 
 /// All who wait for something of one sort.
 #[derive(Clone, Debug)]
-pub(crate) struct Changes<Id> {
+pub(crate) struct Notifications<Id> {
     waiters: Arc<Waiters<Id>>,
 }
 
-impl<Id> Default for Changes<Id> {
+impl<Id> Default for Notifications<Id> {
     fn default() -> Self {
         Self { waiters: Arc::default() }
     }
 }
 
-impl<Id: Copy + Eq + Hash> Changes<Id> {
+impl<Id: Copy + Eq + Hash> Notifications<Id> {
     /// Starts to listen for changes of what has this id.
     pub(crate) fn subscribe(&self, id: Id) -> Subscription<Id> {
         let receiver = lock(&self.waiters).entry(id).or_insert_with(|| watch::Sender::new(())).subscribe();
@@ -31,7 +31,7 @@ impl<Id: Copy + Eq + Hash> Changes<Id> {
     }
 
     /// Wakes all who wait for what has this id.
-    pub(crate) fn announce(&self, id: Id) {
+    pub(crate) fn notify(&self, id: Id) {
         if let Some(sender) = lock(&self.waiters).get(&id) {
             sender.send_replace(());
         }
@@ -82,17 +82,17 @@ mod tests {
 
     #[tokio::test]
     async fn a_change_before_the_wait_is_not_missed_and_nothing_is_kept() {
-        let changes = Changes::default();
+        let changes = Notifications::default();
         let id = JobId::new();
         let mut first = changes.subscribe(id);
         let mut second = changes.subscribe(id);
-        changes.announce(id);
+        changes.notify(id);
         first.changed().await;
         second.changed().await;
         drop(first);
         assert_eq!(lock(&changes.waiters).len(), 1);
         drop(second);
         assert_eq!(lock(&changes.waiters).len(), 0);
-        changes.announce(id);
+        changes.notify(id);
     }
 }

@@ -43,6 +43,8 @@ const END_TRIES_AT_STOP: u32 = 3;
 /// Pauses before a result is written once more that a fault of the machine kept from the disk; it stays in memory.
 const WRITE_PAUSES: [Duration; 4] =
     [Duration::from_secs(1), Duration::from_secs(2), Duration::from_secs(4), Duration::from_secs(8)];
+/// How often a job is requeued that finds no memory.
+const MEMORY_FAULTS: i64 = 5;
 /// Time for a last checkpoint after the server was asked to stop.
 const LAST_CHECKPOINT: Duration = Duration::from_secs(5);
 
@@ -117,7 +119,7 @@ impl Runner {
                 }
                 Ok(None) => {
                     tokio::select! {
-                        () = self.store.queue_grew() => {}
+                        () = self.store.queue_notified() => {}
                         () = self.shutdown.cancelled() => {}
                     }
                 }
@@ -138,10 +140,10 @@ impl Runner {
         let started = Instant::now();
         let lease = claimed.lease;
         // Another worker may take the next job of a burst that woke only this one.
-        self.store.pass_on();
+        self.store.wake_next_worker();
         tracing::info!("started");
-        let keeper = self.checkpoints.keeper(&lease.id.to_string(), lease.attempt);
-        let control = Arc::new(RunControl::keeping(keeper));
+        let checkpoints = self.checkpoints.writer(&lease.id.to_string(), lease.attempt);
+        let control = Arc::new(RunControl::with_checkpoints(checkpoints));
         let timeout_s = claimed.job.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
         // A store that cannot tell fails the run at its end at the latest.
@@ -261,13 +263,23 @@ impl Runner {
         if resume.is_some() {
             control.resumed();
         }
-        let packed =
-            packstone_engine::pack_or_resume(&request, &self.limits, resume, control).map_err(|error| {
+        let packed = match packstone_engine::pack_or_resume(&request, &self.limits, resume, control) {
+            Ok(packed) => packed,
+            // Another run may have taken the memory; what never finds it is at fault itself.
+            Err(error @ PackError::OutOfMemory { .. }) if claimed.faults < MEMORY_FAULTS => {
+                tracing::warn!(%error, "the run found no memory");
+                return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
+            }
+            Err(error) => {
                 if let PackError::CheckFailed(what) = &error {
                     tracing::error!(%what, "a packing failed its check");
                 }
-                Failure { facts: Facts::of_failure(&error, 0.0), problem: Box::new(Problem::from(error)) }
-            })?;
+                return Err(Failure {
+                    facts: Facts::of_failure(&error, 0.0),
+                    problem: Box::new(Problem::from(error)),
+                });
+            }
+        };
         drop(packing);
         let facts = Facts::of_packing(&packed.report);
         let grains = packed.spheres.len() as u64;

@@ -22,7 +22,7 @@ use packstone_engine::{Checkpoint, Control, Limits, PackError, Packing, Progress
 use super::super::models::{self, Names};
 use super::super::run;
 use super::run_log::Entry;
-use crate::checkpoints::{Checkpoints, Keeper};
+use crate::checkpoints::{CheckpointWriter, Checkpoints};
 use crate::jobs::JobRequest;
 use crate::studies::stop::Tally;
 use crate::studies::{Facts, Outcome, Study};
@@ -139,7 +139,7 @@ impl Crew<'_> {
             thread,
             deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
             timed_out: Cell::new(false),
-            keeper: self.checkpoints.keeper(&id, ATTEMPT),
+            keeper: self.checkpoints.writer(&id, ATTEMPT),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
             packstone_engine::pack_or_resume(&request, &self.limits, resume, &control)
@@ -248,7 +248,7 @@ struct Watch<'a> {
     thread: usize,
     deadline: Option<Instant>,
     timed_out: Cell<bool>,
-    keeper: Keeper,
+    keeper: CheckpointWriter,
 }
 
 impl Control for Watch<'_> {

@@ -33,7 +33,7 @@ pub(super) fn fault_of(error: &sqlx::Error) -> Option<Fault> {
 /// By SQLite's result code (<https://sqlite.org/rescode.html>); an extended code has the primary one in its last byte.
 fn by_code(code: i32) -> Option<Fault> {
     /// `SQLITE_IOERR_SHMSIZE`: the shared memory file could not grow.
-    const SHMSIZE: i32 = 10 | (19 << 8);
+    const SHMSIZE: i32 = 4874;
     match (code, code & 0xff) {
         (SHMSIZE, _) | (_, 13) => Some(Fault::NoSpace),
         (_, 5 | 6 | 15) => Some(Fault::Locked),

@@ -36,6 +36,8 @@ pub(crate) struct Claimed {
     pub(crate) job: JobRecord,
     /// The request as stored.
     pub(crate) request: String,
+    /// Faults of the machine that earlier runs have met.
+    pub(crate) faults: i64,
 }
 
 /// What a worker learns when it reports.
@@ -66,7 +68,7 @@ impl Store {
             let claimed = claim(&mut writer, store.limits().lease).await?;
             drop(writer);
             if let Some(claimed) = &claimed {
-                store.announce_job(&claimed.job);
+                store.notify_job(&claimed.job);
             }
             Ok(claimed)
         })
@@ -103,7 +105,7 @@ impl Store {
             drop(writer);
             let cancel_requested = row.ok_or(StoreError::LeaseLost)?.try_get("cancel_requested")?;
             if news.is_some() {
-                store.announce(lease.id);
+                store.notify(lease.id);
             }
             Ok(Heartbeat { cancel_requested })
         })
@@ -159,8 +161,8 @@ impl Store {
             let called_off = runs::record(&mut tx, &moved, Outcome::Succeeded, &facts, now).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce_lease(lease);
-            store.announce_all(&called_off);
+            store.notify_lease(lease);
+            store.notify_all(&called_off);
             if !postprocess.is_empty() {
                 store.wake_export_workers();
             }
@@ -232,7 +234,7 @@ impl Store {
             .await?;
             tx.commit().await?;
             drop(writer);
-            store.announce_lease(lease);
+            store.notify_lease(lease);
             Ok(pause)
         })
         .await?;
@@ -275,8 +277,8 @@ impl Store {
             };
             tx.commit().await?;
             drop(writer);
-            store.announce_lease(lease);
-            store.announce_all(&called_off);
+            store.notify_lease(lease);
+            store.notify_all(&called_off);
             if to == State::Queued {
                 store.wake_worker();
             }
@@ -311,7 +313,7 @@ impl Store {
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce_job(&job);
+            store.notify_job(&job);
             Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
         })
         .await
@@ -330,7 +332,8 @@ impl Store {
             let before = rows::by_id(&mut tx, id).await?;
             let is_damaged =
                 damaged.is_some() && damaged == before.artifact.as_ref().map(|found| found.path.clone());
-            if !before.state.may_retry() && !(before.state == State::Succeeded && is_damaged) {
+            let may_retry = before.state.may_retry() || (before.state == State::Succeeded && is_damaged);
+            if !may_retry {
                 return Err(StoreError::Forbidden(before.state));
             }
             sqlx::query("delete from artifacts where job = ?").bind(before.seq).execute(&mut *tx).await?;
@@ -352,7 +355,7 @@ impl Store {
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce_job(&job);
+            store.notify_job(&job);
             store.wake_worker();
             Ok(job)
         })
@@ -376,7 +379,7 @@ impl Store {
             sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce(id);
+            store.notify(id);
             for id in export {
                 store.notify_export(id);
             }
@@ -395,7 +398,7 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration) -> Result<Option<Claim
              lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null
          where seq = (",
         next_in_queue!(),
-        ") returning seq, priority, turn",
+        ") returning seq, priority, turn, faults",
     ))
     .bind(now)
     .bind(now.saturating_add(micros(lease)))
@@ -406,6 +409,7 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration) -> Result<Option<Claim
         tx.rollback().await?;
         return Ok(None);
     };
+    let faults = row.try_get("faults")?;
     turns::pass(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
     let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
     let request = sqlx::query("select body from job_requests where job = ?")
@@ -416,5 +420,5 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration) -> Result<Option<Claim
     tx.commit().await?;
     let study = job.study.map(|place| place.id);
     let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
-    Ok(Some(Claimed { lease, job, request }))
+    Ok(Some(Claimed { lease, job, request, faults }))
 }

@@ -5,8 +5,8 @@
 //! in a task of their own: a client that hangs up halfway cannot leave a transaction open or a commit
 //! unannounced. The clock here decides about leases and expiry.
 //!
-//! Every change a client can see moves `version` on and is announced to [`Changes`] after its commit.
-//! It must never know HTTP, and it never opens an artifact.
+//! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the machine
+//! does not outlast its cause: see [`writer`] and [`faults`].
 
 mod exports;
 mod faults;
@@ -32,7 +32,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::Notify;
 
-use super::notifications::{Changes, Subscription};
+use super::notifications::{Notifications, Subscription};
 use super::{JobId, JobRecord, Lease, State};
 use crate::disk::Reserve;
 use crate::ids::{ExportId, StudyId};
@@ -88,14 +88,14 @@ pub(crate) enum StoreError {
     /// The study's state forbids it.
     #[error("the study is {}", .0.name())]
     StudyForbidden(StudyState),
-    /// There is nothing export of that name.
-    #[error("there is nothing export of that name")]
+    /// There is no such export.
+    #[error("there is no such export")]
     NoExport,
-    /// So much waits to be export that there is no room for more.
-    #[error("{most} models wait to be made, as many as may")]
+    /// So many exports wait that no more are accepted.
+    #[error("{most} exports wait to be made, as many as may")]
     TooManyWait { most: u64 },
     /// So much is kept of a job that there is no room for more.
-    #[error("the job keeps {most} export models, as many as it may: delete some")]
+    #[error("the job keeps {most} exports, as many as it may: delete some")]
     TooManyKept { most: u64 },
     /// So many jobs wait that there is no room for more.
     #[error("the queue holds {queued} jobs of at most {most}, without room for {more} more")]
@@ -125,9 +125,9 @@ struct Shared {
     writer: Writer,
     readers: SqlitePool,
     reserve: Reserve,
-    changes: Changes<JobId>,
-    study_changes: Changes<StudyId>,
-    export_changes: Changes<ExportId>,
+    changes: Notifications<JobId>,
+    study_changes: Notifications<StudyId>,
+    export_changes: Notifications<ExportId>,
     queue: Notify,
     /// Of those who make anything, and of those who make only what is quick.
     export_workers: [Notify; 2],
@@ -169,9 +169,9 @@ impl Store {
                 writer,
                 readers,
                 reserve: Reserve::open(file.with_file_name(RESERVE)),
-                changes: Changes::default(),
-                study_changes: Changes::default(),
-                export_changes: Changes::default(),
+                changes: Notifications::default(),
+                study_changes: Notifications::default(),
+                export_changes: Notifications::default(),
                 queue: Notify::new(),
                 export_workers: [Notify::new(), Notify::new()],
                 limits,
@@ -189,7 +189,7 @@ impl Store {
         self.shared.study_changes.subscribe(id)
     }
 
-    /// Starts to listen for changes of something export. Subscribe first, then read.
+    /// Starts to listen for changes of an export. Subscribe first, then read.
     pub(crate) fn subscribe_export(&self, id: ExportId) -> Subscription<ExportId> {
         self.shared.export_changes.subscribe(id)
     }
@@ -199,7 +199,7 @@ impl Store {
         self.shared.export_workers[usize::from(quick)].notified().await;
     }
 
-    /// After a commit that put something export into its queue; of a burst, each that wakes wakes one more.
+    /// After a commit that put an export into the queue; of a burst, each worker that wakes wakes one more.
     pub(crate) fn wake_export_workers(&self) {
         self.shared.export_workers.iter().for_each(Notify::notify_one);
     }
@@ -214,12 +214,12 @@ impl Store {
     }
 
     /// Waits until a job may have come into the queue.
-    pub(crate) async fn queue_grew(&self) {
+    pub(crate) async fn queue_notified(&self) {
         self.shared.queue.notified().await;
     }
 
     /// Wakes one more worker: of a burst of submissions, only the last may have left its mark.
-    pub(crate) fn pass_on(&self) {
+    pub(crate) fn wake_next_worker(&self) {
         self.wake_worker();
     }
 
@@ -289,41 +289,41 @@ impl Store {
     }
 
     /// After a commit that changed what clients see of the job.
-    fn announce(&self, id: JobId) {
-        self.shared.changes.announce(id);
+    fn notify(&self, id: JobId) {
+        self.shared.changes.notify(id);
     }
 
     /// After a commit that changed what clients see of these jobs.
-    fn announce_all(&self, ids: &[JobId]) {
+    fn notify_all(&self, ids: &[JobId]) {
         for id in ids {
-            self.announce(*id);
+            self.notify(*id);
         }
     }
 
     /// After a commit that moved the job to another state.
-    fn announce_job(&self, job: &JobRecord) {
-        self.announce(job.id);
+    fn notify_job(&self, job: &JobRecord) {
+        self.notify(job.id);
         if let Some(place) = job.study {
-            self.announce_study(place.id);
+            self.notify_study(place.id);
         }
     }
 
     /// The same for a job that was leased.
-    fn announce_lease(&self, lease: Lease) {
-        self.announce(lease.id);
+    fn notify_lease(&self, lease: Lease) {
+        self.notify(lease.id);
         if let Some(study) = lease.study {
-            self.announce_study(study);
+            self.notify_study(study);
         }
     }
 
     /// After a commit that changed what clients see of the study.
-    fn announce_study(&self, id: StudyId) {
-        self.shared.study_changes.announce(id);
+    fn notify_study(&self, id: StudyId) {
+        self.shared.study_changes.notify(id);
     }
 
-    /// After a commit that changed what clients see of something export.
+    /// After a commit that changed what clients see of an export.
     fn notify_export(&self, id: ExportId) {
-        self.shared.export_changes.announce(id);
+        self.shared.export_changes.notify(id);
     }
 
     /// After a commit that put a job into the queue which may not start yet.

@@ -343,7 +343,7 @@ async fn changes_wake_whoever_waits_for_the_job() {
     store.cancel(job).await.unwrap();
     changes.changed().await;
     // The mark of a submission stays until a worker looks.
-    store.queue_grew().await;
+    store.queue_notified().await;
 }
 
 #[tokio::test]

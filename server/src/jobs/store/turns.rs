@@ -1,10 +1,10 @@
-//! Turns in the queue: start-time fair queueing (Goyal, Vin and Cheng 1996) of jobs of unit cost.
+//! Start-time fair queueing of jobs of unit cost (Goyal, Vin and Cheng 1996, <https://doi.org/10.1145/248156.248171>).
 //!
-//! Jobs of one priority start by turn. A flow is a study, or all single jobs together; its jobs take one
-//! turn after the other. Time stands at the turn of the job that started last, and no job gets an earlier one.
-//! So flows that wait alternate, however many jobs each has: what comes in while ten thousand jobs of a study
-//! wait starts next, and the study still gets every other start. Each priority has a time of its own:
-//! what starts by its priority must not take the turns of those that wait below it.
+//! Jobs of one priority start in the order of their virtual start times, the column `turn`. A flow is a study, or all
+//! single jobs together; its jobs have consecutive start times, S(k) = max(V, S(k-1) + 1). The virtual time V is the start
+//! time of the job that started last. So waiting flows alternate, however many jobs each has: a job that is submitted while
+//! ten thousand jobs of a study wait starts next, and the study still gets every other start. Each priority has a virtual
+//! time of its own, so that jobs of a higher priority do not advance that of a lower one.
 
 use sqlx::{Row as _, SqliteConnection};
 
@@ -13,7 +13,7 @@ use super::StoreError;
 /// The flow of all jobs that belong to no study.
 pub(super) const SINGLE_JOBS: i64 = 0;
 
-/// Takes the next `jobs` turns of a flow, and tells the first of them.
+/// Assigns the next `jobs` virtual start times of a flow, and returns the first of them.
 pub(super) async fn take(
     connection: &mut SqliteConnection,
     flow: i64,
@@ -36,7 +36,7 @@ pub(super) async fn take(
     Ok(last - jobs + 1)
 }
 
-/// A job with this turn starts.
+/// Advances the virtual time to the start time of a job that starts.
 pub(super) async fn pass(
     connection: &mut SqliteConnection,
     priority: i64,

@@ -248,7 +248,7 @@ mod tests {
                 "/distance/mm": [0.25, 1],
                 "/mix/basis": ["mixture", "effective"],
                 "/mix/grading": [{"type": "diameters", "mm": [4.0]}],
-                "/mix/volume_fraction": [0.30000000000000004]
+                "/mix/volume_fraction": [0.300_000_000_000_000_04]
             },
             "zip": {"/placement": [{"type": "random"}]}
         });
@@ -260,7 +260,7 @@ mod tests {
                 "/distance/gap_mm": [0.25, 1],
                 "/mix/volume_fraction_of": ["all_aggregate", "placed_grains"],
                 "/mix/grading": [{"type": "diameters", "diameters_mm": [4.0]}],
-                "/mix/volume_fraction": [0.30000000000000004]
+                "/mix/volume_fraction": [0.300_000_000_000_000_04]
             },
             "zip": {"/segregation": [{"type": "none"}]}
         });

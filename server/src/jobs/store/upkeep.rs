@@ -123,9 +123,9 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             for row in &moved {
-                store.announce(rows::job_id(&row.try_get::<String, _>("id")?)?);
+                store.notify(rows::job_id(&row.try_get::<String, _>("id")?)?);
                 if let Some(study) = row.try_get::<Option<String>, _>("study_id")? {
-                    store.announce_study(rows::study_id(&study)?);
+                    store.notify_study(rows::study_id(&study)?);
                 }
                 store.wake_worker();
             }
@@ -163,7 +163,7 @@ impl Store {
             drop(writer);
             let removed: Result<Vec<_>, StoreError> = expired.iter().map(Removed::read).collect();
             for job in removed.iter().flatten() {
-                store.announce(job.id);
+                store.notify(job.id);
             }
             removed
         })

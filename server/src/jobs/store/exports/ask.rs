@@ -1,4 +1,4 @@
-//! Asking for something export, and calling it off.
+//! Requesting and deleting exports.
 
 use sqlx::{Row as _, SqliteConnection};
 
@@ -8,7 +8,7 @@ use super::{by_seq, export, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, is_transient};
 use crate::ids::{ExportId, JobId};
 
-/// What a client wants of something export.
+/// How long an export is to stay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wish {
     /// Its file, now: it may go afterwards.
@@ -18,7 +18,7 @@ pub(crate) enum Wish {
 }
 
 impl Store {
-    /// Finds something export of a job that succeeded, or takes it in to be made; says whether it was taken in.
+    /// Finds an export of a job that succeeded, or accepts it to be made; says whether it was accepted.
     /// What failed for a reason that may be gone is tried again. What is to be kept is safe on disk when this
     /// returns; of a cache nothing is lost by a power cut.
     ///
@@ -43,14 +43,14 @@ impl Store {
             }
             store.notify_export(record.id);
             if job_changed {
-                store.announce(job);
+                store.notify(job);
             }
             Ok((record, created))
         })
         .await
     }
 
-    /// Sends something export back to be made whose file is not what was stored; others, and those that are being
+    /// Requeues an export whose file is not what was stored; others, and those that are being
     /// made again already, are left alone.
     pub(crate) async fn requeue_export(&self, seq: i64, path: String) -> Result<(), StoreError> {
         let store = self.clone();
@@ -74,7 +74,7 @@ impl Store {
         .await
     }
 
-    /// Removes something export, whatever its state, and tells the path of its file, which nothing refers to any
+    /// Removes an export, whatever its state, and tells the path of its file, which nothing refers to any
     /// more. Who makes it finds it gone.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl Store {
             drop(writer);
             store.notify_export(id);
             if record.kept {
-                store.announce(job);
+                store.notify(job);
             }
             Ok(record.file.map(|file| file.path))
         })
@@ -147,7 +147,8 @@ async fn ask(writer: &mut Writing<'_>, job: JobId, new: &NewExport, wish: Wish) 
     Ok(Asked { record, created: known.is_none(), job_changed: keep })
 }
 
-/// Somebody waits for it now; it may be tried `again`, and be kept from now on.
+/// A client is waiting: the export moves to the front of the queue, is requeued if it failed (`again`), and is kept from
+/// now on if `keep` says so.
 async fn update(
     connection: &mut SqliteConnection,
     known: &ExportRecord,

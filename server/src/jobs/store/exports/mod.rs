@@ -24,7 +24,7 @@ pub(super) use ask::insert_beforehand;
 pub(super) use query::files_of_job;
 pub(crate) use work::ClaimedExport;
 
-/// A query for what is export, with the ids of the jobs; `$tail` holds what follows.
+/// A query for exports, with the ids of the jobs; `$tail` holds what follows.
 macro_rules! select_exports {
     ($tail:literal) => {
         concat!(
@@ -75,7 +75,7 @@ fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
 }
 
 fn export_id(text: &str) -> Result<ExportId, StoreError> {
-    ExportId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no id of something export")))
+    ExportId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no export ID")))
 }
 
 /// The one of that number, which the caller knows to exist.

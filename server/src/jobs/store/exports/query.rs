@@ -1,4 +1,4 @@
-//! Looking at what is export.
+//! Reading exports.
 
 use std::collections::BTreeMap;
 
@@ -38,7 +38,7 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// A page of at most `limit` of what is export of a job, newest first, below number `before`; and the number
+    /// A page of at most `limit` of the exports of a job, newest first, below number `before`; and the number
     /// below which more follow.
     pub(crate) async fn list_exports(
         &self,
@@ -92,7 +92,7 @@ impl Store {
     }
 }
 
-/// The files that a job has besides its result, and what is export of it and not finished.
+/// The files that a job has besides its result, and its exports that are not finished.
 pub(in crate::jobs::store) async fn files_of_job(
     connection: &mut SqliteConnection,
     job: i64,

@@ -1,4 +1,4 @@
-//! The moves of something export from state to state, by those who make it.
+//! The moves of an export from state to state, by its worker.
 
 use sqlx::Row as _;
 
@@ -284,6 +284,6 @@ async fn claim(writer: &mut Writing<'_>, quick: bool) -> Result<Option<ClaimedEx
     let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
     tx.commit().await?;
     // A row is there only for a job with a result, and leaves with it.
-    let result = result.ok_or_else(|| StoreError::Row("something export of no result".into()))?;
+    let result = result.ok_or_else(|| StoreError::Row("an export of no result".into()))?;
     Ok(Some(ClaimedExport { export, result }))
 }

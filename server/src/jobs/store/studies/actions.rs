@@ -36,8 +36,8 @@ impl Store {
             let study = query::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);
-            store.announce_all(&ids(&asked)?);
-            store.announce_study(id);
+            store.notify_all(&ids(&asked)?);
+            store.notify_study(id);
             Ok(study)
         })
         .await
@@ -66,9 +66,9 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             for (job, _) in &retried {
-                store.announce(*job);
+                store.notify(*job);
             }
-            store.announce_study(id);
+            store.notify_study(id);
             store.wake_worker();
             Ok((study, retried))
         })
@@ -134,9 +134,9 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             for job in &removed {
-                store.announce(job.id);
+                store.notify(job.id);
             }
-            store.announce_study(id);
+            store.notify_study(id);
             Ok(removed)
         })
         .await
@@ -159,9 +159,9 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             for job in &removed {
-                store.announce(job.id);
+                store.notify(job.id);
             }
-            store.announce_study(rows::study_id(&expired.try_get::<String, _>("id")?)?);
+            store.notify_study(rows::study_id(&expired.try_get::<String, _>("id")?)?);
             Ok(Some(removed))
         })
         .await

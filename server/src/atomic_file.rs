@@ -1,0 +1,84 @@
+//! Writing a file so that under its name there is always a whole one, or none.
+//!
+//! The bytes go to a temporary name; then the file is synchronized with the disk, renamed, and its folder synchronized.
+//! POSIX makes `rename` atomic, and after the folder's `fsync` the name survives a power cut.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// What the name of a file that is being written ends with.
+pub(crate) const PARTIAL: &str = ".tmp";
+
+/// Writes a file by `write`; `before_rename` is the last that can keep it from its name.
+///
+/// # Errors
+/// Those of `write`, `before_rename` and the disk; an earlier file of that name is still there then, and the partial one
+/// is not.
+pub(crate) fn write<T, E: From<io::Error>>(
+    file: &Path,
+    write: impl FnOnce(&File) -> Result<T, E>,
+    before_rename: impl FnOnce() -> Result<(), E>,
+) -> Result<T, E> {
+    let partial = partial_of(file);
+    let written = write_partial(&partial, write).and_then(|written| {
+        before_rename()?;
+        fs::rename(&partial, file)?;
+        if let Some(folder) = file.parent() {
+            sync_folder(folder)?;
+        }
+        Ok(written)
+    });
+    if written.is_err() {
+        // The space of what a full disk cut off is given back; what cannot be removed is left to the sweeper.
+        let _ = fs::remove_file(&partial);
+    }
+    written
+}
+
+fn write_partial<T, E: From<io::Error>>(
+    partial: &Path,
+    write: impl FnOnce(&File) -> Result<T, E>,
+) -> Result<T, E> {
+    let file = File::create(partial)?;
+    let written = write(&file)?;
+    file.sync_all()?;
+    Ok(written)
+}
+
+/// The name under which a file is written.
+fn partial_of(file: &Path) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(PARTIAL);
+    PathBuf::from(name)
+}
+
+/// Makes the entries of a folder survive a power cut.
+///
+/// # Errors
+/// The system's.
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_file_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        let text = |text: &'static str| move |mut file: &File| file.write_all(text.as_bytes());
+        write::<_, io::Error>(&file, text("first"), || Ok(())).unwrap();
+        let failed = write::<(), io::Error>(&file, text("second"), || Err(io::ErrorKind::Other.into()));
+        assert!(failed.is_err());
+        assert_eq!(fs::read(&file).unwrap(), b"first");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no partial file is left");
+        write::<_, io::Error>(&file, text("second"), || Ok(())).unwrap();
+        assert_eq!(fs::read(&file).unwrap(), b"second");
+    }
+}
