@@ -24,7 +24,7 @@ use crate::export::{ExportError, Model, go_on};
 use scene::{Scene, View};
 
 /// Pixels along the longer edge of a picture, where none are asked for.
-pub const DEFAULT_PIXELS: u32 = 1600;
+pub const DEFAULT_PIXELS: u32 = 1500;
 
 /// Size of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

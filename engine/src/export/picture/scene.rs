@@ -16,6 +16,8 @@ const TOWARDS_EYE: [f64; 3] = [1.0, -1.16, 0.86];
 const FADE_PER_FREE_PATH: f64 = 0.55;
 /// Cells of the grid per grain, about.
 const CELLS_PER_GRAIN: f64 = 1.5;
+/// Distance in edges of a cell within which grains shade each other.
+const SHADE_PER_EDGE: f64 = 0.7;
 /// Most cells along one axis.
 const MOST_CELLS: f64 = 512.0;
 
@@ -235,20 +237,23 @@ impl Scene {
         if self.size.x - p.x < margin { Vector::x() } else { -Vector::y() }
     }
 
-    /// Share of the sky above a surface that grains nearby cover, 0..=1: the sum of their solid angles, weighted by
-    /// the cosine at their centres.
+    /// Share of the sky above a surface that grains nearby cover, 0..=1: the sum of their solid angles over a half-space,
+    /// `(r / d)^2` times the cosine at their centres, each faded out with the gap to the point.
     pub(super) fn occlusion(&self, at: &Vector, normal: &Vector, but: u32) -> f64 {
+        let grid = &self.grid;
         let mut covered = 0.0;
-        self.grid.near(at, |grain| {
-            if grain.number != but {
-                let to = grain.center - at;
-                let distance2 = to.norm_squared();
-                let cosine = normal.dot(&to) / distance2.sqrt();
+        for &i in grid.nearby.of(grid.index(grid.cell_of(at))) {
+            let grain = &grid.grains[i as usize];
+            let to = grain.center - at;
+            let distance = to.norm();
+            let faded = 1.0 - (distance - grain.radius) / grid.shade;
+            if grain.number != but && faded > 0.0 {
                 // What reaches below the horizon counts by its part above.
-                let share = grain.radius * grain.radius / distance2.max(grain.radius * grain.radius);
-                covered += (cosine + 0.35 * share.sqrt()).max(0.0) * share;
+                let ratio = (grain.radius / distance).min(1.0);
+                let above = (normal.dot(&to) / distance + 0.35 * ratio).max(0.0);
+                covered += above * ratio * ratio * faded.min(1.0).powi(2);
             }
-        });
+        }
         covered.min(1.0)
     }
 }
@@ -274,14 +279,31 @@ fn with_images(model: &Model<'_>) -> Vec<Grain> {
     grains
 }
 
-/// A uniform grid; each cell lists the grains that reach into it.
+/// Grains by cell.
+#[derive(Default)]
+struct Lists {
+    /// Where the list of each cell starts in `listed`, and the end of the last.
+    starts: Vec<u32>,
+    listed: Vec<u32>,
+}
+
+impl Lists {
+    fn of(&self, cell: usize) -> &[u32] {
+        &self.listed[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+    }
+}
+
+/// A uniform grid.
 struct Grid {
     grains: Vec<Grain>,
     cells: [usize; 3],
     edge: Vector,
-    /// Where the list of each cell starts in `listed`, and the end of the last.
-    starts: Vec<u32>,
-    listed: Vec<u32>,
+    /// Grains that reach into each cell.
+    inside: Lists,
+    /// Grains no further than `shade` from each cell.
+    nearby: Lists,
+    /// Distance in mm within which grains shade each other.
+    shade: f64,
 }
 
 impl Grid {
@@ -290,41 +312,46 @@ impl Grid {
         let cells: [usize; 3] =
             std::array::from_fn(|a| (size[a] / wanted).round().clamp(1.0, MOST_CELLS) as usize);
         let edge = Vector::from_fn(|a, _| size[a] / cells[a] as f64);
-        let mut grid = Self { grains, cells, edge, starts: Vec::new(), listed: Vec::new() };
-        let mut counts = vec![0_u32; cells[0] * cells[1] * cells[2] + 1];
-        for grain in &grid.grains {
-            grid.touched(grain, |cell| counts[cell + 1] += 1);
+        let (inside, nearby) = (Lists::default(), Lists::default());
+        let mut grid = Self { grains, cells, edge, inside, nearby, shade: SHADE_PER_EDGE * edge.min() };
+        grid.inside = grid.lists(0.0);
+        grid.nearby = grid.lists(grid.shade);
+        grid
+    }
+
+    /// The grains no further than `reach` from each cell.
+    fn lists(&self, reach: f64) -> Lists {
+        let mut starts = vec![0_u32; self.cells.iter().product::<usize>() + 1];
+        for grain in &self.grains {
+            self.touched(grain, reach, |cell| starts[cell + 1] += 1);
         }
-        for cell in 1..counts.len() {
-            counts[cell] += counts[cell - 1];
+        for cell in 1..starts.len() {
+            starts[cell] += starts[cell - 1];
         }
-        let mut listed = vec![0; counts.last().copied().unwrap_or(0) as usize];
-        let mut next = counts.clone();
-        for (i, grain) in grid.grains.iter().enumerate() {
-            grid.touched(grain, |cell| {
+        let mut listed = vec![0; starts.last().copied().unwrap_or(0) as usize];
+        let mut next = starts.clone();
+        for (i, grain) in self.grains.iter().enumerate() {
+            self.touched(grain, reach, |cell| {
                 listed[next[cell] as usize] = i as u32;
                 next[cell] += 1;
             });
         }
-        (grid.starts, grid.listed) = (counts, listed);
-        grid
+        Lists { starts, listed }
     }
 
-    /// Calls back for each cell that a grain reaches into.
-    fn touched(&self, grain: &Grain, mut each: impl FnMut(usize)) {
+    /// Calls back for each cell that a grain comes as near to as `reach`.
+    fn touched(&self, grain: &Grain, reach: f64, mut each: impl FnMut(usize)) {
+        // A margin, because a ray may round into the next cell.
+        let radius = (grain.radius + reach) * (1.0 + 1e-9);
         let [x, y, z] = std::array::from_fn(|a| {
-            self.coordinate(a, grain.center[a] - grain.radius)
-                ..=self.coordinate(a, grain.center[a] + grain.radius)
+            self.coordinate(a, grain.center[a] - radius)..=self.coordinate(a, grain.center[a] + radius)
         });
         for k in z {
             for j in y.clone() {
                 for i in x.clone() {
-                    let cell = Vector::new(i as f64, j as f64, k as f64);
-                    let nearest = Vector::from_fn(|a, _| {
-                        grain.center[a].clamp(cell[a] * self.edge[a], (cell[a] + 1.0) * self.edge[a])
-                    });
-                    // A margin, because a ray may round into the next cell.
-                    if (nearest - grain.center).norm() <= grain.radius * (1.0 + 1e-9) {
+                    let low = Vector::new(i as f64, j as f64, k as f64).component_mul(&self.edge);
+                    let nearest = grain.center.zip_zip_map(&low, &self.edge, |c, l, e| c.clamp(l, l + e));
+                    if (nearest - grain.center).norm() <= radius {
                         each(self.index([i, j, k]));
                     }
                 }
@@ -344,24 +371,13 @@ impl Grid {
         std::array::from_fn(|a| self.coordinate(a, p[a]))
     }
 
-    fn list(&self, cell: usize) -> &[u32] {
-        &self.listed[self.starts[cell] as usize..self.starts[cell + 1] as usize]
-    }
-
     /// The grain around a point.
     fn around(&self, p: &Vector) -> Option<u32> {
-        let list = self.list(self.index(self.cell_of(p)));
+        let list = self.inside.of(self.index(self.cell_of(p)));
         list.iter().copied().find(|&i| {
             let grain = &self.grains[i as usize];
             (p - grain.center).norm_squared() < grain.radius * grain.radius
         })
-    }
-
-    /// Calls back for each grain that reaches into the cell of a point.
-    fn near(&self, p: &Vector, mut each: impl FnMut(&Grain)) {
-        for &i in self.list(self.index(self.cell_of(p))) {
-            each(&self.grains[i as usize]);
-        }
     }
 
     /// The first grain that a ray from a point inside the specimen meets within a distance.
@@ -375,7 +391,7 @@ impl Grid {
         let mut leaves: [f64; 3] = std::array::from_fn(|a| next_wall(cell[a], a));
         let mut best: Option<(u32, f64)> = None;
         loop {
-            for &i in self.list(self.index(cell)) {
+            for &i in self.inside.of(self.index(cell)) {
                 let grain = &self.grains[i as usize];
                 let to = grain.center - from;
                 let along = to.dot(direction);
