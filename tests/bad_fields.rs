@@ -40,7 +40,11 @@ fn unknown_and_missing() -> Vec<Case> {
         case("/specimen/type", json!("sphere"), &["\"sphere\"", "\"box\"", "\"cylinder\""]),
         case("/mix/grading/type", json!("gaudin"), &["\"gaudin\"", "\"fuller\"", "\"sieves\""]),
         case("/mix/grading/name", json!("A64"), &["\"A64\"", "\"A16\"", "\"C32\""]),
-        case("/mix/volume_fraction_of", json!("mass"), &["\"mass\"", "\"all_aggregate\"", "\"placed_grains\""]),
+        case(
+            "/mix/volume_fraction_of",
+            json!("mass"),
+            &["\"mass\"", "\"all_aggregate\"", "\"placed_grains\""],
+        ),
         case("/specimen/boundary", json!("open"), &["\"open\"", "\"walls\"", "\"periodic\""]),
         at("/distance", json!({"type": "minimize"}), "/distance/type", &["\"minimize\"", "\"maximize\""]),
         at(

@@ -41,8 +41,10 @@ const KNOWN: [(&str, f64, f64, Option<f64>); 14] = [
 #[test]
 fn expected_counts_are_the_published_ones() {
     for (name, d_min, grains, effective) in KNOWN {
-        let graded =
-            GradedMix::new(&mix(json!({"type": "standard", "name": name}), d_min, 0.70, "all_aggregate"), CUBE_150);
+        let graded = GradedMix::new(
+            &mix(json!({"type": "standard", "name": name}), d_min, 0.70, "all_aggregate"),
+            CUBE_150,
+        );
         assert!(
             (graded.expected_grains() - grains).abs() <= 0.5,
             "{name} {d_min}: {}",
@@ -110,8 +112,10 @@ fn drawn_numbers_scatter_around_the_expected_ones() {
 fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
     for name in ["A16", "B16", "C32"] {
         let volume = 100.0_f64.powi(3);
-        let graded =
-            GradedMix::new(&mix(json!({"type": "standard", "name": name}), 2.0, 0.6, "all_aggregate"), volume);
+        let graded = GradedMix::new(
+            &mix(json!({"type": "standard", "name": name}), 2.0, 0.6, "all_aggregate"),
+            volume,
+        );
         for seed in 0..20 {
             let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
             let asked = graded.volume_fraction_effective * volume;
