@@ -39,6 +39,7 @@ mod plots;
 mod published_contract;
 mod python_readers;
 mod ranges;
+mod readme;
 mod scheduling;
 mod shutdown;
 mod streaming;

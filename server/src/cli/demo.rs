@@ -47,7 +47,7 @@ struct Defaults {
     serve: ServeOptions,
 }
 
-pub(super) fn run(options: Options) -> Result<(), Failure> {
+pub(super) fn run(options: &Options) -> Result<(), Failure> {
     telemetry::start(LogFormat::Text, "warn");
     let files: Vec<PathBuf> =
         FORMATS.iter().map(|format| options.out.join(format!("result.{format}"))).collect();

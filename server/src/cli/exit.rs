@@ -73,6 +73,7 @@ impl Exit {
             PackError::Stopped { .. } => Self::Interrupted,
             PackError::TargetNotReached(_) => Self::TargetNotReached,
             PackError::CheckFailed(_) => Self::CheckFailed,
+            PackError::OutOfMemory { .. } => Self::Machine,
         }
     }
 

@@ -69,7 +69,7 @@ enum Command {
 pub(crate) fn main() -> ExitCode {
     let ended = match Cli::parse().command {
         Command::Serve(options) => serve::run(*options),
-        Command::Demo(options) => demo::run(options),
+        Command::Demo(options) => demo::run(&options),
         Command::Run(options) => run::run(&options),
         Command::Export(options) => export::run(&options),
         Command::Study(options) => study::run(&options),

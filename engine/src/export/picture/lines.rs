@@ -43,8 +43,9 @@ pub(super) fn edges(specimen: &Specimen) -> Vec<Vec<Vector>> {
             ]);
             // The contours of the lateral surface.
             for azimuth in [eye - 2.0, eye + 2.0] {
-                edges
-                    .push([0.0, z1].iter().flat_map(|&z| arc(specimen, z, azimuth, azimuth).pop()).collect());
+                edges.push(
+                    [0.0, z1].iter().filter_map(|&z| arc(specimen, z, azimuth, azimuth).pop()).collect(),
+                );
             }
         }
     }
@@ -91,9 +92,8 @@ pub(super) fn scale_bar(image: &mut Image, view: &View) {
     let (left, bottom) = (8.0 * unit, height - 10.0 * unit);
     let right = left + length_mm * view.pixels_per_mm;
     let tick = 9.0 * unit;
-    for chain in [vec![[left, bottom - tick], [left, bottom], [right, bottom], [right, bottom - tick]]] {
-        draw(image, &chain, stroke, EDGE_COLOR);
-    }
+    let bar = [[left, bottom - tick], [left, bottom], [right, bottom], [right, bottom - tick]];
+    draw(image, &bar, stroke, EDGE_COLOR);
     let size = 30.0 * unit;
     let text = format!("{length_mm} mm");
     let mut x = left + 10.0 * unit;

@@ -145,7 +145,7 @@ impl Scene {
             .iter()
             .fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], &d| [low.min(d), high.max(d)]);
         let fade = FADE_PER_FREE_PATH * (model.specimen.volume_mm3() / sections).min(size.norm());
-        let specimen = model.specimen.clone();
+        let specimen = *model.specimen;
         Self { specimen, size, grid: Grid::new(grains, size), diameters, fade, eye: axes()[2] }
     }
 

@@ -52,6 +52,16 @@ pub(super) struct Options {
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
+    #[command(flatten)]
+    earlier: Earlier,
+    /// Seconds between two checkpoints; 0 keeps one at every opportunity
+    #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
+    checkpoint_every_s: f64,
+}
+
+/// What to do with the checkpoint of an earlier run.
+#[derive(Args)]
+struct Earlier {
     /// Go on from the checkpoint of a run that was stopped or killed, which lies in the folder for the result; a run
     /// without one starts anew
     #[arg(long)]
@@ -59,9 +69,6 @@ pub(super) struct Options {
     /// Discard the checkpoint of an earlier run
     #[arg(long, conflicts_with = "resume")]
     fresh: bool,
-    /// Seconds between two checkpoints; 0 keeps one at every opportunity
-    #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
-    checkpoint_every_s: f64,
 }
 
 pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
@@ -76,8 +83,8 @@ fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let checkpoint = options.out.join(resume::FILE);
-    let resumes = options.resume && checkpoint.exists();
-    if options.resume && !resumes {
+    let resumes = options.earlier.resume && checkpoint.exists();
+    if options.earlier.resume && !resumes {
         eprintln!("there is no checkpoint {}: the run starts anew", checkpoint.display());
     }
     // A run that was started without a seed goes on with the one that was drawn for it.
@@ -95,7 +102,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let resume = stored
         .map(|stored| resume::state(&checkpoint, &options.job, &packing_request, &stored))
         .transpose()?;
-    if resume.is_none() && !options.fresh && checkpoint.exists() {
+    if resume.is_none() && !options.earlier.fresh && checkpoint.exists() {
         return Err(Exit::BadInput.because(format_args!(
             "{} is left from a run that was stopped: go on from it by --resume, or discard it by --fresh",
             checkpoint.display()
@@ -104,7 +111,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     // Before the work, not after it: a folder that cannot be made would waste it.
     refuse_existing(&files.all(), options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
-    if options.fresh {
+    if options.earlier.fresh {
         discard(&checkpoint)?;
     }
     let watch = Watch::new(
