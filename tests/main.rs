@@ -40,6 +40,7 @@ mod plots;
 mod published_contract;
 mod python_readers;
 mod ranges;
+mod readme;
 mod scheduling;
 mod shutdown;
 mod storage;

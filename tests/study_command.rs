@@ -60,7 +60,7 @@ fn runs(out: &Path) -> Vec<(u64, u64)> {
 async fn a_study_leaves_a_table_and_the_packings_asked_for() {
     let directory = tempfile::tempdir().unwrap();
     write(directory.path(), &study(2));
-    let ended = run(directory.path(), &["--formats", "npy,csv"]).await;
+    let ended = run(directory.path(), &["--format", "npy,csv"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let out = directory.path().join("out");
     let table = table(&out);

@@ -7,6 +7,7 @@
 pub mod catalog;
 pub mod ldpm;
 pub mod mesh;
+pub mod picture;
 pub mod slice;
 pub mod tables;
 pub mod voxels;

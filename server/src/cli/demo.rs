@@ -1,19 +1,26 @@
-//! `packstone demo`: what a client does, shown on an example.
+//! `packstone demo`: an example of what a client does, and a picture of the result.
 //!
-//! It starts the service as `packstone serve` would, on a free port of this machine, and from then
-//! on speaks to it over HTTP only: submit, follow the events, fetch the result.
+//! It starts the service as `packstone serve` would, on a free port of this machine, and then speaks to it over HTTP:
+//! submit, follow the events, fetch the result. The picture is rendered from the result that was fetched.
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Parser};
+use hyper::Response;
+use hyper::body::Incoming;
 use indicatif::{ProgressBar, ProgressStyle};
-use reqwest::Client;
+use packstone_engine::export::Model;
 use serde_json::Value;
 use tokio::io::AsyncWriteExt as _;
 
-use super::{Failure, block_on, print};
+use super::exit::{Exit, Failure, cannot_be};
+use super::exports::{PICTURE, write_picture};
+use super::http_client::{Client, chunk, json};
+use super::outputs::refuse_existing;
+use super::signals::stop_on_signals;
+use super::{block_on, export, print};
 use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry::{self, LogFormat};
@@ -25,9 +32,12 @@ const STEPS: f64 = 1000.0;
 /// Options of `packstone demo`.
 #[derive(Args)]
 pub(super) struct Options {
-    /// Folder for the results and the service's data; made where it is missing
+    /// Folder for the results, the picture and the service's data; made where it is missing
     #[arg(long, default_value = "packstone-demo")]
     out: PathBuf,
+    /// Overwrite the files of an earlier demo
+    #[arg(long)]
+    force: bool,
 }
 
 /// The options of `packstone serve` alone, to take their defaults.
@@ -37,31 +47,15 @@ struct Defaults {
     serve: ServeOptions,
 }
 
-pub(super) fn run(options: Options) -> Result<(), Failure> {
+pub(super) fn run(options: &Options) -> Result<(), Failure> {
     telemetry::start(LogFormat::Text, "warn");
-    block_on(demonstrate(options.out))
-}
-
-async fn demonstrate(out: PathBuf) -> Result<(), Failure> {
-    tokio::fs::create_dir_all(&out)
-        .await
-        .map_err(|error| format!("{} cannot be made: {error}", out.display()))?;
-    let data_dir = out.join("data");
-    let service = Service::open(ServeOptions {
-        listen: ([127, 0, 0, 1], 0).into(),
-        data_dir: data_dir.clone(),
-        api_keys_file: None,
-        ..Defaults::try_parse_from(["packstone"])?.serve
-    })
-    .await?;
-    let base = format!("http://{}", service.address()?);
-    let shutdown = service.shutdown();
-    let serving = tokio::spawn(service.serve());
-    eprintln!("The service listens on {base} for the time of this demo.");
-    let shown = show(&base, &out).await;
-    shutdown.cancel();
-    serving.await?;
-    let (files, summary) = shown?;
+    let files: Vec<PathBuf> =
+        FORMATS.iter().map(|format| options.out.join(format!("result.{format}"))).collect();
+    let picture = options.out.join(PICTURE);
+    refuse_existing(files.iter().chain([&picture]), options.force)?;
+    std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
+    let data_dir = options.out.join("data");
+    let summary = block_on(demonstrate(data_dir.clone(), &files))?;
     eprintln!(
         "Placed {} grains, volume fraction {:.4}.",
         summary["grains"],
@@ -70,50 +64,60 @@ async fn demonstrate(out: PathBuf) -> Result<(), Failure> {
     for file in &files {
         print(&format!("{}\n", file.display()))?;
     }
+    let (specimen, spheres) = export::read(&files[0])?;
+    write_picture(&Model { specimen: &specimen, spheres: &spheres }, &picture, &stop_on_signals()?)?;
     eprintln!(
-        "\nNext: open the .vtp file in ParaView and add a Glyph filter (Sphere, scale by `diameter`, scale factor 1),"
+        "\nNext: look at {}. In ParaView, open the .vtp file and add a Glyph filter",
+        picture.display()
     );
-    eprintln!("or start the service yourself, with this job still in it:");
+    eprintln!("(glyph type Sphere, scale array `diameter`, scale factor 1).");
+    eprintln!("Or start the service, which still has this job, and list its jobs:");
     eprintln!("  packstone serve --data-dir {}", data_dir.display());
     eprintln!("  curl http://127.0.0.1:8080/v1/jobs");
-    eprintln!(
-        "  curl -H 'content-type: application/json' -d @examples/a16.json http://127.0.0.1:8080/v1/jobs"
-    );
     Ok(())
 }
 
-async fn show(base: &str, out: &Path) -> Result<(Vec<PathBuf>, Value), Failure> {
-    // A proxy of the environment has no business between this process and itself.
-    let client = Client::builder().no_proxy().build()?;
-    let submitted = client
-        .post(format!("{base}/v1/jobs"))
-        .header("content-type", "application/json")
-        .body(EXAMPLE)
-        .send()
-        .await?;
-    let job = json(submitted).await?;
-    let link = |name: &str| format!("{base}{}", job["links"][name].as_str().unwrap_or_default());
+/// Runs the service, and the job in it, whose result goes to these files, one for each of the formats. The summary of
+/// the result.
+async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Failure> {
+    let service = Service::open(ServeOptions {
+        listen: ([127, 0, 0, 1], 0).into(),
+        data_dir,
+        api_keys_file: None,
+        ..Defaults::try_parse_from(["packstone"])?.serve
+    })
+    .await?;
+    let address = service.address()?;
+    let shutdown = service.shutdown();
+    let serving = tokio::spawn(service.serve());
+    eprintln!("The service listens on http://{address} for the time of this demo.");
+    let shown = show(Client::new(address), files).await;
+    shutdown.cancel();
+    serving.await?;
+    shown
+}
+
+async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
+    let job = json(client.post("/v1/jobs", EXAMPLE).await?).await?;
+    let link = |name: &str| job["links"][name].as_str().unwrap_or_default();
     eprintln!("Submitted {} as {}.", job["name"], link("self"));
-    let ended = follow(&client, &link("events")).await?;
+    let ended = follow(client, link("events")).await?;
     if ended["state"] != "succeeded" {
-        return Err(format!("the job {}: {}", ended["state"], ended["error"]["detail"]).into());
+        let text = format!("the job {}: {}", ended["state"], ended["error"]["detail"]);
+        return Err(Exit::Unexpected.because(text));
     }
-    let mut files = Vec::new();
-    for format in FORMATS {
-        let file = out.join(format!("result.{format}"));
-        let fetched = client.get(format!("{}?format={format}", link("result"))).send().await?;
-        save(fetched, &file).await?;
-        files.push(file);
+    for (file, format) in files.iter().zip(FORMATS) {
+        save(client.get(&format!("{}?format={format}", link("result"))).await?, file).await?;
     }
-    Ok((files, ended["result"]["summary"].clone()))
+    Ok(ended["result"]["summary"].clone())
 }
 
 /// Follows the events of a job to their end and shows its progress; the job as it ended.
-async fn follow(client: &Client, events: &str) -> Result<Value, Failure> {
+async fn follow(client: Client, events: &str) -> Result<Value, Failure> {
     let bar = progress_bar();
-    let mut stream = client.get(events).send().await?.error_for_status()?;
+    let mut body = client.get(events).await?.into_body();
     let mut text = Vec::new();
-    while let Some(chunk) = stream.chunk().await? {
+    while let Some(chunk) = chunk(&mut body).await? {
         text.extend_from_slice(&chunk);
         while let Some(end) = text.windows(2).position(|pair| pair == b"\n\n") {
             let block: Vec<u8> = text.drain(..end + 2).collect();
@@ -150,18 +154,12 @@ fn progress_bar() -> ProgressBar {
     bar
 }
 
-async fn json(response: reqwest::Response) -> Result<Value, Failure> {
-    let status = response.status();
-    let body: Value = response.json().await?;
-    if status.is_success() { Ok(body) } else { Err(format!("{status}: {}", body["detail"]).into()) }
-}
-
-async fn save(response: reqwest::Response, file: &Path) -> Result<(), Failure> {
-    let mut response = response.error_for_status()?;
-    let failed = |error| format!("{} cannot be written: {error}", file.display());
+async fn save(response: Response<Incoming>, file: &Path) -> Result<(), Failure> {
+    let failed = |error: std::io::Error| cannot_be("written", file, &error);
+    let mut body = response.into_body();
     let mut out = tokio::fs::File::create(file).await.map_err(failed)?;
-    while let Some(chunk) = response.chunk().await? {
+    while let Some(chunk) = chunk(&mut body).await? {
         out.write_all(&chunk).await.map_err(failed)?;
     }
-    Ok(out.flush().await.map_err(failed)?)
+    out.flush().await.map_err(failed)
 }

@@ -1,67 +1,60 @@
-//! `packstone derive`: a model of a result that lies in a file, without a service.
+//! `packstone export`: exports of a result that lies in a file, without a service.
 
 use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use packstone_engine::export::tables::stored::{Layout, MAGIC};
-use packstone_engine::export::{ExportRequest, ExportType, Model};
+use packstone_engine::export::{ExportRequest, Model};
 use packstone_engine::request::Specimen;
 use packstone_engine::{Limits, Spheres};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::Failure;
-use super::models;
+use super::exit::{Exit, Failure, cannot_be};
+use super::exports::{self, Output, PICTURE};
+use super::outputs::refuse_existing;
 use super::signals::stop_on_signals;
 use crate::config::default_memory_bytes;
 
-/// Options of `packstone derive`.
+/// Options of `packstone export`.
 #[derive(Args)]
 pub(super) struct Options {
-    /// The result: JSON as `packstone run` or the service give it, or the form in which the service stores it
+    /// The result: JSON as `packstone run` or the service give it, or the file in which the service stores it
     result: PathBuf,
-    /// What to make of it
-    #[arg(long = "type", value_parser = kind_parser())]
-    kind: ExportType,
-    /// An option, as `--option axis=x`; may be repeated
-    #[arg(long = "option", value_name = "NAME=VALUE", value_parser = pair)]
-    pairs: Vec<(String, String)>,
-    /// Folder for the file; made where it is missing
+    /// What to make of it: mesh, voxels, slice or ldpm, with options, as `voxels:format=raw,cells=200`
+    #[arg(value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse, required_unless_present = "picture")]
+    exports: Vec<ExportRequest>,
+    /// Render a picture as well, as result.png
+    #[arg(long)]
+    picture: bool,
+    /// Folder for the files; made where it is missing
     #[arg(long, default_value = ".")]
     out: PathBuf,
-}
-
-fn kind_parser() -> impl clap::builder::TypedValueParser<Value = ExportType> {
-    PossibleValuesParser::new(models::names())
-        .try_map(|name| ExportType::from_name(&name).ok_or("no such type"))
-}
-
-fn pair(text: &str) -> Result<(String, String), String> {
-    text.split_once('=')
-        .map(|(name, value)| (name.to_owned(), value.to_owned()))
-        .ok_or_else(|| "must be NAME=VALUE".into())
+    /// Overwrite files that exist
+    #[arg(long)]
+    force: bool,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let pairs = options.pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
-    let export = ExportRequest::from_text(options.kind, pairs)
-        .map_err(|faults| format!("the options are refused:\n  {}", models::listed(&faults)))?;
-    let (specimen, spheres) = read(&options.result)
-        .map_err(|error| format!("{} cannot be read as a result: {error}", options.result.display()))?;
+    let (specimen, spheres) = read(&options.result)?;
     let limits = Limits { max_model_bytes: default_memory_bytes(1), ..Limits::default() };
-    export
-        .check(&specimen, &limits)
-        .map_err(|error| format!("{} is refused:\n  {}", options.kind.name(), models::explained(error)))?;
-    std::fs::create_dir_all(&options.out)
-        .map_err(|error| format!("{} cannot be made: {error}", options.out.display()))?;
+    let outputs = Output::all(options.exports.iter().cloned(), &options.out);
+    for output in &outputs {
+        output.check(&specimen, &limits)?;
+    }
+    let picture = options.picture.then(|| options.out.join(PICTURE));
+    let files: Vec<PathBuf> = outputs.iter().flat_map(Output::files).chain(picture.clone()).collect();
+    refuse_existing(&files, options.force)?;
+    std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
+    let stop = stop_on_signals()?;
     let model = Model { specimen: &specimen, spheres: &spheres };
-    models::write_all(&[export], &model, &limits, &options.out, &stop_on_signals()?)
+    exports::write_all(&outputs, &model, &limits, &stop)?;
+    picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, &stop))
 }
 
-/// What a result in JSON has that matters here.
+/// The members of a result in JSON that are needed here.
 #[derive(Deserialize)]
 struct Document {
     request: Value,
@@ -73,26 +66,36 @@ struct Rows {
     rows: Vec<[f64; 4]>,
 }
 
-fn read(file: &Path) -> Result<(Specimen, Spheres), Failure> {
-    let mut input = BufReader::with_capacity(1 << 18, File::open(file)?);
+/// Reads the specimen and the grains of a result.
+pub(super) fn read(file: &Path) -> Result<(Specimen, Spheres), Failure> {
+    let unread = |error: &dyn std::fmt::Display| {
+        Exit::BadInput.because(format_args!("{} cannot be read as a result: {error}", file.display()))
+    };
+    let mut input = File::open(file)
+        .map(|file| BufReader::with_capacity(1 << 18, file))
+        .map_err(|error| cannot_be("read", file, &error))?;
+    let (request, spheres) = read_either(&mut input).map_err(|error| unread(&error))?;
+    let specimen =
+        Specimen::from_json(&request["specimen"]).map_err(|faults| unread(&exports::listed(&faults)))?;
+    Ok((specimen, spheres))
+}
+
+fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Spheres)> {
     let mut magic = [0; MAGIC.len()];
     let is_stored = input.read_exact(&mut magic).is_ok() && magic == MAGIC;
     input.seek(SeekFrom::Start(0))?;
-    let (request, spheres) = if is_stored {
-        let layout = Layout::read(&mut input)?;
+    if is_stored {
+        let layout = Layout::read(input)?;
         input.seek(SeekFrom::Start(layout.columns_offset))?;
-        let spheres = columns(&mut input, layout.rows as usize)?;
-        (layout.head.request, spheres)
-    } else {
-        let document: Document = serde_json::from_reader(input)?;
-        let mut spheres = Spheres::with_capacity(document.spheres.rows.len());
-        for [x, y, z, d] in document.spheres.rows {
-            spheres.push([x, y, z], d);
-        }
-        (document.request, spheres)
-    };
-    let specimen = Specimen::from_json(&request["specimen"]).map_err(|faults| models::listed(&faults))?;
-    Ok((specimen, spheres))
+        let spheres = columns(input, layout.rows as usize)?;
+        return Ok((layout.head.request, spheres));
+    }
+    let document: Document = serde_json::from_reader(input)?;
+    let mut spheres = Spheres::with_capacity(document.spheres.rows.len());
+    for [x, y, z, d] in document.spheres.rows {
+        spheres.push([x, y, z], d);
+    }
+    Ok((document.request, spheres))
 }
 
 fn columns(input: &mut impl std::io::Read, rows: usize) -> std::io::Result<Spheres> {

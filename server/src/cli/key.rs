@@ -2,7 +2,8 @@
 
 use clap::Args;
 
-use super::{Failure, print};
+use super::exit::Failure;
+use super::print;
 use crate::http::auth;
 
 /// Options of `packstone key`.

@@ -1,4 +1,7 @@
 //! The command line: one subcommand per file.
+//!
+//! `exit` has the exit codes, `outputs` the names of files and the rule that none is overwritten, `exports` the making
+//! of exports and pictures, which `run`, `export` and `study` share.
 
 mod backup;
 mod bar;
@@ -6,13 +9,18 @@ mod bench;
 mod check;
 mod demo;
 mod differences;
+mod exit;
 mod export;
+mod exports;
 mod health;
+mod http_client;
 mod key;
-mod models;
 mod openapi;
+mod outputs;
+mod plan;
 mod run;
 mod serve;
+mod shell;
 mod signals;
 mod study;
 
@@ -20,9 +28,14 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
+use exit::Failure;
+
+/// Version and commit, as `--version` tells them.
+const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("PACKSTONE_COMMIT"), ")");
+
 /// Turns a concrete mix design into a packing of spheres
 #[derive(Parser)]
-#[command(name = "packstone", version, about)]
+#[command(name = "packstone", version = VERSION, about, after_help = exit::HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -32,15 +45,17 @@ struct Cli {
 enum Command {
     /// Run the service
     Serve(Box<crate::config::ServeOptions>),
-    /// Run the service, submit an example, and fetch its result
+    /// Run the service, submit an example, and fetch its result and a picture of it
     Demo(demo::Options),
     /// Run one job without a service
     Run(run::Options),
-    /// Make a model of a result: a mesh, voxels, a cut, a lattice
-    Derive(export::Options),
-    /// Run a study without a service: many packings, and the table of what became of them
+    /// Make meshes, voxels, slices, lattice models or a picture of a result
+    Export(export::Options),
+    /// Run a study without a service: many packings and the table of how they ended
     Study(Box<study::Options>),
-    /// Print the interface as an OpenAPI document
+    /// Say what a job amounts to: grains, memory, time, chance of success
+    Plan(plan::Options),
+    /// Print the HTTP interface as an OpenAPI document
     Openapi,
     /// Measure the engine on this machine
     Bench(bench::Options),
@@ -52,10 +67,11 @@ enum Command {
     Health(health::Options),
     /// Make an API key and its line for the file of keys
     Key(key::Options),
+    /// Print the completions of a shell
+    Completions(shell::CompletionOptions),
+    /// Print the manual page, or write one for each command
+    Man(shell::ManOptions),
 }
-
-/// What a command ends with when it fails: a line for the person at the terminal.
-type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Runs the command line of this process.
 #[inline(never)] // Nothing of it may run before the processor has been looked at.
@@ -64,22 +80,25 @@ pub(crate) fn main() -> ExitCode {
     let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
     let ended = match cli.command {
         Command::Serve(options) => serve::run(*options),
-        Command::Demo(options) => demo::run(options),
+        Command::Demo(options) => demo::run(&options),
         Command::Run(options) => run::run(&options),
-        Command::Derive(options) => export::run(&options),
+        Command::Export(options) => export::run(&options),
         Command::Study(options) => study::run(&options),
+        Command::Plan(options) => plan::run(&options),
         Command::Openapi => openapi::run(),
         Command::Bench(options) => bench::run(&options),
         Command::Backup(options) => backup::run(&options),
         Command::Check(options) => check::run(&options),
         Command::Health(options) => health::run(&options),
         Command::Key(options) => key::run(&options),
+        Command::Completions(options) => shell::completions(&options, Cli::command()),
+        Command::Man(options) => shell::man(&options, Cli::command()),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             crate::telemetry::say(&format!("packstone: {failure}"));
-            ExitCode::FAILURE
+            exit::code_of(&failure)
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `packstone openapi`.
 
-use super::{Failure, print};
+use super::exit::Failure;
+use super::print;
 
 pub(super) fn run() -> Result<(), Failure> {
     print(&crate::http::yaml()?)

@@ -2,7 +2,8 @@
 
 use tokio::signal::unix::{SignalKind, signal};
 
-use super::{Failure, block_on, print};
+use super::exit::Failure;
+use super::{block_on, print};
 use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry;

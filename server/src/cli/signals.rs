@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use tokio::signal::unix::{SignalKind, signal};
 
-use super::Failure;
+use super::exit::Failure;
 
 /// What a shell reports of a process that an interrupt ended.
 const INTERRUPTED: i32 = 130;

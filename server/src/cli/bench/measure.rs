@@ -9,10 +9,11 @@ use packstone_engine::methods::edmd::Fluid;
 use packstone_engine::{Limits, PackError, PackingRequest, PlanError, Report, Unattended, pack};
 use serde_json::Value;
 
+use super::super::exit::Failure;
+use super::Figures;
 use super::cases::{Case, Kind, Shows};
 use super::ladder::Ladder;
 use super::meter::{Stopwatch, Taken, largest, median, peak_mb};
-use super::{Failure, Figures};
 
 /// Runs that take longer are told of one by one.
 const LONG_S: f64 = 1.0;

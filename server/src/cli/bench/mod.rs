@@ -17,7 +17,8 @@ use std::time::Instant;
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
-use super::{Failure, print};
+use super::exit::Failure;
+use super::print;
 use cases::{Case, cases};
 
 /// Options of `packstone bench`.

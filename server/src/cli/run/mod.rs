@@ -10,10 +10,13 @@ use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
-use packstone_engine::export::{ExportRequest, ExportType, Model};
-use packstone_engine::{FieldError, Limits, PackError, Plan, PlanError};
+use packstone_engine::export::{ExportRequest, Model};
+use packstone_engine::{FieldError, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume};
 
-use super::{Failure, models, print};
+use super::exit::{Exit, Failure, cannot_be};
+use super::exports::{self, Output, PICTURE};
+use super::outputs::{refuse_existing, write_whole};
+use super::print;
 use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
 use crate::jobs::{JobRequest, request};
@@ -30,41 +33,42 @@ pub(super) struct Options {
     /// Folder for the result; made where it is missing
     #[arg(long, default_value = ".")]
     out: PathBuf,
-    /// Formats of the result; models are made with default options (name others in the job's `postprocess`)
-    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = output_parser())]
-    format: Vec<Output>,
+    /// Formats of the table of grains
+    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
+    format: Vec<Format>,
+    /// An export of the result: mesh, voxels, slice or ldpm, with options, as `voxels:format=raw,cells=200`; may be
+    /// repeated
+    #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
+    export: Vec<ExportRequest>,
     /// Plots of the result, as SVG
     #[arg(long, value_delimiter = ',', value_parser = plot_parser())]
     plot: Vec<JobPlot>,
+    /// Render a picture of the packing, as result.png
+    #[arg(long)]
+    picture: bool,
+    /// Overwrite files that exist
+    #[arg(long)]
+    force: bool,
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
-    /// Go on from the checkpoint of a run that was stopped or killed; it lies in the folder for the result
-    #[arg(long)]
-    resume: bool,
-    /// Discard the checkpoint of an earlier run
-    #[arg(long, conflicts_with = "resume")]
-    fresh: bool,
+    #[command(flatten)]
+    earlier: Earlier,
     /// Seconds between two checkpoints; 0 keeps one at every opportunity
     #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
     checkpoint_every_s: f64,
 }
 
-/// A file of the result.
-#[derive(Clone, Debug)]
-enum Output {
-    Grains(Format),
-    Model(ExportRequest),
-}
-
-fn output_parser() -> impl clap::builder::TypedValueParser<Value = Output> {
-    PossibleValuesParser::new(Format::ALL.map(Format::name).into_iter().chain(models::names())).try_map(
-        |name| {
-            let model =
-                || ExportRequest::from_text(ExportType::from_name(&name)?, []).ok().map(Output::Model);
-            Format::from_name(&name).map(Output::Grains).or_else(model).ok_or("no such format")
-        },
-    )
+/// What to do with the checkpoint of an earlier run.
+#[derive(Args)]
+struct Earlier {
+    /// Go on from the checkpoint of a run that was stopped or killed, which lies in the folder for the result; a run
+    /// without one starts anew
+    #[arg(long)]
+    resume: bool,
+    /// Discard the checkpoint of an earlier run
+    #[arg(long, conflicts_with = "resume")]
+    fresh: bool,
 }
 
 pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
@@ -78,41 +82,36 @@ fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let value = strict_json::parse(&read(&options.job)?)
-        .map_err(|problem| format!("{} is refused: {}", options.job.display(), problem.detail))?;
     let checkpoint = options.out.join(resume::FILE);
-    // A run that was started without a seed goes on with the one that was drawn for it.
-    let stored = options.resume.then(|| resume::request_of(&checkpoint)).transpose()?;
-    let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
-    let request = JobRequest::read(&value, seed, None).map_err(|faults| listed(&options.job, &faults))?;
-    let packing_request = request.packing();
-    let max_memory_bytes = default_memory_bytes(1);
-    let limits =
-        Limits { max_grains: options.max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes };
-    let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, error))?;
-    for warning in &plan.warnings {
-        eprintln!("warning: {warning}");
+    let resumes = options.earlier.resume && checkpoint.exists();
+    if options.earlier.resume && !resumes {
+        eprintln!("there is no checkpoint {}: the run starts anew", checkpoint.display());
     }
-    let models = models_of(options, &request);
-    for model in &models {
-        let named =
-            |error| format!("{} is refused:\n  {}", model.export_type().name(), models::explained(error));
-        model.check(&request.specimen, &limits).map_err(named)?;
+    // A run that was started without a seed goes on with the one that was drawn for it.
+    let stored = resumes.then(|| resume::request_of(&checkpoint)).transpose()?;
+    let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
+    let request = read_job(&options.job, seed)?;
+    let packing_request = request.packing();
+    let limits = stated_limits(options.max_grains);
+    let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
+    warn(&plan.warnings);
+    let files = Files::of(options, &request);
+    for output in &files.exports {
+        output.check(&request.specimen, &limits)?;
     }
     let resume = stored
         .map(|stored| resume::state(&checkpoint, &options.job, &packing_request, &stored))
         .transpose()?;
-    if resume.is_none() && !options.fresh && checkpoint.exists() {
-        return Err(format!(
+    if resume.is_none() && !options.earlier.fresh && checkpoint.exists() {
+        return Err(Exit::BadInput.because(format_args!(
             "{} is left from a run that was stopped: go on from it by --resume, or discard it by --fresh",
             checkpoint.display()
-        )
-        .into());
+        )));
     }
     // Before the work, not after it: a folder that cannot be made would waste it.
-    std::fs::create_dir_all(&options.out)
-        .map_err(|error| format!("{} cannot be made: {error}", options.out.display()))?;
-    if options.fresh {
+    refuse_existing(&files.all(), options.force)?;
+    std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
+    if options.earlier.fresh {
         discard(&checkpoint)?;
     }
     let watch = Watch::new(
@@ -120,71 +119,110 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         Duration::from_secs_f64(options.checkpoint_every_s),
         resume.is_some(),
     )?;
-    let packing = packstone_engine::pack_or_resume(&packing_request, &limits, resume, &watch);
-    watch.finish();
-    let packing = match packing {
-        Ok(packing) => packing,
-        Err(PackError::Stopped { placed, grains }) => {
-            return Err(stopped(&checkpoint, placed, grains).into());
-        }
-        Err(PackError::Plan(error)) => return Err(refused(&options.job, error).into()),
-        Err(ended) => {
-            // An answer, which going on would only repeat.
-            discard(&checkpoint)?;
-            return Err(ended.to_string().into());
-        }
-    };
+    let packing = pack(options, &packing_request, &limits, resume, &watch, &checkpoint)?;
     let summary = &packing.report.summary;
     eprintln!(
         "placed {} grains, volume fraction {:.4}, in {:.2} s (seed {})",
         summary.grains, summary.volume_fraction_effective, packing.report.timings_s.total, request.seed
     );
     // Those of the plan have been printed before the run.
-    for warning in packing.report.warnings.iter().filter(|warning| !plan.warnings.contains(warning)) {
-        eprintln!("warning: {warning}");
-    }
-    let head = Head {
-        job_id: None,
-        request: serde_json::to_value(&request)?,
-        engine: EngineInfo::current(),
-        report: packing.report,
-    };
-    let formats = options.format.iter().filter_map(|output| match output {
-        Output::Grains(format) => Some(format),
-        Output::Model(_) => None,
-    });
-    for format in formats {
-        let file = options.out.join(format!("result.{}", format.name()));
-        write(&file, *format, &head, &packing.spheres)
-            .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
-        print(&format!("{}\n", file.display()))?;
-    }
-    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
-    models::write_all(&models, &model, &limits, &options.out, watch.stop())?;
-    for kind in &options.plot {
-        let file = options.out.join(format!("plot-{}.svg", kind.name()));
-        let result = JobResult { head: &head, spheres: &packing.spheres };
-        plot(*kind, &result, &file)
-            .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
-        print(&format!("{}\n", file.display()))?;
-    }
+    let new: Vec<String> =
+        packing.report.warnings.iter().filter(|warning| !plan.warnings.contains(warning)).cloned().collect();
+    warn(&new);
+    files.write(&request, packing, &limits, &watch)?;
     discard(&checkpoint)
 }
 
-/// What is to be made of the packing: by the command's formats, then by the job.
-fn models_of(options: &Options, request: &JobRequest) -> Vec<ExportRequest> {
-    let by_format = options.format.iter().filter_map(|output| match output {
-        Output::Grains(_) => None,
-        Output::Model(export) => Some(export.clone()),
-    });
-    let by_job = request.postprocess.items().into_iter().map(|(_, export)| export.clone());
-    let mut models: Vec<ExportRequest> = Vec::new();
-    for model in by_format.chain(by_job) {
-        if !models.contains(&model) {
-            models.push(model);
+/// Packs, and removes the checkpoint where going on from it would only repeat the answer.
+fn pack(
+    options: &Options,
+    request: &PackingRequest,
+    limits: &Limits,
+    resume: Option<Resume>,
+    watch: &Watch,
+    checkpoint: &Path,
+) -> Result<Packing, Failure> {
+    let packing = packstone_engine::pack_or_resume(request, limits, resume, watch);
+    watch.finish();
+    packing.or_else(|error| {
+        let exit = Exit::of_packing(&error);
+        match error {
+            PackError::Stopped { placed, grains } => Err(exit.because(stopped(checkpoint, placed, grains))),
+            PackError::Plan(error) => Err(refused(&options.job, &error)),
+            ended => {
+                discard(checkpoint)?;
+                Err(exit.because(ended))
+            }
+        }
+    })
+}
+
+/// The files that a run writes.
+struct Files {
+    tables: Vec<(Format, PathBuf)>,
+    exports: Vec<Output>,
+    plots: Vec<(JobPlot, PathBuf)>,
+    picture: Option<PathBuf>,
+}
+
+impl Files {
+    /// Those that the options ask for, then those that the job asks for.
+    fn of(options: &Options, request: &JobRequest) -> Self {
+        let by_job = request.postprocess.items().into_iter().map(|(_, export)| export.clone());
+        let named = |name: String| options.out.join(name);
+        Self {
+            tables: options.format.iter().map(|&f| (f, named(format!("result.{}", f.name())))).collect(),
+            exports: Output::all(options.export.iter().cloned().chain(by_job), &options.out),
+            plots: options
+                .plot
+                .iter()
+                .map(|&plot| (plot, named(format!("plot-{}.svg", plot.name()))))
+                .collect(),
+            picture: options.picture.then(|| named(PICTURE.into())),
         }
     }
-    models
+
+    fn all(&self) -> Vec<PathBuf> {
+        let tables = self.tables.iter().map(|(_, file)| file.clone());
+        let plots = self.plots.iter().map(|(_, file)| file.clone());
+        tables
+            .chain(self.exports.iter().flat_map(Output::files))
+            .chain(plots)
+            .chain(self.picture.clone())
+            .collect()
+    }
+
+    /// Writes all of them, and prints their names.
+    fn write(
+        &self,
+        request: &JobRequest,
+        packing: Packing,
+        limits: &Limits,
+        watch: &Watch,
+    ) -> Result<(), Failure> {
+        let head = Head {
+            job_id: None,
+            request: serde_json::to_value(request)?,
+            engine: EngineInfo::current(),
+            report: packing.report,
+        };
+        for (format, file) in &self.tables {
+            write(file, *format, &head, &packing.spheres)
+                .map_err(|error| cannot_be("written", file, &error))?;
+            print(&format!("{}\n", file.display()))?;
+        }
+        let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+        if let Some(file) = &self.picture {
+            exports::write_picture(&model, file, watch.stop())?;
+        }
+        exports::write_all(&self.exports, &model, limits, watch.stop())?;
+        for (kind, file) in &self.plots {
+            let result = JobResult { head: &head, spheres: &packing.spheres };
+            plot(*kind, &result, file).map_err(|error| cannot_be("written", file, &error))?;
+            print(&format!("{}\n", file.display()))?;
+        }
+        Ok(())
+    }
 }
 
 fn stopped(checkpoint: &Path, placed: u64, grains: u64) -> String {
@@ -196,17 +234,39 @@ fn stopped(checkpoint: &Path, placed: u64, grains: u64) -> String {
 }
 
 fn discard(checkpoint: &Path) -> Result<(), Failure> {
-    checkpoints::remove(checkpoint)
-        .map_err(|error| format!("{} cannot be removed: {error}", checkpoint.display()).into())
+    checkpoints::remove(checkpoint).map_err(|error| cannot_be("removed", checkpoint, &error))
 }
 
-fn refused(job: &Path, error: PlanError) -> String {
-    match error {
-        PlanError::Invalid(faults) => listed(job, &faults),
-        PlanError::TooLarge(fault) | PlanError::Infeasible(fault) | PlanError::Coarse(fault) => {
-            listed(job, &[fault])
-        }
+/// Reads a job; `seed` is for one that states none.
+pub(super) fn read_job(job: &Path, seed: u64) -> Result<JobRequest, Failure> {
+    let value = strict_json::parse(&read(job)?).map_err(|problem| {
+        Exit::BadInput.because(format_args!("{} is refused: {}", job.display(), problem.detail))
+    })?;
+    JobRequest::read(&value, seed, None).map_err(|faults| Exit::BadInput.because(listed(job, &faults)))
+}
+
+/// The limits of one packing that has the machine to itself.
+pub(super) fn stated_limits(max_grains: u64) -> Limits {
+    let max_memory_bytes = default_memory_bytes(1);
+    Limits { max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes }
+}
+
+/// Tells of what is likely to go wrong.
+pub(super) fn warn(warnings: &[String]) {
+    for warning in warnings {
+        eprintln!("warning: {warning}");
     }
+}
+
+/// The failure of a job that cannot be planned.
+pub(super) fn refused(job: &Path, error: &PlanError) -> Failure {
+    let text = match error {
+        PlanError::Invalid(faults) => listed(job, faults),
+        PlanError::TooLarge(fault) | PlanError::Infeasible(fault) | PlanError::Coarse(fault) => {
+            listed(job, std::slice::from_ref(fault))
+        }
+    };
+    Exit::BadInput.because(text)
 }
 
 pub(super) fn read(job: &Path) -> Result<Vec<u8>, Failure> {
@@ -216,7 +276,7 @@ pub(super) fn read(job: &Path) -> Result<Vec<u8>, Failure> {
     } else {
         File::open(job).and_then(|mut file| file.read_to_end(&mut text))
     };
-    read.map_err(|error| format!("{} cannot be read: {error}", job.display()))?;
+    read.map_err(|error| cannot_be("read", job, &error))?;
     Ok(text)
 }
 
@@ -231,12 +291,11 @@ pub(super) fn write(
     head: &Head,
     spheres: &packstone_engine::Spheres,
 ) -> std::io::Result<()> {
-    let mut out = BufWriter::with_capacity(1 << 18, File::create(file)?);
-    tables::write(format, head, spheres, &mut out)?;
-    out.flush()
+    write_whole(file, |out: &mut BufWriter<File>| tables::write(format, head, spheres, out))
 }
 
 fn plot(kind: JobPlot, result: &JobResult<'_>, file: &Path) -> std::io::Result<()> {
     let chart = job::chart(kind, result)?;
-    std::fs::write(file, draw::svg(&chart).map_err(std::io::Error::other)?)
+    let drawn = draw::svg(&chart).map_err(std::io::Error::other)?;
+    write_whole(file, |out| out.write_all(drawn.as_bytes()))
 }

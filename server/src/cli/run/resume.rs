@@ -1,13 +1,13 @@
 //! The checkpoint of `packstone run`: which run it belongs to, and what to do with it.
 
 use std::fs::File;
-use std::io::{self, BufReader};
+use std::io::BufReader;
 use std::path::Path;
 
 use packstone_engine::{CheckpointError, PackingRequest, Resume, checkpoint};
 
-use super::super::Failure;
 use super::super::differences::differences;
+use super::super::exit::{Exit, Failure};
 
 /// Name of the file in the folder of the result.
 pub(super) const FILE: &str = "checkpoint.packstone";
@@ -16,7 +16,7 @@ pub(super) const FILE: &str = "checkpoint.packstone";
 pub(super) fn request_of(file: &Path) -> Result<PackingRequest, Failure> {
     open(file)
         .and_then(|mut input| checkpoint::read_request(&mut input))
-        .map_err(|error| explain(file, &error).into())
+        .map_err(|error| Exit::BadInput.because(explain(file, &error)))
 }
 
 /// The state to go on from. `stored` is what [`request_of`] said.
@@ -34,16 +34,15 @@ pub(super) fn state(
                 &serde_json::to_value(stored).unwrap_or_default(),
                 "the checkpoint",
             );
-            format!(
+            Exit::BadInput.because(format_args!(
                 "{} belongs to another job than {}:\n  {}\nChange the job back, or take another folder by --out, or \
                  discard the checkpoint by --fresh instead of --resume",
                 file.display(),
                 job.display(),
                 lines.join("\n  ")
-            )
-            .into()
+            ))
         }
-        other => explain(file, &other).into(),
+        other => Exit::BadInput.because(explain(file, &other)),
     })
 }
 
@@ -52,18 +51,8 @@ fn open(file: &Path) -> Result<BufReader<File>, CheckpointError> {
 }
 
 fn explain(file: &Path, error: &CheckpointError) -> String {
-    match error {
-        CheckpointError::Io(error) if error.kind() == io::ErrorKind::NotFound => {
-            format!(
-                "there is no checkpoint {} to go on from: leave --resume out, or name the folder of the run by --out",
-                file.display()
-            )
-        }
-        error => {
-            format!(
-                "{}: {error}; it cannot be gone on from: discard it by --fresh instead of --resume",
-                file.display()
-            )
-        }
-    }
+    format!(
+        "{}: {error}; no run can go on from it: discard it by --fresh instead of --resume",
+        file.display()
+    )
 }

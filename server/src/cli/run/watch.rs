@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
 
-use super::super::Failure;
 use super::super::bar::Bar;
+use super::super::exit::Failure;
 use super::super::signals::stop_on_signals;
 use crate::checkpoints::{self, Schedule};
 use crate::pace::Pace;
@@ -92,7 +92,7 @@ fn message(progress: &Progress, eta_s: Option<f64>) -> String {
         Phase::Rsa => "rsa",
         Phase::Edmd => "edmd",
         Phase::Check => "check",
-        Phase::Export => "derive",
+        Phase::Export => "export",
         Phase::Write => "write",
     };
     let line = match &progress.growth {

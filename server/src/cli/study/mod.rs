@@ -1,8 +1,8 @@
 //! `packstone study`: a study without a service, its table and plots as files.
 //!
-//! `crew` runs the jobs on as many threads as there are workers, `book` keeps every run that ended, `watch` tells
-//! the person at the terminal how far the study is, `report` writes and prints what came out. What the study is
-//! and what its table says is `crate::studies`' matter.
+//! `worker_pool` runs the jobs on as many threads as there are workers, `run_log` stores a record of every run that
+//! ended, `watch` shows the progress at the terminal, `report` writes and prints the table and the plots. The study
+//! itself and the contents of its table are defined in `crate::studies`.
 
 mod report;
 mod run_log;
@@ -21,9 +21,10 @@ use clap::Args;
 use packstone_engine::Limits;
 use packstone_engine::export::tables::Format;
 
+use super::exit::{Exit, Failure};
+use super::print;
 use super::run::{format_parser, listed, read};
 use super::signals::stop_on_signals;
-use super::{Failure, print};
 use crate::checkpoints::Checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
 use crate::jobs::request::draw_seed;
@@ -31,9 +32,9 @@ use crate::strict_json;
 use crate::studies::stop::Tally;
 use crate::studies::table::Rest;
 use crate::studies::{Outcome, Run, Study, Table};
-use run_log::{Book, Entry, Folder, Record};
+use run_log::{Folder, RunLog, RunRecord, StudyRecord};
 use watch::Watch;
-use worker_pool::{Board, Crew, Ended};
+use worker_pool::{Ended, SharedState, WorkerPool};
 
 /// How often the bar moves while no run ends.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
@@ -50,7 +51,7 @@ pub(super) struct Options {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     workers: Option<u16>,
     /// Formats in which every packing is kept below `results`; none is when absent
-    #[arg(long, alias = "format", value_delimiter = ',', value_parser = format_parser())]
+    #[arg(long = "format", alias = "formats", value_delimiter = ',', value_parser = format_parser())]
     formats: Vec<Format>,
     /// Most grains of one packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
@@ -79,23 +80,22 @@ impl Options {
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let request = strict_json::parse(&read(&options.study)?)
-        .map_err(|problem| format!("{} is refused: {}", options.study.display(), problem.detail))?;
+        .map_err(|problem| format!("{} is refused: {}", options.study.display(), problem.detail))
+        .map_err(|text| Exit::BadInput.because(text))?;
     let folder = Folder(&options.out);
     let stored = if options.fresh { None } else { folder.record()? };
     match (&stored, options.resume) {
         (Some(_), false) => {
-            return Err(format!(
+            return Err(Exit::BadInput.because(format_args!(
                 "{} holds the runs of a study: go on with it by --resume, or discard them by --fresh",
                 options.out.display()
-            )
-            .into());
+            )));
         }
         (None, true) => {
-            return Err(format!(
+            return Err(Exit::BadInput.because(format_args!(
                 "there is no study in {} to go on with: leave --resume out, or name its folder by --out",
                 options.out.display()
-            )
-            .into());
+            )));
         }
         _ => {}
     }
@@ -104,23 +104,23 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let limits =
         Limits { max_grains: options.max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes };
     // A study that was started without a seed goes on with the one that was drawn for it.
-    let seed = stored.as_ref().and_then(Record::seed).unwrap_or_else(draw_seed);
+    let seed = stored.as_ref().and_then(StudyRecord::seed).unwrap_or_else(draw_seed);
     let study = Study::read(&request, seed, None, &limits)
-        .map_err(|refusal| listed(&options.study, &refusal.faults))?;
-    let record = Record::new(&study, &request)?;
+        .map_err(|refusal| Exit::BadInput.because(listed(&options.study, &refusal.faults)))?;
+    let record = StudyRecord::new(&study, &request)?;
     if let Some(stored) = &stored {
         stored.check(&record, &options.out, &options.study)?;
     }
     if options.fresh {
         discard_checkpoints(&options.checkpoints())?;
     }
-    let (book, entries) = folder.open(&study, &record, options.fresh)?;
-    let mut done = Done::new(&study, book, entries);
+    let (log, records) = folder.open(&study, &record, options.fresh)?;
+    let mut done = Done::new(&study, log, records);
     let ended = done.run_rest(options, workers.min(study.jobs()), limits);
     // What was done is kept and told, whatever ended it.
-    done.book.sync()?;
+    done.log.sync()?;
     let table = done.table();
-    let written = report::write(&options.out, &study, &table, &done.entries)?;
+    let written = report::write(&options.out, &study, &table, &done.records)?;
     let stopped = ended?;
     print(&report::table(&table))?;
     for file in written {
@@ -128,11 +128,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let waiting: u64 = table.rows.iter().map(|row| row.cells.waiting).sum();
     if stopped && waiting > 0 {
-        return Err(format!(
+        return Err(Exit::Interrupted.because(format_args!(
             "stopped on request with {waiting} of {} jobs not done; go on by --resume",
             study.jobs()
-        )
-        .into());
+        )));
     }
     Ok(())
 }
@@ -150,27 +149,27 @@ fn discard_checkpoints(folder: &Path) -> io::Result<()> {
 /// A study with the runs of it that have ended.
 struct Done<'a> {
     study: &'a Study,
-    book: Book,
+    log: RunLog,
     /// In the order in which they ended.
-    entries: Vec<Entry>,
+    records: Vec<RunRecord>,
     tallies: Vec<Tally>,
 }
 
 impl<'a> Done<'a> {
-    fn new(study: &'a Study, book: Book, mut entries: Vec<Entry>) -> Self {
+    fn new(study: &'a Study, log: RunLog, mut records: Vec<RunRecord>) -> Self {
         // What says nothing is tried again.
-        entries.retain(|entry| entry.outcome != Outcome::Void);
+        records.retain(|record| record.outcome != Outcome::Void);
         let mut tallies = vec![Tally::default(); study.points.len()];
-        for entry in &entries {
-            tallies[entry.point].ended(entry.outcome, &study.stop_when);
+        for record in &records {
+            tallies[record.point].ended(record.outcome, &study.stop_when);
         }
-        Self { study, book, entries, tallies }
+        Self { study, log, records, tallies }
     }
 
     /// The jobs that are still to run, in their order.
     fn queue(&self) -> VecDeque<(usize, usize)> {
         let ended: std::collections::HashSet<(usize, usize)> =
-            self.entries.iter().map(|entry| (entry.point, entry.replicate)).collect();
+            self.records.iter().map(|record| (record.point, record.replicate)).collect();
         let waits = |job: &(usize, usize)| !ended.contains(job) && !self.tallies[job.0].stopped;
         self.study.order().filter(waits).collect()
     }
@@ -186,10 +185,10 @@ impl<'a> Done<'a> {
             worker_pool::make_folder(&results)?;
         }
         let stop = stop_on_signals()?;
-        let crew = Crew {
+        let pool = WorkerPool {
             study: self.study,
             limits,
-            board: Mutex::new(Board { queue, tallies: self.tallies.clone() }),
+            state: Mutex::new(SharedState { queue, tallies: self.tallies.clone() }),
             running: AtomicUsize::new(0),
             stop: &stop,
             fractions: (0..workers).map(|_| AtomicU64::default()).collect(),
@@ -200,7 +199,7 @@ impl<'a> Done<'a> {
             results,
             formats: &options.formats,
         };
-        let received = self.supervise(&crew, workers, &stop);
+        let received = self.supervise(&pool, workers, &stop);
         // Holds something where runs were stopped on their way.
         let _ = std::fs::remove_dir(checkpoints);
         received?;
@@ -208,14 +207,14 @@ impl<'a> Done<'a> {
     }
 
     /// Starts the threads and takes in what they send until the last one has ended.
-    fn supervise(&mut self, crew: &Crew<'_>, workers: usize, stop: &AtomicBool) -> io::Result<()> {
-        let watch = Watch::new(self.entries.len());
+    fn supervise(&mut self, pool: &WorkerPool<'_>, workers: usize, stop: &AtomicBool) -> io::Result<()> {
+        let watch = Watch::new(self.records.len());
         let (sender, receiver) = mpsc::channel();
         let mut result = Ok(());
         std::thread::scope(|scope| {
             for thread in 0..workers {
                 let sender = sender.clone();
-                scope.spawn(move || crew.work(thread, &sender));
+                scope.spawn(move || pool.work(thread, &sender));
             }
             drop(sender);
             loop {
@@ -231,7 +230,7 @@ impl<'a> Done<'a> {
                     stop.store(true, Ordering::Release);
                     result = Err(error);
                 }
-                watch.show(self.entries.len(), self.successes(), crew);
+                watch.show(self.records.len(), self.successes(), pool);
             }
         });
         watch.finish();
@@ -239,17 +238,17 @@ impl<'a> Done<'a> {
     }
 
     fn take_in(&mut self, ended: Ended, watch: &Watch) -> io::Result<()> {
-        let Ended { entry, fault } = ended;
+        let Ended { record, fault } = ended;
         if let Some(fault) = fault {
             watch.say(&format!(
                 "warning: point {}, replicate {} says nothing: {fault}",
-                entry.point, entry.replicate
+                record.point, record.replicate
             ));
         }
-        self.book.add(&entry)?;
-        // As the crew did, in the same order.
-        self.tallies[entry.point].ended(entry.outcome, &self.study.stop_when);
-        self.entries.push(entry);
+        self.log.add(&record)?;
+        // In the order in which the worker pool counted them.
+        self.tallies[record.point].ended(record.outcome, &self.study.stop_when);
+        self.records.push(record);
         Ok(())
     }
 
@@ -258,7 +257,7 @@ impl<'a> Done<'a> {
     }
 
     fn table(&self) -> Table {
-        let runs: Vec<Run> = self.entries.iter().map(Entry::run).collect();
+        let runs: Vec<Run> = self.records.iter().map(RunRecord::run).collect();
         let mut ended = vec![0; self.study.points.len()];
         for run in &runs {
             ended[run.point] += 1;

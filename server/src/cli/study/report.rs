@@ -7,8 +7,8 @@ use packstone_engine::request::Distance;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::super::Failure;
-use super::run_log::{Entry, write_whole};
+use super::super::exit::Failure;
+use super::run_log::{RunRecord, write_whole};
 use crate::plots::draw;
 use crate::plots::study::{RunCurve, StudyPlot, charts};
 use crate::studies::table::{Cells, Row};
@@ -32,7 +32,7 @@ pub(super) fn write(
     folder: &Path,
     study: &Study,
     table: &Table,
-    entries: &[Entry],
+    records: &[RunRecord],
 ) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
     let mut put = |name: String, bytes: &[u8]| {
@@ -43,7 +43,7 @@ pub(super) fn write(
     json.push(b'\n');
     put("table.json".into(), &json)?;
     put("table.csv".into(), table.to_csv().as_bytes())?;
-    let curves = curves(&study.keys(), entries);
+    let curves = curves(&study.keys(), records);
     if !curves.is_empty() {
         put("curves.json".into(), &serde_json::to_vec(&curves)?)?;
     }
@@ -73,16 +73,16 @@ fn tells(study: &Study, kind: StudyPlot) -> bool {
 }
 
 /// The curves of first replicates, in the order of the points.
-fn curves<'a>(keys: &Keys, entries: &'a [Entry]) -> Vec<OfPoint<'a>> {
-    let mut curves: Vec<OfPoint<'a>> = entries
+fn curves<'a>(keys: &Keys, records: &'a [RunRecord]) -> Vec<OfPoint<'a>> {
+    let mut curves: Vec<OfPoint<'a>> = records
         .iter()
-        .filter(|entry| !entry.distance_curve.is_empty())
-        .filter_map(|entry| {
-            let values = keys.values.get(entry.point)?;
+        .filter(|record| !record.distance_curve.is_empty())
+        .filter_map(|record| {
+            let values = keys.values.get(record.point)?;
             Some(OfPoint {
-                point: entry.point,
+                point: record.point,
                 values: keys.columns.iter().cloned().zip(values.iter().cloned()).collect(),
-                distance_curve: &entry.distance_curve,
+                distance_curve: &record.distance_curve,
             })
         })
         .collect();

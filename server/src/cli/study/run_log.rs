@@ -15,8 +15,8 @@ use packstone_engine::export::tables::EngineInfo;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::super::Failure;
 use super::super::differences::differences;
+use super::super::exit::{Exit, Failure, cannot_be};
 use crate::studies::{Facts, Outcome, Run, Study};
 
 const STUDY: &str = "study.json";
@@ -26,14 +26,14 @@ const SYNC_EVERY: Duration = Duration::from_secs(2);
 
 /// What `study.json` holds.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Record {
+pub(super) struct StudyRecord {
     /// The program that made it.
     engine: Value,
     /// As it was given, with the seed that may have been drawn for it.
     request: Value,
 }
 
-impl Record {
+impl StudyRecord {
     /// Of a study.
     pub(super) fn new(study: &Study, request: &Value) -> Result<Self, Failure> {
         Ok(Self { engine: serde_json::to_value(EngineInfo::current())?, request: study.recorded(request) })
@@ -46,21 +46,20 @@ impl Record {
 
     /// Warns where another program made the runs, and fails where they are of another study.
     pub(super) fn check(&self, ours: &Self, folder: &Path, study: &Path) -> Result<(), Failure> {
-        // As text: the order of a grid's entries is that of its points.
+        // As text: the order of a grid's records is that of its points.
         let text = |record: &Self| record.request.to_string();
         if text(self) != text(ours) {
             let mut lines = differences(&ours.request, "the file", &self.request, "the folder");
             if lines.is_empty() {
                 lines.push("the order of their fields".into());
             }
-            return Err(format!(
+            return Err(Exit::BadInput.because(format_args!(
                 "{} holds another study than {}:\n  {}\nChange the study back, or take another folder by --out, or \
                  discard what is there by --fresh instead of --resume",
                 folder.display(),
                 study.display(),
                 lines.join("\n  ")
-            )
-            .into());
+            )));
         }
         if self.engine != ours.engine {
             eprintln!("warning: the runs in {} were made by another version of the engine", folder.display());
@@ -71,7 +70,7 @@ impl Record {
 
 /// A run that ended, as its line holds it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Entry {
+pub(super) struct RunRecord {
     pub(super) point: usize,
     pub(super) replicate: usize,
     pub(super) seed: u64,
@@ -82,7 +81,7 @@ pub(super) struct Entry {
     pub(super) distance_curve: Vec<[f64; 2]>,
 }
 
-impl Entry {
+impl RunRecord {
     /// As the table counts it.
     pub(super) fn run(&self) -> Run {
         Run { point: self.point, replicate: self.replicate, outcome: self.outcome, facts: self.facts.clone() }
@@ -90,7 +89,7 @@ impl Entry {
 }
 
 /// The folder, open for one process.
-pub(super) struct Book {
+pub(super) struct RunLog {
     runs: File,
     synced: Instant,
 }
@@ -100,26 +99,26 @@ pub(super) struct Folder<'a>(pub(super) &'a Path);
 
 impl Folder<'_> {
     /// What it holds, if it holds a study.
-    pub(super) fn record(&self) -> Result<Option<Record>, Failure> {
+    pub(super) fn record(&self) -> Result<Option<StudyRecord>, Failure> {
         let path = self.0.join(STUDY);
         match fs::read(&path) {
             Ok(text) => serde_json::from_slice(&text).map(Some).map_err(|error| {
-                format!("{} is damaged: {error}; discard it by --fresh", path.display()).into()
+                let text = format!("{} is damaged: {error}; discard it by --fresh", path.display());
+                Exit::BadInput.because(text)
             }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(format!("{} cannot be read: {error}", path.display()).into()),
+            Err(error) => Err(cannot_be("read", &path, &error)),
         }
     }
 
-    /// Opens the book for a study, empty where it is `fresh`, and returns what has ended so far, in that order.
+    /// Opens the log for a study, empty where it is `fresh`, and returns what has ended so far, in that order.
     pub(super) fn open(
         &self,
         study: &Study,
-        record: &Record,
+        record: &StudyRecord,
         fresh: bool,
-    ) -> Result<(Book, Vec<Entry>), Failure> {
-        fs::create_dir_all(self.0)
-            .map_err(|error| format!("{} cannot be made: {error}", self.0.display()))?;
+    ) -> Result<(RunLog, Vec<RunRecord>), Failure> {
+        fs::create_dir_all(self.0).map_err(|error| cannot_be("made", self.0, &error))?;
         let path = self.0.join(RUNS);
         let unusable = |what: &str| format!("{}: {what}", path.display());
         let mut runs = OpenOptions::new()
@@ -138,17 +137,17 @@ impl Folder<'_> {
         write_whole(&self.0.join(STUDY), &serde_json::to_vec_pretty(record)?)?;
         let mut text = Vec::new();
         runs.read_to_end(&mut text)?;
-        let (entries, length) = read(&text, study).map_err(|what| unusable(&what))?;
+        let (records, length) = read(&text, study).map_err(|what| unusable(&what))?;
         runs.set_len(length as u64)?;
         runs.seek(io::SeekFrom::End(0))?;
-        Ok((Book { runs, synced: Instant::now() }, entries))
+        Ok((RunLog { runs, synced: Instant::now() }, records))
     }
 }
 
-impl Book {
+impl RunLog {
     /// Writes down a run that ended.
-    pub(super) fn add(&mut self, entry: &Entry) -> io::Result<()> {
-        let mut line = serde_json::to_vec(entry)?;
+    pub(super) fn add(&mut self, record: &RunRecord) -> io::Result<()> {
+        let mut line = serde_json::to_vec(record)?;
         line.push(b'\n');
         // In one piece, which a kill leaves whole or out in all but the rarest cases.
         self.runs.write_all(&line)?;
@@ -165,10 +164,10 @@ impl Book {
     }
 }
 
-/// The entries of a book, of each run the last, and the length of the lines that are whole.
-fn read(text: &[u8], study: &Study) -> Result<(Vec<Entry>, usize), String> {
+/// The records of a log, of each run the last, and the length of the lines that are whole.
+fn read(text: &[u8], study: &Study) -> Result<(Vec<RunRecord>, usize), String> {
     let length = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
-    let mut entries: Vec<Option<Entry>> = Vec::new();
+    let mut records: Vec<Option<RunRecord>> = Vec::new();
     let mut places: HashMap<(usize, usize), usize> = HashMap::new();
     for (i, line) in
         text[..length].split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty())
@@ -179,17 +178,17 @@ fn read(text: &[u8], study: &Study) -> Result<(Vec<Entry>, usize), String> {
                 i + 1
             )
         };
-        let entry: Entry = serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))?;
-        let seed = study.points.get(entry.point).and_then(|point| point.seeds.get(entry.replicate));
-        if seed != Some(&entry.seed) {
+        let record: RunRecord = serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))?;
+        let seed = study.points.get(record.point).and_then(|point| point.seeds.get(record.replicate));
+        if seed != Some(&record.seed) {
             return Err(damaged("the study has no such run"));
         }
-        if let Some(earlier) = places.insert((entry.point, entry.replicate), entries.len()) {
-            entries[earlier] = None;
+        if let Some(earlier) = places.insert((record.point, record.replicate), records.len()) {
+            records[earlier] = None;
         }
-        entries.push(Some(entry));
+        records.push(Some(record));
     }
-    Ok((entries.into_iter().flatten().collect(), length))
+    Ok((records.into_iter().flatten().collect(), length))
 }
 
 /// Writes a file so that under its name there is always a whole one.
@@ -202,7 +201,7 @@ pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
         file.sync_all()?;
         fs::rename(&partial, path)
     });
-    written.map_err(|error| format!("{} cannot be written: {error}", path.display()).into())
+    written.map_err(|error| cannot_be("written", path, &error))
 }
 
 #[cfg(test)]
@@ -228,8 +227,8 @@ mod tests {
         })
     }
 
-    fn entry(study: &Study, point: usize, replicate: usize, time_s: f64) -> Entry {
-        Entry {
+    fn run_record(study: &Study, point: usize, replicate: usize, time_s: f64) -> RunRecord {
+        RunRecord {
             point,
             replicate,
             seed: study.points[point].seeds[replicate],
@@ -244,31 +243,35 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let folder = Folder(directory.path());
         let study = study(&request());
-        let record = Record::new(&study, &request()).unwrap();
+        let record = StudyRecord::new(&study, &request()).unwrap();
         assert!(folder.record().unwrap().is_none());
-        let (mut book, found) = folder.open(&study, &record, false).unwrap();
+        let (mut log, found) = folder.open(&study, &record, false).unwrap();
         assert!(found.is_empty());
-        let entries = [entry(&study, 1, 2, 0.1), entry(&study, 0, 0, 1.0 / 3.0), entry(&study, 1, 2, 0.3)];
-        for entry in &entries {
-            book.add(entry).unwrap();
+        let records = [
+            run_record(&study, 1, 2, 0.1),
+            run_record(&study, 0, 0, 1.0 / 3.0),
+            run_record(&study, 1, 2, 0.3),
+        ];
+        for record in &records {
+            log.add(record).unwrap();
         }
         let blocked = folder.open(&study, &record, false).map(|_| ()).unwrap_err().to_string();
         assert!(blocked.contains("another packstone"), "{blocked}");
-        book.sync().unwrap();
-        drop(book);
+        log.sync().unwrap();
+        drop(log);
 
         let path = directory.path().join(RUNS);
         let mut text = fs::read(&path).unwrap();
         text.extend_from_slice(b"{\"point\": 0, \"repl");
         fs::write(&path, &text).unwrap();
-        let (mut book, found) = folder.open(&study, &record, false).unwrap();
+        let (mut log, found) = folder.open(&study, &record, false).unwrap();
         // The last line of a run counts.
-        assert_eq!(found, entries[1..]);
-        let more = entry(&study, 3, 1, 2.0);
-        book.add(&more).unwrap();
-        drop(book);
+        assert_eq!(found, records[1..]);
+        let more = run_record(&study, 3, 1, 2.0);
+        log.add(&more).unwrap();
+        drop(log);
         let (_, found) = folder.open(&study, &record, false).unwrap();
-        assert_eq!(found, [entries[1].clone(), entries[2].clone(), more]);
+        assert_eq!(found, [records[1].clone(), records[2].clone(), more]);
         let (_, found) = folder.open(&study, &record, true).unwrap();
         assert!(found.is_empty());
     }
@@ -276,7 +279,7 @@ mod tests {
     #[test]
     fn lines_of_another_study_are_told_of() {
         let study = study(&request());
-        let mut foreign = entry(&study, 0, 0, 1.0);
+        let mut foreign = run_record(&study, 0, 0, 1.0);
         foreign.seed += 1;
         for line in [serde_json::to_string(&foreign).unwrap(), "{}".into(), "\0\0".into()] {
             let refused = read(format!("\n{line}\n").as_bytes(), &study).unwrap_err();
@@ -286,7 +289,7 @@ mod tests {
 
     #[test]
     fn another_study_is_told_by_what_differs() {
-        let recorded = |request: &Value| Record::new(&study(request), request).unwrap();
+        let recorded = |request: &Value| StudyRecord::new(&study(request), request).unwrap();
         let check = |ours: &Value| {
             recorded(&request()).check(&recorded(ours), Path::new("out"), Path::new("study.json"))
         };

@@ -5,7 +5,7 @@ use std::time::Duration;
 use indicatif::HumanDuration;
 
 use super::super::bar::Bar;
-use super::worker_pool::Crew;
+use super::worker_pool::WorkerPool;
 
 /// Before this share of the work, the time that is left is a guess not worth showing.
 const LEFT_FROM_SHARE: f64 = 0.02;
@@ -24,10 +24,10 @@ impl Watch {
     }
 
     /// Shows where the study is.
-    pub(super) fn show(&self, ended: usize, successes: u64, crew: &Crew<'_>) {
+    pub(super) fn show(&self, ended: usize, successes: u64, pool: &WorkerPool<'_>) {
         let before = self.before;
-        let jobs = ended + crew.waiting() + crew.running();
-        let done = ended as f64 + crew.on_the_way();
+        let jobs = ended + pool.waiting() + pool.running();
+        let done = ended as f64 + pool.on_the_way();
         let share = |of: f64, all: f64| if all > 0.0 { of / all } else { 1.0 };
         let left = left(self.bar.elapsed(), share(done - before as f64, (jobs - before.min(jobs)) as f64));
         self.bar.show(share(done, jobs as f64), || message(ended, jobs, successes, left));

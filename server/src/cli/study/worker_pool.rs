@@ -19,9 +19,10 @@ use packstone_engine::export::tables::{EngineInfo, Format, Head};
 use packstone_engine::export::{ExportError, Model};
 use packstone_engine::{Checkpoint, Control, Limits, PackError, Packing, Progress};
 
-use super::super::models::{self, Names};
+use super::super::exports;
+use super::super::outputs::Names;
 use super::super::run;
-use super::run_log::Entry;
+use super::run_log::RunRecord;
 use crate::checkpoints::{CheckpointWriter, Checkpoints};
 use crate::jobs::JobRequest;
 use crate::studies::stop::Tally;
@@ -30,9 +31,9 @@ use crate::studies::{Facts, Outcome, Study};
 /// Name of an attempt in the names of checkpoints: there is no other.
 const ATTEMPT: i64 = 1;
 
-/// What is still to do. Whoever ends a run enters it and takes the next with nobody in between, so that a point
-/// that needs no more runs gets none.
-pub(super) struct Board {
+/// What the threads change together: the jobs that wait and the counts of those that ended. A thread counts its run
+/// with the lock held, so that a point that needs no more runs gets none.
+pub(super) struct SharedState {
     /// Point and replicate of the jobs that wait, the next one first.
     pub(super) queue: VecDeque<(usize, usize)>,
     /// How the runs of each point have ended.
@@ -40,10 +41,10 @@ pub(super) struct Board {
 }
 
 /// What the threads share.
-pub(super) struct Crew<'a> {
+pub(super) struct WorkerPool<'a> {
     pub(super) study: &'a Study,
     pub(super) limits: Limits,
-    pub(super) board: Mutex<Board>,
+    pub(super) state: Mutex<SharedState>,
     /// How many are on their way.
     pub(super) running: AtomicUsize,
     /// Asked to stop: by a signal, or because nothing can be written down any more.
@@ -58,17 +59,17 @@ pub(super) struct Crew<'a> {
 
 /// A run that ended.
 pub(super) struct Ended {
-    pub(super) entry: Entry,
+    pub(super) record: RunRecord,
     /// What went wrong with it that says nothing about the mix.
     pub(super) fault: Option<String>,
 }
 
-impl Crew<'_> {
+impl WorkerPool<'_> {
     /// Works until nothing waits, or until asked to stop. What cannot be kept on disk is the end of the work.
     pub(super) fn work(&self, thread: usize, ended: &Sender<io::Result<Ended>>) {
         while let Some((point, replicate)) = self.next() {
             let sent = match self.run(thread, point, replicate) {
-                Ok(Some(run)) => self.enter(run, ended),
+                Ok(Some(run)) => self.count(run, ended),
                 Ok(None) => return,
                 Err(error) => ended.send(Err(error)).is_ok(),
             };
@@ -80,20 +81,20 @@ impl Crew<'_> {
         }
     }
 
-    /// Counts a run, drops what waits of its point if that needs no more, and hands the run on: with the board
+    /// Counts a run, drops what waits of its point if that needs no more, and hands the run on: with the state
     /// held, so that runs arrive in the order in which they were counted.
-    fn enter(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
-        let mut board = self.board();
-        let point = run.entry.point;
-        if board.tallies[point].ended(run.entry.outcome, &self.study.stop_when) {
-            board.queue.retain(|(of, _)| *of != point);
+    fn count(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
+        let mut state = self.state();
+        let point = run.record.point;
+        if state.tallies[point].ended(run.record.outcome, &self.study.stop_when) {
+            state.queue.retain(|(of, _)| *of != point);
         }
         ended.send(Ok(run)).is_ok()
     }
 
     /// How many jobs wait.
     pub(super) fn waiting(&self) -> usize {
-        self.board().queue.len()
+        self.state().queue.len()
     }
 
     /// How many are on their way.
@@ -106,17 +107,17 @@ impl Crew<'_> {
         self.fractions.iter().map(|done| f64::from_bits(done.load(Ordering::Relaxed))).sum()
     }
 
-    fn board(&self) -> MutexGuard<'_, Board> {
-        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> MutexGuard<'_, SharedState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn next(&self) -> Option<(usize, usize)> {
-        let mut board = self.board();
+        let mut state = self.state();
         if self.stop.load(Ordering::Acquire) {
             return None;
         }
         // With the lock held, so that no job is neither waiting nor on its way.
-        board.queue.pop_front().inspect(|_| {
+        state.queue.pop_front().inspect(|_| {
             self.running.fetch_add(1, Ordering::Relaxed);
         })
     }
@@ -135,11 +136,11 @@ impl Crew<'_> {
         let resume = self.checkpoints.resume(&id, &request);
         let start = Instant::now();
         let control = Watch {
-            crew: self,
+            pool: self,
             thread,
             deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
             timed_out: Cell::new(false),
-            keeper: self.checkpoints.writer(&id, ATTEMPT),
+            writer: self.checkpoints.writer(&id, ATTEMPT),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
             packstone_engine::pack_or_resume(&request, &self.limits, resume, &control)
@@ -167,21 +168,21 @@ impl Crew<'_> {
             if replicate == 0 {
                 distance_curve = packing.report.distance_curve();
             }
-            match self.derive(&id, &job, &packing, &control) {
+            match self.export(&id, &job, &packing, &control) {
                 Ok(()) => {}
                 Err(ExportError::Stopped) => return Ok(None),
                 Err(ExportError::Write(error)) => return Err(named(&self.results, &error)),
-                Err(error) => unmade = Some(models::explained(error)),
+                Err(error) => unmade = Some(exports::explained(error)),
             }
             self.keep(&id, &job, packing)?;
         }
         self.checkpoints.remove(&id, ATTEMPT);
-        let entry = Entry { point, replicate, seed: job.seed, outcome, facts, distance_curve };
-        Ok(Some(Ended { entry, fault: fault.or(unmade) }))
+        let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, distance_curve };
+        Ok(Some(Ended { record, fault: fault.or(unmade) }))
     }
 
-    /// Makes of a packing what its job asks for.
-    fn derive(
+    /// Makes the exports that the job asks for.
+    fn export(
         &self,
         id: &str,
         job: &JobRequest,
@@ -197,8 +198,8 @@ impl Crew<'_> {
         let mut names = Names::of(id);
         let model = Model { specimen: &job.specimen, spheres: &packing.spheres };
         for (_, export) in items {
-            let file = self.results.join(names.of_model(export));
-            models::write(export, &model, &self.limits, &control, &file)?;
+            let file = self.results.join(names.of_export(export));
+            exports::write(export, &model, &self.limits, &control, &file)?;
         }
         Ok(())
     }
@@ -222,18 +223,18 @@ impl Crew<'_> {
     }
 }
 
-/// Control that stops where the crew is asked to, and tells of nothing.
+/// Control that stops with the pool, has no time limit and reports nothing.
 struct Unhurried<'a>(&'a Watch<'a>);
 
 impl Control for Unhurried<'_> {
     fn report(&self, _: &Progress) {}
 
     fn should_stop(&self) -> bool {
-        self.0.crew.stop.load(Ordering::Acquire)
+        self.0.pool.stop.load(Ordering::Acquire)
     }
 }
 
-/// Makes a folder, with its name in what went wrong.
+/// Makes a folder; the error names it.
 pub(super) fn make_folder(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder).map_err(|error| named(folder, &error))
 }
@@ -244,20 +245,20 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
 
 /// Control of one run.
 struct Watch<'a> {
-    crew: &'a Crew<'a>,
+    pool: &'a WorkerPool<'a>,
     thread: usize,
     deadline: Option<Instant>,
     timed_out: Cell<bool>,
-    keeper: CheckpointWriter,
+    writer: CheckpointWriter,
 }
 
 impl Control for Watch<'_> {
     fn report(&self, progress: &Progress) {
-        self.crew.done(self.thread, progress.fraction.clamp(0.0, 1.0));
+        self.pool.done(self.thread, progress.fraction.clamp(0.0, 1.0));
     }
 
     fn should_stop(&self) -> bool {
-        if self.crew.stop.load(Ordering::Acquire) {
+        if self.pool.stop.load(Ordering::Acquire) {
             return true;
         }
         if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
@@ -267,10 +268,10 @@ impl Control for Watch<'_> {
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.keeper.is_due()
+        self.writer.is_due()
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        self.keeper.keep(checkpoint);
+        self.writer.keep(checkpoint);
     }
 }

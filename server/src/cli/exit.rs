@@ -1,0 +1,155 @@
+//! Exit codes: how scripts tell a bad request from a target that was not reached and from a fault of the machine.
+
+use std::fmt;
+use std::io::{self, ErrorKind};
+use std::path::Path;
+use std::process::ExitCode;
+
+use packstone_engine::PackError;
+use packstone_engine::export::ExportError;
+
+/// What a command ends with when it fails: a line for the person at the terminal, and the exit code if the error
+/// is an [`Ended`] or an [`io::Error`]; any other has [`Exit::Unexpected`].
+pub(super) type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// The codes, for `--help`.
+pub(super) const HELP: &str = "\
+Exit codes:
+  0    success
+  1    unexpected error
+  2    wrong use of the command line
+  3    bad input: a request, an option or a file that does not hold
+  4    the method ended before its target: not every grain was placed, or growth stopped
+  5    a packing or an export failed its check, which is a defect of Packstone
+  6    a fault of the machine: no space, no memory, a disk that fails
+  130  stopped by a signal";
+
+/// How a command fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Exit {
+    /// Anything else.
+    Unexpected = 1,
+    /// A request, an option or a file that does not hold.
+    BadInput = 3,
+    /// The method ended before its target.
+    TargetNotReached = 4,
+    /// A check failed: a defect.
+    CheckFailed = 5,
+    /// No space, no memory, a disk that fails.
+    Machine = 6,
+    /// A signal.
+    Interrupted = 130,
+}
+
+impl Exit {
+    /// A failure with this code.
+    pub(super) fn because(self, text: impl fmt::Display) -> Failure {
+        Box::new(Ended { exit: self, text: text.to_string() })
+    }
+
+    /// The code for an error of the system.
+    pub(super) fn of_io(error: &io::Error) -> Self {
+        match error.kind() {
+            ErrorKind::NotFound
+            | ErrorKind::PermissionDenied
+            | ErrorKind::AlreadyExists
+            | ErrorKind::NotADirectory
+            | ErrorKind::IsADirectory
+            | ErrorKind::InvalidData
+            | ErrorKind::InvalidInput
+            | ErrorKind::InvalidFilename
+            | ErrorKind::UnexpectedEof => Self::BadInput,
+            ErrorKind::BrokenPipe | ErrorKind::Interrupted => Self::Unexpected,
+            _ => Self::Machine,
+        }
+    }
+
+    /// The code for what ends a run.
+    pub(super) fn of_packing(error: &PackError) -> Self {
+        match error {
+            PackError::Plan(_) => Self::BadInput,
+            PackError::Stopped { .. } => Self::Interrupted,
+            PackError::TargetNotReached(_) => Self::TargetNotReached,
+            PackError::CheckFailed(_) => Self::CheckFailed,
+            PackError::OutOfMemory { .. } => Self::Machine,
+        }
+    }
+
+    /// The code for what ends an export.
+    pub(super) fn of_export(error: &ExportError) -> Self {
+        match error {
+            ExportError::Invalid(_) | ExportError::Unavailable(_) | ExportError::TooLarge(_) => {
+                Self::BadInput
+            }
+            ExportError::CheckFailed(_) => Self::CheckFailed,
+            ExportError::Stopped => Self::Interrupted,
+            ExportError::Write(error) => Self::of_io(error),
+        }
+    }
+}
+
+/// A failure with its code.
+#[derive(Debug)]
+struct Ended {
+    exit: Exit,
+    text: String,
+}
+
+impl fmt::Display for Ended {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl std::error::Error for Ended {}
+
+/// The failure of a file that cannot be `read`, `written`, `made` or `removed`.
+pub(super) fn cannot_be(participle: &str, path: &Path, error: &io::Error) -> Failure {
+    Exit::of_io(error).because(format_args!("{} cannot be {participle}: {error}", path.display()))
+}
+
+/// The code of a failure.
+pub(super) fn code_of(failure: &Failure) -> ExitCode {
+    let exit = match (failure.downcast_ref::<Ended>(), failure.downcast_ref::<io::Error>()) {
+        (Some(ended), _) => ended.exit,
+        (None, Some(error)) => Exit::of_io(error),
+        (None, None) => Exit::Unexpected,
+    };
+    ExitCode::from(exit as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_the_machines_fault_and_a_missing_file_is_not() {
+        for (kind, exit) in [
+            (ErrorKind::StorageFull, Exit::Machine),
+            (ErrorKind::QuotaExceeded, Exit::Machine),
+            (ErrorKind::OutOfMemory, Exit::Machine),
+            (ErrorKind::NotFound, Exit::BadInput),
+            (ErrorKind::PermissionDenied, Exit::BadInput),
+        ] {
+            let failure = cannot_be("written", Path::new("out"), &io::Error::from(kind));
+            assert_eq!(code_of(&failure), ExitCode::from(exit as u8), "{kind:?}");
+            assert_eq!(code_of(&io::Error::from(kind).into()), ExitCode::from(exit as u8), "{kind:?}");
+            assert!(failure.to_string().starts_with("out cannot be written: "), "{failure}");
+        }
+    }
+
+    #[test]
+    fn every_code_is_in_the_help() {
+        for exit in [
+            Exit::Unexpected,
+            Exit::BadInput,
+            Exit::TargetNotReached,
+            Exit::CheckFailed,
+            Exit::Machine,
+            Exit::Interrupted,
+        ] {
+            let code = exit as u8;
+            assert!(HELP.lines().any(|line| line.trim_start().starts_with(&format!("{code} "))), "{code}");
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Exports and pictures of a packing as files, for `packstone run`, `packstone export` and `packstone study`.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use packstone_engine::export::picture::{self, PictureOptions};
+use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model};
+use packstone_engine::{Control, FieldError, Limits, Progress};
+
+use super::bar::Bar;
+use super::exit::{Exit, Failure, cannot_be};
+use super::outputs::{Names, beside, write_whole};
+use super::print;
+
+/// Name of the picture of a packing.
+pub(super) const PICTURE: &str = "result.png";
+
+/// Reads `TYPE[:OPTION=VALUE,...]`, as `mesh` or `voxels:format=raw,cells=200`.
+///
+/// A comma that no option follows belongs to the value before it.
+pub(super) fn parse(text: &str) -> Result<ExportRequest, String> {
+    let (name, options) = text.split_once(':').unwrap_or((text, ""));
+    let export = ExportType::from_name(name).ok_or_else(|| {
+        let names = ExportType::ALL.map(ExportType::name).join(", ");
+        format!("{name:?} is not a type of export: must be one of {names}")
+    })?;
+    let mut pairs: Vec<(String, String)> = Vec::new();
+    for piece in options.split(',').filter(|piece| !piece.is_empty()) {
+        match (piece.split_once('='), pairs.last_mut()) {
+            (Some((name, value)), _) => pairs.push((name.trim().to_owned(), value.to_owned())),
+            (None, Some((_, value))) => {
+                value.push(',');
+                value.push_str(piece);
+            }
+            (None, None) => return Err(format!("{piece:?} must be OPTION=VALUE")),
+        }
+    }
+    let pairs = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+    ExportRequest::from_text(export, pairs).map_err(|faults| listed(&faults))
+}
+
+/// An export with the file that it is written to.
+pub(super) struct Output {
+    pub(super) export: ExportRequest,
+    pub(super) file: PathBuf,
+}
+
+impl Output {
+    /// Exports without repetition, each with its file in a folder.
+    pub(super) fn all(exports: impl IntoIterator<Item = ExportRequest>, folder: &Path) -> Vec<Self> {
+        let mut names = Names::of("result");
+        let mut outputs: Vec<Self> = Vec::new();
+        for export in exports {
+            if !outputs.iter().any(|output| output.export == export) {
+                let file = folder.join(names.of_export(&export));
+                outputs.push(Self { export, file });
+            }
+        }
+        outputs
+    }
+
+    /// All files that are written for it.
+    pub(super) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let name = self.file.file_name().unwrap_or_default().to_string_lossy();
+        let companion = self.export.companion(&name).map(|(ending, _)| beside(&self.file, ending));
+        [self.file.clone(), beside(&self.file, "report.json")].into_iter().chain(companion)
+    }
+
+    /// Judges what can be judged before there are grains.
+    pub(super) fn check(
+        &self,
+        specimen: &packstone_engine::request::Specimen,
+        limits: &Limits,
+    ) -> Result<(), Failure> {
+        let name = self.export.export_type().name();
+        self.export.check(specimen, limits).map_err(|error| {
+            Exit::of_export(&error).because(format_args!("{name} is refused:\n  {}", explained(error)))
+        })
+    }
+}
+
+/// Makes each of these in a folder that exists, and prints the names of its files.
+pub(super) fn write_all(
+    outputs: &[Output],
+    model: &Model<'_>,
+    limits: &Limits,
+    stop: &Arc<AtomicBool>,
+) -> Result<(), Failure> {
+    for output in outputs {
+        let watch = Watch { bar: Bar::new(), what: output.export.export_type().name(), stop };
+        let written = write(&output.export, model, limits, &watch, &output.file);
+        watch.bar.finish();
+        written.map_err(|error| {
+            let exit = Exit::of_export(&error);
+            exit.because(format_args!("{} was not made: {}", output.file.display(), explained(error)))
+        })?;
+        for file in output.files() {
+            print(&format!("{}\n", file.display()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Renders the picture of a packing and prints its name.
+pub(super) fn write_picture(model: &Model<'_>, file: &Path, stop: &Arc<AtomicBool>) -> Result<(), Failure> {
+    let watch = Watch { bar: Bar::new(), what: "picture", stop };
+    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let options = PictureOptions { threads, ..PictureOptions::default() };
+    let written = write_whole(file, |out| picture::write(model, &options, &watch, out));
+    watch.bar.finish();
+    written.map_err(|error| match error {
+        ExportError::Write(error) => cannot_be("written", file, &error),
+        other => Exit::of_export(&other).because(format_args!("{} was not made: {other}", file.display())),
+    })?;
+    print(&format!("{}\n", file.display()))
+}
+
+/// What stops an export from being made, as lines for a person.
+pub(super) fn explained(error: ExportError) -> String {
+    match error {
+        ExportError::Invalid(faults) => listed(&faults),
+        ExportError::TooLarge(fault) => listed(&[fault]),
+        other => other.to_string(),
+    }
+}
+
+/// Faults of options, one a line.
+pub(super) fn listed(faults: &[FieldError]) -> String {
+    let lines: Vec<String> = faults.iter().map(ToString::to_string).collect();
+    lines.join("\n  ")
+}
+
+/// Makes an export as a file, with its report in another beside it, and the script that opens it where its program
+/// needs one.
+pub(super) fn write(
+    export: &ExportRequest,
+    model: &Model<'_>,
+    limits: &Limits,
+    control: &dyn Control,
+    file: &Path,
+) -> Result<(), ExportError> {
+    let mut text = String::new();
+    write_whole(file, |out| {
+        let report = export.write(model, limits, control, out)?;
+        text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
+        Ok::<(), ExportError>(())
+    })?;
+    write_whole(&beside(file, "report.json"), |out| out.write_all(text.as_bytes()))?;
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    if let Some((ending, text)) = export.companion(&name) {
+        fs::write(beside(file, ending), text)?;
+    }
+    Ok(())
+}
+
+struct Watch<'a> {
+    bar: Bar,
+    what: &'static str,
+    stop: &'a Arc<AtomicBool>,
+}
+
+impl Control for Watch<'_> {
+    fn report(&self, progress: &Progress) {
+        self.bar.show(progress.fraction, || format!("{}: {}", self.what, progress.message));
+    }
+
+    fn should_stop(&self) -> bool {
+        self.stop.load(Ordering::Acquire)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_export_is_a_type_with_options() {
+        let with = |options: &[(&str, &str)]| {
+            ExportRequest::from_text(ExportType::Voxels, options.iter().copied()).unwrap()
+        };
+        assert_eq!(parse("voxels"), Ok(with(&[])));
+        assert_eq!(parse("voxels:"), Ok(with(&[])));
+        assert_eq!(parse("voxels:format=raw,cells=12"), Ok(with(&[("format", "raw"), ("cells", "12")])));
+        for (text, says) in [
+            ("cube", "must be one of mesh, voxels, slice, ldpm"),
+            ("voxels:raw", "must be OPTION=VALUE"),
+            ("voxels:cells=0", "/cells: 0 is out of range"),
+            ("voxels:colour=red", "/colour: unknown option"),
+        ] {
+            let refused = parse(text).unwrap_err();
+            assert!(refused.contains(says), "{text}: {refused}");
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The commands of `README.md`, run as they stand there: every block fenced as `sh`, in one shell, in this order.
+//!
+//! Left out are lines that begin with `cargo `: the binary under test takes their place. The port 8080 is replaced by
+//! a free one.
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::Command;
+
+use crate::harness::run;
+
+const README: &str = include_str!("../README.md");
+
+/// The lines of all blocks fenced as `sh`.
+fn commands() -> String {
+    let mut text = String::new();
+    for block in README.split("\n```sh\n").skip(1) {
+        let block = block.split("\n```").next().unwrap();
+        text.extend(block.lines().filter(|line| !line.starts_with("cargo ")).flat_map(|line| [line, "\n"]));
+    }
+    text
+}
+
+#[tokio::test]
+async fn the_commands_of_the_readme_run_as_pasted() {
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let directory = tempfile::tempdir().unwrap();
+    std::os::unix::fs::symlink(
+        root.join("examples").canonicalize().unwrap(),
+        directory.path().join("examples"),
+    )
+    .unwrap();
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let commands = commands();
+    for command in ["demo", "plan", "run", "export", "study", "serve", "key"] {
+        assert!(commands.contains(&format!("packstone {command}")), "{command} is not in the README");
+    }
+    let script = format!(
+        "set -euo pipefail\ntrap 'kill $(jobs -p) 2>/dev/null' EXIT\n{}",
+        commands.replace("localhost:8080", &format!("127.0.0.1:{port}"))
+    );
+    let binaries = Path::new(env!("CARGO_BIN_EXE_packstone")).parent().unwrap().to_owned();
+    let path = format!("{}:{}", binaries.display(), std::env::var("PATH").unwrap());
+    let mut shell = Command::new("bash");
+    shell.args(["-c", &script]).current_dir(directory.path()).env("PATH", path);
+    shell.env("PACKSTONE_LISTEN", format!("127.0.0.1:{port}"));
+    let ended = run(shell).await;
+    assert_eq!(ended.code, Some(0), "{script}\n{}\n{}", ended.stdout, ended.stderr);
+
+    for file in [
+        "packstone-demo/result.png",
+        "a16/result.json",
+        "a16/result.vtp",
+        "a16/result.png",
+        "a16/result.msh",
+        "a16/result.slice.svg",
+        "a16/result.ldpm.tets.vtu",
+        "small/plot-success.svg",
+        "a16.vtp",
+    ] {
+        assert!(fs::metadata(directory.path().join(file)).is_ok_and(|file| file.len() > 0), "{file}");
+    }
+    assert!(ended.stdout.contains("\"state\": \"succeeded\""), "{}", ended.stdout);
+}
+
+/// Links to files of the repository lead somewhere.
+#[test]
+fn the_links_of_the_readme_exist() {
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    for link in README.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+        assert!(link.starts_with("https://") || root.join(link).exists(), "{link}");
+    }
+}
