@@ -49,7 +49,7 @@ def test_a_mix_that_cannot_fit_is_refused_by_a_dry_run(client: packstone.Client)
 
 def test_a_packing_that_is_not_reached_tells_how_far_it_came(client: packstone.Client) -> None:
     job = client.submit(mixes.unreachable())
-    with pytest.raises(packstone.PackingNotReached, match="The packing was not reached") as ended:
+    with pytest.raises(packstone.TargetNotReached, match="The packing was not reached") as ended:
         job.result()
     error = ended.value
     assert error.kind == "target-not-reached"
@@ -65,7 +65,7 @@ def test_another_end_is_no_packing_not_reached(client: packstone.Client) -> None
     with pytest.raises(packstone.PackstoneError) as ended:
         job.result()
     assert ended.value.kind == "timed-out"
-    assert not isinstance(ended.value, packstone.PackingNotReached)
+    assert not isinstance(ended.value, packstone.TargetNotReached)
 
 
 def test_errors_travel_between_processes(client: packstone.Client) -> None:
