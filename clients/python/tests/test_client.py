@@ -52,6 +52,18 @@ def test_without_an_address_the_server_is_that_of_this_machine() -> None:
         assert repr(client) == "<Client of http://127.0.0.1:8080>"
 
 
+def test_a_client_opens_connections_anew_after_it_was_closed(server: LiveServer) -> None:
+    client = packstone.Client(server.url)
+    for _ in range(2):
+        assert client.capabilities()["version"]
+        client.close()
+
+
+def test_notebooks_show_the_address_and_not_the_key() -> None:
+    html = packstone.Client("http://lab:1?<b>", KEY)._repr_html_()
+    assert "http://lab:1?&lt;b&gt;" in html and KEY not in html
+
+
 @pytest.mark.parametrize("url", ["localhost:8080", "ftp://lab", "http://"])
 def test_what_is_no_address_is_refused(url: str) -> None:
     with pytest.raises(ValueError, match="must be like http://localhost:8080"):
