@@ -82,7 +82,7 @@ study.plot("time", "time.svg")
 
 # %%
 runs = study.runs_dataframe()
-densest = client.job(str(runs.loc[runs["volume_fraction_effective"].idxmax(), "id"]))
+densest = client.job(runs.sort_values("volume_fraction_effective").dropna(subset=["grains"])["id"].iloc[-1])
 grains = densest.result().to_numpy()
 print(f"{len(grains)} grains; the largest has {grains[0, 3]:.2f} mm and lies at {grains[0, :3].round(2)} mm")
 densest.result().save("densest.vtp")

@@ -25,7 +25,7 @@ def test_jobs_run_beside_one_another(server: LiveServer, tmp_path: Path) -> None
             assert (await jobs[0].slice(format="png")).startswith(b"\x89PNG")
             export = await jobs[0].export("voxels", format="raw", cells=10)
             assert len(await export.read()) == 1000 and export.state == "succeeded"
-            assert [found.id async for found in jobs[0].exports()].count(export.id) == 1
+            assert [found.path async for found in jobs[0].exports()].count(export.path) == 1
             again = await client.job(jobs[0].id)
             assert (await again.request())["seed"] == 0 and again.state == "succeeded"
             assert repr(again) == f"<AsyncJob {again.id} succeeded>"

@@ -33,8 +33,8 @@ def test_an_export_is_started_waited_for_and_saved(job: packstone.Job, tmp_path:
     assert fraction == pytest.approx(job.result().summary["volume_fraction_effective"])
     assert labels.mean() == pytest.approx(fraction, rel=0.2)
     assert export.read() == saved.read_bytes()
-    assert job.export("voxels", format="raw", cells=20).id == export.id, "the same is made once"
-    assert [found.id for found in job.exports()].count(export.id) == 1
+    assert job.export("voxels", format="raw", cells=20).path == export.path, "the same is made once"
+    assert [found.path for found in job.exports()].count(export.path) == 1
     assert str(export) == f"voxels (raw) of job {job.id}: succeeded"
     assert "volume_fraction" in export._repr_html_()
 
@@ -72,8 +72,8 @@ def test_a_job_names_its_exports_beforehand(client: packstone.Client) -> None:
     assert sorted(export.wait(60).type for export in job.exports()) == ["slice", "voxels"]
     export = next(job.exports())
     export.delete()
-    left = [found.id for found in job.exports()]
-    assert len(left) == 1 and export.id not in left
+    left = [found.path for found in job.exports()]
+    assert len(left) == 1 and export.path not in left
 
 
 @pytest.mark.parametrize(

@@ -36,11 +36,6 @@ class Changing(ABC):
     """The document as the server sent it last."""
 
     @property
-    def id(self) -> str:
-        """The ID on the server."""
-        return str(self.data["id"])
-
-    @property
     def created_at(self) -> datetime:
         """The time of the submission."""
         return _time(self.data["created_at"])
@@ -175,6 +170,11 @@ class Resource(Changing):
     """A job or a study."""
 
     _request: dict[str, Any] | None = None
+
+    @property
+    def id(self) -> str:
+        """The ID on the server."""
+        return str(self.data["id"])
 
     @property
     def name(self) -> str | None:

@@ -99,9 +99,9 @@ class _AsyncChanging(Generic[C]):
         """The synchronous object with the document as it was last read. Its properties need no request."""
 
     @property
-    def id(self) -> str:
-        """The ID on the server."""
-        return self.sync.id
+    def path(self) -> str:
+        """The address on the server."""
+        return self.sync.path
 
     @property
     def data(self) -> dict[str, Any]:
@@ -267,6 +267,11 @@ class AsyncJob(_AsyncChanging[Job]):
     """See :class:`Job`."""
 
     @property
+    def id(self) -> str:
+        """The ID on the server."""
+        return self.sync.id
+
+    @property
     def state(self) -> State:
         """The state: ``queued``, ``running``, ``succeeded``, ``failed`` or ``cancelled``."""
         return self.sync.state
@@ -347,6 +352,11 @@ class AsyncJob(_AsyncChanging[Job]):
 
 class AsyncStudy(_AsyncChanging[Study]):
     """See :class:`Study`."""
+
+    @property
+    def id(self) -> str:
+        """The ID on the server."""
+        return self.sync.id
 
     @property
     def counts(self) -> dict[State, int]:

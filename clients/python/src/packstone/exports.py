@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -31,6 +33,14 @@ TYPE_OF_SUFFIX: dict[str, ExportType] = {
 }
 # The suffixes of exports that name more than one of them, or an archive of several files.
 AMBIGUOUS_SUFFIXES = ("geo", "stl", "zip")
+
+
+def parameters(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns options of an export as parameters of a query: objects and lists as JSON."""
+    nested = (Mapping, list, tuple)
+    return {
+        name: json.dumps(value, default=dict) if isinstance(value, nested) else value for name, value in options.items()
+    }
 
 
 class Export(Changing):

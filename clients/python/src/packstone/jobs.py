@@ -14,7 +14,7 @@ from ._listing import pages
 from ._resource import Resource
 from ._transport import document
 from .errors import JobCancelled, error_of
-from .exports import Axis, Export, ExportFormat, ExportType, SliceFormat
+from .exports import Axis, Export, ExportFormat, ExportType, SliceFormat, parameters
 from .results import Result
 from .svg import Svg
 
@@ -88,7 +88,7 @@ class Job(Resource):
         The same type, format and options are the same export, which is made once. With `keep` the file stays
         with the job; without, it is a cache that the server may remove.
         """
-        params = {"format": format, "keep": keep, **options}
+        params = {"format": format, "keep": keep, **parameters(options)}
         response = self._transport.request(
             "POST", f"{self.path}/exports/{type}", params=params, repeatable=True
         )
@@ -119,7 +119,7 @@ class Job(Resource):
             known = ", ".join(get_args(SliceFormat))
             raise ValueError(f"{named!r} is not a format of cross-sections: must be one of {known}")
         buffer = io.BytesIO()
-        params = {"format": named, "axis": axis, "at_mm": at_mm, **options}
+        params = {"format": named, "axis": axis, "at_mm": at_mm, **parameters(options)}
         self._transport.download(f"{self.path}/exports/slice", buffer, params=params)
         if path is not None:
             _files.write(path, buffer.getvalue())

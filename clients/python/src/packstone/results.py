@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from . import _files, _html
 from ._transport import Transport, document
 from .errors import PackstoneError
-from .exports import AMBIGUOUS_SUFFIXES, TYPE_OF_SUFFIX
+from .exports import AMBIGUOUS_SUFFIXES, TYPE_OF_SUFFIX, parameters
 
 if TYPE_CHECKING:
     import meshio
@@ -113,7 +113,7 @@ class Result:
         check_format(format)
         if format not in TYPE_OF_SUFFIX:
             return f"{self._job_path}/result", {"format": format, **options}
-        return f"{self._job_path}/exports/{TYPE_OF_SUFFIX[format]}", {"format": format, **options}
+        return f"{self._job_path}/exports/{TYPE_OF_SUFFIX[format]}", {"format": format, **parameters(options)}
 
     def __repr__(self) -> str:
         return f"<Result of {self._title}>"
