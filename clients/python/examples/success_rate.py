@@ -4,8 +4,8 @@
 # Packs the same mixes by random sequential addition (RSA) and by event-driven molecular dynamics (EDMD), at rising
 # volume fractions and with several seeds each, and plots the success rate and the time per success.
 #
-# Needs a server (`packstone serve`) and `pip install "./clients/python[dataframe,plot]"`. The cells open as a notebook in
-# editors that know `# %%`; `python success_rate.py` runs them all.
+# Needs a server (`packstone serve`) and `pip install "./clients/python[dataframe,plot,progress]"`. The cells open as a
+# notebook in editors that know `# %%`; `python success_rate.py` runs them all.
 
 # %%
 import matplotlib.pyplot as plt

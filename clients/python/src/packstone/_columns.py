@@ -38,7 +38,9 @@ def label(value: Any) -> Any:
     return value
 
 
-def labelled(values: Sequence[Any], labels: Mapping[Any, Any] | Sequence[Any] | Callable[[Any], Any] | None) -> list[Any]:
+def labelled(
+    values: Sequence[Any], labels: Mapping[Any, Any] | Sequence[Any] | Callable[[Any], Any] | None
+) -> list[Any]:
     """Returns the label of each value.
 
     `labels` is a function of the value; a mapping from the automatic label to a better one; or a sequence,
