@@ -42,7 +42,7 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
             "specimen": Box(40),
             "mix": Mix(
                 Grading.sieves([(4, 0), (8, 0.5), (16, 1)]),
-                proportions=Proportions(300, 0.5, air=0.02, additions=[packstone.Addition(60, 2300)]),
+                proportions=Proportions(400, 0.6, air=0.05, additions=[packstone.Addition(60, 2300)]),
             ),
             "distance": Distance.smaller_diameter(0.05, wall_gap_mm=1),
             "method": Method.edmd(initial_scale=0.9, swap=False, equal_mass=True, stall_dt_s=1e-9, events=10**9),

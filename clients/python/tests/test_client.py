@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -52,11 +53,14 @@ def test_without_an_address_the_server_is_that_of_this_machine() -> None:
         assert repr(client) == "<Client of http://127.0.0.1:8080>"
 
 
-def test_a_client_opens_connections_anew_after_it_was_closed(server: LiveServer) -> None:
-    client = packstone.Client(server.url)
-    for _ in range(2):
+def test_a_client_that_is_closed_sends_nothing(server: LiveServer) -> None:
+    with packstone.Client(server.url) as client:
+        copy = pickle.loads(pickle.dumps(client))
         assert client.capabilities()["version"]
-        client.close()
+    with pytest.raises(RuntimeError, match=f"the client of {server.url} is closed"):
+        client.capabilities()
+    with copy:
+        assert copy.capabilities()["version"]
 
 
 def test_notebooks_show_the_address_and_not_the_key() -> None:

@@ -61,6 +61,7 @@ class Transport:
         self._headers = {"user-agent": agent, "accept": "application/json"}
         if api_key:
             self._headers["authorization"] = f"Bearer {api_key.strip()}"
+        self._closed = False
         self._forget_connections()
 
     def _forget_connections(self) -> None:
@@ -69,11 +70,17 @@ class Transport:
         self._process = os.getpid()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_lock", "_open", "_process")}
+        own = ("_lock", "_open", "_process")
+        return {name: value for name, value in vars(self).items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._forget_connections()
+
+    def __del__(self) -> None:
+        # Copies that were pickled have nobody who closes them.
+        if getattr(self, "_open", None) is not None and self._process == os.getpid():
+            self.close()
 
     @property
     def _http(self) -> httpx.Client:
@@ -81,6 +88,8 @@ class Transport:
             # After a fork the connections belong to the parent process.
             self._forget_connections()
         with self._lock:
+            if self._closed:
+                raise RuntimeError(f"the client of {self.url} is closed")
             if self._open is None:
                 self._open = httpx.Client(base_url=self.url, headers=self._headers)
             return self._open
@@ -91,8 +100,9 @@ class Transport:
         return "authorization" in self._headers
 
     def close(self) -> None:
-        """Closes the connections. A later request opens new ones."""
+        """Closes the connections. A later request is an error, and so is one that waits for its repetition."""
         with self._lock:
+            self._closed = True
             if self._open is not None:
                 self._open.close()
                 self._open = None

@@ -54,7 +54,7 @@ class Client:
         )
 
     def close(self) -> None:
-        """Closes the connections, as the end of a ``with`` statement does. A later request opens new ones."""
+        """Closes the connections, as the end of a ``with`` statement does. A later request is a `RuntimeError`."""
         self._transport.close()
 
     def __enter__(self) -> Client:
