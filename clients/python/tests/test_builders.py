@@ -62,7 +62,6 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
         },
     ],
 )
-@pytest.mark.filterwarnings("ignore::packstone.PackstoneWarning")
 def test_the_server_takes_what_is_built(client: packstone.Client, job: packstone.builders.JobFields) -> None:
     assert client.plan(**job)["grains"] > 10
 
