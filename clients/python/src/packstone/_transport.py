@@ -30,7 +30,7 @@ CONNECT_TIMEOUT_S = 10.0
 FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 5.0
 # The server refused the request before it did anything.
-REFUSED_FOR_NOW = frozenset({429, 503})
+REFUSED_FOR_NOW = frozenset({429, 503, 507})
 # A proxy does not know what became of the request.
 UNKNOWN_FOR_NOW = frozenset({502, 504})
 # A file is not made yet. The answer is a document about its progress.
@@ -161,7 +161,7 @@ class Transport:
 
         def attempt() -> None:
             nonlocal etag
-            left_s = LONGEST_WAIT_S if until is None else max(0, min(LONGEST_WAIT_S, int(until - monotonic())))
+            left_s = LONGEST_WAIT_S if until is None else max(1, min(LONGEST_WAIT_S, int(until - monotonic())))
             # A range counts the bytes of the file itself, so that the answer must not be compressed.
             headers = {"accept": "*/*", "accept-encoding": "identity", "prefer": f"wait={left_s}"}
             have = sink.tell()
@@ -252,7 +252,7 @@ class _Patience:
         # Random, so that the clients of a server that restarts do not all return at the same time.
         delay_s = max(least_s, self._backoff_s * random.uniform(0.5, 1.0))
         self._backoff_s = min(2 * self._backoff_s, LONGEST_DELAY_S)
-        return delay_s if now + delay_s <= self._until else None
+        return delay_s if now + delay_s < self._until else None
 
 
 def document(response: httpx.Response) -> dict[str, Any]:
