@@ -62,7 +62,7 @@ jq --raw-output '.rows[] | "phi \(.["/mix/volume_fraction"])  \(.["/method/type"
     <<<"$(api "$url$path/table?format=json")"
 
 # All packings, named by their seed and method; the links and seeds of the jobs, oldest first.
-jobs=$(api "$url/v1/jobs?study=$(jq --raw-output .id <<<"$study")&state=succeeded&sort=created&limit=100")
+jobs=$(api "$url$path/jobs?state=succeeded&sort=created&limit=100")
 while read -r job seed point; do
     api "$url$job/result?format=csv" >"$out/packing-$point-$seed.csv"
 done < <(jq --raw-output '.items[] | "\(.links.self) \(.seed) \(.point)"' <<<"$jobs")

@@ -60,7 +60,7 @@ websave('success.svg', [study_url '/plots/success'], file_options);
 
 %% One packing, as arrays
 json_options = weboptions('ContentType', 'json', 'HeaderFields', fields, 'Timeout', 60);
-page = webread([url '/v1/jobs?study=' study.id '&state=succeeded&sort=created&limit=1'], json_options);
+page = webread([study_url '/jobs?state=succeeded&sort=created&limit=1'], json_options);
 websave('packing.csv', [url page.items(1).links.self '/result?format=csv'], file_options);
 spheres = readmatrix('packing.csv');
 x = spheres(:, 1);

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .builders import JobFields
 
 S = TypeVar("S", Job, Study)
-JobOrder = Literal["created", "-created", "priority", "-priority", "finished", "-finished"]
+JobOrder = Literal["created", "-created"]
 
 DEFAULT_URL = "http://127.0.0.1:8080"
 
@@ -117,9 +117,10 @@ class Client:
         sort: JobOrder | None = None,
         page_size: int = ITEMS_PER_PAGE,
     ) -> Iterator[Job]:
-        """Yields the jobs that match all arguments, newest first unless `sort` says otherwise.
+        """Yields the jobs that match all arguments.
 
-        They are fetched page by page. A minus before a key of `sort` reverses the order: ``-created``.
+        `name` is a part of the name. `sort` is ``-created``, newest first, or ``created``. They are fetched page by
+        page.
         """
         params = {
             "state": state,

@@ -69,8 +69,7 @@ class Study(Resource):
 
     def jobs(self, state: State | None = None) -> Iterator[Job]:
         """Yields the jobs, oldest first, or those in one state. They are fetched page by page."""
-        params = {"study": self.id, "state": state, "sort": "created"}
-        for item in pages(self._transport, "/v1/jobs", params):
+        for item in pages(self._transport, f"{self.path}/jobs", {"state": state, "sort": "created"}):
             yield Job(self._transport, item)
 
     def table(self) -> list[dict[str, Any]]:
