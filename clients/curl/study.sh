@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# A lab script: three volume fractions, two methods, five seeds; waits, writes the table and a plot, and reads one of the
-# packings into arrays. Needs bash, curl 7.76 or later, and jq.
+# Submits a study of three volume fractions, two methods and five seeds, waits for it, writes its table and a plot, saves all
+# packings, and reads one of them into arrays. Needs bash, curl 7.76 or later, and jq.
 #
-#   study.sh [DIRECTORY]                where the files go; here when left out
-#   PACKSTONE_URL=http://lab:8080       the server; that of this machine when left out
-#   PACKSTONE_API_KEY=packstone_...     the key, where the server asks for one
+#   study.sh [DIRECTORY]                the folder of the files; the current one if absent
+#   PACKSTONE_URL=http://lab:8080       the server; that of this machine if absent
+#   PACKSTONE_API_KEY=packstone_...     the key, if the server requires one
 set -euo pipefail
 
 url=${PACKSTONE_URL:-http://127.0.0.1:8080}
@@ -13,13 +13,13 @@ out=${1:-.}
 answer=$(mktemp)
 trap 'rm -f "$answer"' EXIT
 
-# Prints what the server answers. On an error its explanation goes to standard error, and the script ends.
+# Prints the answer of the server. On an error it prints the explanation of the server to standard error and fails.
 api() {
     local fields=()
     if [ -n "${PACKSTONE_API_KEY:-}" ]; then
         fields=(--header "authorization: Bearer $PACKSTONE_API_KEY")
     fi
-    # Seven attempts, with growing pauses or those that a busy server asks for.
+    # Seven attempts, with growing pauses or with those of the field Retry-After.
     if ! curl --silent --show-error --fail-with-body --retry 6 --retry-connrefused --output "$answer" "${fields[@]}" "$@"; then
         cat "$answer" >&2
         echo >&2
@@ -43,27 +43,36 @@ request='{
   "replicates": 5
 }'
 
-# The key makes a repeated submission safe: the same key and body are the same study.
+# With this key a repeated submission is safe: the same key and body are the same study.
 study=$(api "$url/v1/studies" --header 'content-type: application/json' \
     --header "idempotency-key: study.sh-$(date +%s)-$$" --data "$request")
 path=$(jq --raw-output .links.self <<<"$study")
 echo "submitted as $path"
 
-# Each answer is held back until the study has ended, or for a minute.
+# The server holds each answer back until the study has ended, or for a minute.
 while [ "$(jq --raw-output .finished_at <<<"$study")" = null ]; do
     study=$(api "$url$path" --header 'prefer: wait=60')
     jq --raw-output '"\(.counts.succeeded) succeeded, \(.counts.failed) failed, of \(.jobs)"' <<<"$study"
 done
 
 api "$url$path/table?format=csv" >"$out/table.csv"
-api "$url$path/plot.svg?kind=success" >"$out/success.svg"
+api "$url$path/plots/success" >"$out/success.svg"
 # The table for people.
 jq --raw-output '.rows[] | "phi \(.["/mix/volume_fraction"])  \(.["/method/type"])\t\(.successes) of \(.runs)"' \
     <<<"$(api "$url$path/table?format=json")"
 
-# One packing, as four arrays of as many grains, largest first.
-job=$(api "$url$path/jobs?state=succeeded&limit=1" | jq --raw-output '.items[0].links.self')
-api "$url$job/result?format=csv" >"$out/packing.csv"
+# All packings, named by their seed and method; the links and seeds of the jobs, oldest first.
+jobs=$(api "$url$path/jobs?state=succeeded&sort=created&limit=100")
+while read -r job seed point; do
+    api "$url$job/result?format=csv" >"$out/packing-$point-$seed.csv"
+done < <(jq --raw-output '.items[] | "\(.links.self) \(.seed) \(.point)"' <<<"$jobs")
+
+# A cross-section of the first one. The server makes it within the answer, or says 202 while it makes it.
+first=$(jq --raw-output '.items[0].links.self' <<<"$jobs")
+api "$url$first/exports/slice?format=svg&axis=z" >"$out/slice.svg"
+
+# The first packing, as four arrays of the same length, largest grain first.
+api "$url$first/result?format=csv" >"$out/packing.csv"
 x=() y=() z=() d=()
 {
     read -r _ # x_mm,y_mm,z_mm,d_mm

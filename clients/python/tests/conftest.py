@@ -1,4 +1,4 @@
-"""The server that the tests talk to, and ways to it."""
+"""Fixtures: the server under test, clients and a faulty proxy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import packstone
 
 
 def pytest_configure() -> None:
-    """What whoever runs the suite has set must not change what is tested."""
+    """Removes the environment variables that change the client under test."""
     for name in ("PACKSTONE_URL", "PACKSTONE_API_KEY"):
         os.environ.pop(name, None)
     os.environ["NO_PROXY"] = "127.0.0.1"
@@ -22,14 +22,14 @@ def pytest_configure() -> None:
 
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveServer]:
-    """A server with two workers, one for all tests: none may rely on being alone."""
+    """A server with two workers. All tests share it, so that no test may rely on being alone."""
     with LiveServer(tmp_path_factory.mktemp("server"), "--workers", "2") as live:
         yield live
 
 
 @pytest.fixture(scope="session")
 def session_client(server: LiveServer) -> Iterator[packstone.Client]:
-    """A client for what several tests look at."""
+    """A client for the jobs and studies that several tests share."""
     with packstone.Client(server.url) as client:
         yield client
 
@@ -43,7 +43,7 @@ def client(server: LiveServer) -> Iterator[packstone.Client]:
 
 @pytest.fixture
 def proxy(server: LiveServer) -> Iterator[FaultyProxy]:
-    """A proxy to the server that breaks what it is told to."""
+    """A proxy to the server that breaks the requests that a test names."""
     proxy = FaultyProxy(server.address)
     yield proxy
     proxy.stop()
@@ -51,7 +51,7 @@ def proxy(server: LiveServer) -> Iterator[FaultyProxy]:
 
 @pytest.fixture
 def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The pauses between attempts, which are noted instead of made."""
+    """The pauses between attempts. They are recorded and not made."""
     noted: list[float] = []
     monkeypatch.setattr("packstone._transport.sleep", noted.append)
     return noted

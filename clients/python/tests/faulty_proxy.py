@@ -89,7 +89,7 @@ class FaultyProxy:
                     return self.break_off()
                 self.send(status, headers, content)
 
-            do_GET = do_POST = do_DELETE = answer
+            do_GET = do_POST = do_PATCH = do_DELETE = answer
 
             def passed_on(self, body: bytes) -> tuple[int, Mapping[str, str], bytes]:
                 connection = HTTPConnection(upstream, timeout=90)

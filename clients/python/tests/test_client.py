@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,6 +51,21 @@ def test_an_id_is_one_segment_of_the_path(proxy: FaultyProxy) -> None:
 def test_without_an_address_the_server_is_that_of_this_machine() -> None:
     with packstone.Client() as client:
         assert repr(client) == "<Client of http://127.0.0.1:8080>"
+
+
+def test_a_client_that_is_closed_sends_nothing(server: LiveServer) -> None:
+    with packstone.Client(server.url) as client:
+        copy = pickle.loads(pickle.dumps(client))
+        assert client.capabilities()["version"]
+    with pytest.raises(RuntimeError, match=f"the client of {server.url} is closed"):
+        client.capabilities()
+    with copy:
+        assert copy.capabilities()["version"]
+
+
+def test_notebooks_show_the_address_and_not_the_key() -> None:
+    html = packstone.Client("http://lab:1?<b>", KEY)._repr_html_()
+    assert "http://lab:1?&lt;b&gt;" in html and KEY not in html
 
 
 @pytest.mark.parametrize("url", ["localhost:8080", "ftp://lab", "http://"])

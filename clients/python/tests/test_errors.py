@@ -14,7 +14,7 @@ def test_every_fault_is_named_at_its_place(client: packstone.Client) -> None:
     job["mix"]["volume_fraction"] = 1.4
     job["specimen"]["size_mm"] = [40, -1, 40]
     with pytest.raises(packstone.PackstoneError) as refused:
-        client.submit(job, colour="red")
+        client.submit(job | {"colour": "red"})
     error = refused.value
     assert (error.kind, error.status) == ("validation-error", 422)
     pointers = {fault.pointer for fault in error.errors}
@@ -39,17 +39,17 @@ def test_faults_of_a_query_name_the_parameter(client: packstone.Client) -> None:
     assert str(refused.value.errors[0]).startswith("limit: ")
 
 
-def test_a_mix_that_cannot_fit_is_refused_by_a_dry_run(client: packstone.Client) -> None:
+def test_a_mix_that_cannot_fit_is_refused_by_a_plan(client: packstone.Client) -> None:
     job = mixes.quick()
     job["mix"] |= {"volume_fraction": 0.99, "volume_fraction_of": "placed_grains"}
     with pytest.raises(packstone.PackstoneError) as refused:
-        client.dry_run(job)
+        client.plan(job)
     assert refused.value.kind == "infeasible-mix"
 
 
 def test_a_packing_that_is_not_reached_tells_how_far_it_came(client: packstone.Client) -> None:
     job = client.submit(mixes.unreachable())
-    with pytest.raises(packstone.PackingNotReached, match="The packing was not reached") as ended:
+    with pytest.raises(packstone.TargetNotReached, match="[Nn]ot reached") as ended:
         job.result()
     error = ended.value
     assert error.kind == "target-not-reached"
@@ -60,12 +60,12 @@ def test_a_packing_that_is_not_reached_tells_how_far_it_came(client: packstone.C
     assert job.state == "failed" and job.error == error.problem
 
 
-def test_another_end_is_no_packing_not_reached(client: packstone.Client) -> None:
+def test_another_end_is_not_target_not_reached(client: packstone.Client) -> None:
     job = client.submit(mixes.endless(), timeout_s=0.001)
     with pytest.raises(packstone.PackstoneError) as ended:
         job.result()
     assert ended.value.kind == "timed-out"
-    assert not isinstance(ended.value, packstone.PackingNotReached)
+    assert not isinstance(ended.value, packstone.TargetNotReached)
 
 
 def test_errors_travel_between_processes(client: packstone.Client) -> None:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+import sys
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from datetime import datetime, timedelta, timezone
+from multiprocessing import get_context
 from types import MappingProxyType
+from typing import Any
 from uuid import uuid4
 
 import mixes
@@ -10,6 +17,7 @@ import numpy as np
 import packstone
 import pytest
 from faulty_proxy import FaultyProxy
+from grains import grains_of
 from live_server import LiveServer
 
 
@@ -42,13 +50,13 @@ def test_numbers_and_arrays_of_numpy_are_taken(client: packstone.Client) -> None
     assert job.request["mix"]["grading"]["diameters_mm"] == [12.5, 10]
     with pytest.raises(ValueError, match="JSON"):
         client.submit(mixes.quick(), timeout_s=float("nan"))
-    with pytest.raises(TypeError, match="has no form in JSON"):
-        client.submit(mixes.quick(), name=object())
+    with pytest.raises(TypeError, match="cannot be written as JSON"):
+        client.submit(mixes.quick() | {"name": object()})
 
 
-def test_a_dry_run_plans_and_stores_nothing(client: packstone.Client) -> None:
+def test_a_plan_stores_nothing(client: packstone.Client) -> None:
     series = uuid4().hex
-    plan = client.dry_run(mixes.quick(), labels={"series": series})
+    plan = client.plan(mixes.quick(), labels={"series": series})
     assert plan["grains"] > 10 and plan["volume_fraction_effective"] < 0.3
     assert list(client.jobs(labels={"series": series})) == []
 
@@ -59,7 +67,7 @@ def test_listings_go_on_from_page_to_page(client: packstone.Client) -> None:
     listed = client.jobs(labels={"series": series}, page_size=2)
     assert [job.id for job in listed] == submitted[::-1]
     first = next(client.jobs(labels={"series": series}))
-    assert first.request["seed"] == 4, "a listing leaves the request out; it is fetched when asked for"
+    assert first.request["seed"] == 4, "a listing leaves the request out; it is fetched when it is needed"
     first.wait()
     finished = client.jobs(labels={"series": series}, state="succeeded")
     assert first.id in [job.id for job in finished]
@@ -135,3 +143,91 @@ def test_waiting_does_not_spin_where_no_answer_is_held_back(
         monkeypatch.setattr("packstone._resource.sleep", pause)
         job.wait()
     assert job.state == "cancelled" and pauses == [1.0, 1.0, 1.0]
+
+
+def test_listings_are_filtered_and_sorted(client: packstone.Client) -> None:
+    series = {"lab:series": f"{uuid4().hex}=1"}
+    before = datetime.now(timezone.utc) - timedelta(seconds=1)
+    submitted = [client.submit(mixes.quick(seed), name=f"mix {seed}", labels=series).id for seed in range(3)]
+
+    def found(**filters: Any) -> list[str]:
+        return [job.id for job in client.jobs(labels=series, **filters)]
+
+    assert found(sort="created") == submitted and found() == submitted[::-1]
+    assert found(name="mix 1") == [submitted[1]]
+    assert found(created_after=before, sort="created") == submitted
+    assert found(created_before=before) == []
+    assert found(method="edmd") == []
+
+
+def test_a_job_is_changed_while_it_waits(client: packstone.Client) -> None:
+    job = client.submit(mixes.endless(), labels={"series": "a", "lab": "b"})
+    later = datetime(2100, 1, 1, tzinfo=timezone.utc)
+    job.update(name="renamed", labels={"series": None, "day": "c"}, expires_at=later)
+    assert (job.name, job.labels) == ("renamed", {"lab": "b", "day": "c"})
+    assert str(job.data["expires_at"]).startswith("2100-01-01T00:00:00")
+    seen = client.job(job.id)
+    assert seen.update(expires_at=None).data["expires_at"] is None
+    job.cancel().wait()
+
+
+def test_what_has_changed_meanwhile_is_left_alone(client: packstone.Client) -> None:
+    job = client.submit(mixes.quick()).wait()
+    stale = client.job(job.id)
+    job.update(name="renamed")
+    with pytest.raises(packstone.PackstoneError) as refused:
+        stale.delete(if_unchanged=True)
+    assert (refused.value.kind, refused.value.status) == ("precondition-failed", 412)
+    with pytest.raises(packstone.PackstoneError, match="."):
+        stale.update(name="other", if_unchanged=True)
+    with pytest.raises(ValueError, match="was read from a listing: call refresh"):
+        next(client.jobs(name="renamed")).delete(if_unchanged=True)
+    stale.refresh().delete(if_unchanged=True)
+
+
+def test_a_bar_shows_the_progress(client: packstone.Client, capsys: pytest.CaptureFixture[str]) -> None:
+    client.submit(mixes.quick(), name="bar").wait(progress=True)
+    shown = capsys.readouterr().err
+    assert "job 'bar'" in shown and "100%" in shown and "succeeded" in shown
+
+
+def test_a_line_shows_the_progress_without_tqdm(
+    client: packstone.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    job = client.submit(mixes.quick(), name="line").wait(progress=True)
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == f"job 'line' ({job.id}): 100% succeeded"
+
+
+def test_jobs_travel_between_processes(client: packstone.Client) -> None:
+    job = client.submit(mixes.quick())
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        grains = pool.submit(grains_of, job).result()
+    assert grains == len(job.result().to_numpy())
+    for thing in (client, job, job.result()):
+        assert repr(pickle.loads(pickle.dumps(thing))) == repr(thing)
+
+
+def test_notebooks_show_a_job(client: packstone.Client) -> None:
+    job = client.submit(mixes.quick(), name="<b>", labels={"series": "a&b"})
+    html = job.wait()._repr_html_()
+    assert "&lt;b&gt;" in html and "series: a&amp;b" in html and "volume_fraction_effective" in html
+    failed = client.submit(mixes.unreachable()).wait()
+    assert failed.error is not None and str(failed.error["title"]) in failed._repr_html_()
+    assert job.summary["grains"] > 10 and failed.summary == {}
+
+
+def test_warnings_of_the_server_are_warnings(client: packstone.Client) -> None:
+    # One grain takes the place of 0.04: a coarse mix that has to be allowed.
+    mix = packstone.Mix("A16", 0.005, d_min_mm=8, allow_coarse=True)
+    with pytest.warns(packstone.PackstoneWarning) as seen:
+        job = client.submit(specimen=packstone.Box(30), mix=mix, seed=1)
+        job.wait()
+    assert job.warnings and {str(warning.message) for warning in seen} >= set(job.warnings)
+    assert all(warning.filename == __file__ for warning in seen), "the line of the caller"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        job.wait()
+    with pytest.warns(packstone.PackstoneWarning):
+        assert client.plan(specimen=packstone.Box(30), mix=mix)["warnings"]

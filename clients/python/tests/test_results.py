@@ -10,7 +10,7 @@ import numpy as np
 import packstone
 import pytest
 from faulty_proxy import CutAfter, FaultyProxy
-from packstone.results import Format
+from packstone.results import FileFormat
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_arrays_tables_and_files_agree(result: packstone.Result, tmp_path: Path)
     ],
 )
 def test_files_in_every_format(
-    result: packstone.Result, tmp_path: Path, name: str, format: Format | None, head: bytes
+    result: packstone.Result, tmp_path: Path, name: str, format: FileFormat | None, head: bytes
 ) -> None:
     saved = result.save(tmp_path / name, format)
     assert saved == tmp_path / name
@@ -49,8 +49,35 @@ def test_files_in_every_format(
 
 
 def test_an_unknown_suffix_is_refused(result: packstone.Result, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="'stl' is no format of results: must be one of json, csv"):
-        result.save(tmp_path / "a.stl")
+    for name in ("a.ply", "a"):
+        with pytest.raises(ValueError, match="is not a format of results: must be one of json, csv"):
+            result.save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_are_created(result: packstone.Result, tmp_path: Path) -> None:
+    assert result.save(tmp_path / "no" / "folder" / "a.csv").exists()
+
+
+def test_other_libraries_take_the_grains(result: packstone.Result) -> None:
+    grains = result.to_numpy()
+    points = result.to_pyvista()
+    assert np.array_equal(points.points, grains[:, :3].astype(points.points.dtype))
+    assert np.array_equal(points["diameter_mm"], grains[:, 3])
+    surfaces = result.to_pyvista(spheres=True, resolution=8)
+    assert surfaces.n_cells > 8 * len(grains)
+    top = (grains[:, 2] + grains[:, 3] / 2).max()
+    assert surfaces.bounds[5] == pytest.approx(top, abs=1e-3)
+    mesh = result.to_meshio()
+    assert np.array_equal(mesh.points, grains[:, :3])
+    assert np.array_equal(mesh.point_data["diameter_mm"], grains[:, 3])
+
+
+def test_notebooks_show_a_cross_section(result: packstone.Result, client: packstone.Client) -> None:
+    png = result._repr_png_()
+    assert png is not None and png.startswith(b"\x89PNG")
+    assert "data:image/png;base64," in result._repr_html_() and "volume_fraction_effective" in result._repr_html_()
+    assert repr(result).startswith("<Result of job ")
 
 
 def test_a_file_is_replaced_as_a_whole_or_not_at_all(client: packstone.Client, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_submissions_have_keys_of_their_own(client: packstone.Client) -> None:
     assert client.submit(mixes.quick(), idempotency_key=key).id == first.id
 
 
-@pytest.mark.parametrize("status", [429, 503])
+@pytest.mark.parametrize("status", [429, 503, 507])
 def test_a_busy_server_says_when_to_come_back(
     proxy: FaultyProxy, pauses: list[float], status: int
 ) -> None:

@@ -30,6 +30,8 @@ def test_the_example_plots_success_rates(server: LiveServer, tmp_path: Path) -> 
     assert (tmp_path / "success_rate.png").read_bytes().startswith(b"\x89PNG")
     assert "</svg>" in (tmp_path / "success.svg").read_text() and "</svg>" in (tmp_path / "time.svg").read_text()
     assert (tmp_path / "densest.vtp").exists()
+    saved = re.search(r"^(\d+) packings saved", said, re.MULTILINE)
+    assert saved is not None and int(saved[1]) == len(list((tmp_path / "packings").glob("*.npy"))) > 70
 
 
 def test_the_script_for_the_shell(server: LiveServer, tmp_path: Path) -> None:
@@ -45,6 +47,9 @@ def test_the_script_for_the_shell(server: LiveServer, tmp_path: Path) -> None:
     assert grains is not None and int(grains[1]) == len(packing) - 1
     assert packing[1].endswith(f",{grains[2]}")
     assert "</svg>" in (tmp_path / "files/success.svg").read_text()
+    assert "</svg>" in (tmp_path / "files/slice.svg").read_text()
+    succeeded = sum(int(row["successes"]) for row in rows)
+    assert len(list((tmp_path / "files").glob("packing-*.csv"))) == succeeded
 
 
 def test_the_script_for_the_shell_says_what_the_server_refused(server: LiveServer, tmp_path: Path) -> None:

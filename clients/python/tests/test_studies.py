@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import mixes
+import numpy as np
 import packstone
 import pytest
 from faulty_proxy import AnswerLost, FaultyProxy
@@ -43,11 +46,101 @@ def test_the_table_has_a_row_per_point(study: packstone.Study) -> None:
     assert all(len(same) == 1 for same in grains.values()), "both methods pack the same grains"
     table = study.to_dataframe()
     assert table.shape == (6, len(rows[0]))
-    assert table.set_index([PHI, METHOD]).loc[(0.25, "edmd"), "successes"] == 2
+    assert list(table.columns[:2]) == ["volume_fraction", "method"]
+    assert table.attrs["pointers"] == {PHI: "volume_fraction", METHOD: "method"}
+    assert table.set_index(["volume_fraction", "method"])["successes"].to_dict()[0.25, "edmd"] == 2
+
+
+def test_tables_with_objects_group_and_pivot(client: packstone.Client) -> None:
+    gradings = [packstone.Grading.standard("A16"), packstone.Grading.fuller(16)]
+    study = client.study(template=TEMPLATE, grid={"/mix/grading": gradings, PHI: [0.2, 0.25]}).wait()
+    table = study.to_dataframe()
+    assert list(table["grading"].unique()) == ["A16", "fuller d_max_mm=16 exponent=0.5"]
+    pivot = table.pivot_table(index="volume_fraction", columns="grading", values="success_rate")
+    assert pivot["A16"].to_dict()[0.25] == 1
+    assert table.groupby("grading").successes.sum().tolist() == [2, 2]
+    named = study.to_dataframe(labels={"/mix/grading": ["A", "Fuller"]}, names={PHI: "phi"})
+    assert list(named["grading"]) == ["A", "A", "Fuller", "Fuller"] and list(named["phi"][:2]) == [0.2, 0.25]
+    by_value = study.to_dataframe(labels={"grading": lambda value: value["type"]})
+    assert set(by_value["grading"]) == {"standard", "fuller"}
+    by_text = study.to_dataframe(labels={"grading": {"A16": "coarse"}})
+    assert set(by_text["grading"]) == {"coarse", "fuller d_max_mm=16 exponent=0.5"}
+    with pytest.raises(ValueError, match="3 labels for 2 values: A16, fuller"):
+        study.to_dataframe(labels={"grading": ["A", "B", "C"]})
+    with pytest.raises(ValueError, match="'nothing' is not a column of the study: must be one of /mix/grading"):
+        study.to_dataframe(names={"nothing": "x"})
+
+
+def test_the_table_of_runs_has_a_row_per_run(study: packstone.Study) -> None:
+    runs = study.runs_dataframe()
+    assert len(runs) == 12 and runs["started_at"].is_monotonic_increasing
+    assert runs.groupby(["volume_fraction", "method"]).size().tolist() == [2] * 6
+    assert runs.groupby("volume_fraction")["seed"].nunique().tolist() == [2, 2, 2]
+    assert set(runs["replicate"]) == {0, 1} and set(runs["state"]) == {"succeeded"}
+    assert runs["elapsed_s"].ge(0).all() and runs["error"].isna().all()
+    dense = runs[runs.volume_fraction == 0.3].volume_fraction_effective
+    assert dense.min() > runs[runs.volume_fraction == 0.2].volume_fraction_effective.max()
+    for job in study.jobs():
+        row = runs.set_index("id").loc[job.id]
+        assert row.method == job.request["method"]["type"] and row.seed == job.seed
+        assert row.volume_fraction == job.request["mix"]["volume_fraction"]
+
+
+def test_the_table_of_runs_says_what_failed_runs_reached(client: packstone.Client) -> None:
+    template = mixes.without(mixes.unreachable(), "seed")
+    study = client.study(template=template, grid={"/mix/volume_fraction": [0.2, 0.5]}).wait()
+    done, failed = study.runs()
+    assert (done["error"], failed["error"]) == (None, "target-not-reached")
+    assert 0.2 < failed["volume_fraction_reached"] < 0.4
+
+
+def test_a_column_with_the_name_of_a_figure_keeps_its_values(client: packstone.Client) -> None:
+    study = client.study(template=TEMPLATE, grid={"/mix/d_min_mm": [4, 6]}).wait()
+    runs = study.runs()
+    assert [run["d_min_mm"] for run in runs] == [4, 6]
+    assert runs[0]["result_d_min_mm"] >= 4 and runs[1]["result_d_min_mm"] >= 6
+
+
+def test_all_packings_are_saved_by_their_values(study: packstone.Study, tmp_path: Path) -> None:
+    saved = study.save_all(tmp_path / "new" / "all", "npy", "{method}/{volume_fraction:.3f}-{seed}", parallel=3)
+    assert len(set(saved)) == 12 and {path.parent.name for path in saved} == {"rsa", "edmd"}
+    for path, job in zip(saved, study.jobs(), strict=True):
+        fraction, method = job.request["mix"]["volume_fraction"], job.request["method"]["type"]
+        assert path == tmp_path / "new" / "all" / method / f"{fraction:.3f}-{job.seed}.npy"
+        assert np.array_equal(np.load(path), job.result().to_numpy())
+
+
+def test_names_of_saved_files(
+    client: packstone.Client, study: packstone.Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = next(study.jobs())
+    saved = study.save_all(tmp_path, "csv", progress=True)
+    assert saved[0].name == f"0.2-rsa-{first.seed}.csv"
+    assert "12 of 12 files" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="are both named 0.2.csv: add a field such as {seed}"):
+        study.save_all(tmp_path / "none", "csv", "{volume_fraction}")
+    with pytest.raises(ValueError, match="names 'colour': must be one of id, name, point"):
+        study.save_all(tmp_path / "none", "csv", "{colour}")
+    unknown: Any = "ply"
+    with pytest.raises(ValueError, match="'ply' is not a format of results"):
+        study.save_all(tmp_path / "none", unknown)
+    assert not (tmp_path / "none").exists()
+    wild = client.study(list=[mixes.quick(seed) | {"name": "../../x y"} for seed in (1, 2)]).wait()
+    names = [path.relative_to(tmp_path).as_posix() for path in wild.save_all(tmp_path, "csv", "{name}_{seed}")]
+    assert names == ["x_y_1.csv", "x_y_2.csv"]
+    assert [path.name for path in wild.save_all(tmp_path, "csv")] == ["0-x_y-1.csv", "1-x_y-2.csv"]
+
+
+def test_notebooks_show_a_study(study: packstone.Study) -> None:
+    assert "succeeded</th><td" in study._repr_html_() and "study &#x27;small&#x27;" in study._repr_html_()
+    assert repr(study) == f"<Study {study.id} 12 of 12 jobs ended, 12 succeeded>"
+    assert pickle.loads(pickle.dumps(study)).table() == study.table()
 
 
 def test_the_jobs_of_a_study_are_jobs(client: packstone.Client, study: packstone.Study) -> None:
     jobs = list(study.jobs())
+    assert [job.created_at for job in jobs] == sorted(job.created_at for job in jobs)
+    assert [(job.data["replicate"], job.data["point"]) for job in jobs] == [(r, p) for r in (0, 1) for p in range(6)]
     assert len(jobs) == 12 and all(isinstance(job, packstone.Job) for job in jobs)
     assert len({job.seed for job in jobs}) == 6, "a seed per volume fraction and replicate"
     assert {job.id for job in client.jobs(study=study.id)} == {job.id for job in jobs}

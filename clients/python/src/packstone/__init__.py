@@ -1,31 +1,42 @@
-"""Client of Packstone: submit mixes and studies, wait for them, and get the packings as arrays.
+"""Client of Packstone: submits mixes and studies, waits for them, and returns packings as arrays.
 
     import packstone
 
     with packstone.Client("http://localhost:8080") as client:
-        job = client.submit(
-            specimen={"type": "box", "size_mm": [150, 150, 150]},
-            mix={"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": 0.7},
-        )
-        spheres = job.result().to_numpy()  # columns x, y, z and the diameter, in mm
+        job = client.submit(specimen=packstone.Box(150), mix=packstone.Mix("A16", 0.7, d_min_mm=2), seed=1)
+        grains = job.result().to_numpy()  # columns x, y, z and the diameter, in mm
 
-What a job or a study may say is the server's to know (``openapi.yaml``): this package passes mappings on as
-they are, and raises what the server refuses as :class:`PackstoneError`.
+The server checks requests: ``openapi.yaml`` has all fields and bounds. The client sends mappings as they are and
+raises what the server refuses as :class:`PackstoneError`.
 """
 
 from importlib.metadata import version
 
+from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncResult, AsyncStudy
+from .builders import (
+    Addition,
+    Box,
+    Cylinder,
+    Distance,
+    Grading,
+    Method,
+    Mix,
+    Proportions,
+    Segregation,
+    Specimen,
+)
 from .client import Client
 from .completion import as_completed
-from .derived import Derived
 from .errors import (
     ConnectionFailed,
     Fault,
     JobCancelled,
-    PackingNotReached,
     PackstoneError,
+    PackstoneWarning,
+    TargetNotReached,
     WaitTimeout,
 )
+from .exports import Export
 from .jobs import Job
 from .results import Result
 from .studies import Study, steps
@@ -34,17 +45,33 @@ from .svg import Svg
 __version__ = version("packstone-client")
 
 __all__ = [
+    "Addition",
+    "AsyncClient",
+    "AsyncExport",
+    "AsyncJob",
+    "AsyncResult",
+    "AsyncStudy",
+    "Box",
     "Client",
     "ConnectionFailed",
-    "Derived",
+    "Cylinder",
+    "Distance",
+    "Export",
     "Fault",
+    "Grading",
     "Job",
     "JobCancelled",
-    "PackingNotReached",
+    "Method",
+    "Mix",
     "PackstoneError",
+    "PackstoneWarning",
+    "Proportions",
     "Result",
+    "Segregation",
+    "Specimen",
     "Study",
     "Svg",
+    "TargetNotReached",
     "WaitTimeout",
     "as_completed",
     "steps",

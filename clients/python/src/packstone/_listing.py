@@ -1,4 +1,4 @@
-"""Listings that come in pages."""
+"""Reads listings page by page."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any
 
 from ._transport import Params, Transport, document
 
-# As many as the server puts on one.
+# The most that the server puts on one page.
 ITEMS_PER_PAGE = 500
 
 
 def pages(transport: Transport, path: str, params: Params, limit: int = ITEMS_PER_PAGE) -> Iterator[dict[str, Any]]:
-    """The items of all pages; the next page is fetched when its first item is asked for."""
+    """Yields the items of all pages. A page is fetched when its first item is needed."""
     cursor = None
     while True:
         page = document(transport.request("GET", path, params={**params, "limit": limit, "cursor": cursor}))
         yield from page["items"]
-        cursor = page["next_cursor"]
+        cursor = page.get("next_cursor")
         if cursor is None:
             return

@@ -1,7 +1,6 @@
-"""What jobs, studies and models have in common: an address, a document as last seen, and a way to wait for more.
+"""Common parts of jobs, studies and exports: a document of the server, and a wait for its changes.
 
-Waiting is long-polling: the server holds an answer back until there is news. It must never be a poll in a
-loop.
+A wait uses long polling: the server holds the answer back until the document changes.
 """
 
 from __future__ import annotations
@@ -12,87 +11,113 @@ from datetime import datetime
 from time import monotonic, sleep
 from typing import Any, TypeVar
 
-from ._transport import Params, Transport, document
+from . import _warnings
+from ._progress import Progress, duration
+from ._transport import LONGEST_WAIT_S, Params, Transport, document
 from .errors import WaitTimeout
 
 R = TypeVar("R", bound="Changing")
 
-# Longest that the server holds an answer back.
-LONGEST_POLL_S = 60
-# Least time between two questions, for a study of quick jobs has news all the time.
+# Shortest time between two requests. A study of short jobs changes all the time.
 NEWS_EVERY_S = 0.25
-# A server that is about to stop answers at once, and so does a proxy that drops `Prefer`: then this long a
-# pause keeps the loop from spinning.
+# Pause after an answer that came at once: from a server that is about to stop, or through a proxy that drops `Prefer`.
 PAUSE_S = 1.0
 
 
 class Changing(ABC):
-    """Something of the server's that changes until it ends, as last seen."""
+    """A document of the server that changes until the work behind it has ended."""
 
     def __init__(self, transport: Transport, data: dict[str, Any], etag: str | None = None) -> None:
         self._transport = transport
-        self._etag = etag
-        self.data = data
-        """The document as the server sent it last."""
+        self._warned: set[str] = set()
+        self._take(data, etag)
 
-    @property
-    def id(self) -> str:
-        """Its name on the server."""
-        return str(self.data["id"])
+    data: dict[str, Any]
+    """The document as the server sent it last."""
 
     @property
     def created_at(self) -> datetime:
-        """When the server took it in."""
+        """The time of the submission."""
         return _time(self.data["created_at"])
 
     @property
     def finished_at(self) -> datetime | None:
-        """When it ended."""
-        at = self.data["finished_at"]
+        """The time of the end; `None` before it."""
+        return self._time_of("finished_at")
+
+    def _time_of(self, field: str) -> datetime | None:
+        at = self.data.get(field)
         return None if at is None else _time(at)
 
     @property
     def progress(self) -> dict[str, Any]:
-        """How far it is, in the server's words; empty before it starts."""
+        """The progress as the server sent it last; empty before the start."""
         return dict(self.data["progress"] or {})
+
+    @property
+    def fraction(self) -> float:
+        """The fraction of the work that is done, between 0 and 1."""
+        return 1.0 if self.finished else float(self.progress.get("fraction") or 0.0)
+
+    @property
+    def eta_s(self) -> float | None:
+        """The server's estimate of the remaining time, in s; `None` if it has none."""
+        eta_s = None if self.finished else self.progress.get("eta_s")
+        return None if eta_s is None else float(eta_s)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful about the request or the result, one sentence each."""
+        return _warnings.texts(self.data)
 
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether it has ended, as last seen."""
+        """Whether the work has ended, in any way, when the document was last read."""
 
     @property
     def path(self) -> str:
-        """Where it is on the server."""
+        """The address on the server."""
         return str(self.data["links"]["self"])
 
     def refresh(self: R) -> R:
-        """Asks the server how it is now."""
+        """Reads the document anew."""
         response = self._transport.request("GET", self.path)
         self._take(document(response), response.headers.get("etag"))
         return self
 
-    def wait(self: R, timeout: float | None = None, progress: Callable[[R], object] | None = None) -> R:
-        """Waits for the end, of whichever kind, and returns this.
+    def wait(
+        self: R, timeout: float | None = None, progress: bool | Callable[[R], object] | None = None
+    ) -> R:
+        """Waits for the end of the work and returns this object.
 
-        `progress` is called with this at first and whenever there is news: ``progress=print`` shows them.
-        Past `timeout` in s (to about a second, or longer while the server gives no answer) it raises
-        :class:`WaitTimeout`; what was waited for goes on.
+        ``progress=True`` shows a bar (of tqdm if it is installed) with the remaining time. A function is called
+        with this object at first and after every change: ``progress=print``. After `timeout` in s this raises
+        :class:`WaitTimeout`; the work goes on. Warnings of the server are issued as :class:`PackstoneWarning`.
         """
+        if progress is True:
+            with Progress(self._title) as bar:
+                self._wait(timeout, lambda seen: bar.show(seen.fraction, seen._note()))
+        else:
+            self._wait(timeout, progress or None)
+        self._warn()
+        return self
+
+    def _wait(self: R, timeout: float | None, told: Callable[[R], object] | None) -> None:
         until = None if timeout is None else monotonic() + timeout
-        if progress is not None:
+        if told is not None:
             if self._etag is None and not self.finished:
                 self.refresh()
-            progress(self)
+            told(self)
         while not self.finished:
             left_s = None if until is None else until - monotonic()
             if left_s is not None and left_s <= 0:
                 raise WaitTimeout(f"{self} has not ended within {timeout:g} s")
-            poll_s = LONGEST_POLL_S if left_s is None else max(1, min(LONGEST_POLL_S, int(left_s)))
+            poll_s = LONGEST_WAIT_S if left_s is None else max(1, min(LONGEST_WAIT_S, int(left_s)))
             asked_at = monotonic()
-            news = self._poll(poll_s, until_end=progress is None)
-            if news and progress is not None:
-                progress(self)
+            news = self._poll(poll_s, until_end=told is None)
+            if news and told is not None:
+                told(self)
             if self.finished:
                 break
             took_s = monotonic() - asked_at
@@ -100,12 +125,11 @@ class Changing(ABC):
                 sleep(max(0.0, NEWS_EVERY_S - took_s))
             elif took_s < min(PAUSE_S, poll_s / 2):
                 sleep(PAUSE_S)
-        return self
 
     def _poll(self, wait_s: int, *, until_end: bool) -> bool:
-        """Asks how it is, of which the answer may take `wait_s`; whether that was news.
+        """Reads the document, which the server may hold back for `wait_s`. Returns whether there is news.
 
-        News is the end, or anything that differs from what was last seen if not `until_end`.
+        News is the end of the work, and every other change if not `until_end`.
         """
         headers = {}
         if not until_end and self._etag is not None:
@@ -116,48 +140,91 @@ class Changing(ABC):
         self._take(document(response), response.headers.get("etag"))
         return not until_end or self.finished
 
-    def delete(self) -> None:
-        """Removes it from the server with all that came of it; it must have ended."""
-        self._transport.request("DELETE", self.path)
-
-    def _act(self, action: str, params: Params | None = None) -> None:
-        """Does something to it, and takes what has become of it."""
-        response = self._transport.request("POST", f"{self.path}/{action}", params=params)
-        self._take(document(response), response.headers.get("etag"))
-
     def _take(self, data: dict[str, Any], etag: str | None) -> None:
         self.data, self._etag = data, etag
 
+    def _warn(self) -> None:
+        """Issues the warnings that were not issued before."""
+        new = [text for text in self.warnings if text not in self._warned]
+        self._warned.update(new)
+        _warnings.warn(new)
+
+    def _note(self) -> str:
+        """A few words beside a progress bar."""
+        words = [self._state_words()]
+        if self.eta_s is not None:
+            words.append(f"about {duration(self.eta_s)} left")
+        return ", ".join(words)
+
+    @property
+    @abstractmethod
+    def _title(self) -> str:
+        """What this is, for a message or a bar."""
+
+    @abstractmethod
+    def _state_words(self) -> str:
+        """The state in a few words."""
+
 
 class Resource(Changing):
-    """Something that was submitted, as last seen."""
+    """A job or a study."""
+
+    _request: dict[str, Any] | None = None
+
+    @property
+    def id(self) -> str:
+        """The ID on the server."""
+        return str(self.data["id"])
 
     @property
     def name(self) -> str | None:
-        """Its name for people."""
+        """The name for people."""
         name = self.data["name"]
         return None if name is None else str(name)
 
     @property
     def labels(self) -> dict[str, str]:
-        """Keys and values to find it by."""
+        """The labels, by which listings find it."""
         return dict(self.data["labels"])
 
     @property
     def seed(self) -> int:
-        """What its randomness derives from."""
+        """The seed of all its random numbers."""
         return int(self.data["seed"])
 
     @property
     def request(self) -> dict[str, Any]:
-        """What was asked for, with what the server has filled in."""
-        if "request" not in self.data:
-            # Listings leave it out.
-            self.refresh()
-        return dict(self.data["request"])
+        """The request with the defaults filled in. It is fetched when it is first needed."""
+        if self._request is None:
+            self._request = self._fetch_request()
+        return dict(self._request)
+
+    @abstractmethod
+    def _fetch_request(self) -> dict[str, Any]:
+        """Reads the request from the server."""
+
+    def delete(self, *, if_unchanged: bool = False) -> None:
+        """Removes it from the server with its results. It must have ended.
+
+        With `if_unchanged` the server refuses (``precondition-failed``) if it has changed since it was read.
+        """
+        self._transport.request("DELETE", self.path, headers=self._condition(if_unchanged))
+
+    def _condition(self, if_unchanged: bool) -> dict[str, str]:
+        if not if_unchanged:
+            return {}
+        if self._etag is None:
+            raise ValueError(f"{self} was read from a listing: call refresh() before a change with if_unchanged")
+        return {"if-match": self._etag}
+
+    def _act(self, action: str, params: Params | None = None, *, if_unchanged: bool = False) -> None:
+        response = self._transport.request(
+            "POST", f"{self.path}/{action}", params=params, headers=self._condition(if_unchanged)
+        )
+        self._take(document(response), response.headers.get("etag"))
 
 
 def _time(text: str) -> datetime:
-    # Before Python 3.11 the letter is not understood, and no other number of digits than three or six.
+    # Python 3.10 does not read `Z`, nor a number of decimals other than three or six.
     whole, _, rest = text.removesuffix("Z").partition(".")
     return datetime.fromisoformat(f"{whole}.{rest[:6]:0<6}+00:00")

@@ -1,6 +1,6 @@
-"""Requests to the server: the one place that knows about connections, retries and problem documents.
+"""Sends requests to the server and repeats them where that is safe.
 
-It must never know what a job or a study is.
+All connections, retries and problem documents of the package are handled here.
 """
 
 from __future__ import annotations
@@ -8,7 +8,9 @@ from __future__ import annotations
 import email.utils
 import json
 import logging
+import os
 import random
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from time import monotonic, sleep, time
 from typing import IO, Any, TypeVar
@@ -17,7 +19,7 @@ from urllib.parse import urlsplit
 import httpx
 import numpy as np
 
-from .errors import ConnectionFailed, PackstoneError, error_of
+from .errors import ConnectionFailed, PackstoneError, WaitTimeout, error_of
 
 logger = logging.getLogger("packstone")
 
@@ -27,36 +29,83 @@ Params = Mapping[str, str | int | float | bool | Sequence[str] | None]
 CONNECT_TIMEOUT_S = 10.0
 FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 5.0
-# Refusals before anything was done, whatever the request.
-REFUSED_FOR_NOW = frozenset({429, 503})
-# What is asked for takes longer to make than an answer is held back.
-BEING_MADE = "format-not-ready"
-# Of a proxy that does not know what became of the request.
+# The server refused the request before it did anything.
+REFUSED_FOR_NOW = frozenset({429, 503, 507})
+# A proxy does not know what became of the request.
 UNKNOWN_FOR_NOW = frozenset({502, 504})
-# The server cannot have seen the request.
+# A file is not made yet. The answer is a document about its progress.
+NOT_MADE_YET = 202
+# Longest time that the server holds an answer back.
+LONGEST_WAIT_S = 60
+# Shortest pause between two requests for a file that is being made.
+SHORTEST_PAUSE_S = 0.1
+# The server has not seen the request.
 NEVER_SENT = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
-# To try again would end in the same way.
+# A repetition would fail in the same way.
 FAULTS_OF_THE_CALLER = (httpx.UnsupportedProtocol, httpx.LocalProtocolError)
 
 
 class Transport:
-    """Sends requests, again where that is safe, and raises what the server refuses."""
+    """Sends requests, repeats them where that is safe, and raises what the server refuses.
+
+    A transport can be pickled: the copy opens connections of its own. The pickle contains the API key.
+    """
 
     def __init__(self, url: str, api_key: str | None, *, agent: str, timeout_s: float, retry_s: float) -> None:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.netloc:
-            raise ValueError(f"{url!r} is no address of a server: must be like http://localhost:8080")
+            raise ValueError(f"{url!r} is not the address of a server: must be like http://localhost:8080")
         self.url = url.rstrip("/")
         self._timeout_s = timeout_s
         self._retry_s = retry_s
-        headers = {"user-agent": agent, "accept": "application/json"}
+        self._headers = {"user-agent": agent, "accept": "application/json"}
         if api_key:
-            headers["authorization"] = f"Bearer {api_key.strip()}"
-        self._http = httpx.Client(base_url=self.url, headers=headers)
+            self._headers["authorization"] = f"Bearer {api_key.strip()}"
+        self._closed = False
+        self._forget_connections()
+
+    def _forget_connections(self) -> None:
+        self._lock = threading.Lock()
+        self._open: httpx.Client | None = None
+        self._process = os.getpid()
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = ("_lock", "_open", "_process")
+        return {name: value for name, value in vars(self).items() if name not in own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._forget_connections()
+
+    def __del__(self) -> None:
+        # Copies that were pickled have nobody who closes them.
+        if getattr(self, "_open", None) is not None and self._process == os.getpid():
+            self.close()
+
+    @property
+    def _http(self) -> httpx.Client:
+        if self._process != os.getpid():
+            # After a fork the connections belong to the parent process.
+            self._forget_connections()
+        with self._lock:
+            if self._closed:
+                raise RuntimeError(f"the client of {self.url} is closed")
+            if self._open is None:
+                self._open = httpx.Client(base_url=self.url, headers=self._headers)
+            return self._open
+
+    @property
+    def has_key(self) -> bool:
+        """Whether requests carry an API key."""
+        return "authorization" in self._headers
 
     def close(self) -> None:
-        """Closes the connections."""
-        self._http.close()
+        """Closes the connections. A later request is an error, and so is one that waits for its repetition."""
+        with self._lock:
+            self._closed = True
+            if self._open is not None:
+                self._open.close()
+                self._open = None
 
     def request(
         self,
@@ -69,23 +118,23 @@ class Transport:
         wait_s: int = 0,
         repeatable: bool | None = None,
     ) -> httpx.Response:
-        """The answer to a request, which the server may hold back for `wait_s`.
+        """Returns the answer to a request. The server may hold the answer back for `wait_s`.
 
-        `repeatable` says that the request has the same effect however often it arrives, as all but a POST
-        have.
+        `repeatable` says that the request has the same effect if it arrives more than once. The default is
+        true for all methods but POST.
         """
         fields = dict(headers or {})
         content = None
         if body is not None:
             content = encoded(body)
-            fields["content-type"] = "application/json"
+            fields.setdefault("content-type", "application/json")
         if wait_s:
             fields["prefer"] = f"wait={wait_s}"
         safe = method != "POST" if repeatable is None else repeatable
         request = self._http.build_request(
             method,
             path,
-            params=_given(params),
+            params=given(params),
             content=content,
             headers=fields,
             timeout=httpx.Timeout(self._timeout_s, connect=CONNECT_TIMEOUT_S, read=self._timeout_s + wait_s),
@@ -98,25 +147,35 @@ class Transport:
 
         return self._persist(attempt, _Patience(self._retry_s), safe)
 
-    def download(self, path: str, sink: IO[bytes], *, params: Params | None = None) -> None:
-        """Writes what is at an address into an empty file, going on after breaks where they were."""
+    def download(
+        self, path: str, sink: IO[bytes], *, params: Params | None = None, timeout: float | None = None
+    ) -> None:
+        """Writes the file at an address into an empty file.
+
+        A download that breaks off goes on where it was. If the server has to make the file first, this waits
+        for it; after `timeout` in s it raises :class:`WaitTimeout`, and the server goes on.
+        """
+        until = None if timeout is None else monotonic() + timeout
         patience = _Patience(self._retry_s)
         etag: str | None = None
 
         def attempt() -> None:
             nonlocal etag
-            # The bytes of the resource itself, since parts of it are counted in them.
-            headers = {"accept": "*/*", "accept-encoding": "identity"}
+            left_s = LONGEST_WAIT_S if until is None else max(1, min(LONGEST_WAIT_S, int(until - monotonic())))
+            # A range counts the bytes of the file itself, so that the answer must not be compressed.
+            headers = {"accept": "*/*", "accept-encoding": "identity", "prefer": f"wait={left_s}"}
             have = sink.tell()
             if have and etag:
                 headers |= {"range": f"bytes={have}-", "if-range": etag}
-            timeout = httpx.Timeout(self._timeout_s, connect=CONNECT_TIMEOUT_S)
+            limits = httpx.Timeout(self._timeout_s, connect=CONNECT_TIMEOUT_S, read=self._timeout_s + left_s)
             with self._http.stream(
-                "GET", path, params=_given(params), headers=headers, timeout=timeout
+                "GET", path, params=given(params), headers=headers, timeout=limits
             ) as response:
-                if response.status_code >= 300:
+                if response.status_code >= 300 or response.status_code == NOT_MADE_YET:
                     response.read()
                 _check(response, True)
+                if response.status_code == NOT_MADE_YET:
+                    raise _NotMadeYet(_retry_after_s(response))
                 if response.status_code != 206:
                     sink.seek(0)
                     sink.truncate()
@@ -125,21 +184,23 @@ class Transport:
                     sink.write(block)
                     patience.renew()
 
-        self._persist(attempt, patience, True)
+        while True:
+            try:
+                return self._persist(attempt, patience, True)
+            except _NotMadeYet as unfinished:
+                if until is not None and monotonic() + unfinished.after_s > until:
+                    raise WaitTimeout(f"{self.url}{path} is not made within {timeout:g} s") from None
+                # This is not a failure, so that it does not count against the time for retries.
+                patience.renew()
+                sleep(max(unfinished.after_s, SHORTEST_PAUSE_S))
 
     def _persist(self, attempt: Callable[[], T], patience: _Patience, safe: bool) -> T:
-        """What `attempt` returns, once it succeeds."""
+        """Returns what `attempt` returns as soon as it succeeds."""
         while True:
             try:
                 return attempt()
             except _Again as again:
                 error, least_s = again.error, again.after_s
-                if error.kind == BEING_MADE:
-                    # No failure: the server is at it, however long that takes.
-                    logger.info("%s; asking again in %.1f s", error, least_s)
-                    patience.renew()
-                    sleep(least_s)
-                    continue
             except httpx.TransportError as broken:
                 reason = str(broken) or type(broken).__name__
                 error, least_s = ConnectionFailed(f"no answer from {self.url}: {reason}"), 0.0
@@ -154,8 +215,16 @@ class Transport:
             sleep(delay_s)
 
 
+class _NotMadeYet(Exception):
+    """The server is still making a file."""
+
+    def __init__(self, after_s: float) -> None:
+        super().__init__(after_s)
+        self.after_s = after_s
+
+
 class _Again(Exception):
-    """A refusal that may be none after a while."""
+    """A refusal that may not last."""
 
     def __init__(self, error: PackstoneError, after_s: float) -> None:
         super().__init__(str(error))
@@ -164,30 +233,30 @@ class _Again(Exception):
 
 
 class _Patience:
-    """How long failures are met by trying again: counted from the first of them in a row."""
+    """Decides how long a failing request is repeated. The time counts from the first failure of a series."""
 
     def __init__(self, limit_s: float) -> None:
         self._limit_s = limit_s
         self.renew()
 
     def renew(self) -> None:
-        """Something went well."""
+        """Starts anew after a success."""
         self._until: float | None = None
         self._backoff_s = FIRST_DELAY_S
 
     def next_delay_s(self, least_s: float) -> float | None:
-        """Time to wait before the next attempt, at least what the server asks for; none if too long."""
+        """Returns the pause before the next attempt, at least `least_s`; `None` if the time is over."""
         now = monotonic()
         if self._until is None:
             self._until = now + self._limit_s
-        # Drawn, so that the clients of a server that comes back do not all come back at once.
+        # Random, so that the clients of a server that restarts do not all return at the same time.
         delay_s = max(least_s, self._backoff_s * random.uniform(0.5, 1.0))
         self._backoff_s = min(2 * self._backoff_s, LONGEST_DELAY_S)
-        return delay_s if now + delay_s <= self._until else None
+        return delay_s if now + delay_s < self._until else None
 
 
 def document(response: httpx.Response) -> dict[str, Any]:
-    """The JSON object of an answer."""
+    """Returns the JSON object of an answer."""
     try:
         value = response.json()
     except ValueError:
@@ -199,7 +268,7 @@ def document(response: httpx.Response) -> dict[str, Any]:
 
 
 def encoded(value: object) -> bytes:
-    """The value as JSON; numpy's numbers and arrays are taken as the lists and numbers they hold."""
+    """Writes a value as JSON. NumPy's numbers and arrays become numbers and lists."""
     return json.dumps(value, allow_nan=False, default=_plain).encode()
 
 
@@ -210,15 +279,21 @@ def _plain(value: object) -> object:
         return dict(value)
     if isinstance(value, Sequence):
         return list(value)
-    raise TypeError(f"{type(value).__name__} {value!r} has no form in JSON")
+    raise TypeError(f"{type(value).__name__} {value!r} cannot be written as JSON")
 
 
-def _given(params: Params | None) -> dict[str, str | int | float | bool | Sequence[str]]:
-    return {name: value for name, value in (params or {}).items() if value is not None}
+def given(params: Params | None) -> dict[str, str | int | float | bool | Sequence[str]] | None:
+    """Returns the parameters that have a value; `None` if there are none, which leaves a query as it is."""
+    spelled = {name: _spelled(value) for name, value in (params or {}).items() if value is not None}
+    return spelled or None
+
+
+def _spelled(value: str | int | float | bool | Sequence[str]) -> str | int | float | Sequence[str]:
+    return str(value).lower() if isinstance(value, bool) else value
 
 
 def _check(response: httpx.Response, safe: bool) -> None:
-    """Raises what the server refuses."""
+    """Raises an exception if the server has refused the request."""
     status = response.status_code
     if status < 300 or status == 304:
         return
@@ -226,8 +301,7 @@ def _check(response: httpx.Response, safe: bool) -> None:
         to = response.headers.get("location", "elsewhere")
         raise PackstoneError(f"{response.url} redirects to {to}: use that address")
     error = _refusal(response)
-    for_now = status in REFUSED_FOR_NOW or error.kind == BEING_MADE
-    if for_now or (safe and status in UNKNOWN_FOR_NOW):
+    if status in REFUSED_FOR_NOW or (safe and status in UNKNOWN_FOR_NOW):
         raise _Again(error, _retry_after_s(response))
     raise error
 
@@ -239,7 +313,7 @@ def _refusal(response: httpx.Response) -> PackstoneError:
         problem = None
     if isinstance(problem, dict) and "type" in problem:
         return error_of(problem)
-    # Of something between the client and Packstone.
+    # The answer came from something between the client and Packstone.
     return PackstoneError(
         f"{response.url} answered {response.status_code} {response.reason_phrase}",
         {"status": response.status_code},
@@ -247,7 +321,7 @@ def _refusal(response: httpx.Response) -> PackstoneError:
 
 
 def _retry_after_s(response: httpx.Response) -> float:
-    """`Retry-After`, which is a number of seconds or a date."""
+    """Returns the seconds that `Retry-After` asks for. The field is a number of seconds or a date."""
     field = response.headers.get("retry-after", "").strip()
     if field.isdecimal():
         return float(field)

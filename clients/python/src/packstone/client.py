@@ -1,31 +1,40 @@
-"""The client: where jobs and studies are submitted and found."""
+"""The client, which submits jobs and studies and finds them again."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from importlib.metadata import version
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from urllib.parse import quote
 from uuid import uuid4
 
+from . import _html, _warnings
 from ._listing import ITEMS_PER_PAGE, pages
 from ._transport import Transport, document
 from .jobs import Job, State
 from .studies import Study, StudyState
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from .builders import JobFields
+
 S = TypeVar("S", Job, Study)
+JobOrder = Literal["created", "-created"]
 
 DEFAULT_URL = "http://127.0.0.1:8080"
 
 
 class Client:
-    """A Packstone server.
+    """A connection to a Packstone server.
 
-    `url` and `api_key` are those of the environment (``PACKSTONE_URL``, ``PACKSTONE_API_KEY``) when left out;
-    without either, the server of this machine. A broken connection or a server that is busy is met by
-    trying again for `retry_s`, with growing pauses. May be used by several threads.
+    The defaults of `url` and `api_key` are the environment variables ``PACKSTONE_URL`` and
+    ``PACKSTONE_API_KEY``; without them, the server of this machine. If a connection breaks or the server is
+    busy, the request is repeated for `retry_s` with growing pauses. Several threads may share a client. A
+    client can be pickled, and so can its jobs, studies and results; the pickle contains the API key.
     """
 
     def __init__(
@@ -45,7 +54,7 @@ class Client:
         )
 
     def close(self) -> None:
-        """Closes the connections; a ``with`` statement does so by itself."""
+        """Closes the connections, as the end of a ``with`` statement does. A later request is a `RuntimeError`."""
         self._transport.close()
 
     def __enter__(self) -> Client:
@@ -59,30 +68,39 @@ class Client:
     def __repr__(self) -> str:
         return f"<Client of {self._transport.url}>"
 
+    def _repr_html_(self) -> str:
+        rows = {"server": self._transport.url, "API key": "yes" if self._transport.has_key else "no"}
+        return _html.card("Packstone client", rows)
+
     def submit(
-        self, job: Mapping[str, Any] | None = None, /, *, idempotency_key: str | None = None, **fields: Any
+        self,
+        job: Mapping[str, Any] | None = None,
+        /,
+        *,
+        idempotency_key: str | None = None,
+        **fields: Unpack[JobFields],
     ) -> Job:
-        """Submits a job: a mapping as in ``POST /v1/jobs``, its fields by name, or both.
+        """Submits a job: a mapping as in ``POST /v1/jobs``, its fields as arguments, or both.
 
-        A field by name replaces that of the mapping: ``submit(mix_design, seed=2)``. To send it again after
-        a broken connection makes no second job; with an `idempotency_key` of your own that holds for a
-        script that is started again, too.
+        An argument replaces the field of the mapping: ``submit(mix_design, seed=2)``. A submission that is
+        repeated after a broken connection makes one job. With an `idempotency_key` of your own that holds for
+        a script that is started again, too. Warnings of the server are issued as :class:`PackstoneWarning`.
         """
-        return self._submitted(Job, "/v1/jobs", {**(job or {}), **fields}, idempotency_key)
+        return self._submitted(Job, "/v1/jobs", _body(job, fields), idempotency_key)
 
-    def dry_run(self, job: Mapping[str, Any] | None = None, /, **fields: Any) -> dict[str, Any]:
-        """What a job would amount to: expected grains, volume fractions, memory, time, warnings.
+    def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> dict[str, Any]:
+        """Returns what a job amounts to: expected grains, volume fractions, memory, time, warnings.
 
-        Raises :class:`PackstoneError` of the kind ``infeasible-mix`` when it cannot fit.
+        Nothing is stored. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not
+        fit.
         """
-        body = {**(job or {}), **fields}
-        response = self._transport.request(
-            "POST", "/v1/jobs", params={"dry_run": "true"}, body=body, repeatable=True
-        )
-        return document(response)
+        response = self._transport.request("POST", "/v1/plans", body=_body(job, fields), repeatable=True)
+        plan = document(response)
+        _warnings.warn(_warnings.texts(plan))
+        return plan
 
     def job(self, id: str) -> Job:
-        """The job of that id."""
+        """Returns the job of that ID."""
         response = self._transport.request("GET", f"/v1/jobs/{quote(id, safe='')}")
         return Job(self._transport, document(response), response.headers.get("etag"))
 
@@ -92,13 +110,27 @@ class Client:
         state: State | None = None,
         labels: Mapping[str, str] | None = None,
         study: str | None = None,
+        name: str | None = None,
+        method: str | None = None,
+        created_after: datetime | str | None = None,
+        created_before: datetime | str | None = None,
+        sort: JobOrder | None = None,
         page_size: int = ITEMS_PER_PAGE,
     ) -> Iterator[Job]:
-        """The jobs on the server, newest first, fetched page by page; those that fit all that is named."""
+        """Yields the jobs that match all arguments.
+
+        `name` is a part of the name. `sort` is ``-created``, newest first, or ``created``. They are fetched page by
+        page.
+        """
         params = {
             "state": state,
             "label": _label_params(labels),
             "study": study,
+            "name": name,
+            "method": method,
+            "created_after": _time(created_after),
+            "created_before": _time(created_before),
+            "sort": sort,
         }
         for item in pages(self._transport, "/v1/jobs", params, page_size):
             yield Job(self._transport, item)
@@ -119,10 +151,10 @@ class Client:
         labels: Mapping[str, str] | None = None,
         idempotency_key: str | None = None,
     ) -> Study:
-        """Submits a study: a mapping as in ``POST /v1/studies``, its fields by name, or both.
+        """Submits a study: a mapping as in ``POST /v1/studies``, its fields as arguments, or both.
 
-        Either a `list` of jobs, or a `template` and a `grid` of JSON pointers into it with their values, all
-        of which are combined::
+        A study is a `list` of jobs, or a `template` and a `grid` of JSON pointers into it with their values.
+        Each combination of values is a point::
 
             client.study(
                 template=job,
@@ -131,7 +163,7 @@ class Client:
                 replicates=20,
             )
 
-        The values of `zip` run together. It is taken in as a whole or not at all.
+        The values of `zip` vary together. The study is accepted as a whole or not at all.
         """
         fields = {
             "template": template,
@@ -148,7 +180,7 @@ class Client:
         return self._submitted(Study, "/v1/studies", {**(study or {}), **given}, idempotency_key)
 
     def open_study(self, id: str) -> Study:
-        """The study of that id, submitted earlier."""
+        """Returns the study of that ID."""
         response = self._transport.request("GET", f"/v1/studies/{quote(id, safe='')}")
         return Study(self._transport, document(response), response.headers.get("etag"))
 
@@ -159,20 +191,33 @@ class Client:
         labels: Mapping[str, str] | None = None,
         page_size: int = ITEMS_PER_PAGE,
     ) -> Iterator[Study]:
-        """The studies on the server, newest first, fetched page by page; those that fit all that is named."""
+        """Yields the studies that match all arguments, newest first. They are fetched page by page."""
         params = {"state": state, "label": _label_params(labels)}
         for item in pages(self._transport, "/v1/studies", params, page_size):
             yield Study(self._transport, item)
 
     def capabilities(self) -> dict[str, Any]:
-        """What the server can do, and how much of it."""
+        """Returns the methods, formats and limits of the server."""
         return document(self._transport.request("GET", "/v1/capabilities"))
 
     def _submitted(self, kind: type[S], path: str, body: Mapping[str, Any], key: str | None) -> S:
         headers = {"idempotency-key": key or uuid4().hex}
         response = self._transport.request("POST", path, body=body, headers=headers, repeatable=True)
-        return kind(self._transport, document(response), response.headers.get("etag"))
+        submitted = kind(self._transport, document(response), response.headers.get("etag"))
+        submitted._warn()
+        return submitted
+
+
+def _body(job: Mapping[str, Any] | None, fields: JobFields) -> dict[str, Any]:
+    body: dict[str, Any] = {**(job or {}), **fields}
+    expires_at = body.get("expires_at")
+    return body | {"expires_at": _time(expires_at)} if isinstance(expires_at, datetime) else body
 
 
 def _label_params(labels: Mapping[str, str] | None) -> list[str] | None:
-    return [f"{key}:{value}" for key, value in (labels or {}).items()] or None
+    return [f"{key}={value}" for key, value in (labels or {}).items()] or None
+
+
+def _time(at: datetime | str | None) -> str | None:
+    """A time in RFC 3339. A time without a zone is local."""
+    return at.astimezone().isoformat() if isinstance(at, datetime) else at

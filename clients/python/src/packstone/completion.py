@@ -1,4 +1,4 @@
-"""Many jobs at once, in the order in which they end."""
+"""Waits for many jobs and yields them in the order in which they end."""
 
 from __future__ import annotations
 
@@ -8,46 +8,64 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from time import monotonic
 
+from ._progress import Progress
 from .errors import WaitTimeout
 from .jobs import Job
 
-# Jobs asked for at once. The server starts the oldest first, so that those which run are among the oldest.
+# Number of jobs that are polled at the same time. The server starts the oldest first, so the oldest are polled first.
 MOST_POLLS = 32
-# How long the server may hold an answer back: where there are more jobs than polls each has its turn.
+# Longest time of a poll, in s. If there are more jobs than polls, each job is polled for a shorter time in turn.
 POLL_S, TURN_S = 20, 5
 
 
-def as_completed(jobs: Iterable[Job], timeout: float | None = None) -> Iterator[Job]:
-    """Yields the jobs as they end, each once, whichever way it ends.
+def as_completed(
+    jobs: Iterable[Job], timeout: float | None = None, *, progress: bool = False
+) -> Iterator[Job]:
+    """Yields each job when it has ended, in any way.
 
-    Past `timeout` in s it raises :class:`WaitTimeout`; the jobs go on. With more than 32 jobs that have not
-    ended, the oldest are listened to and the others asked in turn.
+    ``progress=True`` shows a bar. After `timeout` in s this raises :class:`WaitTimeout`; the jobs go on. At most
+    32 jobs are polled at the same time, the oldest first.
     """
+    if not progress:
+        yield from _completed(jobs, timeout)
+        return
+    listed = list(jobs)
+    with Progress("jobs") as bar:
+        bar.show(0.0, f"0 of {len(listed)} ended")
+        for ended, job in enumerate(_completed(listed, timeout), start=1):
+            bar.show(ended / len(listed), f"{ended} of {len(listed)} ended")
+            yield job
+
+
+def _completed(jobs: Iterable[Job], timeout: float | None) -> Iterator[Job]:
     until = None if timeout is None else monotonic() + timeout
     waiting: list[Job] = []
     for job in jobs:
         if job.finished:
+            job._warn()
             yield job
         else:
             waiting.append(job)
     if not waiting:
         return
-    # Ids begin with the time of submission.
+    # IDs begin with the time of the submission.
     polls = _Polls(sorted(waiting, key=lambda job: job.id))
     try:
         for ended in range(len(waiting)):
             left_s = None if until is None else max(0.0, until - monotonic())
             try:
-                yield polls.next(left_s)
+                job = polls.next(left_s)
             except queue.Empty:
                 left = len(waiting) - ended
                 raise WaitTimeout(f"{left} of {len(waiting)} jobs have not ended within {timeout:g} s") from None
+            job._warn()
+            yield job
     finally:
         polls.stop()
 
 
 class _Polls:
-    """Threads that wait for jobs, each for one at a time."""
+    """Threads that wait for jobs, each for one job at a time."""
 
     def __init__(self, jobs: list[Job]) -> None:
         self._waiting = deque(jobs)
@@ -56,11 +74,11 @@ class _Polls:
         polls = min(MOST_POLLS, len(jobs))
         self._poll_s = TURN_S if polls < len(jobs) else POLL_S
         for _ in range(polls):
-            # Daemons, since a program that ends must not wait for the end of a poll.
+            # Daemons, so that a program can end during a poll.
             threading.Thread(target=self._run, name="packstone-poll", daemon=True).start()
 
     def next(self, timeout: float | None) -> Job:
-        """The next job that ends."""
+        """Returns the next job that ends."""
         ended = self._ended.get(timeout=timeout)
         if isinstance(ended, BaseException):
             raise ended
@@ -77,7 +95,7 @@ class _Polls:
             except IndexError:
                 return
             try:
-                job.wait(self._poll_s)
+                job._wait(self._poll_s, None)
             except WaitTimeout:
                 self._waiting.append(job)
             except BaseException as error:

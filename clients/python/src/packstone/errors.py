@@ -1,7 +1,7 @@
-"""What can go wrong, as exceptions.
+"""The exceptions and the warning of this package.
 
-A server refuses with a problem document (RFC 9457), and a job that failed keeps one: both become a
-:class:`PackstoneError`. Nothing here knows HTTP.
+The server refuses a request with a problem document (RFC 9457), and a job that failed keeps one. Both become
+a :class:`PackstoneError`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a request, at its place: in the body, in the query or among the header fields."""
+    """One fault of a request, with its place in the body, the query or the header."""
 
     detail: str
-    """What is wrong: the value found and the bound it breaks."""
+    """The value that was found, and the bound that it breaks."""
     pointer: str | None = None
-    """RFC 6901 pointer into the body; empty for the body itself."""
+    """JSON pointer (RFC 6901) into the body; empty for the body itself."""
     parameter: str | None = None
     """Name of the query parameter."""
     header: str | None = None
@@ -26,7 +26,7 @@ class Fault:
 
     @property
     def place(self) -> str:
-        """Where it is, in words."""
+        """The place for a message."""
         if self.pointer == "":
             return "the body"
         return self.pointer or self.parameter or self.header or "the request"
@@ -35,11 +35,15 @@ class Fault:
         return f"{self.place}: {self.detail}"
 
 
+class PackstoneWarning(UserWarning):
+    """The server accepted a request but doubts that its result is what the user expects."""
+
+
 class PackstoneError(Exception):
-    """Something that Packstone refused, or that became of a job."""
+    """A refused request, or the failure of a job or an export."""
 
     problem: Mapping[str, Any]
-    """The problem document; empty where there is none. Some kinds have members of their own."""
+    """The problem document; empty if there is none. Some kinds have additional members."""
 
     def __init__(self, message: str, problem: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
@@ -47,77 +51,77 @@ class PackstoneError(Exception):
 
     @property
     def kind(self) -> str | None:
-        """Which kind of problem, as ``validation-error`` or ``infeasible-mix``; the server explains each."""
+        """The kind of the problem, as ``validation-error``. The server explains each at ``/problems/{kind}``."""
         uri = self.problem.get("type")
         return uri.rsplit("/", 1)[-1] if isinstance(uri, str) else None
 
     @property
     def status(self) -> int | None:
-        """HTTP status of the problem."""
+        """The HTTP status of the problem."""
         status = self.problem.get("status")
         return status if isinstance(status, int) else None
 
     @property
     def detail(self) -> str:
-        """This occurrence in one sentence."""
+        """What went wrong, in one sentence."""
         return str(self.problem.get("detail", self))
 
     @property
     def errors(self) -> list[Fault]:
-        """Every fault of the request, each at its place."""
+        """All faults of the request, each with its place."""
         known = ("detail", "pointer", "parameter", "header")
         faults = self.problem.get("errors", [])
         return [Fault(**{name: fault[name] for name in known if name in fault}) for fault in faults]
 
 
 class ConnectionFailed(PackstoneError):
-    """No answer came from the server, however often it was asked."""
+    """The server did not answer, although the request was repeated."""
 
 
 class WaitTimeout(PackstoneError, TimeoutError):
-    """A wait was over before what it waited for. The job or study goes on."""
+    """A wait reached its time limit. The job, study or export goes on."""
 
 
 class JobCancelled(PackstoneError):
-    """The job was cancelled: it has no result."""
+    """The job was cancelled and has no result."""
 
 
-class PackingNotReached(PackstoneError):
-    """The method came to its end before all grains were placed, or had their size and distance.
+class TargetNotReached(PackstoneError):
+    """The method stopped before all grains had their position, size and distance (``target-not-reached``).
 
-    It is an answer about the mix rather than a fault. ``problem`` tells how far the packing came.
+    This says something about the mix; it is not a fault of the request. ``problem`` has the figures reached.
     """
 
     @property
     def volume_fraction_asked(self) -> float | None:
-        """Volume fraction that all grains would have, as placed."""
+        """The target: volume of all grains over that of the specimen."""
         return _number(self.problem.get("volume_fraction_asked"))
 
     @property
     def volume_fraction_reached(self) -> float | None:
-        """Volume fraction at the end of the run."""
+        """The volume fraction at the end of the run."""
         return _number(self.problem.get("volume_fraction_reached"))
 
     @property
     def distance_mm_asked(self) -> float | None:
-        """Constant distance asked for, in mm, where the grains were grown."""
+        """The target of the constant distance, in mm, if the grains were grown."""
         return _number(self.problem.get("distance_mm_asked"))
 
     @property
     def distance_mm_reached(self) -> float | None:
-        """Constant distance at the end of the run, in mm, where the grains were grown."""
+        """The constant distance at the end of the run, in mm, if the grains were grown."""
         return _number(self.problem.get("distance_mm_reached"))
 
 
 def error_of(problem: Mapping[str, Any]) -> PackstoneError:
-    """The exception that a problem document stands for."""
+    """Returns the exception for a problem document."""
     message = _message(problem)
     error = PackstoneError(message, problem)
-    return PackingNotReached(message, problem) if error.kind == "target-not-reached" else error
+    return TargetNotReached(message, problem) if error.kind == "target-not-reached" else error
 
 
 def _message(problem: Mapping[str, Any]) -> str:
-    """The document for a person: its title, and every fault rather than the first of them."""
+    """Returns the title and all faults as text."""
     title = str(problem.get("title", "Problem"))
     faults = PackstoneError("", problem).errors
     if len(faults) > 1:

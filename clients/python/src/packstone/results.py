@@ -1,4 +1,4 @@
-"""The packing that came out of a job."""
+"""The packing of a job."""
 
 from __future__ import annotations
 
@@ -11,77 +11,132 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _files
+from . import _files, _html
 from ._transport import Transport, document
+from .errors import PackstoneError
+from .exports import AMBIGUOUS_SUFFIXES, TYPE_OF_SUFFIX, parameters
 
 if TYPE_CHECKING:
+    import meshio
     import pandas as pd
+    import pyvista
 
-Format = Literal["json", "csv", "vtk", "vtp", "npy"]
-ModelFormat = Literal["msh", "geo", "stl", "vti", "raw", "inp", "ldpm"]
-# Models that are one zip of several files.
-ARCHIVES = ("stl", "ldpm")
+TableFormat = Literal["json", "csv", "npy", "vtp", "vtk"]
+FileFormat = Literal[TableFormat, "msh", "vti", "raw", "inp", "svg", "png"]
 
 COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
 
 
 class Result:
-    """A packing on the server; what is asked of it is fetched then."""
+    """A packing on the server. Its parts are fetched when they are needed."""
 
-    def __init__(self, transport: Transport, job_path: str) -> None:
+    def __init__(self, transport: Transport, job_path: str, title: str) -> None:
         self._transport = transport
-        self._path = f"{job_path}/result"
+        self._job_path = job_path
+        self._title = title
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """All but the spheres: request, engine, summary, timings, statistics, verification, curves."""
-        return document(self._transport.request("GET", f"{self._path}/summary"))
+        """Everything but the grains: request, engine, summary, timings, statistics, check, curves."""
+        return document(self._transport.request("GET", f"{self._job_path}/result/summary"))
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The figures people ask for first: grains, volume fractions, distance, size classes."""
+        """The main figures: grains, volume fractions, distance, size classes."""
         return dict(self.report["summary"])
 
     def to_numpy(self) -> NDArray[np.float64]:
-        """The grains, largest first: an N x 4 array with the centre x, y, z and the diameter, in mm."""
-        buffer = io.BytesIO()
-        self._transport.download(self._path, buffer, params={"format": "npy"})
-        buffer.seek(0)
-        spheres: NDArray[np.float64] = np.load(buffer, allow_pickle=False)
-        return spheres
+        """Returns the grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm."""
+        grains: NDArray[np.float64] = np.load(io.BytesIO(self.read("npy")), allow_pickle=False)
+        return grains
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The grains as a table with the columns x_mm, y_mm, z_mm and d_mm; needs pandas."""
+        """Returns the grains as a table with the columns x_mm, y_mm, z_mm and d_mm. Needs pandas."""
         import pandas as pd
 
         return pd.DataFrame(self.to_numpy(), columns=list(COLUMNS))
 
-    def read(self, format: Format | ModelFormat, **options: Any) -> bytes:
-        """The packing in a format; those that are models of it have options, as ``read("raw", cells=200)``."""
+    def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
+        """Returns the centres with the point data ``diameter_mm``, as PyVista's points. Needs pyvista.
+
+        With `spheres` it returns surfaces, each of `resolution` segments: ``to_pyvista(spheres=True).plot()``.
+        """
+        import pyvista
+
+        grains = self.to_numpy()
+        points = pyvista.PolyData(grains[:, :3].copy())
+        points.point_data["diameter_mm"] = grains[:, 3]
+        points.set_active_scalars("diameter_mm")
+        if not spheres:
+            return points
+        sphere = pyvista.Sphere(radius=0.5, theta_resolution=resolution, phi_resolution=resolution)
+        surfaces: pyvista.PolyData = points.glyph(geom=sphere, scale="diameter_mm", orient=False)
+        return surfaces
+
+    def to_meshio(self) -> meshio.Mesh:
+        """Returns the centres as vertices with the point data ``diameter_mm``. Needs meshio.
+
+        For surfaces save a mesh: ``save("a.msh")`` writes a file that meshio reads.
+        """
+        import meshio
+
+        grains = self.to_numpy()
+        cells = [("vertex", np.arange(len(grains)).reshape(-1, 1))]
+        return meshio.Mesh(grains[:, :3], cells, point_data={"diameter_mm": grains[:, 3]})
+
+    def read(self, format: FileFormat, *, timeout: float | None = None, **options: Any) -> bytes:
+        """Returns the packing in a file format, as :meth:`save` writes it."""
         buffer = io.BytesIO()
-        self._transport.download(self._path, buffer, params=_params(format, options))
+        address, params = self._address(format, options)
+        self._transport.download(address, buffer, params=params, timeout=timeout)
         return buffer.getvalue()
 
     def save(
-        self, path: str | PathLike[str], format: Format | ModelFormat | None = None, **options: Any
+        self,
+        path: str | PathLike[str],
+        format: FileFormat | None = None,
+        *,
+        timeout: float | None = None,
+        **options: Any,
     ) -> Path:
-        """Writes the packing to a file, in the format of its suffix if none is named; returns the path.
+        """Writes the packing to a file and returns the path.
 
-        Formats that are models of the packing have options, as ``save("a.msh", segments=24)``; they are made
-        when they are first asked for, which is waited for. A file of that name is replaced once the new one is
-        whole.
+        The format is that of the suffix if it is not named: the grains as ``json``, ``csv``, ``npy``, ``vtp`` or
+        ``vtk``; or an export, as ``msh``, ``vti``, ``raw``, ``inp``, ``svg`` or ``png``. Exports have options, as
+        ``save("a.msh", segments=24)``. The server makes them when they are first needed, and this waits for
+        it, at most `timeout` in s. Missing folders are created, and a file of the same name is replaced.
         """
-        path = Path(path)
-        named = format or path.suffix.removeprefix(".").lower()
-        known = [*get_args(Format), *get_args(ModelFormat)]
-        # The models of the rest come as archives, whatever the name of the file.
-        known = known if format else [name for name in known if name not in ARCHIVES]
-        if named not in known:
-            raise ValueError(f"{named!r} is no format of results: must be one of {', '.join(known)}")
-        return _files.save(self._transport, self._path, path, _params(named, options))
+        address, params = self._address(format or Path(path).suffix.removeprefix(".").lower(), options)
+        return _files.save(self._transport, address, path, params, timeout)
+
+    def _address(self, format: str, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+        check_format(format)
+        if format not in TYPE_OF_SUFFIX:
+            return f"{self._job_path}/result", {"format": format, **options}
+        return f"{self._job_path}/exports/{TYPE_OF_SUFFIX[format]}", {"format": format, **parameters(options)}
+
+    def __repr__(self) -> str:
+        return f"<Result of {self._title}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """A cross-section through the middle; `None` if the server does not give one."""
+        try:
+            return self.read("png", timeout=10, pixels=480)
+        except PackstoneError:
+            return None
+
+    def _repr_html_(self) -> str:
+        rows = {name: value for name, value in self.summary.items() if not isinstance(value, (dict, list))}
+        return _html.card(f"Result of {self._title}", rows, png=self._repr_png_())
 
 
-def _params(format: str, options: dict[str, Any]) -> dict[str, Any]:
-    # As the server spells them.
-    plain = {name: str(value).lower() if isinstance(value, bool) else value for name, value in options.items()}
-    return {"format": format, **plain}
+def check_format(format: str) -> None:
+    """Raises a `ValueError` if a format is unknown or does not name one file."""
+    known = [*get_args(TableFormat), *TYPE_OF_SUFFIX]
+    if format in AMBIGUOUS_SUFFIXES:
+        raise ValueError(
+            f"{format!r} does not name one export: use job.export(type, format=...).save(path), "
+            'as job.export("mesh", format="stl").save("surfaces.zip")'
+        )
+    if format not in known:
+        raise ValueError(f"{format!r} is not a format of results: must be one of {', '.join(known)}")

@@ -1,0 +1,277 @@
+"""Builders of requests: dictionaries with typed arguments, for completion and checks in an editor.
+
+Each builder returns a dictionary of the form that ``POST /v1/jobs`` takes. A plain dictionary does as well.
+Bounds are checked by the server, whose errors name the field, the value and the bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    import numpy as np
+    from numpy.typing import ArrayLike
+    from typing_extensions import TypedDict
+
+    class JobFields(TypedDict, total=False):
+        """The fields of a job."""
+
+        name: str | None
+        labels: Mapping[str, str]
+        seed: int | np.integer[Any]
+        priority: int
+        timeout_s: float | None
+        expires_at: str | datetime | None
+        max_attempts: int
+        specimen: Specimen | Mapping[str, Any]
+        mix: Mix | Mapping[str, Any]
+        distance: Distance | Mapping[str, Any]
+        method: Method | Mapping[str, Any]
+        segregation: Segregation | Mapping[str, Any]
+        postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
+
+
+StandardCurve = Literal["A8", "B8", "C8", "A16", "B16", "C16", "A32", "B32", "C32"]
+Face = Literal["x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "side"]
+
+
+class _Fields(dict[str, Any]):
+    """A dictionary without the fields that are `None`."""
+
+    def __init__(self, **fields: Any) -> None:
+        super().__init__({name: value for name, value in fields.items() if value is not None})
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({super().__repr__()})"
+
+
+class Specimen(_Fields):
+    """The region that is filled: a :class:`Box` or a :class:`Cylinder`."""
+
+
+class Box(Specimen):
+    """A box. ``Box(150)`` is a cube with edges of 150 mm, ``Box(40, 40, 160)`` a prism.
+
+    `boundary` is ``walls`` (the default) for rigid walls, as of a mould, or ``periodic``.
+    """
+
+    def __init__(
+        self,
+        x_mm: float,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        *,
+        boundary: Literal["walls", "periodic"] | None = None,
+    ) -> None:
+        if (y_mm is None) != (z_mm is None):
+            raise TypeError("a box has one edge length or three")
+        size = [x_mm, x_mm if y_mm is None else y_mm, x_mm if z_mm is None else z_mm]
+        super().__init__(type="box", size_mm=size, boundary=boundary)
+
+
+class Cylinder(Specimen):
+    """A cylinder that stands on z = 0 with its axis at x = y = diameter / 2."""
+
+    def __init__(self, diameter_mm: float, height_mm: float) -> None:
+        super().__init__(type="cylinder", diameter_mm=diameter_mm, height_mm=height_mm)
+
+
+class Grading(_Fields):
+    """The mass fraction of the aggregate that passes each sieve."""
+
+    @classmethod
+    def standard(cls, name: StandardCurve) -> Grading:
+        """A grading curve of DIN 1045-2."""
+        return cls(type="standard", name=name)
+
+    @classmethod
+    def fuller(cls, d_max_mm: float, exponent: float = 0.5) -> Grading:
+        """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d."""
+        return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
+
+    @classmethod
+    def sieves(cls, points: Sequence[tuple[float, float]] | ArrayLike) -> Grading:
+        """A curve through sieves: pairs of the diameter in mm and the fraction passing, both rising to 1."""
+        return cls(type="sieves", points=points)
+
+    @classmethod
+    def classes(cls, classes: Sequence[tuple[float, float, float]]) -> Grading:
+        """Size classes: triples of the lower and the upper diameter in mm and the mass fraction."""
+        names = ("d_min_mm", "d_max_mm", "mass_fraction")
+        return cls(type="classes", classes=[dict(zip(names, item, strict=True)) for item in classes])
+
+    @classmethod
+    def monodisperse(cls, diameter_mm: float) -> Grading:
+        """Equal spheres."""
+        return cls(type="monodisperse", diameter_mm=diameter_mm)
+
+    @classmethod
+    def diameters(cls, diameters_mm: Sequence[float] | ArrayLike) -> Grading:
+        """An explicit list of diameters. Its volume is that of the mix."""
+        return cls(type="diameters", diameters_mm=diameters_mm)
+
+
+class Addition(_Fields):
+    """A fine addition to the cement, such as fly ash, in a cubic metre of concrete."""
+
+    def __init__(self, mass_kg_m3: float, density_kg_m3: float) -> None:
+        super().__init__(mass_kg_m3=mass_kg_m3, density_kg_m3=density_kg_m3)
+
+
+class Proportions(_Fields):
+    """The contents of a cubic metre of fresh concrete.
+
+    The aggregate takes the volume that the other parts leave, or has `aggregate_cement` times the mass of the
+    cement.
+    """
+
+    def __init__(
+        self,
+        cement_kg_m3: float,
+        water_cement: float,
+        *,
+        aggregate_cement: float | None = None,
+        additions: Sequence[Addition] | None = None,
+        air: float | None = None,
+        cement_density_kg_m3: float | None = None,
+        water_density_kg_m3: float | None = None,
+        aggregate_density_kg_m3: float | None = None,
+    ) -> None:
+        super().__init__(
+            cement_kg_m3=cement_kg_m3,
+            water_cement=water_cement,
+            aggregate_cement=aggregate_cement,
+            additions=additions,
+            air=air,
+            cement_density_kg_m3=cement_density_kg_m3,
+            water_density_kg_m3=water_density_kg_m3,
+            aggregate_density_kg_m3=aggregate_density_kg_m3,
+        )
+
+
+class Mix(_Fields):
+    """The aggregate: its grading, its smallest diameter and its amount.
+
+    `grading` is a :class:`Grading` or the name of a standard curve. The amount is a `volume_fraction` or
+    follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
+    default), including the part finer than `d_min_mm`, or ``placed_grains``.
+    """
+
+    def __init__(
+        self,
+        grading: StandardCurve | Grading | Mapping[str, Any],
+        volume_fraction: float | None = None,
+        *,
+        d_min_mm: float | None = None,
+        proportions: Proportions | Mapping[str, Any] | None = None,
+        volume_fraction_of: Literal["all_aggregate", "placed_grains"] | None = None,
+        allow_coarse: bool | None = None,
+    ) -> None:
+        super().__init__(
+            grading=Grading.standard(grading) if isinstance(grading, str) else grading,
+            d_min_mm=d_min_mm,
+            volume_fraction=volume_fraction,
+            proportions=proportions,
+            volume_fraction_of=volume_fraction_of,
+            allow_coarse=allow_coarse,
+        )
+
+
+class Distance(_Fields):
+    """The rule for the distance that the surfaces of two grains keep.
+
+    `wall_gap_mm` is the gap to the walls. Its default is half of what a grain keeps from another of its size.
+    """
+
+    @classmethod
+    def none(cls, *, wall_gap_mm: float | None = None) -> Distance:
+        """Grains may touch."""
+        return cls(type="none", wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def constant(cls, gap_mm: float, *, wall_gap_mm: float | None = None) -> Distance:
+        """The same gap for every pair."""
+        return cls(type="constant", gap_mm=gap_mm, wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def proportional(cls, factor: float, *, wall_gap_mm: float | None = None) -> Distance:
+        """A gap of `factor` times the mean diameter of the pair."""
+        return cls(type="proportional", factor=factor, wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def smaller_diameter(cls, factor: float, *, wall_gap_mm: float | None = None) -> Distance:
+        """A gap of `factor` times the smaller diameter of the pair."""
+        return cls(type="smaller_diameter", factor=factor, wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def maximize(cls, *, wall_gap_mm: float | None = None) -> Distance:
+        """The largest gap, the same for every pair, that can be reached."""
+        return cls(type="maximize", wall_gap_mm=wall_gap_mm)
+
+
+class Method(_Fields):
+    """The method that computes the packing."""
+
+    @classmethod
+    def auto(cls) -> Method:
+        """Random sequential addition if it will almost surely succeed, else event-driven molecular dynamics."""
+        return cls(type="auto")
+
+    @classmethod
+    def rsa(cls, *, attempts_per_grain: int | None = None) -> Method:
+        """Random sequential addition. Without `attempts_per_grain` the search is exhaustive."""
+        return cls(type="rsa", attempts_per_grain=attempts_per_grain)
+
+    @classmethod
+    def edmd(
+        cls,
+        *,
+        time_s: float | None = None,
+        events: int | None = None,
+        stall_dt_s: float | None = None,
+        initial_scale: float | None = None,
+        growth_rate: float | None = None,
+        initial_velocity: float | None = None,
+        equal_mass: bool | None = None,
+        swap: bool | None = None,
+    ) -> Method:
+        """Event-driven molecular dynamics with growing grains.
+
+        It stops after `time_s` of packing, after a number of `events`, or if the simulated time per event and
+        grain falls below `stall_dt_s`.
+        """
+        stop = _Fields(time_s=time_s, events=events, stall_dt_s=stall_dt_s)
+        return cls(
+            type="edmd",
+            initial_scale=initial_scale,
+            growth_rate=growth_rate,
+            initial_velocity=initial_velocity,
+            equal_mass=equal_mass,
+            swap=swap,
+            stop=dict(stop) or None,
+        )
+
+
+class Segregation(_Fields):
+    """A gradient of the grain sizes in the specimen."""
+
+    @classmethod
+    def none(cls) -> Segregation:
+        """No gradient."""
+        return cls(type="none")
+
+    @classmethod
+    def along(
+        cls, axis: Literal["x", "y", "z"], strength: float, *, direction: Literal["up", "down"] | None = None
+    ) -> Segregation:
+        """Coarse grains gather at one end of an axis, at 0 by default."""
+        field = _Fields(type="linear", axis=axis, direction=direction)
+        return cls(type="gradient", field=dict(field), strength=strength)
+
+    @classmethod
+    def at_face(cls, face: Face, strength: float) -> Segregation:
+        """Coarse grains gather at a face of the specimen."""
+        return cls(type="gradient", field={"type": "face", "face": face}, strength=strength)

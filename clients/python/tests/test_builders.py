@@ -1,0 +1,72 @@
+"""Builders of requests."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import packstone
+import pytest
+from packstone import Box, Cylinder, Distance, Grading, Method, Mix, Proportions, Segregation
+
+
+def test_builders_are_the_dictionaries_of_requests() -> None:
+    assert Box(150) == {"type": "box", "size_mm": [150, 150, 150]}
+    assert Box(40, 50, 160, boundary="periodic")["size_mm"] == [40, 50, 160]
+    with pytest.raises(TypeError, match="one edge length or three"):
+        Box(40, 50)
+    assert Mix("A16", 0.7, d_min_mm=2) == {
+        "grading": {"type": "standard", "name": "A16"},
+        "d_min_mm": 2,
+        "volume_fraction": 0.7,
+    }
+    assert Method.edmd(time_s=5, growth_rate=0.1) == {"type": "edmd", "growth_rate": 0.1, "stop": {"time_s": 5}}
+    assert "stop" not in Method.edmd()
+    assert json.loads(json.dumps(Grading.classes([(2, 4, 0.5)])))["classes"][0]["mass_fraction"] == 0.5
+    assert repr(Method.auto()) == "Method({'type': 'auto'})"
+    assert pickle.loads(pickle.dumps(Box(1))) == Box(1)
+
+
+@pytest.mark.parametrize(
+    "job",
+    [
+        {"specimen": Box(40), "mix": Mix("A16", 0.3, d_min_mm=4)},
+        {"specimen": Cylinder(40, 80), "mix": Mix(Grading.fuller(16), 0.3, d_min_mm=4)},
+        {
+            "specimen": Box(40, boundary="periodic"),
+            "mix": Mix(Grading.monodisperse(5), 0.3),
+            "distance": Distance.constant(0.1),
+        },
+        {
+            "specimen": Box(40),
+            "mix": Mix(
+                Grading.sieves([(4, 0), (8, 0.5), (16, 1)]),
+                proportions=Proportions(400, 0.6, air=0.05, additions=[packstone.Addition(60, 2300)]),
+            ),
+            "distance": Distance.smaller_diameter(0.05, wall_gap_mm=1),
+            "method": Method.edmd(initial_scale=0.9, swap=False, equal_mass=True, stall_dt_s=1e-9, events=10**9),
+        },
+        {
+            "specimen": Cylinder(60, 60),
+            "mix": Mix(Grading.classes([(4, 8, 0.5), (8, 16, 0.5)]), 0.3, volume_fraction_of="placed_grains"),
+            "distance": Distance.proportional(0.1),
+            "segregation": Segregation.at_face("side", 3),
+        },
+        {
+            "specimen": Box(60),
+            "mix": Mix(Grading.diameters(np.full(50, 8.0))),
+            "distance": Distance.none(wall_gap_mm=1),
+            "method": Method.rsa(attempts_per_grain=10_000),
+            "segregation": Segregation.along("z", 3, direction="up"),
+        },
+    ],
+)
+def test_the_server_takes_what_is_built(client: packstone.Client, job: packstone.builders.JobFields) -> None:
+    assert client.plan(**job)["grains"] > 10
+
+
+def test_the_largest_distance_is_looked_for(client: packstone.Client) -> None:
+    mix = Mix(Grading.diameters([10.0] * 20))
+    plan = client.plan(specimen=Box(60), mix=mix, distance=Distance.maximize(), segregation=Segregation.none())
+    assert plan["grains"] == 20
