@@ -35,7 +35,7 @@ pub(crate) fn epoch_stream(seed: u64, epoch: u64) -> Xoshiro256PlusPlus {
 }
 
 /// A uniform number in `[0, 1)` with 53 bits.
-#[inline(always)]
+#[inline]
 pub(crate) fn uniform(rng: &mut Xoshiro256PlusPlus) -> f64 {
     const STEP: f64 = 1.0 / (1_u64 << 53) as f64;
     (rng.next_u64() >> 11) as f64 * STEP

@@ -116,7 +116,7 @@ struct Disc {
 
 impl Region {
     /// Whether a centre may lie at `p`.
-    #[inline(always)]
+    #[inline]
     pub fn contains(&self, p: [f64; 3]) -> bool {
         let inside = |a: usize| p[a] >= self.low[a] && p[a] <= self.high[a];
         inside(0)
@@ -170,7 +170,7 @@ impl Region {
 }
 
 impl Disc {
-    #[inline(always)]
+    #[inline]
     fn distance2(&self, p: [f64; 3]) -> f64 {
         let (x, y) = (p[0] - self.center[0], p[1] - self.center[1]);
         x * x + y * y

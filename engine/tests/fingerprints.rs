@@ -13,7 +13,9 @@ use serde_json::Value;
 fn fingerprint(spheres: &Spheres) -> String {
     let mut sum = crc32fast::Hasher::new();
     for column in [&spheres.x_mm, &spheres.y_mm, &spheres.z_mm, &spheres.d_mm] {
-        column.iter().for_each(|value| sum.update(&value.to_le_bytes()));
+        for value in column {
+            sum.update(&value.to_le_bytes());
+        }
     }
     format!("{:08x}", sum.finalize())
 }

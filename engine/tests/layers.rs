@@ -151,7 +151,6 @@ fn every_module_has_a_layer() {
 fn the_check_uses_nothing_of_what_makes_packings() {
     for file in files(&module_path("check")) {
         for path in named_after(&code(&file), "crate::") {
-            // The table of the standard curves is data.
             let is_allowed =
                 matches!(module_of(first(&path)), "cpu" | "control" | "packing" | "request" | "memory")
                     || path.starts_with("request::standard");

@@ -77,7 +77,9 @@ fn asked(mix: &Mix, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f
         list.sort_unstable_by(|a, b| b.total_cmp(a));
         let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
         let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
-        list.iter().for_each(|&d| add(&mut classes, d, |class| &mut class.target_volume_mm3));
+        for &d in &list {
+            add(&mut classes, d, |class| &mut class.target_volume_mm3);
+        }
         return (classes, Some(list));
     }
     let d_min = mix.d_min_mm.unwrap_or(0.0);

@@ -102,7 +102,7 @@ mod tests {
         let mut request = json!({
             "seed": 1,
             "mix": {"grading": {"type": "diameters", "mm": [4.1]}, "basis": "effective", "content": {"air": 0.1}},
-            "distance": {"type": "maximize", "wall_mm": 0.30000000000000004},
+            "distance": {"type": "maximize", "wall_mm": 0.300_000_000_000_000_04},
             "placement": {"type": "random"},
             "postprocess": [{"type": "msh", "segments": 8}, {"type": "slice", "form": "svg"}, {"type": "ldpm", "file": "tets"}]
         });
@@ -114,7 +114,7 @@ mod tests {
                 "volume_fraction_of": "placed_grains",
                 "proportions": {"air": 0.1}
             },
-            "distance": {"type": "maximize", "wall_gap_mm": 0.30000000000000004},
+            "distance": {"type": "maximize", "wall_gap_mm": 0.300_000_000_000_000_04},
             "segregation": {"type": "none"},
             "postprocess": [
                 {"type": "mesh", "format": "msh", "segments": 8},

@@ -338,6 +338,7 @@ impl System {
                 cutoff,
                 self.growth.kappa,
                 self.grid.coarser(cutoff),
+                #[inline(always)]
                 |j, image| {
                     let j_index = j as usize;
                     if j_index == i {
@@ -447,10 +448,17 @@ impl System {
         self.cold[i].cell = self.grid.insert(i as u32, center, cutoff);
         let mut found = std::mem::take(&mut self.found);
         found.clear();
-        self.grid.visit::<PERIODIC>(center, cutoff, self.growth.kappa, self.grid.all(), |j, image| {
-            prefetch(&self.cold, j as usize);
-            found.push(j | image << GRAIN_BITS);
-        });
+        self.grid.visit::<PERIODIC>(
+            center,
+            cutoff,
+            self.growth.kappa,
+            self.grid.all(),
+            #[inline(always)]
+            |j, image| {
+                prefetch(&self.cold, j as usize);
+                found.push(j | image << GRAIN_BITS);
+            },
+        );
         // By hand, for `retain` would not be compiled for the instruction set.
         let mut kept = 0;
         for at in 0..found.len() {

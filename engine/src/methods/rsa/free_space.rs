@@ -120,7 +120,7 @@ pub(super) struct FreeSpace<'a> {
     size_bins: Vec<Vec<Deferred>>,
     /// Beds before this one are empty: their deferred voxels are active or about to activate.
     bin: usize,
-    /// Deferred voxels of the size_bins already emptied.
+    /// Deferred voxels of the size bins already emptied.
     due: BinaryHeap<Deferred>,
     /// Voxels covered for parts of at least this are not active.
     threshold_mm: f64,

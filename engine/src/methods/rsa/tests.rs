@@ -125,7 +125,7 @@ fn exhaustive_search_draws_from_the_distribution_of_the_textbook() {
             match outcome.end {
                 End::Complete => ours.push(outcome.centers_mm),
                 end => {
-                    assert!(matches!(end, End::InsertionFailed { saturation_proven: true, .. }), "{end:?}")
+                    assert!(matches!(end, End::InsertionFailed { saturation_proven: true, .. }), "{end:?}");
                 }
             }
             theirs.extend(textbook(&diameters, &specimen, ENDLESS, seed));
