@@ -74,7 +74,7 @@ async fn run_and_export_make_what_the_service_would_make() {
     // The same of the result in a file, and of the one that the service has stored.
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
-    server.client().succeed(&job).await;
+    server.client().succeed(&jobs::quick(4)).await;
     server.stop().await;
     let artifact = data_dir.artifacts().into_iter().find(|f| f.extension().is_some_and(|e| e == "packstone"));
     let artifact = artifact.unwrap().to_string_lossy().into_owned();

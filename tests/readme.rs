@@ -6,9 +6,10 @@
 use std::fs;
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::time::Duration;
 
-use crate::harness::run;
+use crate::harness::deadline::within;
 
 const README: &str = include_str!("../README.md");
 
@@ -45,8 +46,13 @@ async fn the_commands_of_the_readme_run_as_pasted() {
     let mut shell = Command::new("bash");
     shell.args(["-c", &script]).current_dir(directory.path()).env("PATH", path);
     shell.env("PACKSTONE_LISTEN", format!("127.0.0.1:{port}"));
-    let ended = run(shell).await;
-    assert_eq!(ended.code, Some(0), "{script}\n{}\n{}", ended.stdout, ended.stderr);
+    shell.stdin(Stdio::null());
+    let output = tokio::task::spawn_blocking(move || shell.output());
+    // Half a minute of computing, on a machine that may build something else meanwhile.
+    let output = within(Duration::from_secs(900), "the commands to end", output).await.unwrap().unwrap();
+    let [stdout, stderr] =
+        [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
+    assert!(output.status.success(), "{}\n{script}\n{stdout}\n{stderr}", output.status);
 
     for file in [
         "packstone-demo/result.png",
@@ -61,7 +67,7 @@ async fn the_commands_of_the_readme_run_as_pasted() {
     ] {
         assert!(fs::metadata(directory.path().join(file)).is_ok_and(|file| file.len() > 0), "{file}");
     }
-    assert!(ended.stdout.contains("\"state\": \"succeeded\""), "{}", ended.stdout);
+    assert!(stdout.contains("\"state\": \"succeeded\""), "{stdout}");
 }
 
 /// Links to files of the repository lead somewhere.

@@ -237,7 +237,11 @@ async fn a_study_that_is_refused_runs_nothing() {
 async fn models_that_jobs_ask_for_lie_with_the_results() {
     let directory = tempfile::tempdir().unwrap();
     let mut template = jobs::with(jobs::quick(0), "/seed", Value::Null);
-    template = jobs::with(template, "/postprocess", json!([{"type": "raw", "cells": 6}, {"type": "slice"}]));
+    template = jobs::with(
+        template,
+        "/postprocess",
+        json!([{"type": "voxels", "format": "raw", "cells": 6}, {"type": "slice"}]),
+    );
     let study = json!({"seed": 1, "template": template, "grid": {"/postprocess/0/cells": [6, 7]}});
     write(directory.path(), &study);
     let ended = run(directory.path(), &[]).await;
