@@ -38,8 +38,14 @@ fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
     write!(file("script.geo"), "{}", msh::script("packing.msh")).unwrap();
     let of_stl = stl::write(&model, options, &limits, &Unattended, &mut file("packing.zip")).unwrap();
     assert_eq!(report, of_stl);
-    geo::write(&model, &geo::GeoOptions { segments: 10, ..geo::GeoOptions::default() }, &limits, &Unattended, &mut file("packing.geo"))
-        .unwrap();
+    geo::write(
+        &model,
+        &geo::GeoOptions { segments: 10, ..geo::GeoOptions::default() },
+        &limits,
+        &Unattended,
+        &mut file("packing.geo"),
+    )
+    .unwrap();
     let [x, y, z] = request.specimen.bounds_mm();
     let planes = match request.specimen {
         Specimen::Box { .. } => {
@@ -74,11 +80,7 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
                       "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.3}});
     let core = json!({"seed": 2, "specimen": {"type": "cylinder", "diameter_mm": 20, "height_mm": 24},
                       "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.5}});
-    write(
-        &directory.path().join("box"),
-        &cube,
-        &SurfaceOptions::default().with_segments(10),
-    );
+    write(&directory.path().join("box"), &cube, &SurfaceOptions::default().with_segments(10));
     write(&directory.path().join("cylinder"), &core, &SurfaceOptions::default());
     let read = Command::new(python).arg(SCRIPT).arg(directory.path()).output().unwrap();
     let said = String::from_utf8_lossy(&read.stdout);

@@ -67,7 +67,8 @@ pub(super) fn of_model(
     let spheres = model.spheres;
     let grains = Grains::new(model, options);
     let shell_mm = surface_mean_mm(model);
-    let shell = Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
+    let shell =
+        Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
     let mut triangles = shell_triangles(model.specimen, shell.edge_mm);
     for row in 0..spheres.len() {
         if row % GRAINS_PER_LOOK == 0 {
@@ -104,7 +105,8 @@ pub(super) fn of_plan(
     let of_power = |n: i32| sizes.iter().map(|size| size.grains * size.diameter_mm.powi(n)).sum::<f64>();
     let [x, y, z] = specimen.bounds_mm();
     let shell_mm = if of_power(2) > 0.0 { of_power(3) / of_power(2) } else { x }.min(x).min(y).min(z);
-    let shell = Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
+    let shell =
+        Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
     let mut triangles = shell_triangles(specimen, shell.edge_mm);
     // Grains with half of the gap that they keep, which is what keeps them apart.
     let coated = |d: f64| d + rule.gap_mm(d, d);
@@ -158,9 +160,8 @@ fn sizes(classes: &[ClassPlan]) -> Vec<Size> {
     let mut found = Vec::new();
     for class in classes.iter().filter(|class| class.grains > 0.0) {
         let ratio = (class.d_max_mm / class.d_min_mm).max(1.0);
-        let diameters: [f64; SIZES_PER_CLASS] = std::array::from_fn(|i| {
-            class.d_min_mm * ratio.powf((i as f64 + 0.5) / SIZES_PER_CLASS as f64)
-        });
+        let diameters: [f64; SIZES_PER_CLASS] =
+            std::array::from_fn(|i| class.d_min_mm * ratio.powf((i as f64 + 0.5) / SIZES_PER_CLASS as f64));
         let mean_volume = class.volume_mm3 / class.grains;
         let mean_of = |power: f64| {
             let weights = diameters.map(|d| (d / class.d_min_mm).powf(power));

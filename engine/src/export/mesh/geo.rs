@@ -162,6 +162,11 @@ pub fn write(
     })
 }
 
+/// Length of the script: 80 bytes a grain and a frame.
+pub(super) fn expected_bytes(grains: f64) -> u64 {
+    (1000.0 + 80.0 * grains) as u64
+}
+
 /// Sums over grains, of the cubes of diameters.
 #[derive(Default)]
 struct Volumes {

@@ -54,13 +54,22 @@ impl<'a> Grains<'a> {
 
     /// Calls `visit(other, gap, direction)` with what a grain faces within a reach, seen from its centre: the gap to it,
     /// and the direction of its nearest point.
-    pub(super) fn for_each_facing(&self, row: usize, reach: f64, mut visit: impl FnMut(Other, f64, [f64; 3])) {
+    pub(super) fn for_each_facing(
+        &self,
+        row: usize,
+        reach: f64,
+        mut visit: impl FnMut(Other, f64, [f64; 3]),
+    ) {
         let spheres = self.model.spheres;
         let (center, diameter) = (spheres.center(row), spheres.d_mm[row]);
         self.near.for_each(Some(row), center, diameter / 2.0, reach, |other, gap| {
             let theirs = spheres.center(other);
             let toward: [f64; 3] = std::array::from_fn(|a| theirs[a] - center[a]);
-            visit(Other::Sphere { center: toward, radius: spheres.d_mm[other] / 2.0 }, gap, sphere::unit(toward));
+            visit(
+                Other::Sphere { center: toward, radius: spheres.d_mm[other] / 2.0 },
+                gap,
+                sphere::unit(toward),
+            );
         });
         for (wall, foot) in walls(self.model.specimen, center) {
             let gap = wall.gap(center) - diameter / 2.0;
@@ -79,8 +88,7 @@ impl<'a> Grains<'a> {
         if fineness.triangles() > most_triangles as u64 {
             return None;
         }
-        let mut surface =
-            self.templates.entry(fineness).or_insert_with(|| fineness.polyhedron()).clone();
+        let mut surface = self.templates.entry(fineness).or_insert_with(|| fineness.polyhedron()).clone();
         // By a trifle, so that rounding brings no vertex out of the sphere.
         let radius = diameter / 2.0 * (1.0 - 4.0 * f64::EPSILON);
         surface.points.iter_mut().for_each(|p| *p = p.map(|x| x * radius));

@@ -25,11 +25,12 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Phase, Progress, Unattended};
+use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
-use crate::plan::Limits;
+use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
-use crate::request::{FieldError, Specimen};
+use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 pub use estimate::MeshEstimate;
 use grain::Grains;
 pub use options::{SurfaceOptions, VolumeCorrection};
@@ -113,6 +114,61 @@ impl MeshRequest {
     /// [`ExportError::Unavailable`] for a periodic box.
     pub fn check(&self, specimen: &Specimen) -> Result<(), ExportError> {
         check(specimen)
+    }
+
+    /// Says how long the file of a packing will be, and how many triangles it will have.
+    pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
+        check(model.specimen)?;
+        match self {
+            Self::Geo(_) => Ok((geo::expected_bytes(model.spheres.len() as f64), None)),
+            Self::Msh(options) | Self::Stl(options) => {
+                let estimate = estimate::of_model(model, options, &Unattended)?;
+                Ok((estimate.bytes, Some(estimate)))
+            }
+        }
+    }
+
+    /// The same by the plan of a packing, with warnings.
+    pub(super) fn estimate_from_plan(
+        &self,
+        request: &PackingRequest,
+        plan: &Plan,
+    ) -> Result<(u64, Option<MeshEstimate>, Vec<String>), ExportError> {
+        check(&request.specimen)?;
+        let (Self::Msh(options) | Self::Stl(options)) = self else {
+            return Ok((geo::expected_bytes(plan.grains), None, Vec::new()));
+        };
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let estimate = estimate::of_plan(&request.specimen, &rule, &plan.classes, options);
+        let mut warnings = Vec::new();
+        let fixed = !matches!(request.distance, Distance::Maximize { .. });
+        if fixed
+            && options.size_field
+            && plan.classes.iter().any(|class| rule.gap_mm(class.d_min_mm, class.d_min_mm) <= 0.0)
+        {
+            warnings.push(
+                "grains may touch: their surfaces are meshed finely around every contact, and elements between them are \
+                 flat; a distance between grains avoids both"
+                    .into(),
+            );
+        }
+        if estimate.bytes > options.max_bytes {
+            warnings.push(format!(
+                "the mesh is likely to have {:.1} million triangles in {} MB, more than its limit of {} MB",
+                estimate.triangles as f64 / 1e6,
+                estimate.bytes / 1_000_000,
+                options.max_bytes / 1_000_000
+            ));
+        }
+        Ok((estimate.bytes, Some(estimate), warnings))
+    }
+
+    /// Whether `max_segments` is what `segments` implies.
+    pub(super) fn has_default_max_segments(&self) -> bool {
+        match self {
+            Self::Geo(_) => true,
+            Self::Msh(options) | Self::Stl(options) => options.has_default_max_segments(),
+        }
     }
 
     /// Writes the file.

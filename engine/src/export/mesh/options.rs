@@ -26,15 +26,24 @@ pub struct SurfaceOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub segments: Option<u32>,
     /// Length of edges in mm where nothing is close, the same for all grains; in place of `segments`.
-    #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
+    )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size_mm: Option<f64>,
     /// No edge is asked to be shorter, in mm; grains keep at least 6 segments.
-    #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
+    )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_size_mm: Option<f64>,
     /// No edge is asked to be longer, in mm; grains have at most 256 segments.
-    #[cfg_attr(feature = "openapi", schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
+    )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_size_mm: Option<f64>,
     /// Whether edges become shorter where surfaces come close to one another: an edge is at most three times the gap
@@ -162,6 +171,11 @@ impl SurfaceOptions {
         sound.then_some(read)
     }
 
+    /// Whether `max_segments` is what `segments` implies.
+    pub(super) fn has_default_max_segments(&self) -> bool {
+        self.max_segments == self.segments.map(|n| (4 * n).min(SEGMENTS.1))
+    }
+
     /// Length of edges on a sphere of that diameter where nothing is close.
     pub(super) fn edge_mm(&self, diameter: f64) -> f64 {
         let segments = f64::from(self.segments.unwrap_or(DEFAULT_SEGMENTS));
@@ -198,4 +212,3 @@ fn length(at: Option<&At<'_>>) -> Option<Option<f64>> {
         None => Some(None),
     }
 }
-

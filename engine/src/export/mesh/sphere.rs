@@ -29,7 +29,8 @@ pub(super) struct Finenesses(Vec<Fineness>);
 
 impl Finenesses {
     pub(super) fn new() -> Self {
-        let pairs = (1..=MOST_STEPS).flat_map(|b| (0..=b.min(MOST_STEPS - b)).map(move |c| Fineness { b, c }));
+        let pairs =
+            (1..=MOST_STEPS).flat_map(|b| (0..=b.min(MOST_STEPS - b)).map(move |c| Fineness { b, c }));
         let mut all: Vec<Fineness> = pairs.collect();
         all.sort_by_key(|fineness| (fineness.per_face(), fineness.c));
         all.dedup_by_key(|fineness| fineness.per_face());
@@ -87,7 +88,8 @@ impl Fineness {
         let mut found = Vec::new();
         for j in -1..=b + c {
             for i in -c - 1..=b {
-                for [p, q, r] in [[(i, j), (i + 1, j), (i, j + 1)], [(i + 1, j), (i + 1, j + 1), (i, j + 1)]] {
+                for [p, q, r] in [[(i, j), (i + 1, j), (i, j + 1)], [(i + 1, j), (i + 1, j + 1), (i, j + 1)]]
+                {
                     let weights = [p, q, r].map(|place| self.weights(place));
                     let inside = (0..3).all(|k| weights.iter().map(|w| w[k]).sum::<i64>() >= 0);
                     if inside {
@@ -141,8 +143,7 @@ impl Face {
 
 /// The faces of the icosahedron.
 fn faces(corners: &[[f64; 3]; 12]) -> Vec<Face> {
-    let edge2 =
-        (1..12).map(|i| distance2(corners[0], corners[i])).fold(f64::INFINITY, f64::min);
+    let edge2 = (1..12).map(|i| distance2(corners[0], corners[i])).fold(f64::INFINITY, f64::min);
     let near = |i: usize, j: usize| i != j && distance2(corners[i], corners[j]) < 1.1 * edge2;
     let mut found = Vec::new();
     for i in 0..12 {

@@ -97,7 +97,8 @@ fn spheres_have_about_the_segments_asked_for_and_their_vertices_on_the_sphere() 
 fn grains_are_closed_inscribed_and_turned_outwards() {
     let packing = crowded();
     for specimen in [CUBE, CYLINDER] {
-        let options = SurfaceOptions { volume_correction: VolumeCorrection::None, ..SurfaceOptions::default() };
+        let options =
+            SurfaceOptions { volume_correction: VolumeCorrection::None, ..SurfaceOptions::default() };
         let (mesh, report) = mesh(&specimen, &packing, &options);
         assert_eq!(mesh.grains(), packing.len());
         let mut volume = 0.0;
@@ -260,7 +261,7 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
             "specimen": {"type": "box", "size_mm": [30, 30, 30]}, "distance": {"type": "constant", "gap_mm": gap_mm},
             "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.5},
         });
-        let request = crate::PackingRequest::from_json(&request, 1).unwrap();
+        let request = PackingRequest::from_json(&request, 1).unwrap();
         let packing = crate::pack(&request, &Limits::default(), &Unattended).unwrap();
         let mut before = 0;
         for segments in [8, 10, 12, 16, 20, 24] {
@@ -272,7 +273,12 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
             let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
             let guess = estimate::of_model(&model, &options, &Unattended).unwrap();
             let ratio = guess.triangles as f64 / report.triangles as f64;
-            assert!((1.0 / 1.5..1.5).contains(&ratio), "{gap_mm} {segments}: {} of {}", guess.triangles, report.triangles);
+            assert!(
+                (1.0 / 1.5..1.5).contains(&ratio),
+                "{gap_mm} {segments}: {} of {}",
+                guess.triangles,
+                report.triangles
+            );
         }
     }
 }
@@ -348,11 +354,15 @@ fn options_have_defaults_and_bounds() {
         ..SurfaceOptions::default().with_segments(100)
     };
     assert_eq!(options, Some(expected));
-    let (options, faults) = read(&json!({"size_mm": 0.5, "min_size_mm": 0.1, "max_size_mm": 2, "max_bytes": 7}));
+    let (options, faults) =
+        read(&json!({"size_mm": 0.5, "min_size_mm": 0.1, "max_size_mm": 2, "max_bytes": 7}));
     assert_eq!(faults, Vec::<String>::new());
     let options = options.unwrap();
     assert_eq!((options.segments, options.max_segments, options.size_mm), (None, None, Some(0.5)));
-    assert_eq!((options.edge_mm(16.0), options.edge_mm(0.4), options.floor_mm(16.0)), (0.5, PI * 0.4 / 6.0, 0.125));
+    assert_eq!(
+        (options.edge_mm(16.0), options.edge_mm(0.4), options.floor_mm(16.0)),
+        (0.5, PI * 0.4 / 6.0, 0.125)
+    );
     let (options, faults) = read(&json!({"segments": 5, "volume_correction": "best", "size": 1}));
     assert_eq!(options, None);
     assert_eq!(

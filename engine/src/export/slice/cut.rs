@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Axis, Report, overlap};
+use super::{Axis, SliceReport, overlap};
 use crate::export::Model;
 use crate::request::Specimen;
 
@@ -156,9 +156,9 @@ impl Cut {
         self.circles.iter().map(|circle| circle.area_mm2).sum()
     }
 
-    pub(super) fn report(&self) -> Report {
+    pub(super) fn report(&self) -> SliceReport {
         let (area_mm2, aggregate_area_mm2) = (self.outline.area_mm2(), self.aggregate_area_mm2());
-        Report {
+        SliceReport {
             axis: self.axis,
             at_mm: self.at_mm,
             plane: self.axis.plane(),

@@ -100,11 +100,7 @@ fn clipped(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let crossing = cut.circles.iter().zip(&most).filter(|(circle, _)| circle.clipped);
     let mut disk = |(i, (circle, most)): (usize, (&Circle, &f64))| {
         let ([u, v], r) = (circle.center_mm, circle.radius_mm);
-        writeln!(
-            out,
-            "r = {r}; most = {most}; Call Enlarge; Disk({}) = {{{u}, {v}, 0, r}};",
-            FIRST_GRAIN + i
-        )
+        writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({}) = {{{u}, {v}, 0, r}};", FIRST_GRAIN + i)
     };
     inside.clone().chain(crossing).enumerate().try_for_each(&mut disk)?;
     let first_crossing = FIRST_GRAIN + inside.count();

@@ -13,16 +13,16 @@ use crate::request::Boundary;
 use crate::request::decode::{At, Faults};
 use crate::{PackingRequest, Unattended, pack};
 
-fn read(value: &Value) -> Result<Options, Vec<String>> {
+fn read(value: &Value) -> Result<SliceOptions, Vec<String>> {
     let faults = Faults::default();
     let mut object = At::root(value, &faults).object().unwrap();
-    let options = Options::read(&mut object);
+    let options = SliceOptions::read(&mut object);
     object.finish();
     let faults: Vec<String> = faults.into_vec().iter().map(ToString::to_string).collect();
     if faults.is_empty() { Ok(options.unwrap()) } else { Err(faults) }
 }
 
-fn written(specimen: &Specimen, spheres: &Spheres, options: &Value) -> (Report, Vec<u8>) {
+fn written(specimen: &Specimen, spheres: &Spheres, options: &Value) -> (SliceReport, Vec<u8>) {
     let mut bytes = Vec::new();
     let model = Model { specimen, spheres };
     let options = read(options).unwrap();
@@ -54,7 +54,7 @@ fn packed(specimen: &Value, volume_fraction: f64) -> (Specimen, Spheres) {
 #[test]
 fn options_have_defaults_and_bounds() {
     let options = read(&json!({})).unwrap();
-    assert_eq!(options, Options { format: Format::Svg, axis: Axis::Z, at_mm: None, pixels: None });
+    assert_eq!(options, SliceOptions { format: SliceFormat::Svg, axis: Axis::Z, at_mm: None, pixels: None });
     assert_eq!(read(&json!({"format": "png"})).unwrap().pixels, Some(1000));
     let faults = read(&json!({"format": "gif", "axis": "w", "at_mm": -1, "pixels": 9000, "zoom": 1}));
     assert_eq!(
