@@ -56,13 +56,13 @@ fn grid(
     format: voxels::VoxelFormat,
     options: &Value,
     out: &mut dyn std::io::Write,
-) -> voxels::Report {
+) -> voxels::VoxelReport {
     let options = with_format(options, format);
     let options = read(&options, voxels::VoxelOptions::read);
     voxels::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
 }
 
-fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slice::Report {
+fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slice::SliceReport {
     let options = read(options, slice::SliceOptions::read);
     slice::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
 }

@@ -4,10 +4,10 @@
 //! the coarsest third of the mass less its weight in the mean over the finest. Coarse grains keep one another apart, so
 //! that `D^2` without a gradient is smaller than if sizes were dealt out at random to the same places: by the factor
 //! `S(k)`, the structure factor of the weights at the wave number of the field (Hansen and McDonald, Theory of Simple
-//! Liquids, 4th ed. 2013, doi:10.1016/C2010-0-66723-X, chapter 4). `S` is measured in the same packing, by sums
+//! Liquids, 4th ed. 2013, chapter 4). `S` is measured in the same packing, by sums
 //! `sum w_i f(u_i, v_i, ..)` with products `f` of cosines that have a mirror image across the field, in which a gradient
-//! cancels. `D^2` over the mean square of these sums is a studentised statistic (Welch 1990,
-//! doi:10.1080/01621459.1990.10474929); its p value is that of random permutations of the sizes, for which the same
+//! cancels. `D^2` over the mean square of these sums is a studentised statistic (Welch,
+//! Journal of the American Statistical Association 85, 1990); its p value is that of random permutations of the sizes, for which the same
 //! statistic is computed, so that it holds for few grains too. At wave numbers above the field's `S` is larger, by a factor
 //! `1 + c (k d)^2` that is taken off; `d` is the mean diameter of the coarsest third and `c` is fitted (`RISE`).
 
@@ -25,8 +25,8 @@ use crate::specimen::Region;
 
 /// Permutations of the sizes.
 const PERMUTATIONS: u32 = 999;
-/// `c / (1 - S)` in the rise of the structure factor with the wave number: fitted to 470 packings without a gradient
-/// (`docs/gradient.md`), of which half were made by random insertion and half by growth.
+/// `c / (1 - S)` in the rise of the structure factor with the wave number: chosen by the packings
+/// without a gradient of `docs/gradient.md`; from 0.35 to 0.7 it makes little difference.
 const RISE: f64 = 0.5;
 /// Most of the sum of squares of the orders of cosines in a product.
 const MOST_ORDERS: u32 = 5;
@@ -34,7 +34,7 @@ const MOST_ORDERS: u32 = 5;
 const GRID: usize = 9;
 /// Grains of most weight that are dealt out one by one. All others together have a sum that is normal, by the
 /// central limit theorem, with known moments.
-const DEALT: usize = 1024;
+const DEALT: usize = 256;
 /// Sums of as many numbers of the order of 1 agree to this.
 const ROUNDING: f64 = 1.0e-12;
 
@@ -295,14 +295,18 @@ fn permute(
     let weights: Vec<f64> = thirds.order.iter().map(|&grain| thirds.weight(grain as usize)).collect();
     let weight_moments = Moments::of(weights.iter().copied());
     let rest = Moments::of(weights[dealt..].iter().copied());
-    // All functions of the place: shares of fields, then products.
+    // All functions of the place: shares of fields, then products. Single precision is enough for sums that are compared
+    // with one another, and halves the memory.
     let fields = measured.len();
-    let functions = fields + products.orders.len();
-    let at = |function: usize, grain: usize| match function.checked_sub(fields) {
-        None => measured[function].shares[grain],
-        Some(product) => Products::at(&products.orders[product], measured, grain),
-    };
-    let all: Vec<Moments> = (0..functions).map(|f| Moments::of((0..n).map(|grain| at(f, grain)))).collect();
+    let mut values: Vec<Vec<f32>> =
+        measured.iter().map(|field| field.shares.iter().map(|share| *share as f32).collect()).collect();
+    values.extend(products.orders.iter().map(|orders| -> Vec<f32> {
+        (0..n).map(|grain| Products::at(orders, measured, grain) as f32).collect()
+    }));
+    let functions = values.len();
+    let at = |function: usize, grain: u32| f64::from(values[function][grain as usize]);
+    let all: Vec<Moments> =
+        values.iter().map(|values| Moments::of(values.iter().map(|value| f64::from(*value)))).collect();
     let spread: Vec<f64> =
         all.iter().map(|all| weight_moments.spread() * all.spread() / (n as f64 - 1.0).max(1.0)).collect();
     let statistics = |sums: &[f64]| {
@@ -312,7 +316,7 @@ fn permute(
     };
     let sums: Vec<f64> = (0..functions)
         .map(|f| {
-            let sum: f64 = thirds.order.iter().zip(&weights).map(|(&g, w)| w * at(f, g as usize)).sum();
+            let sum: f64 = thirds.order.iter().zip(&weights).map(|(&g, w)| w * at(f, g)).sum();
             if sum.abs() > ROUNDING { sum } else { 0.0 }
         })
         .collect();
@@ -327,7 +331,7 @@ fn permute(
             places.swap(k, other);
         }
         for (f, sum) in dealt_sums.iter_mut().enumerate() {
-            let taken = || places[..dealt].iter().map(|&place| at(f, place as usize));
+            let taken = || places[..dealt].iter().map(|&place| at(f, place));
             *sum = taken().zip(&weights).map(|(value, weight)| value * weight).sum();
             if dealt < n {
                 *sum += rest.normal_sum(&all[f].without(&Moments::of(taken())), rng);

@@ -5,7 +5,7 @@
 //! triangles there is the integral of `DENSITY / h(r)^2` over the surface. Both are summed over everything a grain faces.
 //! From a plan, what a grain faces is a mean: grains of the size `j` at gaps from `g` to `g + dg` number
 //! `rho_j 4 pi sigma_ij^2 G_ij dg`, `G_ij` the contact value of the pair distribution of hard spheres (Mansoori,
-//! Carnahan, Starling and Leland 1971, doi:10.1063/1.1675048). Measured: `docs/meshes.md`.
+//! Carnahan, Starling and Leland 1971, Journal of Chemical Physics 54). Measured: `docs/meshes.md`.
 
 use std::f64::consts::PI;
 

@@ -66,8 +66,8 @@ pub struct GeoReport {
     pub grains: u64,
     /// Longest edges that Gmsh is told to make.
     pub longest_edge_mm: f64,
-    /// Volume that Gmsh's polyhedra are expected to have over that of the spheres, minus one; its meshes come out within
-    /// 0.3 % of that.
+    /// Volume that Gmsh's polyhedra are expected to have over that of the spheres, minus one; meshes of spheres that stand
+    /// free come out within 0.3 % of that.
     #[serde(default)]
     pub expected_volume_error: f64,
     /// Grains whose gaps left no room for the volume of their spheres, where that was asked for.

@@ -1,6 +1,6 @@
 //! The unit sphere as an inscribed polyhedron of nearly equal triangles, in any fineness.
 //!
-//! Geodesic polyhedra of the icosahedron (Caspar and Klug 1962, doi:10.1101/SQB.1962.027.001.005): a face is the
+//! Geodesic polyhedra of the icosahedron (Caspar and Klug 1962, Cold Spring Harbor Symposia 27): a face is the
 //! triangle from 0 to `(b, c)` of the triangular lattice, which holds `T = b^2 + b c + c^2` lattice triangles. The
 //! polyhedron has `20 T` triangles and `10 T + 2` vertices. All pairs `b >= c >= 0` are used, so that `T` is 1, 3, 4, 7,
 //! 9, 12, 13, 16, 19, 21 and so on, and the fineness changes in small steps.

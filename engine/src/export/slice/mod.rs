@@ -223,17 +223,17 @@ pub fn check(specimen: &Specimen, options: &SliceOptions, _: &Limits) -> Result<
 pub(super) fn expected_bytes(specimen: &Specimen, options: &SliceOptions, sum_mm: f64) -> u64 {
     let bounds = specimen.bounds_mm();
     let circles = sum_mm / bounds[options.axis.index()];
-    let per_circle = match options.format {
-        SliceFormat::Svg => 55.0,
-        SliceFormat::Json => 110.0,
-        SliceFormat::Geo => 190.0,
+    let (frame, per_circle) = match options.format {
+        SliceFormat::Svg => (1000.0, 45.0),
+        SliceFormat::Json => (350.0, 105.0),
+        SliceFormat::Geo => (1400.0, 190.0),
         SliceFormat::Png => {
             let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
             return (0.1 * long * long * u.min(v) / u.max(v)) as u64 + 1000;
         }
     };
-    (2000.0 + per_circle * circles) as u64
+    (frame + per_circle * circles) as u64
 }
 
 /// Cuts the packing and writes what is asked for.
