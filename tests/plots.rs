@@ -148,7 +148,7 @@ async fn a_study_is_drawn_against_its_columns() {
     let get = async |query: &str| client.get(&format!("{plot}?{query}")).send().await;
 
     for (query, says) in [
-        ("kind=success", "success rate in %, with its 95 % interval"),
+        ("kind=success", "success rate in %"),
         ("kind=time", "time of all runs per success in s"),
         ("kind=distance", "distance in mm"),
         ("kind=curve", "only those that maximize the distance"),

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use packstone_engine::export::Model;
-use packstone_engine::export::ldpm::{self, Lattice, Options};
+use packstone_engine::export::ldpm::{self, Lattice, LatticeOptions};
 use packstone_engine::request::decode::{At, Faults};
 use packstone_engine::{Limits, PackingRequest, Unattended, geometry::delaunay, pack};
 use serde_json::{Value, json};
@@ -70,7 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let request = PackingRequest::from_json(&request, 1).map_err(|faults| format!("{faults:?}"))?;
     let (faults, keys) = (Faults::default(), Value::Object(keys));
     let options = At::root(&keys, &faults).object().and_then(|mut object| {
-        let options = Options::read(&mut object);
+        let options = LatticeOptions::read(&mut object);
         object.finish();
         options
     });
@@ -92,7 +92,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let nodes = lattice.nodes().points_mm.clone();
     delaunay::delaunay(&nodes, &Unattended)?;
     lap("of it, Delaunay", "");
-    for file in [ldpm::Format::Chrono, ldpm::Format::Tets, ldpm::Format::Facets, ldpm::Format::Cells] {
+    for file in [
+        ldpm::LatticeFormat::Chrono,
+        ldpm::LatticeFormat::Tets,
+        ldpm::LatticeFormat::Facets,
+        ldpm::LatticeFormat::Cells,
+    ] {
         let out: Box<dyn Write> = match &directory {
             Some(directory) => Box::new(File::create(
                 directory.join(format!("{file:?}.{}", file.extension()).to_lowercase()),
@@ -100,7 +105,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             None => Box::new(io::sink()),
         };
         let mut out = Counted { out, bytes: 0 };
-        lattice.write(&Options { format: file, ..options.clone() }, &Unattended, &mut out)?;
+        lattice.write(&LatticeOptions { format: file, ..options.clone() }, &Unattended, &mut out)?;
         lap(&format!("{file:?}"), &format!("{:.1} MB", out.bytes as f64 / 1e6));
     }
     println!("{}", serde_json::to_string_pretty(lattice.report())?);

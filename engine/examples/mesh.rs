@@ -5,7 +5,7 @@ use std::fs::File;
 use std::time::Instant;
 
 use packstone_engine::export::Model;
-use packstone_engine::export::mesh::{geo, msh, stl};
+use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
 use packstone_engine::request::decode::{At, Faults};
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::Value;
@@ -29,17 +29,17 @@ fn main() {
     let mut out = File::create(target).unwrap();
     let report = match format.as_str() {
         "msh" => {
-            let options = msh::Options::read(&mut object);
+            let options = SurfaceOptions::read(&mut object);
             object.finish();
             options.map(|o| format!("{:#?}", msh::write(&model, &o, &limits, &Unattended, &mut out).unwrap()))
         }
         "stl" => {
-            let options = stl::Options::read(&mut object);
+            let options = SurfaceOptions::read(&mut object);
             object.finish();
             options.map(|o| format!("{:#?}", stl::write(&model, &o, &limits, &Unattended, &mut out).unwrap()))
         }
         "geo" => {
-            let options = geo::Options::read(&mut object);
+            let options = geo::GeoOptions::read(&mut object);
             object.finish();
             options.map(|o| format!("{:#?}", geo::write(&model, &o, &limits, &Unattended, &mut out).unwrap()))
         }

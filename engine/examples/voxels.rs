@@ -53,17 +53,17 @@ fn timed<T>(run: impl Fn() -> T) -> (f64, T) {
 
 fn grid(
     model: &Model<'_>,
-    format: voxels::Format,
+    format: voxels::VoxelFormat,
     options: &Value,
     out: &mut dyn std::io::Write,
-) -> voxels::Report {
+) -> voxels::VoxelReport {
     let options = with_format(options, format);
-    let options = read(&options, voxels::Options::read);
+    let options = read(&options, voxels::VoxelOptions::read);
     voxels::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
 }
 
-fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slice::Report {
-    let options = read(options, slice::Options::read);
+fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slice::SliceReport {
+    let options = read(options, slice::SliceOptions::read);
     slice::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
 }
 
@@ -74,11 +74,11 @@ fn main() {
 
     println!("\nform, options: time in s, bytes");
     for (format, options) in [
-        (voxels::Format::Raw, json!({"cells": 400})),
-        (voxels::Format::Raw, json!({"cells": 400, "label": "grain"})),
-        (voxels::Format::Vti, json!({"cells": 400, "label": "grain", "fractions": true})),
-        (voxels::Format::Raw, json!({"cells": 1000})),
-        (voxels::Format::Inp, json!({"cells": 100})),
+        (voxels::VoxelFormat::Raw, json!({"cells": 400})),
+        (voxels::VoxelFormat::Raw, json!({"cells": 400, "label": "grain"})),
+        (voxels::VoxelFormat::Vti, json!({"cells": 400, "label": "grain", "fractions": true})),
+        (voxels::VoxelFormat::Raw, json!({"cells": 1000})),
+        (voxels::VoxelFormat::Inp, json!({"cells": 100})),
     ] {
         let (time, bytes) = timed(|| {
             let mut count = Count(0);
@@ -109,7 +109,7 @@ fn main() {
     for cells in [25, 50, 100, 200, 400, 800] {
         let by = |samples: u32| {
             let options = json!({"cells": cells, "samples": samples});
-            grid(&model, voxels::Format::Raw, &options, &mut std::io::sink())
+            grid(&model, voxels::VoxelFormat::Raw, &options, &mut std::io::sink())
         };
         let reports = [1, 2, 4, 8].map(by);
         let (exact, voxel_mm) = (reports[0].volume_fraction, reports[0].spacing_mm[0]);
@@ -140,11 +140,11 @@ fn main() {
     };
     let file = |name: &str| File::create(directory.join(name)).unwrap();
     cut(&model, &json!({"format": "geo"}), &mut file("slice-150.geo"));
-    for format in slice::Format::ALL {
+    for format in slice::SliceFormat::ALL {
         cut(&small, &json!({"format": format}), &mut file(&format!("slice.{}", format.name())));
     }
     let options = json!({"cells": 120, "label": "grain"});
-    grid(&small, voxels::Format::Vti, &options, &mut file("voxels.vti"));
+    grid(&small, voxels::VoxelFormat::Vti, &options, &mut file("voxels.vti"));
     let (request, packing) = a16(100.0, "periodic", 0.7, 0.0);
     let periodic = Model { specimen: &request.specimen, spheres: &packing.spheres };
     let report = cut(&periodic, &json!({"format": "geo"}), &mut file("slice-periodic.geo"));
@@ -165,7 +165,7 @@ const CELLS: usize = 60;
 fn shares(model: &Model<'_>, samples: u32) -> Vec<f64> {
     let mut bytes = Vec::new();
     let options = json!({"cells": CELLS, "fractions": true, "samples": samples});
-    grid(model, voxels::Format::Vti, &options, &mut bytes);
+    grid(model, voxels::VoxelFormat::Vti, &options, &mut bytes);
     let end = bytes.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
     let array = &bytes[end - 4 * CELLS.pow(3)..end];
     array.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()).into()).collect()
@@ -174,7 +174,7 @@ fn shares(model: &Model<'_>, samples: u32) -> Vec<f64> {
 /// Shares by points: the labels of a finer grid.
 fn points(model: &Model<'_>, samples: usize) -> Vec<f64> {
     let mut fine = Vec::new();
-    grid(model, voxels::Format::Raw, &json!({"cells": CELLS * samples}), &mut fine);
+    grid(model, voxels::VoxelFormat::Raw, &json!({"cells": CELLS * samples}), &mut fine);
     let mut shares = vec![0.0; CELLS.pow(3)];
     let n = CELLS * samples;
     for (at, label) in fine.iter().enumerate() {
@@ -205,7 +205,7 @@ impl std::io::Write for Count {
     }
 }
 
-fn with_format(options: &Value, format: voxels::Format) -> Value {
+fn with_format(options: &Value, format: voxels::VoxelFormat) -> Value {
     let mut options = options.clone();
     options["format"] = json!(format);
     options

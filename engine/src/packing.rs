@@ -106,7 +106,7 @@ pub struct SegregationReport {
     pub along: Separation,
     /// Along the axes that the field does not lie along.
     pub across: SeparationAcross,
-    /// Times that the sizes were dealt out anew to the places for the p values.
+    /// Random permutations of the sizes that the p values come from.
     pub permutations: u32,
 }
 
@@ -136,8 +136,8 @@ pub struct Separation {
     pub finest_third: f64,
     /// The one less the other: 0 without a gradient, 0.667 where sizes are sorted.
     pub difference: f64,
-    /// How probable a difference at least as large, of either sign, is if sizes are dealt out at random to the
-    /// same places.
+    /// How probable a difference at least as large, of either sign, is without a gradient: the share of random
+    /// permutations of the sizes for which the difference, over the size of such sums across the field, is as large.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub p_value: f64,
 }

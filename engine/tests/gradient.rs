@@ -54,7 +54,7 @@ fn assert_along_and_not_across(job: &Value, least: f64) {
     let mut by_chance = Vec::new();
     for seed in 1..=3 {
         let found = placement(job, seed);
-        assert!(found.along.difference > least && found.along.p_value == 0.001, "{found:?}");
+        assert!(found.along.difference > least && found.along.p_value < 0.02, "{found:?}");
         by_chance.extend(controls(&found).iter().map(|control| control.p_value));
     }
     let beyond = by_chance.iter().filter(|p| **p < 0.05).count();
@@ -103,7 +103,7 @@ fn growth_and_its_exchanges_keep_the_gradient() {
     let mut longest = job(&cube(), 0.45, &json!({"type": "edmd", "stop": {"events": 200_000}}));
     longest["distance"] = json!({"type": "maximize"});
     let found = placement(&with_gradient(longest, &linear(), 30.0), 1);
-    assert!(found.along.difference > 0.1 && found.along.p_value < 0.01, "{found:?}");
+    assert!(found.along.difference > 0.1 && found.along.p_value < 0.02, "{found:?}");
 }
 
 #[test]
@@ -143,18 +143,27 @@ fn without_a_gradient_p_values_are_uniform_where_grains_do_not_crowd() {
     }
 }
 
-/// Crowded grains are spread more evenly than chance would spread them one by one: p values are large rather than
-/// small, and never claim a gradient that is not there. The least strength runs all the machinery of a gradient.
+/// Crowded grains are spread more evenly than chance would spread them one by one, and p values know that: they are
+/// uniform (of permutations alone their median was 0.62 at 35 % and 0.72 at 60 %). The least strength runs all the
+/// machinery of a gradient.
 #[test]
-fn without_a_gradient_crowded_packings_claim_none() {
-    for (method, strength) in [("rsa", 0.0), ("rsa", 1.0e-9), ("edmd", 1.0e-9)] {
-        let crowded = with_gradient(job(&cube(), 0.4, &json!({"type": method})), &linear(), strength);
+fn without_a_gradient_p_values_are_uniform_where_grains_crowd() {
+    for (method, phi, strength) in [("rsa", 0.4, 0.0), ("rsa", 0.4, 1.0e-9), ("edmd", 0.6, 1.0e-9)] {
+        let crowded = with_gradient(job(&cube(), phi, &json!({"type": method})), &linear(), strength);
         let found = reports(&crowded);
-        let (small, _) = gaps(&found);
-        assert!(small < 1.86, "{method} {strength}: {small}");
+        let (small, large) = gaps(&found);
+        assert!(small < 1.86 && large < 1.86, "{method} {strength}: {small} {large}");
         let mean = found.iter().map(|found| found.along.difference).sum::<f64>() / SEEDS as f64;
         assert!(mean.abs() < 0.02, "{method} {strength}: {mean}");
     }
+}
+
+/// A weak gradient, which permutations of sizes alone would call chance in half of the packings.
+#[test]
+fn a_weak_gradient_is_told_from_chance() {
+    let weak = with_gradient(job(&cube(), 0.4, &json!({"type": "rsa"})), &linear(), 3.0);
+    let found: Vec<f64> = (0..10).map(|seed| placement(&weak, seed).along.p_value).collect();
+    assert!(found.iter().filter(|p| **p < 0.05).count() >= 8, "{found:?}");
 }
 
 #[test]

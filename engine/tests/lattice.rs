@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use packstone_engine::export::Model;
-use packstone_engine::export::ldpm::{self, BoundaryNodes, Options};
+use packstone_engine::export::ldpm::{self, BoundaryNodes, LatticeOptions};
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
 
@@ -26,7 +26,7 @@ fn interpreter() -> Option<PathBuf> {
 }
 
 /// Writes all files of the lattice of a mix, and has them read.
-fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &Options) {
+fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &LatticeOptions) {
     let request = json!({
         "specimen": specimen,
         "mix": {"grading": {"type": "fuller", "d_max_mm": 10.0, "exponent": 0.5}, "d_min_mm": 3.0, "volume_fraction": 0.5},
@@ -38,13 +38,13 @@ fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &Options)
     let directory = tempfile::tempdir().unwrap();
     let mut volume_mm3 = 0.0;
     for (file, name) in [
-        (ldpm::Format::Chrono, "chrono.zip"),
-        (ldpm::Format::Tets, "tets.vtu"),
-        (ldpm::Format::Facets, "facets.vtu"),
-        (ldpm::Format::Cells, "cells.vtu"),
+        (ldpm::LatticeFormat::Chrono, "chrono.zip"),
+        (ldpm::LatticeFormat::Tets, "tets.vtu"),
+        (ldpm::LatticeFormat::Facets, "facets.vtu"),
+        (ldpm::LatticeFormat::Cells, "cells.vtu"),
     ] {
         let mut out = File::create(directory.path().join(name)).unwrap();
-        let options = Options { format: file, ..options.clone() };
+        let options = LatticeOptions { format: file, ..options.clone() };
         volume_mm3 =
             ldpm::write(&model, &options, &Limits::default(), &Unattended, &mut out).unwrap().volume_mm3;
     }
@@ -68,11 +68,15 @@ fn vtk_meshio_and_the_rules_of_chrono_find_one_lattice() {
         &python,
         &cube,
         &json!({"type": "constant", "gap_mm": 0.3, "wall_gap_mm": 1.65}),
-        &Options { spacing: 1.3, ..Options::default() },
+        &LatticeOptions { spacing: 1.3, ..LatticeOptions::default() },
     );
     // Grains that touch walls, inverted pieces, radii of zero on a surface that is no plane.
     let cylinder = json!({"type": "cylinder", "diameter_mm": 30, "height_mm": 40});
-    let options =
-        Options { boundary_nodes: BoundaryNodes::Random, surface_radius: 0.0, seed: 9, ..Options::default() };
+    let options = LatticeOptions {
+        boundary_nodes: BoundaryNodes::Random,
+        surface_radius: 0.0,
+        seed: 9,
+        ..LatticeOptions::default()
+    };
     read(&python, &cylinder, &json!({"type": "none"}), &options);
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use packstone_engine::export::Model;
-use packstone_engine::export::mesh::{geo, msh, stl};
+use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
 use packstone_engine::request::Specimen;
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
@@ -27,7 +27,7 @@ fn interpreter() -> Option<PathBuf> {
 }
 
 /// Packs a job and writes it in all forms, with what the reader is to find.
-fn write(folder: &Path, job: &Value, options: &msh::Options) {
+fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
     let request = PackingRequest::from_json(job, 1).unwrap();
     let limits = Limits::default();
     let packing = pack(&request, &limits, &Unattended).unwrap();
@@ -38,8 +38,14 @@ fn write(folder: &Path, job: &Value, options: &msh::Options) {
     write!(file("script.geo"), "{}", msh::script("packing.msh")).unwrap();
     let of_stl = stl::write(&model, options, &limits, &Unattended, &mut file("packing.zip")).unwrap();
     assert_eq!(report, of_stl);
-    geo::write(&model, &geo::Options { segments: 10 }, &limits, &Unattended, &mut file("packing.geo"))
-        .unwrap();
+    geo::write(
+        &model,
+        &geo::GeoOptions { segments: 10, ..geo::GeoOptions::default() },
+        &limits,
+        &Unattended,
+        &mut file("packing.geo"),
+    )
+    .unwrap();
     let [x, y, z] = request.specimen.bounds_mm();
     let planes = match request.specimen {
         Specimen::Box { .. } => {
@@ -74,16 +80,8 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
                       "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.3}});
     let core = json!({"seed": 2, "specimen": {"type": "cylinder", "diameter_mm": 20, "height_mm": 24},
                       "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.5}});
-    write(
-        &directory.path().join("box"),
-        &cube,
-        &msh::Options { segments: 10, max_segments: 40, ..msh::Options::default() },
-    );
-    let corrected = msh::Options {
-        volume_correction: packstone_engine::export::mesh::VolumeCorrection::Scaled,
-        ..msh::Options::default()
-    };
-    write(&directory.path().join("cylinder"), &core, &corrected);
+    write(&directory.path().join("box"), &cube, &SurfaceOptions::default().with_segments(10));
+    write(&directory.path().join("cylinder"), &core, &SurfaceOptions::default());
     let read = Command::new(python).arg(SCRIPT).arg(directory.path()).output().unwrap();
     let said = String::from_utf8_lossy(&read.stdout);
     assert!(read.status.success(), "{said}{}", String::from_utf8_lossy(&read.stderr));

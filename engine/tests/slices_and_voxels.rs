@@ -59,28 +59,28 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
     let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
     let volume = json!({"specimen_volume_mm3": request.specimen.volume_mm3()});
     let grids = [
-        ("voxels", voxels::Format::Vti, json!({"cells": 41, "label": "grain", "fractions": true})),
-        ("voxels", voxels::Format::Raw, json!({"cells": 41, "label": "grain"})),
-        ("coarse", voxels::Format::Raw, json!({"voxel_mm": 1.3})),
-        ("voxels", voxels::Format::Inp, json!({"voxel_mm": 1.3})),
+        ("voxels", voxels::VoxelFormat::Vti, json!({"cells": 41, "label": "grain", "fractions": true})),
+        ("voxels", voxels::VoxelFormat::Raw, json!({"cells": 41, "label": "grain"})),
+        ("coarse", voxels::VoxelFormat::Raw, json!({"voxel_mm": 1.3})),
+        ("voxels", voxels::VoxelFormat::Inp, json!({"voxel_mm": 1.3})),
     ];
     for (name, format, options) in grids {
         let options = {
             let mut options = options.clone();
             options["format"] = json!(format);
-            read(&options, voxels::Options::read)
+            read(&options, voxels::VoxelOptions::read)
         };
         let mut bytes = Vec::new();
         let report = voxels::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
         keep(directory, &format!("{name}.{}", format.name()), &bytes, &report, &volume);
     }
     for axis in ["x", "y", "z"] {
-        for format in slice::Format::ALL {
+        for format in slice::SliceFormat::ALL {
             let mut options = json!({"format": format, "axis": axis, "at_mm": at});
-            if format == slice::Format::Png {
+            if format == slice::SliceFormat::Png {
                 options["pixels"] = json!(400);
             }
-            let options = read(&options, slice::Options::read);
+            let options = read(&options, slice::SliceOptions::read);
             let mut bytes = Vec::new();
             let report = slice::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
             keep(directory, &format!("slice-{axis}.{}", format.name()), &bytes, &report, &json!({}));

@@ -110,6 +110,31 @@ def check_gmsh(path, expected, least_gamma, rounding):
     return f"{len(gammas)} tetrahedra, smallest gamma {gammas.min():.3f}"
 
 
+def check_as_written(path, expected):
+    """Reads the file as it was written, without Gmsh: its triangles, groups, and the volume inside the specimen."""
+    read = meshio.read(path)
+    names = {"matrix", "aggregates", "itz", "edges", *expected["faces"]}
+    if set(read.field_data) != names:
+        sys.exit(f"{path}: meshio finds the groups {sorted(read.field_data)}")
+    tag = {name: int(read.field_data[name][0]) for name in names}
+    inside = {"faces": 0.0, "itz": 0.0}
+    lines = 0
+    for block, groups_of in zip(read.cells, read.cell_data["gmsh:physical"]):
+        if block.type == "line":
+            lines += len(block.data)
+            if set(groups_of) != {tag["edges"]}:
+                sys.exit(f"{path}: lines in the groups {set(groups_of)}")
+        elif block.type == "triangle":
+            a, b, c = np.moveaxis(read.points[block.data], 1, 0)
+            on = "itz" if groups_of[0] == tag["itz"] else "faces"
+            inside[on] += float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    for on, volume in [("itz", expected["aggregates_mm3"]), ("faces", expected["specimen_mm3"])]:
+        if not math.isclose(inside[on], volume, rel_tol=1e-9):
+            sys.exit(f"{path}: {inside[on]} mm3 within {on}, expected {volume}")
+    if not lines:
+        sys.exit(f"{path}: no lines along the edges")
+
+
 def check_stl(path, expected):
     """Reads both surfaces with two readers; they must be closed, and have their volume inside."""
     with zipfile.ZipFile(path) as archive:
@@ -143,6 +168,7 @@ def check_stl(path, expected):
 def main(directory):
     for folder in sorted(path for path in directory.iterdir() if path.is_dir()):
         expected = json.loads((folder / "expected.json").read_text())
+        check_as_written(folder / "packing.msh", expected)
         msh = check_gmsh(folder / "packing.msh", expected, least_gamma=0.05, rounding=1e-9)
         script = check_gmsh(folder / "script.geo", expected, least_gamma=0.05, rounding=1e-9)
         if script != msh:

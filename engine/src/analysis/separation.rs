@@ -1,8 +1,17 @@
-//! How far coarse and fine grains lie apart along a field, and whether chance would do the same.
+//! How far coarse and fine grains lie apart along a field, and how probable that is by chance.
 //!
-//! The coarsest and the finest third of the mass are compared by where they lie on average; that the sizes of all
-//! grains are dealt out anew, at random, to the places there are, is the chance they are compared with. It knows
-//! finished packings; it must never know how they were made.
+//! The statistic is `D = sum w_i u_i`: `u_i` in 0..1 is where grain `i` lies in the field, `w_i` its weight in the mean over
+//! the coarsest third of the mass less its weight in the mean over the finest. Coarse grains keep one another apart, so
+//! that `D^2` without a gradient is smaller than if sizes were dealt out at random to the same places: by the factor
+//! `S(k)`, the structure factor of the weights at the wave number of the field (Hansen and McDonald, Theory of Simple
+//! Liquids, 4th ed. 2013, chapter 4). `S` is measured in the same packing, by sums
+//! `sum w_i f(u_i, v_i, ..)` with products `f` of cosines that have a mirror image across the field, in which a gradient
+//! cancels. `D^2` over the mean square of these sums is a studentised statistic (Welch,
+//! Journal of the American Statistical Association 85, 1990); its p value is that of random permutations of the sizes, for which the same
+//! statistic is computed, so that it holds for few grains too. At wave numbers above the field's `S` is larger, by a factor
+//! `1 + c (k d)^2` that is taken off; `d` is the mean diameter of the coarsest third and `c` is fitted (`RISE`).
+
+use std::f64::consts::PI;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -12,12 +21,20 @@ use crate::packing::{SegregationReport, Separation, SeparationAcross, Spheres};
 use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace};
 use crate::rng::{Stream, stream, uniform};
 use crate::segregation::share_of_field;
+use crate::specimen::Region;
 
-/// Times that sizes are dealt out anew.
+/// Permutations of the sizes.
 const PERMUTATIONS: u32 = 999;
+/// `c / (1 - S)` in the rise of the structure factor with the wave number: chosen by the packings
+/// without a gradient of `docs/gradient.md`; from 0.35 to 0.7 it makes little difference.
+const RISE: f64 = 0.5;
+/// Most of the sum of squares of the orders of cosines in a product.
+const MOST_ORDERS: u32 = 5;
+/// Points along each axis of the grid over which wave numbers of products are averaged.
+const GRID: usize = 9;
 /// Grains of most weight that are dealt out one by one. All others together have a sum that is normal, by the
 /// central limit theorem, with known moments.
-const DEALT: usize = 1024;
+const DEALT: usize = 256;
 /// Sums of as many numbers of the order of 1 agree to this.
 const ROUNDING: f64 = 1.0e-12;
 
@@ -32,13 +49,12 @@ pub fn separation(
 ) -> SegregationReport {
     let fields = [Some(field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
     let thirds = Thirds::of(&spheres.d_mm);
-    let measured: Vec<Measured> = fields
-        .into_iter()
-        .flatten()
-        .map(|field| Measured::new(spheres, specimen, rule, field, &thirds))
-        .collect();
+    let present: Vec<GradientField> = fields.into_iter().flatten().collect();
+    let measured: Vec<Measured> =
+        present.iter().map(|&field| Measured::new(spheres, specimen, rule, field, &thirds)).collect();
+    let products = Products::new(&present, specimen, thirds.mean_diameter_mm(&spheres.d_mm), rule);
     let mut rng = stream(seed, Stream::Segregation);
-    let beyond = deal(&thirds, &measured, &mut rng);
+    let beyond = permute(&thirds, &measured, &products, &mut rng);
     let mut separations = measured.iter().zip(beyond).map(|(measured, beyond)| Separation {
         coarsest_third: measured.coarsest,
         finest_third: measured.finest,
@@ -105,6 +121,11 @@ impl Thirds {
         thirds
     }
 
+    /// Mean diameter over the coarsest third.
+    fn mean_diameter_mm(&self, d_mm: &[f64]) -> f64 {
+        self.coarsest.iter().zip(d_mm).map(|(weight, d)| weight * d).sum()
+    }
+
     /// Weight of a grain in the difference.
     fn weight(&self, grain: usize) -> f64 {
         self.coarsest[grain] - self.finest[grain]
@@ -114,6 +135,8 @@ impl Thirds {
 /// One field: where the grains lie on it.
 struct Measured {
     shares: Vec<f64>,
+    /// Cosines of half a turn from one end of the field to the other.
+    cosines: Vec<f64>,
     coarsest: f64,
     finest: f64,
 }
@@ -134,33 +157,188 @@ impl Measured {
         };
         let shares: Vec<f64> = (0..spheres.len()).map(share).collect();
         let mean = |weights: &[f64]| weights.iter().zip(&shares).map(|(weight, share)| weight * share).sum();
-        Self { coarsest: mean(&thirds.coarsest), finest: mean(&thirds.finest), shares }
+        let (coarsest, finest) = (mean(&thirds.coarsest), mean(&thirds.finest));
+        let cosines = shares.iter().map(|share| (PI * share).cos()).collect();
+        Self { shares, cosines, coarsest, finest }
     }
 }
 
-/// Deals sizes out to the places; says how often each difference was at least as large as the one measured.
-fn deal(thirds: &Thirds, measured: &[Measured], rng: &mut Xoshiro256PlusPlus) -> Vec<u32> {
+/// The orders of the cosines in a product, by field; 0 where the field is left out.
+type Orders = [u32; 4];
+
+/// The products that the structure factor is measured with, and the squares of wave numbers times the mean diameter of
+/// the coarsest third: of the products and of the fields.
+struct Products {
+    orders: Vec<Orders>,
+    wave2: Vec<f64>,
+    field_wave2: Vec<f64>,
+}
+
+impl Products {
+    /// The products for these fields, the first of them that of a gradient.
+    fn new(fields: &[GradientField], specimen: &Specimen, diameter_mm: f64, rule: &DistanceRule) -> Self {
+        let orders = all_orders(fields.len());
+        let clearance = diameter_mm / 2.0 + rule.wall_gap_mm(diameter_mm);
+        let (mut of_products, mut of_fields) = (vec![[0.0; 2]; orders.len()], vec![0.0; fields.len()]);
+        let mut points = 0.0;
+        if let Some(region) = specimen.center_region(clearance) {
+            let share = |field: usize, p: [f64; 3]| share_of_field(fields[field], &region, p);
+            let step = 1e-4 * specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+            for p in grid(&region).filter(|p| region.contains(*p)) {
+                let slopes: Vec<[f64; 3]> = (0..fields.len())
+                    .map(|field| {
+                        [0, 1, 2].map(|axis| {
+                            let moved = |by: f64| {
+                                let mut q = p;
+                                q[axis] += by;
+                                share(field, q)
+                            };
+                            (moved(step) - moved(-step)) / (2.0 * step)
+                        })
+                    })
+                    .collect();
+                let shares: Vec<f64> = (0..fields.len()).map(|field| share(field, p)).collect();
+                for (sum, slope) in of_fields.iter_mut().zip(&slopes) {
+                    *sum += slope.iter().map(|x| x * x).sum::<f64>();
+                }
+                for (orders, sums) in orders.iter().zip(&mut of_products) {
+                    let angle = |f: usize| PI * f64::from(orders[f]) * shares[f];
+                    let value: f64 = (0..fields.len()).map(|f| angle(f).cos()).product();
+                    let slope = |axis: usize| -> f64 {
+                        (0..fields.len())
+                            .map(|f| {
+                                let others: f64 =
+                                    (0..fields.len()).filter(|&g| g != f).map(|g| angle(g).cos()).product();
+                                -PI * f64::from(orders[f]) * angle(f).sin() * slopes[f][axis] * others
+                            })
+                            .sum()
+                    };
+                    sums[0] += value * value;
+                    sums[1] += (0..3).map(|axis| slope(axis).powi(2)).sum::<f64>();
+                }
+                points += 1.0;
+            }
+        }
+        let d2 = diameter_mm * diameter_mm;
+        let wave2 = of_products.iter().map(|[f2, slope2]| if *f2 > 0.0 { slope2 / f2 * d2 } else { 0.0 });
+        // A share of a field has the variance 1/12.
+        let field_wave2 =
+            of_fields.iter().map(|sum| if points > 0.0 { 12.0 * sum / points * d2 } else { 0.0 });
+        Self { wave2: wave2.collect(), field_wave2: field_wave2.collect(), orders }
+    }
+
+    /// The value of a product at a grain.
+    fn at(orders: &Orders, measured: &[Measured], grain: usize) -> f64 {
+        let factor = |(measured, order): (&Measured, &u32)| {
+            let x = measured.cosines[grain];
+            match order {
+                0 => 1.0,
+                1 => x,
+                // Chebyshev's polynomial: the cosine of twice the angle.
+                _ => 2.0 * x * x - 1.0,
+            }
+        };
+        measured.iter().zip(orders).map(factor).product()
+    }
+
+    /// The squares of differences along the fields over the mean square of the products, all by their variance under
+    /// permutation. The product that is the cosine of a field itself does not count for it.
+    fn statistics(&self, fields: &[f64], products: &[f64]) -> Vec<f64> {
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let rise = RISE * (1.0 - mean(products)).max(0.0);
+        let at_rest = |(value, wave2): (&f64, &f64)| value / (1.0 + rise * wave2);
+        let products: Vec<f64> = products.iter().zip(&self.wave2).map(at_rest).collect();
+        let one = |(field, value): (usize, f64)| {
+            let mut own = [0; 4];
+            own[field] = 1;
+            let others = || self.orders.iter().zip(&products).filter(|(orders, _)| **orders != own);
+            let of_others = others().map(|(_, value)| value).sum::<f64>() / others().count().max(1) as f64;
+            if value > 0.0 { value / of_others.max(f64::MIN_POSITIVE) } else { 0.0 }
+        };
+        fields.iter().zip(&self.field_wave2).map(at_rest).enumerate().map(one).collect()
+    }
+}
+
+/// Products of cosines of low order in which some factor across the first field is odd: such a product changes its sign
+/// with the mirror image across the field.
+fn all_orders(fields: usize) -> Vec<Orders> {
+    let mut found = Vec::new();
+    for code in 1..3_u32.pow(fields as u32) {
+        let orders: Orders =
+            std::array::from_fn(|f| if f < fields { code / 3_u32.pow(f as u32) % 3 } else { 0 });
+        let odd_across = orders[1..].iter().any(|order| order % 2 == 1);
+        if odd_across && orders.iter().map(|order| order * order).sum::<u32>() <= MOST_ORDERS {
+            found.push(orders);
+        }
+    }
+    found
+}
+
+/// Points of an even grid in the box around a region.
+fn grid(region: &Region) -> impl Iterator<Item = [f64; 3]> {
+    let (low, high) = (region.low, region.high);
+    (0..GRID.pow(3)).map(move |i| {
+        let place = [i % GRID, i / GRID % GRID, i / GRID / GRID];
+        std::array::from_fn(|a| low[a] + (high[a] - low[a]) * (place[a] as f64 + 0.5) / GRID as f64)
+    })
+}
+
+/// Permutes the sizes; says how often each statistic was at least as large as the one measured.
+fn permute(
+    thirds: &Thirds,
+    measured: &[Measured],
+    products: &Products,
+    rng: &mut Xoshiro256PlusPlus,
+) -> Vec<u32> {
     let n = thirds.order.len();
     let dealt = n.min(DEALT);
     let weights: Vec<f64> = thirds.order.iter().map(|&grain| thirds.weight(grain as usize)).collect();
+    let weight_moments = Moments::of(weights.iter().copied());
     let rest = Moments::of(weights[dealt..].iter().copied());
-    let all: Vec<Moments> = measured.iter().map(|m| Moments::of(m.shares.iter().copied())).collect();
+    // All functions of the place: shares of fields, then products. Single precision is enough for sums that are compared
+    // with one another, and halves the memory.
+    let fields = measured.len();
+    let mut values: Vec<Vec<f32>> =
+        measured.iter().map(|field| field.shares.iter().map(|share| *share as f32).collect()).collect();
+    values.extend(products.orders.iter().map(|orders| -> Vec<f32> {
+        (0..n).map(|grain| Products::at(orders, measured, grain) as f32).collect()
+    }));
+    let functions = values.len();
+    let at = |function: usize, grain: u32| f64::from(values[function][grain as usize]);
+    let all: Vec<Moments> =
+        values.iter().map(|values| Moments::of(values.iter().map(|value| f64::from(*value)))).collect();
+    let spread: Vec<f64> =
+        all.iter().map(|all| weight_moments.spread() * all.spread() / (n as f64 - 1.0).max(1.0)).collect();
+    let statistics = |sums: &[f64]| {
+        let squares: Vec<f64> =
+            sums.iter().zip(&spread).map(|(x, v)| if *v > 0.0 { x * x / v } else { 0.0 }).collect();
+        products.statistics(&squares[..fields], &squares[fields..])
+    };
+    let sums: Vec<f64> = (0..functions)
+        .map(|f| {
+            let sum: f64 = thirds.order.iter().zip(&weights).map(|(&g, w)| w * at(f, g)).sum();
+            if sum.abs() > ROUNDING { sum } else { 0.0 }
+        })
+        .collect();
+    let found = statistics(&sums);
     let mut places: Vec<u32> = (0..n as u32).collect();
-    let mut beyond = vec![0; measured.len()];
+    let mut beyond = vec![0; fields];
+    let mut dealt_sums = vec![0.0; functions];
     for _ in 0..PERMUTATIONS {
         // The first places of a random order; that of the last time is as good to start from as any.
         for k in 0..dealt {
             let other = k + (uniform(rng) * (n - k) as f64) as usize;
             places.swap(k, other);
         }
-        for ((field, all), beyond) in measured.iter().zip(&all).zip(&mut beyond) {
-            let taken = || places[..dealt].iter().map(|&place| field.shares[place as usize]);
-            let mut difference: f64 = taken().zip(&weights).map(|(share, weight)| share * weight).sum();
+        for (f, sum) in dealt_sums.iter_mut().enumerate() {
+            let taken = || places[..dealt].iter().map(|&place| at(f, place));
+            *sum = taken().zip(&weights).map(|(value, weight)| value * weight).sum();
             if dealt < n {
-                difference += rest.normal_sum(&all.without(&Moments::of(taken())), rng);
+                *sum += rest.normal_sum(&all[f].without(&Moments::of(taken())), rng);
             }
-            let asked = (field.coarsest - field.finest).abs();
-            *beyond += u32::from(difference.abs() >= asked - ROUNDING);
+        }
+        for ((beyond, found), value) in beyond.iter_mut().zip(&found).zip(statistics(&dealt_sums)) {
+            *beyond += u32::from(value >= found * (1.0 - ROUNDING));
         }
     }
     beyond
@@ -195,7 +373,7 @@ impl Moments {
         let variance = self.spread() * values.spread() / (self.n - 1.0).max(1.0);
         // Box and Muller (1958).
         let radius = (-2.0 * (-uniform(rng)).ln_1p()).sqrt();
-        mean + variance.sqrt() * radius * (2.0 * std::f64::consts::PI * uniform(rng)).cos()
+        mean + variance.sqrt() * radius * (2.0 * PI * uniform(rng)).cos()
     }
 }
 

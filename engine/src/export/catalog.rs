@@ -8,9 +8,9 @@ use serde_json::{Map, Value};
 use super::{ExportError, Model};
 use super::{ldpm, mesh, slice, voxels};
 use crate::control::Control;
-use crate::plan::Limits;
+use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
-use crate::request::{FieldError, Specimen};
+use crate::request::{FieldError, PackingRequest, Specimen};
 
 /// What can be made of a finished packing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -64,9 +64,9 @@ impl ExportType {
     fn read_options(self, object: &mut Object<'_>) -> Option<ExportRequest> {
         match self {
             Self::Mesh => mesh::MeshRequest::read(object).map(ExportRequest::Mesh),
-            Self::Voxels => voxels::Options::read(object).map(ExportRequest::Voxels),
-            Self::Slice => slice::Options::read(object).map(ExportRequest::Slice),
-            Self::Ldpm => ldpm::Options::read(object).map(ExportRequest::Ldpm),
+            Self::Voxels => voxels::VoxelOptions::read(object).map(ExportRequest::Voxels),
+            Self::Slice => slice::SliceOptions::read(object).map(ExportRequest::Slice),
+            Self::Ldpm => ldpm::LatticeOptions::read(object).map(ExportRequest::Ldpm),
         }
     }
 }
@@ -79,11 +79,11 @@ pub enum ExportRequest {
     /// Surfaces of grains and specimen.
     Mesh(mesh::MeshRequest),
     /// A voxel model.
-    Voxels(voxels::Options),
+    Voxels(voxels::VoxelOptions),
     /// A plane cross-section.
-    Slice(slice::Options),
+    Slice(slice::SliceOptions),
     /// A lattice discrete particle model, checked.
-    Ldpm(ldpm::Options),
+    Ldpm(ldpm::LatticeOptions),
 }
 
 /// The figures of an export, beside its file.
@@ -96,11 +96,33 @@ pub enum ExportReport {
     /// Surfaces of grains and specimen.
     Mesh(mesh::MeshReport),
     /// A voxel model.
-    Voxels(voxels::Report),
+    Voxels(voxels::VoxelReport),
     /// A plane cross-section.
-    Slice(slice::Report),
+    Slice(slice::SliceReport),
     /// A lattice discrete particle model.
-    Ldpm(ldpm::Report),
+    Ldpm(ldpm::LatticeReport),
+}
+
+/// What an export is likely to come out as.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ExportEstimate {
+    /// Length of the file.
+    pub bytes: u64,
+    /// The triangles of a surface mesh; absent for everything else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub mesh: Option<mesh::MeshEstimate>,
+    /// What is likely to go wrong, in words.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+/// Number and sizes of grains, for estimates.
+struct Sizes {
+    number: f64,
+    sum_mm: f64,
+    least_mm: f64,
 }
 
 impl ExportRequest {
@@ -136,6 +158,59 @@ impl ExportRequest {
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
         }
+    }
+
+    /// Says how long the file of a packing will be, before it is made: exactly for voxels, within a factor of 1.5 for
+    /// surface meshes.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] where it cannot be made of such a specimen.
+    pub fn estimate(&self, model: &Model<'_>) -> Result<ExportEstimate, ExportError> {
+        let d_mm = &model.spheres.d_mm;
+        let grains = Sizes {
+            number: model.spheres.len() as f64,
+            sum_mm: d_mm.iter().sum(),
+            least_mm: d_mm.iter().copied().fold(f64::INFINITY, f64::min),
+        };
+        match self {
+            Self::Mesh(mesh) => {
+                mesh.estimate(model).map(|(bytes, mesh)| ExportEstimate { bytes, mesh, warnings: Vec::new() })
+            }
+            other => Ok(other.estimate_of(model.specimen, &grains)),
+        }
+    }
+
+    /// Says how long the file will be by the plan of a packing, and what is likely to go wrong. Of surface meshes the
+    /// figure is right within a factor of two, for the gaps between grains are known by their statistics alone.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] where it cannot be made of such a specimen.
+    pub fn estimate_from_plan(
+        &self,
+        request: &PackingRequest,
+        plan: &Plan,
+    ) -> Result<ExportEstimate, ExportError> {
+        if let Self::Mesh(mesh) = self {
+            let (bytes, mesh, warnings) = mesh.estimate_from_plan(request, plan)?;
+            return Ok(ExportEstimate { bytes, mesh, warnings });
+        }
+        let mean = |class: &ClassPlan| (class.d_min_mm * class.d_max_mm).sqrt();
+        let grains = Sizes {
+            number: plan.grains,
+            sum_mm: plan.classes.iter().map(|class| class.grains * mean(class)).sum(),
+            least_mm: plan.classes.first().map_or(1.0, |class| class.d_min_mm),
+        };
+        Ok(self.estimate_of(&request.specimen, &grains))
+    }
+
+    fn estimate_of(&self, specimen: &Specimen, grains: &Sizes) -> ExportEstimate {
+        let bytes = match self {
+            Self::Mesh(_) => 0,
+            Self::Voxels(options) => voxels::expected_bytes(specimen, options),
+            Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm),
+            Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
+        };
+        ExportEstimate { bytes, mesh: None, warnings: Vec::new() }
     }
 
     /// Writes the file.
@@ -236,16 +311,46 @@ impl ExportRequest {
         }
     }
 
-    /// Ending of the name of a file that holds it, which tells exports of one packing apart: `msh`, `slice.svg`,
+    /// Ending of the name of a file that holds it. It tells exports of one packing apart: after the type or format come
+    /// the options that differ from the defaults, as in `msh`, `size_mm-0.5.msh`, `grain.vti`, `slice.x.at_mm-20.svg`,
     /// `ldpm.tets.vtu`.
     pub fn file_ending(&self) -> String {
         let extension = self.file_extension();
-        match self {
-            Self::Mesh(_) if extension == "zip" => format!("{}.zip", self.format()),
-            Self::Mesh(_) | Self::Voxels(_) => extension.to_owned(),
-            Self::Slice(_) => format!("slice.{extension}"),
-            Self::Ldpm(_) => format!("ldpm.{}.{extension}", self.format()),
-        }
+        let mut parts = match self {
+            Self::Mesh(_) if extension == "zip" => vec![self.format().to_owned()],
+            Self::Mesh(_) | Self::Voxels(_) => Vec::new(),
+            Self::Slice(_) => vec!["slice".to_owned()],
+            Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
+        };
+        parts.extend(self.chosen_options());
+        parts.push(extension.to_owned());
+        parts.join(".")
+    }
+
+    /// The options that differ from the defaults of the type and format, as parts of a name.
+    fn chosen_options(&self) -> Vec<String> {
+        let default = Self::from_text(self.export_type(), [("format", self.format())]);
+        let (Ok(Value::Object(own)), Ok(Ok(Value::Object(default)))) =
+            (serde_json::to_value(self), default.map(serde_json::to_value))
+        else {
+            return Vec::new();
+        };
+        let follows = |name: &str, value: &Value| match (self, name) {
+            // Four times the segments and half the fictitious diameter come with those.
+            (Self::Mesh(mesh), "max_segments") => mesh.has_default_max_segments(),
+            (Self::Ldpm(options), "surface_radius") => {
+                value.as_f64().is_some_and(|radius| radius * 2.0 == options.fictitious_diameter)
+            }
+            _ => false,
+        };
+        own.iter()
+            .filter(|(name, value)| default.get(*name) != Some(*value) && !follows(name, value))
+            .map(|(name, value)| match (name.as_str(), value) {
+                ("label" | "axis", Value::String(text)) => text.clone(),
+                (_, Value::String(text)) => format!("{name}-{text}"),
+                _ => format!("{name}-{value}"),
+            })
+            .collect()
     }
 
     /// A second file that the program which reads the export needs beside it, where it needs one: the ending that the

@@ -77,3 +77,108 @@ fn faults_of_options_are_all_told_each_at_its_place() {
         "{faults:?}"
     );
 }
+
+/// `packstone export` writes into one folder: no option may change a file and leave its name.
+#[test]
+fn names_of_files_tell_every_option_apart() {
+    let cases: [(ExportType, &[(&str, &str)], &str); 17] = [
+        (ExportType::Mesh, &[], "msh"),
+        (ExportType::Mesh, &[("segments", "24")], "segments-24.msh"),
+        (ExportType::Mesh, &[("segments", "24"), ("max_segments", "30")], "segments-24.max_segments-30.msh"),
+        (ExportType::Mesh, &[("size_mm", "0.5")], "size_mm-0.5.msh"),
+        (ExportType::Mesh, &[("format", "stl"), ("size_field", "false")], "stl.size_field-false.zip"),
+        (ExportType::Mesh, &[("format", "geo")], "geo"),
+        (ExportType::Voxels, &[], "vti"),
+        (ExportType::Voxels, &[("label", "grain")], "grain.vti"),
+        (ExportType::Voxels, &[("fractions", "true"), ("cells", "40")], "cells-40.fractions-true.vti"),
+        (ExportType::Voxels, &[("format", "inp"), ("voxel_mm", "2")], "voxel_mm-2.0.inp"),
+        (ExportType::Slice, &[], "slice.svg"),
+        (ExportType::Slice, &[("axis", "x"), ("at_mm", "20")], "slice.x.at_mm-20.0.svg"),
+        (ExportType::Slice, &[("format", "geo")], "slice.geo"),
+        (ExportType::Ldpm, &[], "ldpm.chrono.zip"),
+        (ExportType::Ldpm, &[("format", "tets")], "ldpm.tets.vtu"),
+        (ExportType::Ldpm, &[("format", "facets")], "ldpm.facets.vtu"),
+        (ExportType::Ldpm, &[("format", "cells"), ("seed", "3")], "ldpm.cells.seed-3.vtu"),
+    ];
+    let mut met = std::collections::BTreeSet::new();
+    for (export, options, name) in cases {
+        let request = ExportRequest::from_text(export, options.iter().copied()).unwrap();
+        assert_eq!(request.file_ending(), name);
+        assert!(met.insert(name), "{name}");
+    }
+}
+
+fn job(gap_mm: f64, size_mm: f64) -> PackingRequest {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [size_mm, size_mm, size_mm]},
+        "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": 0.5},
+        "distance": {"type": "constant", "gap_mm": gap_mm},
+    });
+    PackingRequest::from_json(&value, 1).unwrap()
+}
+
+#[test]
+fn files_are_as_long_as_estimated() {
+    let limits = Limits::default();
+    for gap_mm in [0.0, 0.3, 1.0] {
+        let request = job(gap_mm, 32.0);
+        let plan = Plan::new(&request, &limits).unwrap();
+        let packing = crate::pack(&request, &limits, &crate::Unattended).unwrap();
+        let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+        for (export, options) in [
+            (ExportType::Mesh, vec![]),
+            (ExportType::Mesh, vec![("segments", "10")]),
+            (ExportType::Mesh, vec![("size_mm", "1")]),
+            (ExportType::Mesh, vec![("format", "stl")]),
+            (ExportType::Mesh, vec![("format", "geo")]),
+            (ExportType::Voxels, vec![("cells", "50"), ("fractions", "true")]),
+            (ExportType::Slice, vec![("format", "json")]),
+            (ExportType::Slice, vec![("format", "svg")]),
+            (ExportType::Ldpm, vec![("format", "tets")]),
+            (ExportType::Ldpm, vec![("format", "facets")]),
+        ] {
+            let export = ExportRequest::from_text(export, options).unwrap();
+            let mut bytes = Vec::new();
+            let report = export.write(&model, &limits, &crate::Unattended, &mut bytes).unwrap();
+            let guess = export.estimate(&model).unwrap();
+            let early = export.estimate_from_plan(&request, &plan).unwrap();
+            let ratio = |estimate: &ExportEstimate| estimate.bytes as f64 / bytes.len() as f64;
+            let name = export.file_ending();
+            assert!(
+                (1.0 / 1.5..1.5).contains(&ratio(&guess)),
+                "{gap_mm} {name}: {} of {}",
+                guess.bytes,
+                bytes.len()
+            );
+            assert!(
+                (0.4..2.5).contains(&ratio(&early)),
+                "{gap_mm} {name}: {} of {}",
+                early.bytes,
+                bytes.len()
+            );
+            if let ExportReport::Mesh(mesh::MeshReport::Msh(report)) = report {
+                let ratio = guess.mesh.unwrap().triangles as f64 / report.triangles as f64;
+                assert!((1.0 / 1.5..1.5).contains(&ratio), "{gap_mm} {name}: {ratio}");
+                assert_eq!(!early.warnings.is_empty(), gap_mm == 0.0, "{:?}", early.warnings);
+            }
+        }
+    }
+}
+
+/// A mesh above its limit is refused before it is made, and the message says how to get below.
+#[test]
+fn meshes_beyond_their_limit_are_refused_with_advice() {
+    let request = job(0.0, 32.0);
+    let limits = Limits::default();
+    let packing = crate::pack(&request, &limits, &crate::Unattended).unwrap();
+    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+    let export = ExportRequest::from_text(ExportType::Mesh, [("max_bytes", "1000000")]).unwrap();
+    let refused = export.write(&model, &limits, &crate::Unattended, &mut std::io::sink()).unwrap_err();
+    let ExportError::TooLarge(fault) = refused else { panic!("{refused}") };
+    assert_eq!(fault.pointer, "/segments");
+    for word in ["million triangles", "at most 1 MB", "min_size_mm", "size_field", "distance", "max_bytes"] {
+        assert!(fault.detail.contains(word), "{}", fault.detail);
+    }
+    let early = export.estimate_from_plan(&request, &Plan::new(&request, &limits).unwrap()).unwrap();
+    assert!(early.warnings.iter().any(|warning| warning.contains("its limit of 1 MB")), "{early:?}");
+}

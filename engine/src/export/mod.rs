@@ -1,8 +1,6 @@
-//! What users make of a finished packing: meshes, voxels, cuts, lattice models.
+//! Exports of a finished packing: surface meshes, voxels, slices, lattice models, and tables of its grains.
 //!
-//! Everything here is a pure function of a [`Model`] and the options asked for: the same bytes whenever it is
-//! asked for. It knows spheres and their specimen; it must never know how they were packed, or where what it
-//! writes goes.
+//! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
 pub mod catalog;
 pub mod ldpm;
@@ -20,10 +18,10 @@ use crate::control::Control;
 use crate::packing::Spheres;
 use crate::request::{FieldError, Specimen};
 
-pub use catalog::{ExportReport, ExportRequest, ExportType};
+pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 1;
+pub const REVISION: u32 = 2;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +38,7 @@ pub enum ExportError {
     /// Options that do not hold.
     #[error("{}", listed(.0))]
     Invalid(Vec<FieldError>),
-    /// Not to be had of this specimen or packing; the text says what to do.
+    /// It cannot be made of this specimen or packing; the text says what to do.
     #[error("{0}")]
     Unavailable(String),
     /// More than may be used: says how much it would take.

@@ -161,7 +161,7 @@ impl Figure {
             StudyPlot::Success => Self {
                 title: "Success rate",
                 // Points at 0 and at 100 stand clear of the frame.
-                axis: Axis::linear("success rate in %, with its 95 % interval").between(-3.0, PERCENT + 3.0),
+                axis: Axis::linear("success rate in %").between(-3.0, PERCENT + 3.0),
                 read: |cells| {
                     let interval = cells.success_rate_low.zip(cells.success_rate_high);
                     let interval = interval.map(|(low, high)| [PERCENT * low, PERCENT * high]);

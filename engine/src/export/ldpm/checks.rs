@@ -260,38 +260,54 @@ fn shares(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
 /// Refuses a lattice for which an identity does not hold.
 fn judge(checks: &Checks) -> Result<(), ExportError> {
     let errors = [
-        ("T1: pieces do not add up to their tetrahedron", checks.tetrahedron_volume_error),
-        ("T3: cells do not add up to the volume", checks.cell_volume_error),
-        ("T3: cells have another centre of mass than the specimen", checks.center_of_mass_error),
-        ("T4: a cell is not closed", checks.closure_error),
-        ("T8: a projected area exceeds its area", checks.projected_area_error),
-        ("T8: projected areas do not give the volume", checks.projected_volume_error),
-        ("T12: the fabric tensor has another trace than 1", checks.fabric_trace_error),
+        (
+            "the 24 pieces of a tetrahedron do not add up to its volume (check T1",
+            checks.tetrahedron_volume_error,
+        ),
+        (
+            "the cells of all nodes do not add up to the volume of the specimen (check T3",
+            checks.cell_volume_error,
+        ),
+        ("the cells have another centre of mass than the specimen (check T3", checks.center_of_mass_error),
+        ("the facets around a node do not close its cell (check T4", checks.closure_error),
+        ("the projected area of a facet exceeds its area (check T8", checks.projected_area_error),
+        (
+            "a third of the sum of projected area times edge length is not the volume (check T8",
+            checks.projected_volume_error,
+        ),
+        ("the trace of the fabric tensor is not 1 (check T12", checks.fabric_trace_error),
     ];
     for (what, error) in errors {
         if error.is_nan() || error > TOLERANCE {
-            return Err(ExportError::CheckFailed(format!("{what} (relative error {error:e})")));
+            return Err(ExportError::CheckFailed(format!("{what}, relative error {error:e})")));
         }
     }
     let counts = [
-        ("T5: edges without one ring of facets", checks.rings_other),
-        ("T9: faces that differ between their tetrahedra", checks.nonconforming_faces),
-        ("T10: faces that are not Delaunay", checks.delaunay_violations),
+        (
+            "edges are not surrounded by one closed ring or one open chain of facets (check T5",
+            checks.rings_other,
+        ),
+        ("faces have different points in their two tetrahedra (check T9", checks.nonconforming_faces),
+        (
+            "faces have a node inside the circumsphere of a tetrahedron, so the mesh is not a Delaunay tetrahedralisation (check T10",
+            checks.delaunay_violations,
+        ),
     ];
     for (what, count) in counts {
         if count > 0 {
-            return Err(ExportError::CheckFailed(format!("{what}: {count}")));
+            return Err(ExportError::CheckFailed(format!("{what}, {count} found)")));
         }
     }
     if (checks.euler_volume, checks.euler_surface) != (1, 2) {
         return Err(ExportError::CheckFailed(format!(
-            "T6: Euler characteristic {} of the tetrahedra and {} of the surface, not 1 and 2",
+            "the tetrahedra do not fill a ball: their Euler characteristic is {}, that of the surface {}, not 1 and 2 \
+             (check T6)",
             checks.euler_volume, checks.euler_surface
         )));
     }
     if !(checks.edge_share_min > 0.0 && checks.edge_share_max < 1.0) {
         return Err(ExportError::CheckFailed(format!(
-            "T7: points of edges lie at {} to {} of their way",
+            "points of edges lie at the shares {} to {} of the edges, not between 0 and 1 (check T7)",
             checks.edge_share_min, checks.edge_share_max
         )));
     }

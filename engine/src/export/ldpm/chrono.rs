@@ -14,7 +14,7 @@ use zip::{CompressionMethod, ZipWriter};
 use super::tessellation::{Point, Tet, boundary_facets};
 use super::text::{push_number, push_whole};
 use super::work::Work;
-use super::{Lattice, Options, Report, topology};
+use super::{Lattice, LatticeOptions, LatticeReport, topology};
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
 
@@ -28,8 +28,8 @@ const BLOCK_BYTES: usize = 1 << 16;
 #[derive(Serialize)]
 struct Summary<'a> {
     engine: &'static str,
-    options: &'a Options,
-    report: &'a Report,
+    options: &'a LatticeOptions,
+    report: &'a LatticeReport,
 }
 
 /// Passes on what is written until told that all is lost; the archive's end is then written to nowhere.
@@ -135,7 +135,7 @@ impl<W: Write> Archive<'_, W> {
 
 pub(super) fn write(
     lattice: &Lattice,
-    options: &Options,
+    options: &LatticeOptions,
     work: &Work<'_>,
     out: &mut dyn Write,
 ) -> Result<(), ExportError> {
@@ -159,7 +159,7 @@ pub(super) fn write(
 
 fn write_files<W: Write>(
     lattice: &Lattice,
-    options: &Options,
+    options: &LatticeOptions,
     work: &Work<'_>,
     archive: &mut Archive<'_, W>,
 ) -> Result<(), ExportError> {

@@ -1,4 +1,5 @@
-//! The lattice discrete particle model of a finished packing (Cusatis, Pelessone and Mencarelli 2011).
+//! The lattice discrete particle model of a finished packing (Cusatis, Pelessone and Mencarelli 2011,
+//! doi:10.1016/j.cemconcomp.2011.02.011).
 //!
 //! Grains and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay tetrahedralisation; each
 //! tetrahedron falls into facets between the cells of its nodes (`tessellation`); every lattice is checked
@@ -29,8 +30,8 @@ use std::io::Write;
 
 pub use checks::Cell;
 pub use nodes::Nodes;
-pub use options::{BoundaryNodes, Format, Options};
-pub use report::{Checks, NodeReport, Report};
+pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
+pub use report::{Checks, LatticeReport, NodeReport};
 
 use crate::control::Control;
 use crate::export::{ExportError, Model};
@@ -51,14 +52,14 @@ pub struct Lattice {
     neighbors: Vec<[u32; 4]>,
     topology: Topology,
     cells: Vec<Cell>,
-    report: Report,
+    report: LatticeReport,
 }
 
 /// Judges what can be judged before there are grains.
 ///
 /// # Errors
 /// [`ExportError::Unavailable`] in a periodic box.
-pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportError> {
+pub fn check(specimen: &Specimen, _: &LatticeOptions, _: &Limits) -> Result<(), ExportError> {
     if specimen.is_periodic() {
         return Err(ExportError::Unavailable(
             "a lattice needs a surface to lay nodes on, and a periodic box has none: pack with \"boundary\": \"walls\""
@@ -74,16 +75,16 @@ pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportE
 /// [`ExportError`].
 pub fn write(
     model: &Model<'_>,
-    options: &Options,
+    options: &LatticeOptions,
     limits: &Limits,
     control: &dyn Control,
     out: &mut dyn Write,
-) -> Result<Report, ExportError> {
+) -> Result<LatticeReport, ExportError> {
     // By measured times: text takes long, and so do the many arrays of facets.
     let made = match options.format {
-        Format::Chrono => 0.15,
-        Format::Facets | Format::Cells => 0.4,
-        Format::Tets => 0.9,
+        LatticeFormat::Chrono => 0.15,
+        LatticeFormat::Facets | LatticeFormat::Cells => 0.4,
+        LatticeFormat::Tets => 0.9,
     };
     let lattice = Lattice::make(model, options, limits, &Part { control, from: 0.0, to: made })?;
     lattice.write(options, &Part { control, from: made, to: 1.0 }, out)?;
@@ -97,7 +98,7 @@ impl Lattice {
     /// [`ExportError`], but for [`ExportError::Write`].
     pub fn make(
         model: &Model<'_>,
-        options: &Options,
+        options: &LatticeOptions,
         limits: &Limits,
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
@@ -120,7 +121,7 @@ impl Lattice {
         let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
         let spans = [clear, node_report.spacing_mm];
         spheres::check(model, &nodes, spans, control, &mut checked.checks, &mut node_report)?;
-        let report = Report {
+        let report = LatticeReport {
             nodes: node_report,
             edges: topology.edge_ends.len() as u64,
             tetrahedra: tets.len() as u64,
@@ -142,17 +143,17 @@ impl Lattice {
     /// than it can number.
     pub fn write(
         &self,
-        options: &Options,
+        options: &LatticeOptions,
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<(), ExportError> {
         let (total, message) = (self.tets.len(), "writing the lattice");
         let work = Work { control, from: 0.0, to: 1.0, total, unit: "tetrahedra", message };
         match options.format {
-            Format::Chrono => chrono::write(self, options, &work, out),
-            Format::Tets => vtu::write_tets(self, &work, out),
-            Format::Facets => vtu::write_facets(self, &work, out),
-            Format::Cells => vtu::write_cells(self, &work, out),
+            LatticeFormat::Chrono => chrono::write(self, options, &work, out),
+            LatticeFormat::Tets => vtu::write_tets(self, &work, out),
+            LatticeFormat::Facets => vtu::write_facets(self, &work, out),
+            LatticeFormat::Cells => vtu::write_cells(self, &work, out),
         }
     }
 
@@ -172,7 +173,7 @@ impl Lattice {
     }
 
     /// What is known about it.
-    pub fn report(&self) -> &Report {
+    pub fn report(&self) -> &LatticeReport {
         &self.report
     }
 
@@ -196,11 +197,30 @@ impl Lattice {
         let error = (self.report.volume_over_specimen - 1.0).abs();
         if matches!(specimen, Specimen::Box { .. }) && error > checks::TOLERANCE {
             return Err(ExportError::CheckFailed(format!(
-                "T3: the surface misses the volume of the box (relative error {error:e})"
+                "the surface does not enclose the volume of the box (check T3, relative error {error:e})"
             )));
         }
         Ok(())
     }
+}
+
+/// Length of the file of a lattice, within a factor of 1.5: by the tetrahedra that grains and nodes on the surface have
+/// on average, and the bytes of each in a format.
+pub(super) fn expected_bytes(
+    specimen: &Specimen,
+    options: &LatticeOptions,
+    grains: f64,
+    d_min_mm: f64,
+) -> u64 {
+    let boundary = nodes::expected_on_boundary(specimen, options, d_min_mm);
+    let tetrahedra = 6.5 * grains + 2.8 * boundary;
+    let per_tetrahedron = match options.format {
+        LatticeFormat::Chrono => 1300.0,
+        LatticeFormat::Tets => 42.0,
+        LatticeFormat::Facets => 1650.0,
+        LatticeFormat::Cells => 620.0,
+    };
+    (4000.0 + per_tetrahedron * tetrahedra) as u64
 }
 
 /// Smallest diameter of a packing, by which the options are multiplied.
@@ -209,7 +229,7 @@ fn d_min_mm(model: &Model<'_>) -> f64 {
 }
 
 /// Refuses to make a prism of fewer than six sides of a cylinder.
-fn check_spacing(model: &Model<'_>, options: &Options) -> Result<(), ExportError> {
+fn check_spacing(model: &Model<'_>, options: &LatticeOptions) -> Result<(), ExportError> {
     let spacing_mm = options.spacing * d_min_mm(model);
     match *model.specimen {
         Specimen::Cylinder { diameter_mm, .. } if spacing_mm > diameter_mm / 2.0 => {
@@ -241,7 +261,7 @@ fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
     Ok(())
 }
 
-fn check_memory(model: &Model<'_>, options: &Options, limits: &Limits) -> Result<(), ExportError> {
+fn check_memory(model: &Model<'_>, options: &LatticeOptions, limits: &Limits) -> Result<(), ExportError> {
     let boundary = nodes::expected_on_boundary(model.specimen, options, d_min_mm(model));
     let grains = model.spheres.len() as f64;
     let bytes = (boundary + grains) * BYTES_PER_NODE;

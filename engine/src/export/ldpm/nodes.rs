@@ -6,7 +6,7 @@ use rand::rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::balls::Balls;
-use super::options::{BoundaryNodes, Options};
+use super::options::{BoundaryNodes, LatticeOptions};
 use super::sample;
 use super::surface::{Edge, Face, Mantle, Surface};
 use crate::control::Control;
@@ -57,7 +57,7 @@ impl Nodes {
 }
 
 /// About how many nodes the surface gets.
-pub(super) fn expected_on_boundary(specimen: &Specimen, options: &Options, d_min: f64) -> f64 {
+pub(super) fn expected_on_boundary(specimen: &Specimen, options: &LatticeOptions, d_min: f64) -> f64 {
     let surface = Surface::of(specimen);
     let distance = options.spacing * d_min;
     let length: f64 = surface.edges.iter().map(|edge| edge.length).sum();
@@ -73,7 +73,7 @@ pub(super) fn expected_on_boundary(specimen: &Specimen, options: &Options, d_min
 
 /// Nodes on a surface as they come to lie there.
 struct Layer<'a> {
-    options: &'a Options,
+    options: &'a LatticeOptions,
     control: &'a dyn Control,
     /// Distance that `random` nodes have on average.
     spacing: f64,
@@ -173,7 +173,11 @@ fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
 }
 
 /// Lays nodes on the surface of a model, and appends its grains.
-pub(super) fn lay(model: &Model<'_>, options: &Options, control: &dyn Control) -> Result<Nodes, ExportError> {
+pub(super) fn lay(
+    model: &Model<'_>,
+    options: &LatticeOptions,
+    control: &dyn Control,
+) -> Result<Nodes, ExportError> {
     let grains = model.spheres;
     let d_min = grains.d_mm.iter().copied().fold(f64::INFINITY, f64::min);
     let surface = Surface::of(model.specimen);

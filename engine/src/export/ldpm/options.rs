@@ -14,7 +14,7 @@ const FICTITIOUS_DIAMETER: f64 = 1.1;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeOptions))]
 #[serde(deny_unknown_fields)]
-pub struct Options {
+pub struct LatticeOptions {
     /// Distance that boundary nodes keep from one another, times the smallest diameter of the packing.
     #[cfg_attr(
         feature = "openapi",
@@ -41,7 +41,7 @@ pub struct Options {
     pub surface_radius: f64,
     /// File format.
     #[cfg_attr(feature = "openapi", schema(default = "chrono", required = false))]
-    pub format: Format,
+    pub format: LatticeFormat,
 }
 
 /// How nodes are laid on edges and faces.
@@ -61,7 +61,7 @@ pub enum BoundaryNodes {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeFormat))]
 #[serde(rename_all = "snake_case")]
-pub enum Format {
+pub enum LatticeFormat {
     /// Zip of the `.dat` files that Project Chrono reads, and the report.
     Chrono,
     /// VTK unstructured grid of the tetrahedra.
@@ -72,7 +72,7 @@ pub enum Format {
     Cells,
 }
 
-impl Format {
+impl LatticeFormat {
     /// Its name in requests.
     pub fn name(self) -> &'static str {
         match self {
@@ -83,7 +83,7 @@ impl Format {
         }
     }
 
-    /// Format extension.
+    /// LatticeFormat extension.
     pub fn extension(self) -> &'static str {
         if self == Self::Chrono { "zip" } else { "vtu" }
     }
@@ -94,7 +94,7 @@ impl Format {
     }
 }
 
-impl Default for Options {
+impl Default for LatticeOptions {
     fn default() -> Self {
         Self {
             spacing: SPACING,
@@ -102,12 +102,12 @@ impl Default for Options {
             boundary_nodes: BoundaryNodes::PoissonDisk,
             seed: 0,
             surface_radius: FICTITIOUS_DIAMETER / 2.0,
-            format: Format::Chrono,
+            format: LatticeFormat::Chrono,
         }
     }
 }
 
-impl Options {
+impl LatticeOptions {
     /// Reads the options from an object that may hold others, which the caller asks for.
     ///
     /// `None` means that faults were reported.
@@ -138,12 +138,12 @@ impl Options {
         };
         let format = match object.optional("format") {
             Some(at) => at.choice(&[
-                ("chrono", Format::Chrono),
-                ("tets", Format::Tets),
-                ("facets", Format::Facets),
-                ("cells", Format::Cells),
+                ("chrono", LatticeFormat::Chrono),
+                ("tets", LatticeFormat::Tets),
+                ("facets", LatticeFormat::Facets),
+                ("cells", LatticeFormat::Cells),
             ]),
-            None => Some(Format::Chrono),
+            None => Some(LatticeFormat::Chrono),
         };
         let (spacing, fictitious_diameter) = (spacing?, fictitious_diameter?);
         if spacing < fictitious_diameter {

@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::options::{BoundaryNodes, Options};
+use super::options::{BoundaryNodes, LatticeOptions};
 
 /// What is known about a lattice.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeReport))]
-pub struct Report {
+pub struct LatticeReport {
     /// Nodes, and how they were laid.
     pub nodes: NodeReport,
     /// Edges.
@@ -57,9 +57,13 @@ pub struct NodeReport {
 pub struct Checks {
     /// T1: largest difference of a tetrahedron's volume and the sum of its 24 pieces, over the cube of its longest edge.
     pub tetrahedron_volume_error: f64,
-    /// T2: pieces of negative volume, which stick out of their tetrahedron.
+    /// T2: pieces of negative volume, which stick out of their tetrahedron. A tetrahedron falls into 24 pieces, each
+    /// between a node, an edge point, a face point and the tetrahedron's own point; in flat tetrahedra the last may lie
+    /// outside. Volumes are counted with their sign, so that sums stay exact; programs that count them as positive have
+    /// too much mass by `unsigned_excess`.
     pub inverted_pieces: u64,
-    /// T2: tetrahedra with such a piece.
+    /// T2: tetrahedra with such a piece. A few per million tetrahedra are usual and harmless; many mean that nodes of the
+    /// surface are crowded: choose a smaller `surface_radius` or a larger `spacing`.
     pub inverted_tetrahedra: u64,
     /// T2: by how much all pieces exceed the volume when each is counted as positive, over the volume.
     pub unsigned_excess: f64,
@@ -93,7 +97,8 @@ pub struct Checks {
     pub projected_area_error: f64,
     /// T8: difference of a third of the sum of signed projected area times length and the volume, over the volume.
     pub projected_volume_error: f64,
-    /// T8: facets whose signed projected area is not positive.
+    /// T8: facets whose signed projected area is not positive: the facet faces backwards along its edge, and its springs
+    /// would have a negative area. 0 is what a solver needs. Where it is not 0, choose a smaller `surface_radius`.
     pub facets_not_positive: u64,
     /// T9: faces whose points differ in any bit between their two tetrahedra; always 0.
     pub nonconforming_faces: u64,
@@ -115,7 +120,7 @@ pub struct Checks {
 }
 
 impl NodeReport {
-    pub(super) fn new(nodes: &super::nodes::Nodes, options: &Options) -> Self {
+    pub(super) fn new(nodes: &super::nodes::Nodes, options: &LatticeOptions) -> Self {
         let random = options.boundary_nodes == BoundaryNodes::Random;
         let factor = if random { options.fictitious_diameter } else { options.spacing };
         Self {

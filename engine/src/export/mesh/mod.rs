@@ -1,12 +1,16 @@
-//! Surface meshes of a packing for finite elements: every grain an inscribed polyhedron, the specimen its
-//! faces.
+//! Surface meshes of a packing for finite elements: every grain a polyhedron with the volume of its sphere, the
+//! specimen its faces.
 //!
-//! [`msh`] and [`stl`] write the triangles made here, [`geo`] leaves them to Gmsh. Polyhedra lie inside their
-//! spheres, so that grains which do not touch stay apart. Nothing here knows tetrahedra, files or HTTP.
+//! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
+//! grains that do not touch do not touch either. Methods: [`sphere`] (geodesic polyhedra), [`surface`] (refinement),
+//! [`size`] (length of edges), [`grain`] (volume), [`estimate`] (triangles and bytes beforehand).
 
+mod estimate;
 pub mod geo;
+mod grain;
 pub mod msh;
 mod near;
+mod options;
 mod outline;
 mod shell;
 mod size;
@@ -21,20 +25,18 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Phase, Progress, Unattended};
+use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
-use crate::plan::Limits;
-use crate::request::decode::{At, Object};
-use crate::request::{FieldError, Specimen};
-use near::Near;
-use shell::{Division, Shell, walls};
-use size::{EDGE_PER_GAP, Facing, Other};
-use surface::{Shape, Surface, cross, dot};
+use crate::plan::{Limits, Plan};
+use crate::request::decode::Object;
+use crate::request::{Distance, FieldError, PackingRequest, Specimen};
+pub use estimate::MeshEstimate;
+use grain::Grains;
+pub use options::{SurfaceOptions, VolumeCorrection};
+use shell::{Division, Shell};
+use surface::Surface;
 
-/// Bounds of both numbers of segments.
-const SEGMENTS: (u32, u32) = (6, 256);
-/// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
-const GAP_SHARE: f64 = 0.5;
 /// Memory of a triangle with its half of a vertex, in bytes, with what growing vectors hold in reserve.
 const BYTES_PER_TRIANGLE: u64 = 72;
 /// Grains between two looks at whether to stop.
@@ -48,7 +50,7 @@ pub enum MeshRequest {
     /// Surfaces as a Gmsh file (MSH 4.1), to be filled with tetrahedra.
     Msh(SurfaceOptions),
     /// Spheres and specimen as a Gmsh script for the `OpenCASCADE` kernel.
-    Geo(geo::Options),
+    Geo(geo::GeoOptions),
     /// Surfaces as STL, a file for each phase in a zip.
     Stl(SurfaceOptions),
 }
@@ -61,7 +63,7 @@ pub enum MeshReport {
     /// Of a Gmsh file.
     Msh(SurfaceReport),
     /// Of a Gmsh script.
-    Geo(geo::Report),
+    Geo(geo::GeoReport),
     /// Of STL files.
     Stl(SurfaceReport),
 }
@@ -74,7 +76,7 @@ impl MeshRequest {
             None => "msh",
         };
         match format {
-            "geo" => geo::Options::read(object).map(Self::Geo),
+            "geo" => geo::GeoOptions::read(object).map(Self::Geo),
             "stl" => SurfaceOptions::read(object).map(Self::Stl),
             _ => SurfaceOptions::read(object).map(Self::Msh),
         }
@@ -114,6 +116,61 @@ impl MeshRequest {
         check(specimen)
     }
 
+    /// Says how long the file of a packing will be, and how many triangles it will have.
+    pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
+        check(model.specimen)?;
+        match self {
+            Self::Geo(_) => Ok((geo::expected_bytes(model.spheres.len() as f64), None)),
+            Self::Msh(options) | Self::Stl(options) => {
+                let estimate = estimate::of_model(model, options, &Unattended)?;
+                Ok((estimate.bytes, Some(estimate)))
+            }
+        }
+    }
+
+    /// The same by the plan of a packing, with warnings.
+    pub(super) fn estimate_from_plan(
+        &self,
+        request: &PackingRequest,
+        plan: &Plan,
+    ) -> Result<(u64, Option<MeshEstimate>, Vec<String>), ExportError> {
+        check(&request.specimen)?;
+        let (Self::Msh(options) | Self::Stl(options)) = self else {
+            return Ok((geo::expected_bytes(plan.grains), None, Vec::new()));
+        };
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let estimate = estimate::of_plan(&request.specimen, &rule, &plan.classes, options);
+        let mut warnings = Vec::new();
+        let fixed = !matches!(request.distance, Distance::Maximize { .. });
+        if fixed
+            && options.size_field
+            && plan.classes.iter().any(|class| rule.gap_mm(class.d_min_mm, class.d_min_mm) <= 0.0)
+        {
+            warnings.push(
+                "grains may touch: their surfaces are meshed finely around every contact, and elements between them are \
+                 flat; a distance between grains avoids both"
+                    .into(),
+            );
+        }
+        if estimate.bytes > options.max_bytes {
+            warnings.push(format!(
+                "the mesh is likely to have {:.1} million triangles in {} MB, more than its limit of {} MB",
+                estimate.triangles as f64 / 1e6,
+                estimate.bytes / 1_000_000,
+                options.max_bytes / 1_000_000
+            ));
+        }
+        Ok((estimate.bytes, Some(estimate), warnings))
+    }
+
+    /// Whether `max_segments` is what `segments` implies.
+    pub(super) fn has_default_max_segments(&self) -> bool {
+        match self {
+            Self::Geo(_) => true,
+            Self::Msh(options) | Self::Stl(options) => options.has_default_max_segments(),
+        }
+    }
+
     /// Writes the file.
     ///
     /// # Errors
@@ -133,75 +190,9 @@ impl MeshRequest {
     }
 }
 
-/// How finely surfaces are meshed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "openapi", schema(as = MeshOptions))]
-#[serde(deny_unknown_fields)]
-pub struct SurfaceOptions {
-    /// Segments of a grain's circumference; met in steps of 5.2.
-    #[cfg_attr(feature = "openapi", schema(default = 16, required = false, minimum = 6, maximum = 256))]
-    pub segments: u32,
-    /// Whether edges become shorter where surfaces come close to one another, in proportion to their
-    /// clearance.
-    #[cfg_attr(feature = "openapi", schema(default = true, required = false))]
-    pub size_field: bool,
-    /// Segments of a circumference that the size field may ask for; four times `segments` when absent.
-    #[cfg_attr(feature = "openapi", schema(required = false, minimum = 6, maximum = 256))]
-    pub max_segments: u32,
-    /// Whether polyhedra are enlarged to the volume of their spheres.
-    #[cfg_attr(feature = "openapi", schema(default = "none", required = false))]
-    pub volume_correction: VolumeCorrection,
-}
-
-/// Whether polyhedra are enlarged to the volume of their spheres.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum VolumeCorrection {
-    /// Inscribed: vertices on the spheres, a few percent too little volume.
-    None,
-    /// Scaled about their centres, by as much as leaves at least half of every clearance.
-    Scaled,
-}
-
-impl Default for SurfaceOptions {
-    fn default() -> Self {
-        Self { segments: 16, size_field: true, max_segments: 64, volume_correction: VolumeCorrection::None }
-    }
-}
-
-impl SurfaceOptions {
-    /// Reads the options out of a request; faults go where the object's go.
-    pub fn read(object: &mut Object<'_>) -> Option<Self> {
-        let number = |at: Option<&At<'_>>| match at {
-            Some(at) => at.integer(SEGMENTS.0.into(), SEGMENTS.1.into()).map(|n| Some(n as u32)),
-            None => Some(None),
-        };
-        let segments = number(object.optional("segments").as_ref());
-        let size_field = object.optional("size_field").map_or(Some(true), |at| at.boolean());
-        let most_at = object.optional("max_segments");
-        let most = number(most_at.as_ref());
-        let corrections = [("none", VolumeCorrection::None), ("scaled", VolumeCorrection::Scaled)];
-        let volume_correction = object
-            .optional("volume_correction")
-            .map_or(Some(VolumeCorrection::None), |at| at.choice(&corrections));
-        let segments = segments?.unwrap_or(Self::default().segments);
-        let max_segments = most?.unwrap_or((4 * segments).min(SEGMENTS.1));
-        if let Some(at) = most_at.filter(|_| max_segments < segments) {
-            at.fault(format!(
-                "{max_segments} is out of range: must be at least segments, which is {segments}"
-            ));
-            return None;
-        }
-        Some(Self { segments, size_field: size_field?, max_segments, volume_correction: volume_correction? })
-    }
-}
-
 /// What a mesh came out as.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "openapi", schema(as = MeshReport))]
 pub struct SurfaceReport {
     /// Grains.
     pub grains: u64,
@@ -219,9 +210,10 @@ pub struct SurfaceReport {
     pub specimen_volume_error: f64,
     /// Volume of the polyhedra.
     pub aggregate_volume_mm3: f64,
-    /// The same over that of the spheres, minus one; 0 where there are no grains.
+    /// The same over that of the spheres, minus one; 0 where there are no grains. With the correction `scaled` it is what
+    /// the gaps left no room for.
     pub aggregate_volume_error: f64,
-    /// Grains that could not be enlarged to the volume of their spheres, where that was asked for.
+    /// Grains whose gaps left no room for the volume of their spheres, where that was asked for.
     pub grains_short_of_volume: u64,
 }
 
@@ -250,14 +242,6 @@ struct Mesh {
     ends: Vec<(usize, usize)>,
 }
 
-/// What to work with.
-struct Work<'a> {
-    model: &'a Model<'a>,
-    options: &'a SurfaceOptions,
-    limits: &'a Limits,
-    near: Near<'a>,
-}
-
 impl Mesh {
     /// Meshes a packing, and tells what came out.
     fn new(
@@ -268,21 +252,20 @@ impl Mesh {
     ) -> Result<(Self, SurfaceReport), ExportError> {
         check(model.specimen)?;
         let spheres = model.spheres;
-        let work = Work { model, options, limits, near: Near::new(spheres, model.specimen.bounds_mm()) };
-        let template = sphere::sphere(f64::from(options.segments));
-        let at_least = template.triangles.len() as u64 * spheres.len() as u64 * BYTES_PER_TRIANGLE;
-        if at_least > limits.max_memory_bytes {
-            return Err(work.too_large(at_least));
+        let estimate = estimate::of_model(model, options, control)?;
+        if estimate.bytes > options.max_bytes.min(limits.max_memory_bytes) {
+            return Err(too_large(model, options, Some(estimate), limits));
         }
-        let edge_mm = PI * surface_mean_mm(model) / f64::from(options.segments);
+        let mut grains = Grains::new(model, options);
+        let typical_mm = surface_mean_mm(model);
         let division = Division {
-            edge_mm,
-            floor_mm: edge_mm * f64::from(options.segments) / f64::from(options.max_segments),
+            edge_mm: options.edge_mm(typical_mm),
+            floor_mm: options.floor_mm(typical_mm),
             size_field: options.size_field,
         };
         let most = (limits.max_memory_bytes / BYTES_PER_TRIANGLE) as usize;
         let shell = Shell::new(model.specimen, spheres, division, most)
-            .ok_or_else(|| work.too_large(limits.max_memory_bytes + 1))?;
+            .ok_or_else(|| too_large(model, options, None, limits))?;
         let mut mesh = Self { shell, points: Vec::new(), triangles: Vec::new(), ends: Vec::new() };
         let mut report = report_of(model, &mesh.shell.surface);
         for row in 0..spheres.len() {
@@ -291,9 +274,8 @@ impl Mesh {
                 report_progress(control, row, spheres.len());
             }
             let left = most.saturating_sub(mesh.shell.surface.triangles.len() + mesh.triangles.len());
-            let (grain, full) = work
-                .grain(row, &template, left)
-                .ok_or_else(|| work.too_large(limits.max_memory_bytes + 1))?;
+            let (grain, full) =
+                grains.surface(row, left).ok_or_else(|| too_large(model, options, None, limits))?;
             report.add(&grain, full);
             let center = spheres.center(row);
             mesh.points.extend(grain.points.iter().map(|p| [0, 1, 2].map(|a| center[a] + p[a])));
@@ -327,98 +309,35 @@ impl Mesh {
     }
 }
 
-impl Work<'_> {
-    /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that
-    /// would take more than `most_triangles`.
-    fn grain(&self, row: usize, template: &Surface, most_triangles: usize) -> Option<(Surface, bool)> {
-        let spheres = self.model.spheres;
-        let (center, diameter) = (spheres.center(row), spheres.d_mm[row]);
-        // By a trifle, so that rounding brings no vertex out of the sphere.
-        let radius = diameter / 2.0 * (1.0 - 4.0 * f64::EPSILON);
-        let reach = PI * diameter / f64::from(self.options.segments) / EDGE_PER_GAP;
-        let floor_mm = PI * diameter / f64::from(self.options.max_segments);
-        let mut least_gap = reach;
-        let mut facing = Vec::new();
-        self.near.for_each(Some(row), center, diameter / 2.0, reach, |other, gap| {
-            least_gap = least_gap.min(gap);
-            let theirs = spheres.center(other);
-            let toward: [f64; 3] = std::array::from_fn(|a| theirs[a] - center[a]);
-            let at = sphere::unit(toward).map(|x| x * radius);
-            facing.push(Facing {
-                other: Other::Sphere { center: toward, radius: spheres.d_mm[other] / 2.0 },
-                at,
-                floor_mm,
-            });
-        });
-        for (wall, foot) in walls(self.model.specimen, center) {
-            let gap = wall.gap(center) - diameter / 2.0;
-            if gap < reach {
-                least_gap = least_gap.min(gap);
-                let toward: [f64; 3] = std::array::from_fn(|a| foot[a] - center[a]);
-                let at = sphere::unit(toward).map(|x| x * radius);
-                facing.push(Facing { other: wall.about(center), at, floor_mm });
-            }
+/// Refuses a mesh, and says how to get below the limit.
+fn too_large(
+    model: &Model<'_>,
+    options: &SurfaceOptions,
+    estimate: Option<MeshEstimate>,
+    limits: &Limits,
+) -> ExportError {
+    let most = options.max_bytes.min(limits.max_memory_bytes);
+    let size = match estimate {
+        Some(MeshEstimate { triangles, bytes }) => {
+            format!("about {:.1} million triangles, {} MB", triangles as f64 / 1e6, bytes.div_ceil(1_000_000))
         }
-        let mut surface = template.clone();
-        surface.points.iter_mut().for_each(|p| *p = p.map(|x| x * radius));
-        if surface.triangles.len() > most_triangles {
-            return None;
-        }
-        if self.options.size_field && !surface.refine(&mut Ball { radius, facing }, most_triangles) {
-            return None;
-        }
-        let full = self.options.volume_correction == VolumeCorrection::None
-            || correct(&mut surface, diameter, GAP_SHARE / 2.0 * least_gap.max(0.0));
-        Some((surface, full))
-    }
-
-    fn too_large(&self, bytes: u64) -> ExportError {
-        let more = if bytes > self.limits.max_memory_bytes + 1 { "about" } else { "more than" };
-        ExportError::TooLarge(FieldError {
-            pointer: "/segments".into(),
-            detail: format!(
-                "{} segments make a mesh of {} grains that takes {more} {} MB: at most {} MB may be used; lower segments or \
-                 max_segments",
-                self.options.segments,
-                self.model.spheres.len(),
-                bytes / 1_000_000,
-                self.limits.max_memory_bytes / 1_000_000
-            ),
-        })
-    }
-}
-
-/// Scales a polyhedron about the centre to the volume of its sphere, by no more than lets its vertices go
-/// `most_mm` beyond it; returns whether that was enough.
-fn correct(surface: &mut Surface, diameter: f64, most_mm: f64) -> bool {
-    let wanted = (PI / 6.0 * diameter.powi(3) / surface.volume_mm3()).cbrt();
-    let most = 1.0 + 2.0 * most_mm / diameter;
-    let scale = wanted.min(most);
-    surface.points.iter_mut().for_each(|p| *p = p.map(|x| x * scale));
-    wanted <= most
-}
-
-/// A grain about its centre, and what it faces.
-struct Ball {
-    radius: f64,
-    facing: Vec<Facing>,
-}
-
-impl Shape for Ball {
-    fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
-        let (p, q) = (points[a as usize], points[b as usize]);
-        sphere::unit(std::array::from_fn(|i| p[i] + q[i])).map(|x| x * self.radius)
-    }
-
-    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
-        self.facing.iter().map(|facing| facing.length_mm(centroid, longest_mm)).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Whether the surface is dented along ab: d lies above the plane of abc, and by more than rounding.
-    fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
-        let from_a = |p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[a as usize][i]);
-        dot(cross(from_a(b), from_a(c)), from_a(d)) > 1e-12 * self.radius.powi(3)
-    }
+        None => format!("more than {} MB", limits.max_memory_bytes / 1_000_000),
+    };
+    let raise = if most == options.max_bytes { ", or raise max_bytes" } else { "" };
+    let knob = if options.size_mm.is_some() {
+        "raise size_mm or min_size_mm"
+    } else {
+        "lower segments or max_segments, give min_size_mm"
+    };
+    ExportError::TooLarge(FieldError {
+        pointer: if options.size_mm.is_some() { "/size_mm" } else { "/segments" }.into(),
+        detail: format!(
+            "a mesh of these {} grains has {size}: at most {} MB may be made; {knob}, set size_field to false, pack with a \
+             distance between grains (the narrower gaps are, the more triangles they take){raise}",
+            model.spheres.len(),
+            most / 1_000_000
+        ),
+    })
 }
 
 /// Mean diameter of the grains by surface, which is what most triangles are on; without grains, the shortest

@@ -9,7 +9,7 @@ use std::io::Write;
 
 use super::outline::Outline;
 use super::{GRAINS_PER_LOOK, Mesh};
-pub use super::{SurfaceOptions as Options, SurfaceReport as Report};
+use super::{SurfaceOptions, SurfaceReport};
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
@@ -28,7 +28,7 @@ const TRIANGLE: i32 = 2;
 ///
 /// # Errors
 /// [`ExportError::Unavailable`] for a periodic box.
-pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportError> {
+pub fn check(specimen: &Specimen, _: &SurfaceOptions, _: &Limits) -> Result<(), ExportError> {
     super::check(specimen)
 }
 
@@ -38,11 +38,11 @@ pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportE
 /// See [`ExportError`].
 pub fn write(
     model: &Model<'_>,
-    options: &Options,
+    options: &SurfaceOptions,
     limits: &Limits,
     control: &dyn Control,
     out: &mut dyn Write,
-) -> Result<Report, ExportError> {
+) -> Result<SurfaceReport, ExportError> {
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
     let outline = Outline::new(&mesh.shell);
     let mut file =
@@ -73,6 +73,11 @@ struct File<'a, W: Write> {
 }
 
 impl<W: Write> File<'_, W> {
+    /// Tag of the physical group of the specimen's edges: every element has a group, or meshio refuses the file.
+    fn edges_tag(&self) -> i32 {
+        FIRST_FACE + self.mesh.shell.names.len() as i32
+    }
+
     fn format(&mut self) -> Result<(), ExportError> {
         self.out.write_all(b"$MeshFormat\n4.1 1 8\n")?;
         self.ints(&[1])?;
@@ -82,7 +87,7 @@ impl<W: Write> File<'_, W> {
 
     fn physical_names(&mut self) -> Result<(), ExportError> {
         let names = self.mesh.shell.names;
-        write!(self.out, "$PhysicalNames\n{}\n", 3 + names.len())?;
+        write!(self.out, "$PhysicalNames\n{}\n1 {} \"edges\"\n", 4 + names.len(), self.edges_tag())?;
         for (tag, name) in (FIRST_FACE..).zip(names) {
             writeln!(self.out, "2 {tag} \"{name}\"")?;
         }
@@ -108,7 +113,8 @@ impl<W: Write> File<'_, W> {
         for (tag, curve) in (1..).zip(&outline.curves) {
             let ends = [curve.chain[0], curve.chain[curve.chain.len() - 1]];
             let corner = ends.map(|end| 1 + outline.corners.partition_point(|c| *c < end) as i32);
-            self.entity(tag, &bounds(curve.chain.iter().map(point)), &[], &[corner[0], -corner[1]])?;
+            let bounds = bounds(curve.chain.iter().map(point));
+            self.entity(tag, &bounds, &[self.edges_tag()], &[corner[0], -corner[1]])?;
         }
         for face in 0..faces {
             let boundary: Vec<i32> = (1..)

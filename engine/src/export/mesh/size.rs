@@ -65,4 +65,4 @@ impl Facing {
 }
 
 /// Distance of the corners of an equilateral triangle from its centroid, in edges.
-const CIRCUMRADIUS: f64 = 0.577;
+pub(super) const CIRCUMRADIUS: f64 = 0.577;

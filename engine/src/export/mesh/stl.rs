@@ -10,7 +10,7 @@ use zip::{CompressionMethod, ZipWriter};
 
 use super::surface::{cross, dot};
 use super::{GRAINS_PER_LOOK, Mesh};
-pub use super::{SurfaceOptions as Options, SurfaceReport as Report};
+use super::{SurfaceOptions, SurfaceReport};
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
@@ -23,7 +23,7 @@ const MAX_TRIANGLES: usize = u32::MAX as usize;
 ///
 /// # Errors
 /// [`ExportError::Unavailable`] for a periodic box.
-pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportError> {
+pub fn check(specimen: &Specimen, _: &SurfaceOptions, _: &Limits) -> Result<(), ExportError> {
     super::check(specimen)
 }
 
@@ -33,11 +33,11 @@ pub fn check(specimen: &Specimen, _: &Options, _: &Limits) -> Result<(), ExportE
 /// See [`ExportError`].
 pub fn write(
     model: &Model<'_>,
-    options: &Options,
+    options: &SurfaceOptions,
     limits: &Limits,
     control: &dyn Control,
     out: &mut dyn Write,
-) -> Result<Report, ExportError> {
+) -> Result<SurfaceReport, ExportError> {
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
     let shell = &mesh.shell.surface;
     if shell.triangles.len() + mesh.grain_triangles() > MAX_TRIANGLES {

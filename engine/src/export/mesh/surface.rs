@@ -70,8 +70,9 @@ impl Surface {
         true
     }
 
-    /// Flips edges until none is wrong.
-    fn flip(&mut self, shape: &impl Shape) {
+    /// Flips edges until none is wrong; says whether there was one.
+    pub(super) fn flip(&mut self, shape: &impl Shape) -> bool {
+        let mut flipped = false;
         let mut open: Vec<u32> = (0..self.triangles.len() as u32).rev().collect();
         while let Some(t) = open.pop() {
             for edge in 0..3 {
@@ -89,10 +90,12 @@ impl Surface {
                     self.rename(ad, [d, a], t);
                     self.rename(bc, [c, b], other);
                     open.extend([other, t]);
+                    flipped = true;
                     break;
                 }
             }
         }
+        flipped
     }
 
     /// Tells a triangle what now lies behind its edge from one vertex to another.

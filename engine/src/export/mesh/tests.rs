@@ -6,7 +6,7 @@ use std::io::sink;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use super::surface::distance2;
+use super::surface::{cross, distance2, dot};
 use super::*;
 use crate::control::Unattended;
 use crate::packing::Spheres;
@@ -71,14 +71,22 @@ fn smallest_angle(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> f64 {
 
 #[test]
 fn spheres_have_about_the_segments_asked_for_and_their_vertices_on_the_sphere() {
-    for segments in [6, 10, 16, 21, 40, 64] {
-        let sphere = sphere::sphere(f64::from(segments));
+    let mut met_before = 0;
+    for segments in 6..=64 {
+        let fineness = sphere::Finenesses::new().nearest(f64::from(segments));
+        let sphere = fineness.polyhedron();
+        assert_eq!(sphere.triangles.len() as u64, fineness.triangles());
+        // In small steps: each of these once was that of 13 segments from 8 to 13.
+        let off = (fineness.segments() / f64::from(segments) - 1.0).abs();
+        assert!(off < if segments < 8 { 0.30 } else { 0.15 }, "{segments}: {}", fineness.segments());
+        assert!(sphere.triangles.len() >= met_before);
+        met_before = sphere.triangles.len();
         assert_closed_sphere(sphere.points.len(), &sphere.triangles);
         assert!(sphere.points.iter().all(|p| (dot(*p, *p) - 1.0).abs() < 1e-14));
         let (shortest, longest) = sphere.edges_mm();
         let edge = std::f64::consts::TAU / f64::from(segments);
         assert!(
-            shortest > edge / 1.6 && longest < edge * 1.6,
+            shortest > edge / 1.7 && longest < edge * 1.7,
             "{segments}: {shortest} to {longest} around {edge}"
         );
         assert!(sphere.volume_mm3() > 0.0, "inside out");
@@ -89,7 +97,9 @@ fn spheres_have_about_the_segments_asked_for_and_their_vertices_on_the_sphere() 
 fn grains_are_closed_inscribed_and_turned_outwards() {
     let packing = crowded();
     for specimen in [CUBE, CYLINDER] {
-        let (mesh, report) = mesh(&specimen, &packing, &SurfaceOptions::default());
+        let options =
+            SurfaceOptions { volume_correction: VolumeCorrection::None, ..SurfaceOptions::default() };
+        let (mesh, report) = mesh(&specimen, &packing, &options);
         assert_eq!(mesh.grains(), packing.len());
         let mut volume = 0.0;
         for row in 0..mesh.grains() {
@@ -119,7 +129,7 @@ fn grains_are_convex_so_that_no_dent_is_left_to_the_mesher() {
             let from_a = |p: [f64; 3]| [0, 1, 2].map(|i| p[i] - a[i]);
             let normal = cross(from_a(b), from_a(c));
             let above = points.iter().map(|p| dot(normal, from_a(*p))).fold(f64::NEG_INFINITY, f64::max);
-            assert!(above < 1e-9, "a vertex lies {above} above a triangle");
+            assert!(above < 1e-4, "a vertex lies {above} above a triangle");
         }
     }
 }
@@ -205,7 +215,7 @@ fn a_box_has_twelve_edges_and_a_cylinder_two_rims() {
 fn the_facets_of_a_mantle_cut_into_no_grain_that_touches_it() {
     let packing = spheres(&[([10.0 + 7.0, 10.0, 7.0], 6.0)]);
     for segments in [6, 16] {
-        let options = SurfaceOptions { segments, ..SurfaceOptions::default() };
+        let options = SurfaceOptions::default().with_segments(segments);
         let (mesh, _) = mesh(&CYLINDER, &packing, &options);
         let surface = &mesh.shell.surface;
         for corners in surface.triangles.iter().filter(|corners| mesh.shell.face_of(**corners) == 0) {
@@ -223,19 +233,54 @@ fn the_facets_of_a_mantle_cut_into_no_grain_that_touches_it() {
 
 #[test]
 fn corrected_volumes_are_those_of_spheres_and_half_of_every_clearance_is_left() {
-    let options = SurfaceOptions { volume_correction: VolumeCorrection::Scaled, ..SurfaceOptions::default() };
+    let options = SurfaceOptions::default();
     let far = spheres(&[([5.0, 8.0, 6.0], 6.0), ([14.0, 8.0, 6.0], 6.0)]);
     let (_, report) = mesh(&CUBE, &far, &options);
     assert!(report.aggregate_volume_error.abs() < 1e-12 && report.grains_short_of_volume == 0, "{report:?}");
-    // 0.02 mm apart: they may not grow as much.
+    // 0.02 mm apart: away from the contact there is room for what is lacking.
     let near = spheres(&[([5.0, 8.0, 6.0], 6.0), ([11.02, 8.0, 6.0], 6.0)]);
-    let (mesh, report) = mesh(&CUBE, &near, &options);
-    assert_eq!(report.grains_short_of_volume, 2);
+    let (mesh_of_near, report) = mesh(&CUBE, &near, &options);
+    assert!(report.aggregate_volume_error.abs() < 1e-12 && report.grains_short_of_volume == 0, "{report:?}");
     let reach = |row: usize| {
-        let center = near.center(row);
-        mesh.grain(row).0.iter().map(|p| distance2(*p, center).sqrt()).fold(0.0, f64::max)
+        let toward = if row == 0 { 1.0 } else { -1.0 };
+        let x = near.x_mm[row];
+        mesh_of_near.grain(row).0.iter().map(|p| toward * (p[0] - x)).fold(0.0, f64::max)
     };
     assert!(reach(0) > 3.0 && reach(0) + reach(1) <= 6.01 + 1e-12, "{} {}", reach(0), reach(1));
+    // Without a size field there is nothing fine near the contact, which holds large triangles back.
+    let (_, report) = mesh(&CUBE, &near, &SurfaceOptions { size_field: false, ..options });
+    assert!(report.aggregate_volume_error > -0.03, "{report:?}");
+    assert_eq!(report.grains_short_of_volume, if report.aggregate_volume_error < -1e-9 { 2 } else { 0 });
+}
+
+/// The volume asked for is met whatever the gaps, and finer meshes have more triangles.
+#[test]
+fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
+    for gap_mm in [0.1, 0.4] {
+        let request = serde_json::json!({
+            "specimen": {"type": "box", "size_mm": [30, 30, 30]}, "distance": {"type": "constant", "gap_mm": gap_mm},
+            "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.5},
+        });
+        let request = PackingRequest::from_json(&request, 1).unwrap();
+        let packing = crate::pack(&request, &Limits::default(), &Unattended).unwrap();
+        let mut before = 0;
+        for segments in [8, 10, 12, 16, 20, 24] {
+            let options = SurfaceOptions::default().with_segments(segments);
+            let (_, report) = mesh(&request.specimen, &packing.spheres, &options);
+            assert!(report.aggregate_volume_error.abs() < 1e-3, "{segments}: {report:?}");
+            assert!(report.triangles > before, "{segments}: {report:?} after {before}");
+            before = report.triangles;
+            let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+            let guess = estimate::of_model(&model, &options, &Unattended).unwrap();
+            let ratio = guess.triangles as f64 / report.triangles as f64;
+            assert!(
+                (1.0 / 1.5..1.5).contains(&ratio),
+                "{gap_mm} {segments}: {} of {}",
+                guess.triangles,
+                report.triangles
+            );
+        }
+    }
 }
 
 #[test]
@@ -245,9 +290,9 @@ fn the_same_model_is_the_same_bytes() {
         let (mut msh, mut stl, mut geo) = (Vec::new(), Vec::new(), Vec::new());
         let model = Model { specimen, spheres: &packing };
         let limits = Limits::default();
-        msh::write(&model, &msh::Options::default(), &limits, &Unattended, &mut msh).unwrap();
-        stl::write(&model, &stl::Options::default(), &limits, &Unattended, &mut stl).unwrap();
-        geo::write(&model, &geo::Options::default(), &limits, &Unattended, &mut geo).unwrap();
+        msh::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut msh).unwrap();
+        stl::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut stl).unwrap();
+        geo::write(&model, &geo::GeoOptions::default(), &limits, &Unattended, &mut geo).unwrap();
         [msh, stl, geo]
     };
     assert_eq!(bytes(&CUBE), bytes(&CUBE));
@@ -259,14 +304,14 @@ fn the_same_model_is_the_same_bytes() {
 fn periodic_boxes_and_meshes_beyond_the_limit_say_what_to_do() {
     let periodic = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Periodic };
     let limits = Limits::default();
-    let refused = msh::check(&periodic, &msh::Options::default(), &limits).unwrap_err();
+    let refused = msh::check(&periodic, &SurfaceOptions::default(), &limits).unwrap_err();
     assert!(refused.to_string().contains("walls, or ask for voxels"), "{refused}");
     let packing = crowded();
     let model = Model { specimen: &CUBE, spheres: &packing };
     for max_memory_bytes in [1_000, 30_000, 60_000] {
         let limits = Limits { max_memory_bytes, ..limits };
         let refused =
-            msh::write(&model, &msh::Options::default(), &limits, &Unattended, &mut sink()).unwrap_err();
+            msh::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut sink()).unwrap_err();
         let ExportError::TooLarge(fault) = refused else { panic!("{refused}") };
         assert_eq!(fault.pointer, "/segments");
         assert!(fault.detail.contains("lower segments"), "{}", fault.detail);
@@ -285,9 +330,9 @@ fn a_run_that_should_stop_stops() {
     let packing = crowded();
     let model = Model { specimen: &CUBE, spheres: &packing };
     let limits = Limits::default();
-    let stopped = msh::write(&model, &msh::Options::default(), &limits, &Stop, &mut sink());
+    let stopped = msh::write(&model, &SurfaceOptions::default(), &limits, &Stop, &mut sink());
     assert!(matches!(stopped, Err(ExportError::Stopped)));
-    let stopped = geo::write(&model, &geo::Options::default(), &limits, &Stop, &mut sink());
+    let stopped = geo::write(&model, &geo::GeoOptions::default(), &limits, &Stop, &mut sink());
     assert!(matches!(stopped, Err(ExportError::Stopped)));
 }
 
@@ -302,14 +347,22 @@ fn read(value: &Value) -> (Option<SurfaceOptions>, Vec<String>) {
 #[test]
 fn options_have_defaults_and_bounds() {
     assert_eq!(read(&json!({})), (Some(SurfaceOptions::default()), vec![]));
-    let (options, _) = read(&json!({"segments": 100, "size_field": false, "volume_correction": "scaled"}));
+    let (options, _) = read(&json!({"segments": 100, "size_field": false, "volume_correction": "none"}));
     let expected = SurfaceOptions {
-        segments: 100,
         size_field: false,
-        max_segments: 256,
-        volume_correction: VolumeCorrection::Scaled,
+        volume_correction: VolumeCorrection::None,
+        ..SurfaceOptions::default().with_segments(100)
     };
     assert_eq!(options, Some(expected));
+    let (options, faults) =
+        read(&json!({"size_mm": 0.5, "min_size_mm": 0.1, "max_size_mm": 2, "max_bytes": 7}));
+    assert_eq!(faults, Vec::<String>::new());
+    let options = options.unwrap();
+    assert_eq!((options.segments, options.max_segments, options.size_mm), (None, None, Some(0.5)));
+    assert_eq!(
+        (options.edge_mm(16.0), options.edge_mm(0.4), options.floor_mm(16.0)),
+        (0.5, PI * 0.4 / 6.0, 0.125)
+    );
     let (options, faults) = read(&json!({"segments": 5, "volume_correction": "best", "size": 1}));
     assert_eq!(options, None);
     assert_eq!(
@@ -317,11 +370,22 @@ fn options_have_defaults_and_bounds() {
         [
             "/segments: 5 is out of range: must be a whole number from 6 to 256",
             "/volume_correction: \"best\" is unknown: must be one of \"none\", \"scaled\"",
-            "/size: unknown field: this object has segments, size_field, max_segments, volume_correction",
+            "/size: unknown field: this object has segments, size_mm, min_size_mm, max_size_mm, size_field, \
+             max_segments, volume_correction, max_bytes",
         ]
     );
     let (_, faults) = read(&json!({"segments": 20, "max_segments": 10}));
     assert_eq!(faults, ["/max_segments: 10 is out of range: must be at least segments, which is 20"]);
+    let (_, faults) =
+        read(&json!({"segments": 20, "size_mm": 1, "max_segments": 40, "min_size_mm": 3, "max_size_mm": 2}));
+    assert_eq!(
+        faults,
+        [
+            "/size_mm: segments and size_mm say the same: leave one of them out",
+            "/max_segments: max_segments goes with segments: with size_mm give min_size_mm instead",
+            "/max_size_mm: 2 is out of range: must be at least min_size_mm, which is 3 mm",
+        ]
+    );
 }
 
 proptest! {

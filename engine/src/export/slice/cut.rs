@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Axis, Report, overlap};
+use super::{Axis, SliceReport, overlap};
 use crate::export::Model;
 use crate::request::Specimen;
 
@@ -137,10 +137,15 @@ impl Cut {
             };
             clipped = crosses(0, u) || crosses(1, v);
             if clipped {
+                // Decided by distance: the area of a circle that does not reach the outline is a difference of equal
+                // numbers, whose rounding may be positive.
+                if !reaches(center_mm, radius_mm, u, v) {
+                    return;
+                }
                 area_mm2 = overlap::with_rectangle(center_mm, radius_mm, u, v);
-            }
-            if area_mm2 <= 0.0 {
-                return;
+                if area_mm2 <= 0.0 {
+                    return;
+                }
             }
         }
         self.circles.push(Circle { center_mm, radius_mm, grain, diameter_mm, clipped, area_mm2 });
@@ -151,9 +156,9 @@ impl Cut {
         self.circles.iter().map(|circle| circle.area_mm2).sum()
     }
 
-    pub(super) fn report(&self) -> Report {
+    pub(super) fn report(&self) -> SliceReport {
         let (area_mm2, aggregate_area_mm2) = (self.outline.area_mm2(), self.aggregate_area_mm2());
-        Report {
+        SliceReport {
             axis: self.axis,
             at_mm: self.at_mm,
             plane: self.axis.plane(),
@@ -165,4 +170,10 @@ impl Cut {
             image: None,
         }
     }
+}
+
+/// Whether a circle shares an area with a rectangle: its centre is closer to the rectangle than its radius.
+fn reaches(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64; 2]) -> bool {
+    let outside = |x: f64, [low, high]: [f64; 2]| (low - x).max(x - high).max(0.0);
+    outside(center[0], u).hypot(outside(center[1], v)) < radius
 }

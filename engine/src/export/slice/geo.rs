@@ -4,6 +4,7 @@
 //! `side` where that is a cylinder's mantle). Where all circles lie inside, the matrix is made with its holes at
 //! once; circles that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
 
+use std::collections::HashMap;
 use std::io::{self, Write};
 
 use super::{Circle, Cut, Outline};
@@ -27,7 +28,10 @@ pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
          DefineConstant[ segments = {{{SEGMENTS}, Name \"Segments per circumference\"}} ];\n\
          DefineConstant[ size_max = {{{size}, Name \"Largest element, mm\"}} ];\n\
          Mesh.MeshSizeFromCurvature = segments;\n\
-         Mesh.MeshSizeMax = size_max;\n",
+         Mesh.MeshSizeMax = size_max;\n\
+         // Enlarges the radius r so that a regular polygon has the area of the circle, up to most.\n\
+         Macro Enlarge\n  n = Ceil(2*Pi*r/size_max);\n  If (n < segments)\n    n = segments;\n  EndIf\n  \
+         r = r*Sqrt(2*Pi/n/Sin(2*Pi/n));\n  If (r > most)\n    r = most;\n  EndIf\nReturn\n",
         at = cut.at_mm,
         n = cut.circles.len(),
         size = long / ELEMENTS_PER_EDGE,
@@ -62,13 +66,14 @@ fn outline(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
 fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     outline(cut, out)?;
     let n = cut.circles.len();
-    for (i, circle) in cut.circles.iter().enumerate() {
+    let most = most_radii(cut);
+    for (i, (circle, most)) in cut.circles.iter().zip(most).enumerate() {
         let (curve, surface) = (FIRST_CIRCLE + i, FIRST_GRAIN + i);
         let [u, v] = circle.center_mm;
         writeln!(
             out,
-            "Circle({curve}) = {{{u}, {v}, 0, {r}, 0, 2*Pi}}; Curve Loop({surface}) = {{{curve}}}; \
-             Plane Surface({surface}) = {{{surface}}};",
+            "r = {r}; most = {most}; Call Enlarge; Circle({curve}) = {{{u}, {v}, 0, r, 0, 2*Pi}}; \
+             Curve Loop({surface}) = {{{curve}}}; Plane Surface({surface}) = {{{surface}}};",
             r = circle.radius_mm
         )?;
     }
@@ -90,11 +95,12 @@ fn clipped(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     writeln!(out, "Rectangle(1) = {{{u0}, {v0}, 0, {}, {}}};", u1 - u0, v1 - v0)?;
     // Those inside first, so that each kind is one range of tags.
-    let inside = cut.circles.iter().filter(|circle| !circle.clipped);
-    let crossing = cut.circles.iter().filter(|circle| circle.clipped);
-    let mut disk = |(i, circle): (usize, &Circle)| {
-        let [u, v] = circle.center_mm;
-        writeln!(out, "Disk({}) = {{{u}, {v}, 0, {}}};", FIRST_GRAIN + i, circle.radius_mm)
+    let most = most_radii(cut);
+    let inside = cut.circles.iter().zip(&most).filter(|(circle, _)| !circle.clipped);
+    let crossing = cut.circles.iter().zip(&most).filter(|(circle, _)| circle.clipped);
+    let mut disk = |(i, (circle, most)): (usize, (&Circle, &f64))| {
+        let ([u, v], r) = (circle.center_mm, circle.radius_mm);
+        writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({}) = {{{u}, {v}, 0, r}};", FIRST_GRAIN + i)
     };
     inside.clone().chain(crossing).enumerate().try_for_each(&mut disk)?;
     let first_crossing = FIRST_GRAIN + inside.count();
@@ -153,4 +159,56 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         )?;
     }
     Ok(())
+}
+
+/// The radii that circles may be enlarged to: each takes a quarter of the gap to its nearest neighbour, and half of that
+/// to an edge that no circle crosses.
+fn most_radii(cut: &Cut) -> Vec<f64> {
+    let circles = &cut.circles;
+    let mut order: Vec<usize> = (0..circles.len()).collect();
+    order.sort_by(|&i, &j| circles[i].center_mm[0].total_cmp(&circles[j].center_mm[0]));
+    let largest = circles.iter().map(|circle| circle.radius_mm).fold(0.0, f64::max);
+    let mut most: Vec<f64> = circles.iter().map(|circle| to_edges(cut, circle)).collect();
+    for (k, &i) in order.iter().enumerate() {
+        let (one, reach) = (&circles[i], circles[i].radius_mm + largest * (1.0 + MOST_ENLARGED));
+        for &j in &order[k + 1..] {
+            let other = &circles[j];
+            let [u, v] = [0, 1].map(|a| other.center_mm[a] - one.center_mm[a]);
+            if u > reach {
+                break;
+            }
+            let gap = (u.hypot(v) - one.radius_mm - other.radius_mm).max(0.0);
+            most[i] = most[i].min(one.radius_mm + gap / 4.0);
+            most[j] = most[j].min(other.radius_mm + gap / 4.0);
+        }
+    }
+    // Images of one grain at opposite edges stay equal.
+    let image = |i: usize| (circles[i].grain, circles[i].radius_mm.to_bits());
+    let mut least: HashMap<(usize, u64), f64> = HashMap::new();
+    for (i, most) in most.iter().enumerate() {
+        let least = least.entry(image(i)).or_insert(f64::INFINITY);
+        *least = least.min(*most);
+    }
+    (0..circles.len()).map(|i| least.get(&image(i)).copied().unwrap_or(most[i])).collect()
+}
+
+/// A triangle has to be enlarged by 0.56 of its radius to have the area of the circle.
+const MOST_ENLARGED: f64 = 4.0 * 0.56;
+
+/// The radius that a circle may have for the sake of the outline.
+fn to_edges(cut: &Cut, circle: &Circle) -> f64 {
+    let (center, radius) = (circle.center_mm, circle.radius_mm);
+    if cut.periodic {
+        return 2.0 * radius;
+    }
+    let inside = match cut.outline {
+        Outline::Rectangle { u_mm, v_mm } => {
+            let to = |x: f64, [low, high]: [f64; 2]| (x - low).min(high - x);
+            to(center[0], u_mm).min(to(center[1], v_mm))
+        }
+        Outline::Disc { center_mm, radius_mm } => {
+            radius_mm - (center[0] - center_mm[0]).hypot(center[1] - center_mm[1])
+        }
+    };
+    radius + (inside - radius).max(0.0) / 2.0
 }

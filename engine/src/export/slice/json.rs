@@ -2,9 +2,9 @@
 
 use std::io::{self, Write};
 
-use super::{Cut, Report};
+use super::{Cut, SliceReport};
 
-pub(super) fn write(cut: &Cut, report: &Report, out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io::Result<()> {
     let mut head = serde_json::to_vec(report)?;
     // The object is opened again for the circles, which are written as they come.
     head.pop();

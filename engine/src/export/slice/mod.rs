@@ -70,7 +70,7 @@ impl Axis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceFormat))]
 #[serde(rename_all = "lowercase")]
-pub enum Format {
+pub enum SliceFormat {
     /// A drawing at full scale, for print.
     Svg,
     /// A picture of the cut and nothing else, anti-aliased by exact areas.
@@ -81,7 +81,7 @@ pub enum Format {
     Geo,
 }
 
-impl Format {
+impl SliceFormat {
     /// All formats.
     pub const ALL: [Self; 4] = [Self::Svg, Self::Png, Self::Json, Self::Geo];
 
@@ -109,10 +109,10 @@ impl Format {
 /// Which cut, and in which format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceOptions))]
-pub struct Options {
+pub struct SliceOptions {
     /// What is made of the cut.
     #[cfg_attr(feature = "openapi", schema(default = "svg", required = false))]
-    pub format: Format,
+    pub format: SliceFormat,
     /// The axis that the cut is perpendicular to.
     #[cfg_attr(feature = "openapi", schema(default = "z", required = false))]
     pub axis: Axis,
@@ -126,14 +126,14 @@ pub struct Options {
     pub pixels: Option<u32>,
 }
 
-impl Options {
+impl SliceOptions {
     /// Reads the options, whose names this asks `object` for.
     ///
     /// `None` means that faults were reported.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
         let format = match object.optional("format") {
-            Some(at) => at.choice(&Format::ALL.map(|format| (format.name(), format))),
-            None => Some(Format::Svg),
+            Some(at) => at.choice(&SliceFormat::ALL.map(|format| (format.name(), format))),
+            None => Some(SliceFormat::Svg),
         };
         let axis = match object.optional("axis") {
             Some(at) => at.choice(&[Axis::X, Axis::Y, Axis::Z].map(|axis| (axis.name(), axis))),
@@ -144,12 +144,12 @@ impl Options {
             None => Some(None),
         };
         let pixels = match object.optional("pixels") {
-            Some(at) if format.is_some_and(|format| format != Format::Png) => {
+            Some(at) if format.is_some_and(|format| format != SliceFormat::Png) => {
                 at.fault("pixels are for the format \"png\": leave them out");
                 None
             }
             Some(at) => at.integer(MIN_PIXELS.into(), MAX_PIXELS.into()).map(|n| Some(n as u32)),
-            None => Some((format == Some(Format::Png)).then_some(DEFAULT_PIXELS)),
+            None => Some((format == Some(SliceFormat::Png)).then_some(DEFAULT_PIXELS)),
         };
         Some(Self { format: format?, axis: axis?, at_mm: at_mm?, pixels: pixels? })
     }
@@ -163,7 +163,7 @@ impl Options {
 /// The figures of a cut.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceReport))]
-pub struct Report {
+pub struct SliceReport {
     /// The axis that the cut is perpendicular to.
     pub axis: Axis,
     /// Where it meets that axis.
@@ -200,7 +200,7 @@ pub struct Image {
 ///
 /// # Errors
 /// [`ExportError::Invalid`] where the plane does not cut the specimen.
-pub fn check(specimen: &Specimen, options: &Options, _: &Limits) -> Result<(), ExportError> {
+pub fn check(specimen: &Specimen, options: &SliceOptions, _: &Limits) -> Result<(), ExportError> {
     let at_mm = options.at_mm(specimen);
     let length = specimen.bounds_mm()[options.axis.index()];
     // A plane that touches a cylinder's mantle cuts out a line: nothing has a share of its area.
@@ -218,17 +218,35 @@ pub fn check(specimen: &Specimen, options: &Options, _: &Limits) -> Result<(), E
     Err(ExportError::Invalid(vec![FieldError { pointer: "/at_mm".into(), detail }]))
 }
 
+/// Length of the file of a slice through grains of that sum of diameters: a plane meets a grain with the probability
+/// diameter over length.
+pub(super) fn expected_bytes(specimen: &Specimen, options: &SliceOptions, sum_mm: f64) -> u64 {
+    let bounds = specimen.bounds_mm();
+    let circles = sum_mm / bounds[options.axis.index()];
+    let (frame, per_circle) = match options.format {
+        SliceFormat::Svg => (1000.0, 45.0),
+        SliceFormat::Json => (350.0, 105.0),
+        SliceFormat::Geo => (1400.0, 190.0),
+        SliceFormat::Png => {
+            let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
+            let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
+            return (0.1 * long * long * u.min(v) / u.max(v)) as u64 + 1000;
+        }
+    };
+    (frame + per_circle * circles) as u64
+}
+
 /// Cuts the packing and writes what is asked for.
 ///
 /// # Errors
 /// Those of [`check`], of the writer, and [`ExportError::Stopped`].
 pub fn write(
     model: &Model<'_>,
-    options: &Options,
+    options: &SliceOptions,
     limits: &Limits,
     control: &dyn Control,
     out: &mut dyn Write,
-) -> Result<Report, ExportError> {
+) -> Result<SliceReport, ExportError> {
     check(model.specimen, options, limits)?;
     go_on(control)?;
     let cut = Cut::new(model, options.axis, options.at_mm(model.specimen));
@@ -239,7 +257,7 @@ pub fn write(
             fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
             done,
             total,
-            unit: if options.format == Format::Png { "rows" } else { "circles" },
+            unit: if options.format == SliceFormat::Png { "rows" } else { "circles" },
             message: String::new(),
             growth: None,
         });
@@ -248,14 +266,14 @@ pub fn write(
     let circles = cut.circles.len() as u64;
     let mut out = BufWriter::new(out);
     match options.format {
-        Format::Svg => svg::write(&cut, &report, &mut out)?,
-        Format::Png => {
+        SliceFormat::Svg => svg::write(&cut, &report, &mut out)?,
+        SliceFormat::Png => {
             let image = png::measures(&cut.outline, options.pixels.unwrap_or(DEFAULT_PIXELS));
             report.image = Some(image);
             png::write(&cut, &image, &mut out, &progress)?;
         }
-        Format::Json => json::write(&cut, &report, &mut out)?,
-        Format::Geo => geo::write(&cut, &mut out)?,
+        SliceFormat::Json => json::write(&cut, &report, &mut out)?,
+        SliceFormat::Geo => geo::write(&cut, &mut out)?,
     }
     out.flush()?;
     progress(circles, circles)?;

@@ -2,9 +2,9 @@
 
 use std::io::{self, Write};
 
-use super::{Cut, Outline, Report};
+use super::{Cut, Outline, SliceReport};
 
-pub(super) fn write(cut: &Cut, report: &Report, out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     let (width, height) = (u1 - u0, v1 - v0);
     let long = width.max(height);

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::packing::{Report, Spheres};
 
 /// Counts the changes of any format's bytes; part of an ETag.
-pub const REVISION: u32 = 2;
+pub const REVISION: u32 = 3;
 
 /// A result format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]

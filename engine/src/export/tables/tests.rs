@@ -106,6 +106,25 @@ fn vtp_blocks_lie_at_their_offsets() {
 }
 
 #[test]
+fn vtp_says_where_it_comes_from() {
+    let (mut head, spheres) = result();
+    head.request["name"] = json!("a < b");
+    head.request["seed"] = json!(17);
+    let bytes = bytes_of(Format::Vtp, &head, &spheres);
+    let text = String::from_utf8_lossy(&bytes[..4000]);
+    let field = |name: &str| {
+        let (_, after) =
+            text.split_once(&format!("Name=\"{name}\" NumberOfTuples=\"1\" format=\"ascii\">")).unwrap();
+        after.split_once('<').unwrap().0.to_owned()
+    };
+    assert_eq!(field("name"), "97 32 60 32 98 0");
+    assert_eq!(field("job_id"), "106 0");
+    assert_eq!(field("seed"), "17");
+    let fraction: f64 = field("volume_fraction_effective").parse().unwrap();
+    assert_eq!(fraction, head.report.summary.volume_fraction_effective);
+}
+
+#[test]
 fn the_title_of_the_legacy_form_is_one_clean_line() {
     let (mut head, spheres) = result();
     head.request["name"] = json!("line\nbreak é ".repeat(40));

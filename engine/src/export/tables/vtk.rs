@@ -1,4 +1,5 @@
-//! The VTK forms: points with arrays for a sphere glyph, legacy (big-endian) and XML (raw appended).
+//! The VTK forms: points with arrays for a sphere glyph, legacy (big-endian) and XML (raw appended). The XML form has
+//! field data too: job ID, name, version of the engine, seed and volume fractions.
 //!
 //! Arrays: `diameter` and `radius` (float64, mm), `sieve_class` (int32, counted from fine to coarse
 //! in the order of the summary's classes), `id` (int32, the row in the other formats).
@@ -44,12 +45,13 @@ pub(super) fn write_xml(head: &Head, spheres: &dyn SphereSource, out: &mut dyn W
         offsets[i] = offsets[i - 1] + 8 + sizes[i - 1];
     }
     let [points, diameter, radius, class, id, connectivity, ends] = offsets;
+    let fields = field_data(head);
     write!(
         out,
         r#"<?xml version="1.0"?>
 <VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
   <PolyData>
-    <Piece NumberOfPoints="{n}" NumberOfVerts="{n}" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="0">
+{fields}    <Piece NumberOfPoints="{n}" NumberOfVerts="{n}" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="0">
       <Points>
         <DataArray type="Float64" Name="Points" NumberOfComponents="3" format="appended" offset="{points}"/>
       </Points>
@@ -90,6 +92,38 @@ pub(super) fn write_xml(head: &Head, spheres: &dyn SphereSource, out: &mut dyn W
     next_size(out)?;
     write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i64 + 1).to_le_bytes()))?;
     out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
+}
+
+/// What is known about the packing as VTK field data: arrays of text (the codes of its characters) and of numbers.
+fn field_data(head: &Head) -> String {
+    let summary = &head.report.summary;
+    let mut lines = vec!["    <FieldData>\n".to_owned()];
+    let texts = [
+        ("job_id", head.job_id.as_deref()),
+        ("name", head.request.get("name").and_then(|name| name.as_str())),
+        ("engine_version", Some(head.engine.version.as_str())),
+    ];
+    for (name, text) in texts {
+        let Some(text) = text else { continue };
+        let codes: Vec<String> = text.bytes().map(|byte| byte.to_string()).collect();
+        lines.push(format!(
+            "      <DataArray type=\"String\" Name=\"{name}\" NumberOfTuples=\"1\" format=\"ascii\">{} 0</DataArray>\n",
+            codes.join(" ")
+        ));
+    }
+    let seed = head.request.get("seed").and_then(serde_json::Value::as_u64);
+    let seed = seed.map(|seed| ("seed", "UInt64", seed.to_string()));
+    let fractions = [
+        ("volume_fraction_mixture", "Float64", summary.volume_fraction_mixture.to_string()),
+        ("volume_fraction_effective", "Float64", summary.volume_fraction_effective.to_string()),
+    ];
+    for (name, kind, value) in seed.into_iter().chain(fractions) {
+        lines.push(format!(
+            "      <DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"1\" format=\"ascii\">{value}</DataArray>\n"
+        ));
+    }
+    lines.push("    </FieldData>\n".to_owned());
+    lines.concat()
 }
 
 /// The one free line of the legacy form: at most 256 characters, no line break.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::Options;
+use super::VoxelOptions;
 use super::options::DEFAULT_CELLS;
 use crate::request::Specimen;
 
@@ -21,7 +21,7 @@ pub struct Grid {
 
 impl Grid {
     /// Voxels as near to cubes as whole numbers of them allow.
-    pub fn new(specimen: &Specimen, options: &Options) -> Self {
+    pub fn new(specimen: &Specimen, options: &VoxelOptions) -> Self {
         let bounds = specimen.bounds_mm();
         let longest = bounds.into_iter().fold(0.0, f64::max);
         let target = options.voxel_mm.unwrap_or(longest / f64::from(options.cells.unwrap_or(DEFAULT_CELLS)));

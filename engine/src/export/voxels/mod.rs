@@ -18,7 +18,8 @@ use serde::{Deserialize, Serialize};
 
 pub use grid::Grid;
 pub use options::{
-    DEFAULT_CELLS, DEFAULT_SAMPLES, Format, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, Options,
+    DEFAULT_CELLS, DEFAULT_SAMPLES, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, VoxelFormat,
+    VoxelOptions,
 };
 
 use self::layers::Layers;
@@ -30,7 +31,7 @@ use crate::request::Specimen;
 /// What a user wants to know beside the file: where its numbers lie, and what became of the volume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelReport))]
-pub struct Report {
+pub struct VoxelReport {
     /// Voxels along x, y, z; x runs fastest.
     pub shape: [u64; 3],
     /// Edges of a voxel, exactly.
@@ -61,8 +62,13 @@ pub struct Report {
 ///
 /// # Errors
 /// [`ExportError::TooLarge`] with what the grid would take.
-pub fn check(specimen: &Specimen, options: &Options, limits: &Limits) -> Result<(), ExportError> {
+pub fn check(specimen: &Specimen, options: &VoxelOptions, limits: &Limits) -> Result<(), ExportError> {
     options.check(&Grid::new(specimen, options), limits)
+}
+
+/// Length of the file of a grid.
+pub(super) fn expected_bytes(specimen: &Specimen, options: &VoxelOptions) -> u64 {
+    options.bytes(&Grid::new(specimen, options))
 }
 
 /// Makes the grid and writes it.
@@ -71,18 +77,18 @@ pub fn check(specimen: &Specimen, options: &Options, limits: &Limits) -> Result<
 /// Those of [`check`], of the writer, and [`ExportError::Stopped`].
 pub fn write(
     model: &Model<'_>,
-    options: &Options,
+    options: &VoxelOptions,
     limits: &Limits,
     control: &dyn Control,
     out: &mut dyn Write,
-) -> Result<Report, ExportError> {
+) -> Result<VoxelReport, ExportError> {
     let grid = Grid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let passes = match options.format {
-        Format::Inp => inp::PASSES,
-        Format::Vti if options.fractions => 2,
-        Format::Vti | Format::Raw => 1,
+        VoxelFormat::Inp => inp::PASSES,
+        VoxelFormat::Vti if options.fractions => 2,
+        VoxelFormat::Vti | VoxelFormat::Raw => 1,
     };
     let watch = Watch::new(control, passes * grid.shape[2]);
     // Where the shares are written they are added up there.
@@ -92,16 +98,16 @@ pub fn write(
         Some(share::volume_mm3(model, &grid, options.samples, control)?)
     };
     let found = match options.format {
-        Format::Inp => inp::write(model, &grid, &watch, &mut out)?,
-        Format::Vti => vti::write(model, &grid, options, &watch, &mut out)?,
-        Format::Raw => labels(model, &grid, options.label, &watch, &mut out)?,
+        VoxelFormat::Inp => inp::write(model, &grid, &watch, &mut out)?,
+        VoxelFormat::Vti => vti::write(model, &grid, options, &watch, &mut out)?,
+        VoxelFormat::Raw => labels(model, &grid, options.label, &watch, &mut out)?,
     };
     out.flush().map_err(ExportError::Write)?;
     let volume_mm3 = model.specimen.volume_mm3();
     let sampled_mm3 = sampled_mm3.unwrap_or(found.sampled_mm3);
-    let hexahedra = options.format == Format::Inp;
+    let hexahedra = options.format == VoxelFormat::Inp;
     let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
-    Ok(Report {
+    Ok(VoxelReport {
         shape: grid.shape.map(|n| n as u64),
         spacing_mm: grid.spacing_mm,
         origin_mm: [0.0; 3],

@@ -26,7 +26,7 @@ pub const MAX_SAMPLES: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelFormat))]
 #[serde(rename_all = "lowercase")]
-pub enum Format {
+pub enum VoxelFormat {
     /// VTK XML image data, raw appended: cell data `label`, and `fraction` on request.
     Vti,
     /// The labels and nothing else, little-endian, x fastest.
@@ -35,7 +35,7 @@ pub enum Format {
     Inp,
 }
 
-impl Format {
+impl VoxelFormat {
     /// All formats.
     pub const ALL: [Self; 3] = [Self::Vti, Self::Raw, Self::Inp];
 
@@ -95,13 +95,13 @@ impl Label {
     }
 }
 
-/// Options of a voxel model.
+/// VoxelOptions of a voxel model.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelOptions))]
-pub struct Options {
+pub struct VoxelOptions {
     /// What the voxels are written as.
     #[cfg_attr(feature = "openapi", schema(default = "vti", required = false))]
-    pub format: Format,
+    pub format: VoxelFormat,
     /// Voxels along the longest edge of the specimen. Default: 100, unless `voxel_mm` is given.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1, maximum = 8192))]
     pub cells: Option<u32>,
@@ -124,7 +124,7 @@ pub struct Options {
 }
 
 /// The options that the format has, so that what is written reads back.
-impl Serialize for Options {
+impl Serialize for VoxelOptions {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("format", &self.format)?;
@@ -134,10 +134,10 @@ impl Serialize for Options {
         if let Some(voxel_mm) = self.voxel_mm {
             map.serialize_entry("voxel_mm", &voxel_mm)?;
         }
-        if self.format != Format::Inp {
+        if self.format != VoxelFormat::Inp {
             map.serialize_entry("label", &self.label)?;
         }
-        if self.format == Format::Vti {
+        if self.format == VoxelFormat::Vti {
             map.serialize_entry("fractions", &self.fractions)?;
         }
         map.serialize_entry("samples", &self.samples)?;
@@ -145,14 +145,14 @@ impl Serialize for Options {
     }
 }
 
-impl Options {
+impl VoxelOptions {
     /// Reads the format and its options, whose names this asks `object` for.
     ///
     /// `None` means that faults were reported.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
         let format = match object.optional("format") {
-            Some(at) => at.choice(&Format::ALL.map(|format| (format.name(), format)))?,
-            None => Format::Vti,
+            Some(at) => at.choice(&VoxelFormat::ALL.map(|format| (format.name(), format)))?,
+            None => VoxelFormat::Vti,
         };
         let cells = match object.optional("cells") {
             Some(at) => at.integer(1, MAX_CELLS.into()).map(|n| Some(n as u32)),
@@ -167,11 +167,11 @@ impl Options {
             None => Some(None),
         };
         // What means nothing for a format is unknown there.
-        let label = match (format != Format::Inp).then(|| object.optional("label")).flatten() {
+        let label = match (format != VoxelFormat::Inp).then(|| object.optional("label")).flatten() {
             Some(at) => at.choice(&[("phase", Label::Phase), ("grain", Label::Grain)]),
             None => Some(Label::Phase),
         };
-        let fractions = match (format == Format::Vti).then(|| object.optional("fractions")).flatten() {
+        let fractions = match (format == VoxelFormat::Vti).then(|| object.optional("fractions")).flatten() {
             Some(at) => at.boolean(),
             None => Some(false),
         };
@@ -186,6 +186,15 @@ impl Options {
         Some(Self { format, cells, voxel_mm, label: label?, fractions: fractions?, samples: samples? })
     }
 
+    /// Length of the file, but for a head of a kilobyte; of `inp` the most it can be.
+    pub(super) fn bytes(&self, grid: &Grid) -> u64 {
+        match self.format {
+            VoxelFormat::Raw => grid.voxels() * self.label.bytes(),
+            VoxelFormat::Vti => grid.voxels() * vti::bytes_per_voxel(self),
+            VoxelFormat::Inp => inp::most_bytes(grid),
+        }
+    }
+
     /// Judges the size of the grid.
     pub(super) fn check(&self, grid: &Grid, limits: &Limits) -> Result<(), ExportError> {
         let pointer = if self.voxel_mm.is_some() { "/voxel_mm" } else { "/cells" };
@@ -198,12 +207,8 @@ impl Options {
             return refused(format!("{n} along an edge: at most {MAX_CELLS} are made"));
         }
         let voxels = grid.voxels();
-        let most = if self.format == Format::Inp { MAX_HEXAHEDRA } else { MAX_VOXELS };
-        let bytes = match self.format {
-            Format::Raw => voxels * self.label.bytes(),
-            Format::Vti => voxels * vti::bytes_per_voxel(self),
-            Format::Inp => inp::most_bytes(grid),
-        };
+        let most = if self.format == VoxelFormat::Inp { MAX_HEXAHEDRA } else { MAX_VOXELS };
+        let bytes = self.bytes(grid);
         let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
         if voxels > most {
             return refused(format!(

@@ -10,19 +10,19 @@ use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
 use crate::{PackingRequest, Unattended, pack};
 
-fn read(format: Format, value: &Value) -> Result<Options, Vec<String>> {
+fn read(format: VoxelFormat, value: &Value) -> Result<VoxelOptions, Vec<String>> {
     let mut value = value.clone();
     value["format"] = json!(format);
     let value = &value;
     let faults = Faults::default();
     let mut object = At::root(value, &faults).object().unwrap();
-    let options = Options::read(&mut object);
+    let options = VoxelOptions::read(&mut object);
     object.finish();
     let faults: Vec<String> = faults.into_vec().iter().map(ToString::to_string).collect();
     if faults.is_empty() { Ok(options.unwrap()) } else { Err(faults) }
 }
 
-fn written(model: &Model<'_>, format: Format, options: &Value) -> (Report, Vec<u8>) {
+fn written(model: &Model<'_>, format: VoxelFormat, options: &Value) -> (VoxelReport, Vec<u8>) {
     let mut bytes = Vec::new();
     let options = read(format, options).unwrap();
     let report = write(model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
@@ -83,7 +83,7 @@ fn every_voxel_has_the_label_of_its_centre() {
     for specimen in specimens() {
         let (specimen, spheres) = packed(&specimen);
         let model = Model { specimen: &specimen, spheres: &spheres };
-        let (report, bytes) = written(&model, Format::Raw, &json!({"label": "grain", "cells": 37}));
+        let (report, bytes) = written(&model, VoxelFormat::Raw, &json!({"label": "grain", "cells": 37}));
         let [nx, ny, nz] = report.shape.map(|n| n as usize);
         let labels: Vec<u32> = bytes.chunks(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect();
         assert_eq!(labels.len(), nx * ny * nz);
@@ -103,7 +103,7 @@ fn every_voxel_has_the_label_of_its_centre() {
         let seen: BTreeSet<u32> = labels.iter().copied().filter(|l| *l != u32::MAX && *l != 0).collect();
         assert_eq!(report.grains_without_voxel, (spheres.len() - seen.len()) as u64);
         // The phases are those of the grains.
-        let (_, phases) = written(&model, Format::Raw, &json!({"cells": 37}));
+        let (_, phases) = written(&model, VoxelFormat::Raw, &json!({"cells": 37}));
         let phase = |label: u32| if label == u32::MAX { 2 } else { label.min(1) as u8 };
         assert_eq!(phases, labels.iter().map(|l| phase(*l)).collect::<Vec<_>>());
     }
@@ -114,7 +114,7 @@ fn labels_and_shares_measure_the_volume() {
     for specimen in specimens() {
         let (specimen, spheres) = packed(&specimen);
         let model = Model { specimen: &specimen, spheres: &spheres };
-        let (report, _) = written(&model, Format::Raw, &json!({"cells": 40}));
+        let (report, _) = written(&model, VoxelFormat::Raw, &json!({"cells": 40}));
         let error = |fraction: f64| (fraction / report.volume_fraction - 1.0).abs();
         assert!(error(report.volume_fraction_labels) < 0.02, "{report:?}");
         assert!(error(report.volume_fraction_samples) < 1e-3, "{report:?}");
@@ -138,7 +138,7 @@ fn fractions_are_those_of_finer_labels() {
         let (specimen, spheres) = packed(&specimen);
         let model = Model { specimen: &specimen, spheres: &spheres };
         let options = json!({"voxel_mm": 1.0, "label": "phase", "fractions": true, "samples": 8});
-        let (report, bytes) = written(&model, Format::Vti, &options);
+        let (report, bytes) = written(&model, VoxelFormat::Vti, &options);
         let shares: Vec<f32> = appended(&bytes, "fraction")
             .chunks(4)
             .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
@@ -148,7 +148,7 @@ fn fractions_are_those_of_finer_labels() {
             (shares.len(), labels.len()),
             (labels.len(), report.shape.iter().product::<u64>() as usize)
         );
-        let (_, fine) = written(&model, Format::Raw, &json!({"voxel_mm": 0.125}));
+        let (_, fine) = written(&model, VoxelFormat::Raw, &json!({"voxel_mm": 0.125}));
         let [nx, ny, _] = report.shape.map(|n| n as usize);
         let mut sums = vec![0_u32; shares.len()];
         for (at, phase) in fine.iter().enumerate() {
@@ -163,7 +163,7 @@ fn fractions_are_those_of_finer_labels() {
         // What is full or empty is so exactly.
         assert!(shares.contains(&1.0) && shares.contains(&0.0));
         // Written or not, the volume is the same.
-        let (without, _) = written(&model, Format::Vti, &json!({"voxel_mm": 1.0, "samples": 8}));
+        let (without, _) = written(&model, VoxelFormat::Vti, &json!({"voxel_mm": 1.0, "samples": 8}));
         let ratio = report.volume_fraction_samples / without.volume_fraction_samples;
         assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
     }
@@ -174,24 +174,24 @@ fn voxels_are_as_near_to_cubes_as_the_specimen_allows() {
     let specimen = Specimen::Box { size_mm: [100.0, 33.0, 0.2], boundary: crate::request::Boundary::Walls };
     let spheres = Spheres::default();
     let model = Model { specimen: &specimen, spheres: &spheres };
-    let (report, bytes) = written(&model, Format::Raw, &json!({"cells": 50}));
+    let (report, bytes) = written(&model, VoxelFormat::Raw, &json!({"cells": 50}));
     assert_eq!(report.shape, [50, 17, 1]);
     assert_eq!(report.spacing_mm, [2.0, 33.0 / 17.0, 0.2]);
     assert_eq!((report.dtype.as_deref(), report.outside_label), (Some("|u1"), None));
     assert_eq!(bytes, vec![0; 850]);
     assert_eq!((report.volume_fraction, report.volume_fraction_labels), (0.0, 0.0));
-    let (report, _) = written(&model, Format::Raw, &json!({"voxel_mm": 30}));
+    let (report, _) = written(&model, VoxelFormat::Raw, &json!({"voxel_mm": 30}));
     assert_eq!(report.shape, [3, 1, 1]);
 }
 
 #[test]
 fn options_have_defaults_and_bounds() {
-    let options = read(Format::Vti, &json!({})).unwrap();
+    let options = read(VoxelFormat::Vti, &json!({})).unwrap();
     assert_eq!((options.cells, options.voxel_mm, options.samples), (Some(100), None, 4));
     assert_eq!((options.label, options.fractions), (Label::Phase, false));
-    assert_eq!(read(Format::Raw, &json!({"voxel_mm": 0.5})).unwrap().cells, None);
+    assert_eq!(read(VoxelFormat::Raw, &json!({"voxel_mm": 0.5})).unwrap().cells, None);
     let faults = read(
-        Format::Vti,
+        VoxelFormat::Vti,
         &json!({"cells": 0, "voxel_mm": -1, "label": "colour", "fractions": "no", "samples": 17}),
     );
     assert_eq!(
@@ -205,7 +205,7 @@ fn options_have_defaults_and_bounds() {
         ]
     );
     assert_eq!(
-        read(Format::Inp, &json!({"cells": 9, "voxel_mm": 1, "label": "grain", "fractions": true}))
+        read(VoxelFormat::Inp, &json!({"cells": 9, "voxel_mm": 1, "label": "grain", "fractions": true}))
             .unwrap_err(),
         [
             "/voxel_mm: cells and voxel_mm say the same: leave one of them out",
@@ -218,30 +218,30 @@ fn options_have_defaults_and_bounds() {
 #[test]
 fn what_is_too_large_says_what_it_would_take() {
     let specimen = Specimen::Box { size_mm: [150.0; 3], boundary: crate::request::Boundary::Walls };
-    let refused = |format: Format, options: Value| {
+    let refused = |format: VoxelFormat, options: Value| {
         let limits = Limits { max_memory_bytes: 1_000_000_000, ..Limits::default() };
         check(&specimen, &read(format, &options).unwrap(), &limits).unwrap_err().to_string()
     };
     assert_eq!(
-        refused(Format::Vti, json!({"cells": 1000, "label": "grain", "fractions": true})),
+        refused(VoxelFormat::Vti, json!({"cells": 1000, "label": "grain", "fractions": true})),
         "/cells: 1000 x 1000 x 1000 voxels are a file of 8000 MB: at most 1000 MB may be made"
     );
     assert_eq!(
-        refused(Format::Raw, json!({"voxel_mm": 0.05})),
+        refused(VoxelFormat::Raw, json!({"voxel_mm": 0.05})),
         "/voxel_mm: 3000 x 3000 x 3000 voxels are 27000000000 in all, a file of 27000 MB: at most 4000000000 are made"
     );
     assert_eq!(
-        refused(Format::Raw, json!({"voxel_mm": 1e-6})),
+        refused(VoxelFormat::Raw, json!({"voxel_mm": 1e-6})),
         "/voxel_mm: 150000000 x 150000000 x 150000000 voxels are 150000000 along an edge: at most 8192 are made"
     );
-    let hexahedra = refused(Format::Inp, json!({"cells": 300}));
+    let hexahedra = refused(VoxelFormat::Inp, json!({"cells": 300}));
     assert!(
         hexahedra.starts_with("/cells: 300 x 300 x 300 voxels are 27000000 in all, a file of "),
         "{hexahedra}"
     );
     assert!(hexahedra.ends_with("at most 20000000 are made"), "{hexahedra}");
     let limits = Limits { max_memory_bytes: 1_000_000_000, ..Limits::default() };
-    check(&specimen, &read(Format::Raw, &json!({"cells": 1000})).unwrap(), &limits).unwrap();
+    check(&specimen, &read(VoxelFormat::Raw, &json!({"cells": 1000})).unwrap(), &limits).unwrap();
 }
 
 /// An Abaqus file's keywords, each with its lines.
@@ -263,9 +263,9 @@ fn hexahedra_sets_and_surfaces_are_those_of_the_voxels() {
         let (specimen, spheres) = packed(&specimen);
         let model = Model { specimen: &specimen, spheres: &spheres };
         let options = json!({"cells": 13});
-        let (report, bytes) = written(&model, Format::Inp, &options);
-        let (_, labels) = written(&model, Format::Raw, &options);
-        let most = inp::most_bytes(&Grid::new(&specimen, &read(Format::Inp, &options).unwrap()));
+        let (report, bytes) = written(&model, VoxelFormat::Inp, &options);
+        let (_, labels) = written(&model, VoxelFormat::Raw, &options);
+        let most = inp::most_bytes(&Grid::new(&specimen, &read(VoxelFormat::Inp, &options).unwrap()));
         assert!((bytes.len() as u64) < most && most < 4 * bytes.len() as u64, "{} {most}", bytes.len());
         let text = String::from_utf8(bytes).unwrap();
         let keywords = keywords(&text);
@@ -361,8 +361,8 @@ fn hexahedra_sets_and_surfaces_are_those_of_the_voxels() {
 fn the_mantle_of_a_cylinder_is_one_closed_surface() {
     let (specimen, spheres) = packed(&specimens()[2]);
     let model = Model { specimen: &specimen, spheres: &spheres };
-    let (report, bytes) = written(&model, Format::Inp, &json!({"cells": 12}));
-    let (_, labels) = written(&model, Format::Raw, &json!({"cells": 12}));
+    let (report, bytes) = written(&model, VoxelFormat::Inp, &json!({"cells": 12}));
+    let (_, labels) = written(&model, VoxelFormat::Raw, &json!({"cells": 12}));
     let text = String::from_utf8(bytes).unwrap();
     let count = |face: &str| -> usize {
         let keyword = format!("*ELSET, ELSET=side_{face}");
@@ -390,7 +390,7 @@ fn a_run_stops_when_it_is_told_to() {
     }
     let (specimen, spheres) = packed(&specimens()[0]);
     let model = Model { specimen: &specimen, spheres: &spheres };
-    for format in Format::ALL {
+    for format in VoxelFormat::ALL {
         let control = After(std::cell::Cell::new(5));
         let options = read(format, &json!({"cells": 20})).unwrap();
         let mut out = Vec::new();
@@ -410,7 +410,7 @@ proptest! {
         let specimen = Specimen::Box { size_mm: [10.0; 3], boundary: crate::request::Boundary::Periodic };
         let model = Model { specimen: &specimen, spheres: &spheres };
         let (report, bytes) =
-            written(&model, Format::Vti, &json!({"cells": cells, "fractions": true, "samples": 8}));
+            written(&model, VoxelFormat::Vti, &json!({"cells": cells, "fractions": true, "samples": 8}));
         let voxels = d * f64::from(cells) / 10.0 * 8.0;
         let error = (report.volume_fraction_samples / report.volume_fraction - 1.0).abs();
         prop_assert!(error < 3.0 / voxels.powf(1.5), "{error} of {voxels}");

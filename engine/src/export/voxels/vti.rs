@@ -3,18 +3,18 @@
 use std::io::Write;
 
 use super::layers::Layers;
-use super::{Found, Grid, Label, Options, Watch, labels};
+use super::{Found, Grid, Label, VoxelOptions, Watch, labels};
 use crate::export::{ExportError, Model};
 
 /// Bytes of all arrays per voxel.
-pub(super) fn bytes_per_voxel(options: &Options) -> u64 {
+pub(super) fn bytes_per_voxel(options: &VoxelOptions) -> u64 {
     options.label.bytes() + if options.fractions { size_of::<f32>() as u64 } else { 0 }
 }
 
 pub(super) fn write(
     model: &Model<'_>,
     grid: &Grid,
-    options: &Options,
+    options: &VoxelOptions,
     watch: &Watch<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {

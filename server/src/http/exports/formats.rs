@@ -222,7 +222,7 @@ fn not_ready(detail: String) -> Problem {
 #[allow(dead_code)]
 pub(crate) struct SliceDocument {
     #[serde(flatten)]
-    report: slice::Report,
+    report: slice::SliceReport,
     circles: CircleTable,
 }
 

@@ -120,8 +120,8 @@ pub(crate) fn finished(document: &OpenApi) -> Value {
 
 /// Says in which media types models come: as many as there are of them.
 fn add_media_types(document: &mut Value) {
-    let cuts = slice::Format::ALL.map(slice::Format::media_type);
-    let lattice = ldpm::Format::Cells.media_type();
+    let cuts = slice::SliceFormat::ALL.map(slice::SliceFormat::media_type);
+    let lattice = ldpm::LatticeFormat::Cells.media_type();
     let models: Vec<_> = formats::models().map(formats::media_type).chain([lattice]).collect();
     let file = "/v1/jobs/{id}/exports/{export_id}/file";
     for (path, media_types) in [("/v1/jobs/{id}/result", &models), (file, &[&cuts[..], &models].concat())] {

@@ -4,7 +4,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::super::nodes::{Nodes, lay};
 use super::super::surface::Surface;
-use super::super::{BoundaryNodes, Options};
+use super::super::{BoundaryNodes, LatticeOptions};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::Unattended;
 use crate::export::Model;
@@ -16,7 +16,7 @@ fn distance(p: [f64; 3], q: [f64; 3]) -> f64 {
     (0..3).map(|a| (p[a] - q[a]).powi(2)).sum::<f64>().sqrt()
 }
 
-fn laid(specimen: &Specimen, spheres: &Spheres, options: &Options) -> Nodes {
+fn laid(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Nodes {
     lay(&Model { specimen, spheres }, options, &Unattended).unwrap()
 }
 
@@ -29,7 +29,7 @@ fn smallest_spacing(nodes: &Nodes) -> f64 {
 }
 
 /// Poisson disks that are full: no two nodes are too near, and wherever a node may lie there is one.
-fn assert_full(specimen: &Specimen, spheres: &Spheres, options: &Options) {
+fn assert_full(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) {
     let nodes = laid(specimen, spheres, options);
     let d_min = spheres.d_mm.iter().copied().fold(f64::INFINITY, f64::min);
     let (spacing, clear) = (options.spacing * d_min, options.fictitious_diameter * d_min / 2.0);
@@ -85,15 +85,19 @@ fn assert_full(specimen: &Specimen, spheres: &Spheres, options: &Options) {
 #[test]
 fn disks_fill_the_surface_around_grains() {
     for (specimen, spheres) in [in_box(), in_cylinder(), with_clearance()] {
-        assert_full(&specimen, &spheres, &Options::default());
-        assert_full(&specimen, &spheres, &Options { spacing: 1.1, seed: 5, ..Options::default() });
+        assert_full(&specimen, &spheres, &LatticeOptions::default());
+        assert_full(
+            &specimen,
+            &spheres,
+            &LatticeOptions { spacing: 1.1, seed: 5, ..LatticeOptions::default() },
+        );
     }
 }
 
 #[test]
 fn nodes_follow_from_the_seed() {
     let (specimen, spheres) = in_cylinder();
-    let of_seed = |seed| laid(&specimen, &spheres, &Options { seed, ..Options::default() });
+    let of_seed = |seed| laid(&specimen, &spheres, &LatticeOptions { seed, ..LatticeOptions::default() });
     assert_eq!(of_seed(1), of_seed(1));
     assert_ne!(of_seed(1).points_mm, of_seed(2).points_mm);
 }
@@ -101,13 +105,13 @@ fn nodes_follow_from_the_seed() {
 #[test]
 fn nodes_lie_on_the_surface_to_the_last_bit_where_it_is_plane() {
     let (specimen, spheres) = in_box();
-    let nodes = laid(&specimen, &spheres, &Options::default());
+    let nodes = laid(&specimen, &spheres, &LatticeOptions::default());
     let size = specimen.bounds_mm();
     for p in &nodes.points_mm[..nodes.boundary] {
         assert!((0..3).any(|a| p[a] == 0.0 || p[a] == size[a]), "{p:?}");
     }
     let (specimen, spheres) = in_cylinder();
-    let nodes = laid(&specimen, &spheres, &Options::default());
+    let nodes = laid(&specimen, &spheres, &LatticeOptions::default());
     for p in &nodes.points_mm[..nodes.boundary] {
         let off_axis = (p[0] - 20.0).hypot(p[1] - 20.0);
         assert!(p[2] == 0.0 || p[2] == 30.0 || (off_axis - 20.0).abs() < 1e-13, "{p:?}");
@@ -117,7 +121,8 @@ fn nodes_lie_on_the_surface_to_the_last_bit_where_it_is_plane() {
 #[test]
 fn random_nodes_are_as_many_as_asked_for() {
     let (specimen, spheres) = with_clearance();
-    let options = Options { boundary_nodes: BoundaryNodes::Random, spacing: 2.0, ..Options::default() };
+    let options =
+        LatticeOptions { boundary_nodes: BoundaryNodes::Random, spacing: 2.0, ..LatticeOptions::default() };
     let nodes = laid(&specimen, &spheres, &options);
     let spacing = 2.0 * nodes.d_min_mm;
     assert!(nodes.complete);
@@ -132,7 +137,8 @@ fn random_nodes_are_as_many_as_asked_for() {
 #[test]
 fn random_nodes_end_where_no_place_is_left_and_say_so() {
     let (specimen, spheres) = with_clearance();
-    let options = Options { boundary_nodes: BoundaryNodes::Random, spacing: 1.1, ..Options::default() };
+    let options =
+        LatticeOptions { boundary_nodes: BoundaryNodes::Random, spacing: 1.1, ..LatticeOptions::default() };
     let nodes = laid(&specimen, &spheres, &options);
     assert!(!nodes.complete);
     let on_faces = nodes.boundary - nodes.on_edges - nodes.on_vertices;
@@ -162,7 +168,7 @@ proptest! {
         spheres.push(if region.contains(p) { p } else { specimen.bounds_mm().map(|x| x / 2.0) }, d);
         // Small beside the first, so that the spacing is, too.
         spheres.push([0.05 * d; 3].map(|x| x + size[0] / 2.0), d / 8.0);
-        let nodes = laid(&specimen, &spheres, &Options { spacing, ..Options::default() });
+        let nodes = laid(&specimen, &spheres, &LatticeOptions { spacing, ..LatticeOptions::default() });
         let spacing = spacing * d / 8.0;
         prop_assert!(smallest_spacing(&nodes) >= spacing * (1.0 - 1e-12));
         prop_assert!(nodes.boundary > 8);

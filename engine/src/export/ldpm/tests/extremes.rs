@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use serde_json::json;
 
-use super::super::{Lattice, Options};
+use super::super::{Lattice, LatticeOptions};
 use crate::Limits;
 use crate::control::Unattended;
 use crate::export::{ExportError, Model};
@@ -43,7 +43,7 @@ proptest! {
     ) {
         let faults = Faults::default();
         let mut object = At::root(&value, &faults).object().unwrap();
-        let Some(options) = Options::read(&mut object) else { return Ok(()) };
+        let Some(options) = LatticeOptions::read(&mut object) else { return Ok(()) };
         let specimen = if cylinder {
             json!({"type": "cylinder", "diameter_mm": size[0], "height_mm": size[2]})
         } else {

@@ -1,17 +1,17 @@
 use std::io::{Cursor, Read, Write};
 
-use super::super::{Format, Options, Report, write};
+use super::super::{LatticeFormat, LatticeOptions, LatticeReport, write};
 use super::{in_cylinder, with_clearance};
 use crate::Unattended;
 use crate::export::{ExportError, Model};
 use crate::plan::Limits;
 
 fn written(
-    format: Format,
+    format: LatticeFormat,
     (specimen, spheres): &(crate::request::Specimen, crate::Spheres),
-) -> (Vec<u8>, Report) {
+) -> (Vec<u8>, LatticeReport) {
     let mut bytes = Vec::new();
-    let options = Options { format, ..Options::default() };
+    let options = LatticeOptions { format, ..LatticeOptions::default() };
     let report =
         write(&Model { specimen, spheres }, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
     (bytes, report)
@@ -20,7 +20,7 @@ fn written(
 #[test]
 fn the_same_model_is_the_same_bytes() {
     let packing = in_cylinder();
-    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+    for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         assert!(written(file, &packing).0 == written(file, &packing).0, "{file:?}");
     }
 }
@@ -38,12 +38,12 @@ fn rows(archive: &mut zip::ZipArchive<Cursor<Vec<u8>>>, suffix: &str) -> Vec<Vec
 #[test]
 fn the_archive_holds_what_the_report_says() {
     let packing = with_clearance();
-    let (bytes, report) = written(Format::Chrono, &packing);
+    let (bytes, report) = written(LatticeFormat::Chrono, &packing);
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
     let mut summary = String::new();
     archive.by_name("summary.json").unwrap().read_to_string(&mut summary).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
-    assert_eq!(serde_json::from_value::<Report>(summary["report"].clone()).unwrap(), report);
+    assert_eq!(serde_json::from_value::<LatticeReport>(summary["report"].clone()).unwrap(), report);
 
     for (suffix, count, columns) in [
         ("nodes", report.nodes.total, 3),
@@ -92,9 +92,9 @@ impl Write for Full {
 #[test]
 fn a_writer_that_fails_is_told_of() {
     let (specimen, spheres) = in_cylinder();
-    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+    for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         for room in [0, 20_000] {
-            let options = Options { format: file, ..Options::default() };
+            let options = LatticeOptions { format: file, ..LatticeOptions::default() };
             let model = Model { specimen: &specimen, spheres: &spheres };
             let error =
                 write(&model, &options, &Limits::default(), &Unattended, &mut Full(room)).unwrap_err();

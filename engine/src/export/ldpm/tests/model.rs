@@ -3,7 +3,7 @@ use serde_json::json;
 use super::super::checks;
 use super::super::topology::{NONE, Topology};
 use super::super::work::Work;
-use super::super::{BoundaryNodes, Format, Lattice, Options, check, write};
+use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check, write};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::control::{Control, Progress, Unattended};
 use crate::export::{ExportError, Model};
@@ -12,14 +12,14 @@ use crate::plan::Limits;
 use crate::request::decode::{At, Faults};
 use crate::request::{Boundary, Specimen};
 
-fn lattice(specimen: &Specimen, spheres: &Spheres, options: &Options) -> Result<Lattice, ExportError> {
+fn lattice(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Result<Lattice, ExportError> {
     Lattice::make(&Model { specimen, spheres }, options, &Limits::default(), &Unattended)
 }
 
 #[test]
 fn a_box_is_filled_by_its_cells() {
     let (specimen, spheres) = with_clearance();
-    let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+    let made = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap();
     let report = made.report();
     let checks = &report.checks;
     let sum: f64 = made.cells().iter().map(|cell| cell.volume_mm3).sum();
@@ -44,7 +44,7 @@ fn any_packing_becomes_a_lattice() {
     for (specimen, spheres) in [in_box(), in_cylinder()] {
         for boundary_nodes in [BoundaryNodes::PoissonDisk, BoundaryNodes::Random] {
             for surface_radius in [0.0, 0.55] {
-                let options = Options { boundary_nodes, surface_radius, ..Options::default() };
+                let options = LatticeOptions { boundary_nodes, surface_radius, ..LatticeOptions::default() };
                 let report = lattice(&specimen, &spheres, &options).unwrap().report;
                 assert_eq!(report.checks.cells_not_positive, 0);
                 assert!(report.checks.crowded_nodes <= 8);
@@ -58,8 +58,10 @@ fn any_packing_becomes_a_lattice() {
 #[test]
 fn a_cylinder_becomes_a_polyhedron_a_little_smaller() {
     let (specimen, spheres) = in_cylinder();
-    let coarse = lattice(&specimen, &spheres, &Options::default()).unwrap().report;
-    let fine = lattice(&specimen, &spheres, &Options { spacing: 1.1, ..Options::default() }).unwrap().report;
+    let coarse = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap().report;
+    let fine = lattice(&specimen, &spheres, &LatticeOptions { spacing: 1.1, ..LatticeOptions::default() })
+        .unwrap()
+        .report;
     assert!(coarse.volume_over_specimen > 0.97 && coarse.volume_over_specimen < 1.0);
     assert!(fine.volume_over_specimen > coarse.volume_over_specimen && fine.volume_over_specimen < 1.0);
     assert!(fine.checks.cell_volume_error < 1e-12);
@@ -72,23 +74,23 @@ fn few_grains_are_enough() {
     for d in [1.0, 10.0] {
         let mut spheres = Spheres::default();
         spheres.push([5.0; 3], d);
-        let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+        let made = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap();
         assert!((made.report().volume_mm3 - 1000.0).abs() < 1e-9);
     }
 }
 
 fn refused(specimen: &Specimen, spheres: &Spheres, limits: &Limits) -> ExportError {
-    Lattice::make(&Model { specimen, spheres }, &Options::default(), limits, &Unattended).unwrap_err()
+    Lattice::make(&Model { specimen, spheres }, &LatticeOptions::default(), limits, &Unattended).unwrap_err()
 }
 
 #[test]
 fn what_cannot_be_made_is_refused_with_a_reason() {
     let periodic = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Periodic };
-    let error = check(&periodic, &Options::default(), &Limits::default()).unwrap_err();
+    let error = check(&periodic, &LatticeOptions::default(), &Limits::default()).unwrap_err();
     assert!(error.to_string().contains("\"boundary\": \"walls\""), "{error}");
 
     let walls = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Walls };
-    check(&walls, &Options::default(), &Limits::default()).unwrap();
+    check(&walls, &LatticeOptions::default(), &Limits::default()).unwrap();
     let empty = refused(&walls, &Spheres::default(), &Limits::default());
     assert!(matches!(empty, ExportError::Unavailable(_)), "{empty}");
 
@@ -123,7 +125,7 @@ fn a_cylinder_that_would_lose_its_shape_is_refused() {
 #[test]
 fn a_lattice_with_a_fault_does_not_pass() {
     let (specimen, spheres) = in_box();
-    let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
+    let made = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap();
     let Lattice { nodes, tets, neighbors, .. } = made;
     let judged = |tets: &[[u32; 4]], neighbors: &[[u32; 4]]| {
         let topology = Topology::new(nodes.len(), tets, neighbors, &Unattended).unwrap();
@@ -173,11 +175,12 @@ impl Control for Impatient {
 fn it_stops_when_told_to() {
     let (specimen, spheres) = in_box();
     let model = Model { specimen: &specimen, spheres: &spheres };
-    let made = lattice(&specimen, &spheres, &Options::default()).unwrap();
-    let error = Lattice::make(&model, &Options::default(), &Limits::default(), &Impatient).unwrap_err();
+    let made = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap();
+    let error =
+        Lattice::make(&model, &LatticeOptions::default(), &Limits::default(), &Impatient).unwrap_err();
     assert!(matches!(error, ExportError::Stopped), "{error}");
-    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
-        let options = Options { format: file, ..Options::default() };
+    for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
+        let options = LatticeOptions { format: file, ..LatticeOptions::default() };
         let error = made.write(&options, &Impatient, &mut std::io::sink()).unwrap_err();
         assert!(matches!(error, ExportError::Stopped), "{error}");
     }
@@ -199,9 +202,9 @@ impl Control for Listening {
 #[test]
 fn progress_rises_from_0_to_1() {
     let (specimen, spheres) = in_box();
-    for file in [Format::Chrono, Format::Tets, Format::Facets, Format::Cells] {
+    for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let heard = Listening::default();
-        let options = Options { format: file, ..Options::default() };
+        let options = LatticeOptions { format: file, ..LatticeOptions::default() };
         let model = Model { specimen: &specimen, spheres: &spheres };
         write(&model, &options, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
         let heard = heard.0.into_inner();
@@ -210,10 +213,10 @@ fn progress_rises_from_0_to_1() {
     }
 }
 
-fn read(value: &serde_json::Value) -> Result<Options, Vec<String>> {
+fn read(value: &serde_json::Value) -> Result<LatticeOptions, Vec<String>> {
     let faults = Faults::default();
     let mut object = At::root(value, &faults).object().unwrap();
-    let options = Options::read(&mut object);
+    let options = LatticeOptions::read(&mut object);
     object.finish();
     let found = faults.into_vec();
     if found.is_empty() { Ok(options.unwrap()) } else { Err(found.iter().map(ToString::to_string).collect()) }
@@ -221,7 +224,7 @@ fn read(value: &serde_json::Value) -> Result<Options, Vec<String>> {
 
 #[test]
 fn options_have_defaults_and_bounds() {
-    assert_eq!(read(&json!({})).unwrap(), Options::default());
+    assert_eq!(read(&json!({})).unwrap(), LatticeOptions::default());
     let all = json!({"spacing": 2, "fictitious_diameter": 0.5, "boundary_nodes": "random", "seed": 3, "format": "cells"});
     let read_all = read(&all).unwrap();
     assert_eq!(read_all.surface_radius, 0.25);

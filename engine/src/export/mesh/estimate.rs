@@ -1,0 +1,261 @@
+//! How many triangles a surface mesh will have, and how long its file will be, before it is made.
+//!
+//! A sphere without anything close has the triangles of its polyhedron. Near something at the gap `g(r)` at the distance
+//! `r` from the nearest point, edges are at most `3 g(r)` (but no shorter than the floor), so that the number of
+//! triangles there is the integral of `DENSITY / h(r)^2` over the surface. Both are summed over everything a grain faces.
+//! From a plan, what a grain faces is a mean: grains of the size `j` at gaps from `g` to `g + dg` number
+//! `rho_j 4 pi sigma_ij^2 G_ij dg`, `G_ij` the contact value of the pair distribution of hard spheres (Mansoori,
+//! Carnahan, Starling and Leland 1971, Journal of Chemical Physics 54). Measured: `docs/meshes.md`.
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use super::grain::Grains;
+use super::options::SurfaceOptions;
+use super::size::{CIRCUMRADIUS, EDGE_PER_GAP, Other};
+use super::sphere::Finenesses;
+use super::{GRAINS_PER_LOOK, check, surface_mean_mm};
+use crate::control::Control;
+use crate::distance::DistanceRule;
+use crate::export::{ExportError, Model, go_on};
+use crate::plan::ClassPlan;
+use crate::request::Specimen;
+
+/// Triangles per area over `1 / h^2`, where edges are cut in halves until none is longer than `h`: fitted to meshes of
+/// packings with gaps from 0 to 1 mm. Equilateral triangles of the edge `h` would have 2.31.
+const DENSITY: f64 = 5.0;
+/// The same where nothing is close.
+const EVEN_DENSITY: f64 = 2.31;
+/// Bytes of a triangle and its half of a vertex in the file formats `msh` and `stl`: 32 + 16 bytes; twice 50 bytes, a
+/// little more than half of it after compression.
+pub(super) const BYTES_PER_TRIANGLE: u64 = 48;
+/// Steps of the integral over the surroundings of a nearest point.
+const STEPS: usize = 16;
+/// Sizes that a class of a plan is divided into.
+const SIZES_PER_CLASS: usize = 4;
+/// Gaps that the pair distribution is integrated over.
+const GAPS: usize = 8;
+
+/// What a surface mesh is likely to come out as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MeshEstimate {
+    /// Triangles, those of the specimen's faces too; true within a factor of 1.5 for a packing.
+    pub triangles: u64,
+    /// Length of the file.
+    pub bytes: u64,
+}
+
+impl MeshEstimate {
+    fn of(triangles: f64) -> Self {
+        let triangles = triangles.max(0.0).round() as u64;
+        Self { triangles, bytes: triangles.saturating_mul(BYTES_PER_TRIANGLE) }
+    }
+}
+
+/// Estimates the mesh of a packing.
+///
+/// # Errors
+/// [`ExportError::Unavailable`] for a periodic box, [`ExportError::Stopped`].
+pub(super) fn of_model(
+    model: &Model<'_>,
+    options: &SurfaceOptions,
+    control: &dyn Control,
+) -> Result<MeshEstimate, ExportError> {
+    check(model.specimen)?;
+    let spheres = model.spheres;
+    let grains = Grains::new(model, options);
+    let shell_mm = surface_mean_mm(model);
+    let shell =
+        Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
+    let mut triangles = shell_triangles(model.specimen, shell.edge_mm);
+    for row in 0..spheres.len() {
+        if row % GRAINS_PER_LOOK == 0 {
+            go_on(control)?;
+        }
+        let diameter = spheres.d_mm[row];
+        triangles += grains.fineness(diameter).triangles() as f64;
+        if !options.size_field {
+            continue;
+        }
+        let patch = Patch::of_grain(options, diameter);
+        grains.for_each_facing(row, grains.reach_mm(diameter), |other, gap, _| match other {
+            Other::Sphere { radius, .. } => triangles += patch.more_triangles(gap, Some(radius)),
+            Other::Plane(..) | Other::Mantle { .. } => triangles += patch.more_triangles(gap, None),
+        });
+        for (wall, _) in super::shell::walls(model.specimen, spheres.center(row)) {
+            let gap = wall.gap(spheres.center(row)) - diameter / 2.0;
+            triangles += shell.more_triangles(gap, Some(diameter / 2.0));
+        }
+    }
+    Ok(MeshEstimate::of(triangles))
+}
+
+/// Estimates the mesh of a packing of that plan: right within a factor of two or so, for gaps are known by their
+/// statistics alone.
+pub(super) fn of_plan(
+    specimen: &Specimen,
+    rule: &DistanceRule,
+    classes: &[ClassPlan],
+    options: &SurfaceOptions,
+) -> MeshEstimate {
+    let sizes = sizes(classes);
+    let volume = specimen.volume_mm3();
+    let of_power = |n: i32| sizes.iter().map(|size| size.grains * size.diameter_mm.powi(n)).sum::<f64>();
+    let [x, y, z] = specimen.bounds_mm();
+    let shell_mm = if of_power(2) > 0.0 { of_power(3) / of_power(2) } else { x }.min(x).min(y).min(z);
+    let shell =
+        Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
+    let mut triangles = shell_triangles(specimen, shell.edge_mm);
+    // Grains with half of the gap that they keep, which is what keeps them apart.
+    let coated = |d: f64| d + rule.gap_mm(d, d);
+    let moment = |n: i32| {
+        let sum: f64 = sizes.iter().map(|size| size.grains * coated(size.diameter_mm).powi(n)).sum();
+        PI / 6.0 * sum / volume
+    };
+    let (second, third) = (moment(2), moment(3).min(MOST_FILLED));
+    let contact = |a: f64, b: f64| {
+        let (free, share) = (1.0 - third, a * b / (a + b));
+        1.0 / free + 3.0 * second * share / (free * free) + 2.0 * (second * share).powi(2) / free.powi(3)
+    };
+    let (faces, finenesses) = (specimen_area(specimen), Finenesses::new());
+    for own in &sizes {
+        let fineness = finenesses.nearest(PI * own.diameter_mm / options.edge_mm(own.diameter_mm));
+        triangles += own.grains * fineness.triangles() as f64;
+        if !options.size_field {
+            continue;
+        }
+        let patch = Patch::of_grain(options, own.diameter_mm);
+        for other in &sizes {
+            let sum = (own.diameter_mm + other.diameter_mm) / 2.0;
+            let pairs = |gap: f64| {
+                let area = 4.0 * PI * (sum + gap).powi(2);
+                area * other.grains / volume * contact(coated(own.diameter_mm), coated(other.diameter_mm))
+            };
+            let least = rule.gap_mm(own.diameter_mm, other.diameter_mm);
+            let more = patch.over_gaps(least, Some(other.diameter_mm / 2.0), pairs);
+            triangles += own.grains * more;
+        }
+        // At a hard wall the density of centres is about that at contact with a grain without curvature.
+        let radius = own.diameter_mm / 2.0;
+        let at_wall = |_: f64| faces * own.grains / volume * contact(coated(own.diameter_mm), 1e12);
+        let least = rule.wall_gap_mm(own.diameter_mm);
+        triangles += patch.over_gaps(least, None, at_wall) + shell.over_gaps(least, Some(radius), at_wall);
+    }
+    MeshEstimate::of(triangles)
+}
+
+/// Largest share of space that the pair distribution is evaluated at.
+const MOST_FILLED: f64 = 0.7;
+
+/// Grains of one size.
+struct Size {
+    diameter_mm: f64,
+    grains: f64,
+}
+
+/// The sizes of a plan: within a class, numbers fall with a power of the diameter that gives the class its volume.
+fn sizes(classes: &[ClassPlan]) -> Vec<Size> {
+    let mut found = Vec::new();
+    for class in classes.iter().filter(|class| class.grains > 0.0) {
+        let ratio = (class.d_max_mm / class.d_min_mm).max(1.0);
+        let diameters: [f64; SIZES_PER_CLASS] =
+            std::array::from_fn(|i| class.d_min_mm * ratio.powf((i as f64 + 0.5) / SIZES_PER_CLASS as f64));
+        let mean_volume = class.volume_mm3 / class.grains;
+        let mean_of = |power: f64| {
+            let weights = diameters.map(|d| (d / class.d_min_mm).powf(power));
+            let volume: f64 = weights.iter().zip(diameters).map(|(w, d)| w * PI / 6.0 * d.powi(3)).sum();
+            volume / weights.iter().sum::<f64>()
+        };
+        let (mut low, mut high) = (-20.0, 20.0);
+        for _ in 0..40 {
+            let middle = (low + high) / 2.0;
+            if mean_of(middle) < mean_volume { low = middle } else { high = middle }
+        }
+        let weights = diameters.map(|d| (d / class.d_min_mm).powf(low));
+        let all: f64 = weights.iter().sum();
+        found.extend(
+            diameters
+                .iter()
+                .zip(weights)
+                .map(|(&diameter_mm, w)| Size { diameter_mm, grains: class.grains * w / all }),
+        );
+    }
+    found
+}
+
+/// Area of the specimen's faces.
+fn specimen_area(specimen: &Specimen) -> f64 {
+    match *specimen {
+        Specimen::Box { size_mm: [x, y, z], .. } => 2.0 * (x * y + y * z + z * x),
+        Specimen::Cylinder { diameter_mm, height_mm } => PI * diameter_mm * (diameter_mm / 2.0 + height_mm),
+    }
+}
+
+/// Triangles of the specimen's faces where nothing is close: four to a rectangle of the edges' length.
+fn shell_triangles(specimen: &Specimen, edge_mm: f64) -> f64 {
+    4.0 * specimen_area(specimen) / (edge_mm * edge_mm)
+}
+
+/// A surface, to be refined near what it faces.
+struct Patch {
+    edge_mm: f64,
+    floor_mm: f64,
+    /// Of a sphere; a wall is flat.
+    radius: Option<f64>,
+}
+
+impl Patch {
+    fn of_grain(options: &SurfaceOptions, diameter: f64) -> Self {
+        Self {
+            edge_mm: options.edge_mm(diameter),
+            floor_mm: options.floor_mm(diameter),
+            radius: Some(diameter / 2.0),
+        }
+    }
+
+    /// Triangles that a thing at that gap adds, a sphere of the radius `other` or a flat wall.
+    fn more_triangles(&self, gap: f64, other: Option<f64>) -> f64 {
+        let gap = gap.max(0.0);
+        if gap >= self.edge_mm / EDGE_PER_GAP {
+            return 0.0;
+        }
+        // Gap to the other's surface at a distance along the own one.
+        let curvature = |radius: Option<f64>| radius.map_or(0.0, |r| 1.0 / r);
+        let bend = (curvature(self.radius) + curvature(other)) / 2.0;
+        let farthest2 = (self.edge_mm / EDGE_PER_GAP - gap) / bend;
+        // A triangle is as fine as its point nearest to the contact asks for.
+        let farthest = farthest2.sqrt() + CIRCUMRADIUS * self.edge_mm;
+        let mut more = 0.0;
+        for step in 0..STEPS {
+            let inner = farthest * step as f64 / STEPS as f64;
+            let outer = farthest * (step + 1) as f64 / STEPS as f64;
+            let r = (inner + outer) / 2.0;
+            let mut length = self.edge_mm;
+            for _ in 0..4 {
+                let nearest = (r - CIRCUMRADIUS * length).max(0.0);
+                let asked = EDGE_PER_GAP * (gap + bend * nearest * nearest);
+                length = asked.clamp(self.floor_mm, self.edge_mm);
+            }
+            let density = DENSITY / (length * length) - EVEN_DENSITY / (self.edge_mm * self.edge_mm);
+            if length < self.edge_mm {
+                more += density.max(0.0) * PI * (outer * outer - inner * inner);
+            }
+        }
+        more
+    }
+
+    /// The same over all gaps from the least, with that many things per mm of gap.
+    fn over_gaps(&self, least: f64, other: Option<f64>, per_mm: impl Fn(f64) -> f64) -> f64 {
+        let most = self.edge_mm / EDGE_PER_GAP;
+        if least >= most {
+            return 0.0;
+        }
+        let width = (most - least) / GAPS as f64;
+        (0..GAPS)
+            .map(|i| least + (i as f64 + 0.5) * width)
+            .map(|gap| per_mm(gap) * width * self.more_triangles(gap, other))
+            .sum()
+    }
+}

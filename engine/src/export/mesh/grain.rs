@@ -1,0 +1,239 @@
+//! The surface of one grain: a polyhedron whose edges follow the gaps around it, with the volume of its sphere.
+//!
+//! A polyhedron with its vertices on the sphere has too little volume: `3 h^2 / (8 R^2)` of it is missing for edges `h`
+//! (1/2 R times the mean of `h^2/3 - r^2` over an equilateral triangle, `r` from its centroid). So vertices are moved
+//! outwards, each in proportion to the area of the triangles around it, which is the `h^2` of that place, until the
+//! volume is that of the sphere. No vertex crosses a plane that leaves half of the gap to what it faces, so polyhedra of
+//! spheres that do not touch stay apart. In the finely meshed regions close to contacts there is little to move.
+
+use std::collections::HashMap;
+use std::f64::consts::PI;
+
+use super::near::Near;
+use super::options::{SurfaceOptions, VolumeCorrection};
+use super::shell::walls;
+use super::size::{EDGE_PER_GAP, Facing, Other};
+use super::sphere::{self, Fineness, Finenesses};
+use super::surface::{Shape, Surface, cross, dot};
+use crate::export::Model;
+
+/// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
+const GAP_SHARE: f64 = 0.5;
+/// How far a correction looks for obstacles, in multiples of how far the size field does.
+const ROOM_REACH: f64 = 3.0;
+/// Relative error of a corrected volume.
+const VOLUME_TOLERANCE: f64 = 1.0e-13;
+/// Most steps of the search for it.
+const MOST_STEPS: usize = 60;
+
+/// Makes the surfaces of grains.
+pub(super) struct Grains<'a> {
+    model: &'a Model<'a>,
+    options: &'a SurfaceOptions,
+    near: Near<'a>,
+    finenesses: Finenesses,
+    /// Polyhedra of the unit sphere that were needed so far.
+    templates: HashMap<Fineness, Surface>,
+}
+
+impl<'a> Grains<'a> {
+    pub(super) fn new(model: &'a Model<'a>, options: &'a SurfaceOptions) -> Self {
+        let near = Near::new(model.spheres, model.specimen.bounds_mm());
+        Self { model, options, near, finenesses: Finenesses::new(), templates: HashMap::new() }
+    }
+
+    /// The fineness of a grain where nothing is close.
+    pub(super) fn fineness(&self, diameter: f64) -> Fineness {
+        self.finenesses.nearest(PI * diameter / self.options.edge_mm(diameter))
+    }
+
+    /// How far a grain of that diameter sees what it faces.
+    pub(super) fn reach_mm(&self, diameter: f64) -> f64 {
+        self.options.edge_mm(diameter) / EDGE_PER_GAP
+    }
+
+    /// Calls `visit(other, gap, direction)` with what a grain faces within a reach, seen from its centre: the gap to it,
+    /// and the direction of its nearest point.
+    pub(super) fn for_each_facing(
+        &self,
+        row: usize,
+        reach: f64,
+        mut visit: impl FnMut(Other, f64, [f64; 3]),
+    ) {
+        let spheres = self.model.spheres;
+        let (center, diameter) = (spheres.center(row), spheres.d_mm[row]);
+        self.near.for_each(Some(row), center, diameter / 2.0, reach, |other, gap| {
+            let theirs = spheres.center(other);
+            let toward: [f64; 3] = std::array::from_fn(|a| theirs[a] - center[a]);
+            visit(
+                Other::Sphere { center: toward, radius: spheres.d_mm[other] / 2.0 },
+                gap,
+                sphere::unit(toward),
+            );
+        });
+        for (wall, foot) in walls(self.model.specimen, center) {
+            let gap = wall.gap(center) - diameter / 2.0;
+            if gap < reach {
+                let toward: [f64; 3] = std::array::from_fn(|a| foot[a] - center[a]);
+                visit(wall.about(center), gap, sphere::unit(toward));
+            }
+        }
+    }
+
+    /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that
+    /// would take more than `most_triangles`.
+    pub(super) fn surface(&mut self, row: usize, most_triangles: usize) -> Option<(Surface, bool)> {
+        let diameter = self.model.spheres.d_mm[row];
+        let fineness = self.fineness(diameter);
+        if fineness.triangles() > most_triangles as u64 {
+            return None;
+        }
+        let mut surface = self.templates.entry(fineness).or_insert_with(|| fineness.polyhedron()).clone();
+        // By a trifle, so that rounding brings no vertex out of the sphere.
+        let radius = diameter / 2.0 * (1.0 - 4.0 * f64::EPSILON);
+        surface.points.iter_mut().for_each(|p| *p = p.map(|x| x * radius));
+        let floor_mm = self.options.floor_mm(diameter);
+        let mut ball = Ball { radius, facing: Vec::new() };
+        let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
+        let reach = self.reach_mm(diameter);
+        let seen = if corrects { ROOM_REACH * reach } else { reach };
+        let mut obstacles = Vec::new();
+        self.for_each_facing(row, seen, |other, gap, toward| {
+            if gap < reach {
+                ball.facing.push(Facing { other, at: toward.map(|x| x * radius), floor_mm });
+            }
+            obstacles.push(Obstacle { other, toward, gap: gap.max(0.0) });
+        });
+        if self.options.size_field && !surface.refine(&mut ball, most_triangles) {
+            return None;
+        }
+        let mut full = true;
+        if corrects {
+            let room = Room { radius, obstacles, most_mm: GAP_SHARE / 2.0 * seen };
+            full = room.fill(&mut surface, diameter);
+            // A dent that came of unequal steps is turned into a ridge, whose volume is taken back.
+            if surface.flip(&ball) {
+                full = room.fill(&mut surface, diameter);
+            }
+        }
+        Some((surface, full))
+    }
+}
+
+/// A grain about its centre, and what it faces.
+struct Ball {
+    radius: f64,
+    facing: Vec<Facing>,
+}
+
+/// Something that vertices must not come too close to.
+struct Obstacle {
+    other: Other,
+    /// Direction of its nearest point from the centre.
+    toward: [f64; 3],
+    gap: f64,
+}
+
+/// Where the vertices of a grain may go.
+struct Room {
+    radius: f64,
+    obstacles: Vec<Obstacle>,
+    /// No vertex moves farther, for what is farther away was not looked at.
+    most_mm: f64,
+}
+
+impl Room {
+    /// Moves vertices outwards until the polyhedron has the volume of its sphere; returns whether the gaps left room for
+    /// that.
+    fn fill(&self, surface: &mut Surface, diameter: f64) -> bool {
+        let target = PI / 6.0 * diameter.powi(3);
+        let radius = self.radius;
+        surface.points.iter_mut().for_each(|p| *p = sphere::unit(*p).map(|x| x * radius));
+        let inscribed = surface.points.clone();
+        let rooms: Vec<f64> = inscribed.iter().map(|p| self.at(*p)).collect();
+        let weights = areas_around(surface);
+        let mut miss = |step: f64| {
+            for ((p, q), (room, weight)) in
+                surface.points.iter_mut().zip(&inscribed).zip(rooms.iter().zip(&weights))
+            {
+                let scale = 1.0 + (step * weight).min(*room) / radius;
+                *p = q.map(|x| x * scale);
+            }
+            surface.volume_mm3() / target - 1.0
+        };
+        // Between no step, with too little volume, and one that moves every vertex as far as it may go.
+        let farthest = rooms.iter().zip(&weights).map(|(room, weight)| room / weight).fold(0.0, f64::max);
+        let (mut low, mut high) = ((0.0, miss(0.0)), (farthest, miss(farthest)));
+        if high.1 <= VOLUME_TOLERANCE {
+            return high.1 >= -VOLUME_TOLERANCE;
+        }
+        // False position; the volume is nearly linear in the step, and halving takes over where it is not.
+        for turn in 0..MOST_STEPS {
+            let share = if turn % 4 == 3 { 0.5 } else { low.1 / (low.1 - high.1) };
+            let step = low.0 + share * (high.0 - low.0);
+            let found = (step, miss(step));
+            if found.1.abs() <= VOLUME_TOLERANCE {
+                break;
+            }
+            if found.1 < 0.0 { low = found } else { high = found }
+        }
+        true
+    }
+
+    /// How far a vertex may move outwards.
+    fn at(&self, p: [f64; 3]) -> f64 {
+        let room = |obstacle: &Obstacle| match obstacle.other {
+            Other::Sphere { .. } => {
+                // A plane across the line of centres, so that the other grain has its own half of the gap.
+                let along = dot(p, obstacle.toward);
+                let left = self.radius + GAP_SHARE / 2.0 * obstacle.gap - along;
+                if along > 0.0 { left * self.radius / along } else { f64::INFINITY }
+            }
+            Other::Plane(..) | Other::Mantle { .. } => GAP_SHARE * obstacle.other.gap_mm(p),
+        };
+        self.obstacles.iter().map(room).fold(self.most_mm, f64::min).max(0.0)
+    }
+}
+
+/// Mean area of the triangles around each vertex, once averaged with those of its neighbours: where edges become
+/// shorter, vertices are then moved by lengths that change gradually, which leaves no dents.
+fn areas_around(surface: &Surface) -> Vec<f64> {
+    let mut around = vec![(0.0, 0.0); surface.points.len()];
+    for corners in &surface.triangles {
+        let [a, b, c] = corners.map(|p| surface.points[p as usize]);
+        let from_a = |p: [f64; 3]| [0, 1, 2].map(|i| p[i] - a[i]);
+        let normal = cross(from_a(b), from_a(c));
+        let area = dot(normal, normal).sqrt() / 2.0;
+        for &p in corners {
+            let sum = &mut around[p as usize];
+            *sum = (sum.0 + area, sum.1 + 1.0);
+        }
+    }
+    let means: Vec<f64> = around.iter().map(|(sum, n)| sum / n).collect();
+    let mut smooth: Vec<(f64, f64)> = means.iter().map(|mean| (*mean, 1.0)).collect();
+    for corners in &surface.triangles {
+        for k in 0..3 {
+            let (own, next) = (corners[k] as usize, corners[(k + 1) % 3] as usize);
+            smooth[own].0 += means[next];
+            smooth[own].1 += 1.0;
+        }
+    }
+    smooth.into_iter().map(|(sum, n)| sum / n).collect()
+}
+
+impl Shape for Ball {
+    fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
+        let (p, q) = (points[a as usize], points[b as usize]);
+        sphere::unit(std::array::from_fn(|i| p[i] + q[i])).map(|x| x * self.radius)
+    }
+
+    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
+        self.facing.iter().map(|facing| facing.length_mm(centroid, longest_mm)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether the surface is dented along ab: d lies above the plane of abc, and by more than rounding.
+    fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
+        let from_a = |p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[a as usize][i]);
+        dot(cross(from_a(b), from_a(c)), from_a(d)) > 1e-12 * self.radius.powi(3)
+    }
+}
