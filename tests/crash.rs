@@ -98,7 +98,7 @@ async fn survive(kills: usize, seed: u64) {
         }
         check_artifact(&data_dir, &job);
         let spheres = client.result_in(id, "npy").await.to_vec();
-        let same = by_seed.entry(job["request"].to_string()).or_insert_with(|| spheres.clone());
+        let same = by_seed.entry(client.request_of(id).await.to_string()).or_insert_with(|| spheres.clone());
         assert!(*same == spheres, "the same request and seed gave two packings");
     }
     server.stop().await;

@@ -1,5 +1,5 @@
-//! Models while they are being made: asked for by many, called off, cut off by a power cut, dropped from the cache, damaged on the
-//! disk.
+//! Exports while they are being made: requested by many, cancelled, interrupted by a power cut, dropped from the cache,
+//! damaged on the disk.
 
 use std::fs;
 use std::time::Duration;
@@ -10,17 +10,21 @@ use crate::harness::deadline::eventually;
 use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs};
 
 /// Seconds of work.
-fn lengthy() -> Value {
-    json!({"type": "raw", "cells": 320, "samples": 16})
-}
+const LENGTHY: &str = "voxels?format=raw&cells=320&samples=16";
 
 async fn packed(client: &Client) -> String {
     id_of(&client.succeed(&jobs::quick(1)).await).to_owned()
 }
 
-async fn derive(client: &Client, job: &str, body: &Value) -> String {
-    let made = client.post(&format!("/v1/jobs/{job}/exports")).json(body).send().await.expect(201).json();
-    made["links"]["self"].as_str().unwrap().to_owned()
+/// Starts an export; the path of its document.
+async fn start(client: &Client, job: &str, export: &str) -> String {
+    let started = client.post(&format!("/v1/jobs/{job}/exports/{export}")).send().await.expect(202).json();
+    started["links"]["self"].as_str().unwrap().to_owned()
+}
+
+/// The path of the file of an export.
+fn file_of(status: &str) -> String {
+    status.replace("/status", "")
 }
 
 /// Long-polls until it is in that state.
@@ -42,17 +46,16 @@ fn models(data_dir: &DataDir) -> Vec<std::path::PathBuf> {
 #[tokio::test]
 async fn what_many_ask_for_at_once_is_made_once() {
     let data_dir = DataDir::new();
-    let server = Launch::new(&data_dir).args(&["--export_workers", "4"]).start().await;
+    let server = Launch::new(&data_dir).args(&["--export-workers", "4"]).start().await;
     let client = server.client();
     let id = packed(&client).await;
-    let path = format!("/v1/jobs/{id}/result?format=raw&cells=90&samples=8");
+    let path = format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=90&samples=8");
     let asking: Vec<_> = (0..8)
         .map(|i| {
-            let (client, path, id) = (client.clone(), path.clone(), id.clone());
+            let (client, path) = (client.clone(), path.clone());
             tokio::spawn(async move {
                 if i == 3 {
-                    let body = json!({"type": "raw", "cells": 90, "samples": 8});
-                    client.post(&format!("/v1/jobs/{id}/exports")).json(&body).send().await;
+                    client.post(&path).send().await;
                 }
                 client.get(&path).send().await.expect(200).body.clone()
             })
@@ -63,28 +66,31 @@ async fn what_many_ask_for_at_once_is_made_once() {
         bodies.push(asked.await.unwrap());
     }
     assert!(bodies.iter().all(|body| body.len() == 729_000 && *body == bodies[0]));
-    assert_eq!(made_so_far(&client, "raw").await, 1);
+    assert_eq!(made_so_far(&client, "voxels").await, 1);
     assert_eq!(models(&data_dir).len(), 1);
     server.stop().await;
 }
 
 #[tokio::test]
-async fn a_cut_does_not_wait_behind_what_takes_long() {
+async fn a_slice_does_not_wait_behind_what_takes_long() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = packed(&client).await;
-    let long = derive(&client, &id, &lengthy()).await;
+    let long = start(&client, &id, LENGTHY).await;
     when(&client, &long, "running").await;
-    client.get(&format!("/v1/jobs/{id}/slice.svg")).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{id}/exports/slice")).send().await.expect(200);
     let found = client.get(&long).send().await.expect(200).json();
     assert_eq!(found["state"], "running", "what was to be overtaken is over: {found:#}");
     // Whose answer is not held back is told to come again.
-    let path = format!("/v1/jobs/{id}/result?format=raw&cells=320&samples=16");
+    let path = format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=320&samples=16");
     let reply = client.get(&path).header("prefer", "wait=0").send().await;
-    reply.expect_problem(404, "format-not-ready");
-    assert_eq!(reply.header("retry-after"), "2");
-    client.get(&format!("{long}/file")).send().await.expect_problem(404, "result-not-ready");
+    let export = reply.expect(202).json();
+    assert_eq!((&export["state"], &export["links"]["self"]), (&json!("running"), &json!(long)));
+    assert_eq!((reply.header("retry-after"), reply.header("content-location")), ("2", &*long));
+    assert!(reply.headers.get("etag").is_none(), "the tag of the file must not be that of its document");
+    let head = client.head(&path).header("prefer", "wait=0").send().await;
+    assert!(head.expect(202).body.is_empty());
     server.stop().await;
 }
 
@@ -94,8 +100,8 @@ async fn a_power_cut_or_a_stop_meanwhile_loses_nothing() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = packed(&client).await;
-    let long = derive(&client, &id, &lengthy()).await;
-    let behind = derive(&client, &id, &json!({"type": "raw", "cells": 9})).await;
+    let long = start(&client, &id, LENGTHY).await;
+    let behind = start(&client, &id, "voxels?format=raw&cells=9").await;
     when(&client, &long, "running").await;
     server.kill().await;
 
@@ -111,7 +117,7 @@ async fn a_power_cut_or_a_stop_meanwhile_loses_nothing() {
     let done = when(&client, &long, "succeeded").await;
     assert_eq!(done["bytes"], 320_u64.pow(3));
     when(&client, &behind, "succeeded").await;
-    assert_eq!(client.get(&format!("{behind}/file")).send().await.expect(200).body.len(), 729);
+    assert_eq!(client.get(&file_of(&behind)).send().await.expect(200).body.len(), 729);
     assert_eq!(models(&data_dir).len(), 2);
     server.stop().await;
 }
@@ -122,26 +128,28 @@ async fn who_deletes_calls_off_what_is_being_made() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = packed(&client).await;
-    let long = derive(&client, &id, &lengthy()).await;
+    let long = start(&client, &id, LENGTHY).await;
     when(&client, &long, "running").await;
-    client.delete(&long).send().await.expect(204);
+    client.delete(&file_of(&long)).send().await.expect(204);
     // Its place is free: had it not been called off, this would wait for it.
-    let next = derive(&client, &id, &json!({"type": "raw", "cells": 5})).await;
+    let next = start(&client, &id, "voxels?format=raw&cells=5").await;
     when(&client, &next, "succeeded").await;
     eventually("half a file to go", || models(&data_dir).len() == 1).await;
 
-    let long = derive(&client, &id, &lengthy()).await;
+    let long = start(&client, &id, LENGTHY).await;
     when(&client, &long, "running").await;
     let waiting = tokio::spawn({
         let (client, id) = (client.clone(), id.clone());
-        async move { client.get(&format!("/v1/jobs/{id}/result?format=raw&cells=320&samples=16")).send().await }
+        async move {
+            client.get(&format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=320&samples=16")).send().await
+        }
     });
     client.delete(&format!("/v1/jobs/{id}")).send().await.expect(204);
     waiting.await.unwrap().expect_problem(404, "not-found");
     client.get(&long).send().await.expect_problem(404, "not-found");
     eventually("all files to go", || data_dir.artifacts().is_empty()).await;
     let other = packed(&client).await;
-    client.get(&format!("/v1/jobs/{other}/result?format=raw&cells=5")).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{other}/exports/voxels?format=raw&cells=5")).send().await.expect(200);
     server.stop().await;
 }
 
@@ -151,13 +159,12 @@ async fn the_cache_is_bounded_and_what_it_dropped_is_made_again() {
     let server = Launch::new(&data_dir).args(&["--export-cache-bytes", "20000"]).start().await;
     let client = server.client();
     let id = packed(&client).await;
-    let get = |cells: u32| client.get(&format!("/v1/jobs/{id}/result?format=raw&cells={cells}"));
+    let get = |cells: u32| client.get(&format!("/v1/jobs/{id}/exports/voxels?format=raw&cells={cells}"));
     // 8 000 bytes each, and one that is kept.
     let first = get(20).send().await;
-    let body = json!({"type": "raw", "cells": 22});
-    let kept =
-        client.post(&format!("/v1/jobs/{id}/exports")).json(&body).header("prefer", "wait=60").send().await;
-    let kept = kept.expect(201).json()["links"]["file"].as_str().unwrap().to_owned();
+    let kept = format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=22");
+    let kept = client.post(&kept).header("prefer", "wait=60").send().await;
+    let kept = kept.expect(200).json()["links"]["file"].as_str().unwrap().to_owned();
     get(21).send().await.expect(200);
     get(19).send().await.expect(200);
     eventually("the oldest to be dropped", || models(&data_dir).len() == 3).await;
@@ -177,18 +184,16 @@ async fn a_missing_or_damaged_model_is_made_again() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = packed(&client).await;
-    let path = derive(&client, &id, &json!({"type": "raw", "cells": 20})).await;
+    let path = start(&client, &id, "voxels?format=raw&cells=20").await;
     when(&client, &path, "succeeded").await;
-    let format = format!("/v1/jobs/{id}/result?format=raw&cells=20");
+    let format = format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=20");
     let whole = client.get(&format).send().await.expect(200).body.clone();
     let [file] = &models(&data_dir)[..] else { panic!("one model has one file") };
     fs::remove_file(file).unwrap();
     assert!(client.get(&format).send().await.expect(200).body == whole);
     let [file] = &models(&data_dir)[..] else { panic!("one model has one file") };
     fs::write(file, &whole[..100]).unwrap();
-    client.get(&format!("{path}/file")).send().await.expect_problem(404, "result-not-ready");
-    when(&client, &path, "succeeded").await;
-    assert!(client.get(&format!("{path}/file")).send().await.expect(200).body == whole);
+    assert!(client.get(&file_of(&path)).send().await.expect(200).body == whole);
     server.stop().await;
 }
 
@@ -198,7 +203,7 @@ async fn orphans_are_swept_and_models_kept() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = packed(&client).await;
-    let path = derive(&client, &id, &json!({"type": "raw", "cells": 5})).await;
+    let path = start(&client, &id, "voxels?format=raw&cells=5").await;
     when(&client, &path, "succeeded").await;
     server.kill().await;
     let [file] = &models(&data_dir)[..] else { panic!("one model has one file") };

@@ -37,10 +37,8 @@ async fn a_gradient_is_in_the_result_and_its_figures_are_true() {
     for method in [json!({"type": "rsa"}), json!({"type": "edmd"}), json!({"type": "auto"})] {
         let job = jobs::with(jobs::quick(3), "/method", method);
         let finished = client.succeed(&sinking(job, 100.0)).await;
-        assert_eq!(
-            finished["request"]["segregation"]["field"]["direction"], "down",
-            "the default is filled in"
-        );
+        let request = client.request_of(id_of(&finished)).await;
+        assert_eq!(request["segregation"]["field"]["direction"], "down", "the default is filled in");
         let result = client.result(id_of(&finished)).await;
         let found = &result["segregation"];
         let along = &found["along"];
@@ -56,7 +54,7 @@ async fn a_gradient_is_in_the_result_and_its_figures_are_true() {
     }
     // None is asked for: none is told of, and none is in what was asked.
     let random = client.succeed(&jobs::quick(3)).await;
-    assert_eq!(random["request"].get("segregation"), None);
+    assert_eq!(client.request_of(id_of(&random)).await.get("segregation"), None);
     let result = client.result(id_of(&random)).await;
     assert_eq!(result.get("segregation"), None);
     // Nor does one without strength move a grain.
@@ -73,7 +71,7 @@ async fn a_plan_says_that_it_does_not_know_gradients() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let job = sinking(jobs::quick(1), 10.0);
-    let plan = client.post("/v1/jobs?dry_run=true").json(&job).send().await.expect(200).json();
+    let plan = client.post("/v1/plans").json(&job).send().await.expect(200).json();
     let beyond = plan["extrapolations"].as_array().unwrap();
     assert!(beyond.iter().any(|text| text.as_str().unwrap().contains("gradient")), "{plan:#}");
     server.stop().await;
@@ -90,14 +88,15 @@ async fn the_content_of_a_cubic_metre_is_a_volume_fraction() {
     });
     let job = jobs::with(jobs::quick(1), "/mix", mix);
     let aggregate = 1.0 - 320.0 / 3150.0 - 0.16 - 0.03;
-    let plan = client.post("/v1/jobs?dry_run=true").json(&job).send().await.expect(200).json();
+    let plan = client.post("/v1/plans").json(&job).send().await.expect(200).json();
     assert!((plan["volume_fraction_mixture"].as_f64().unwrap() - aggregate).abs() < 1e-12, "{plan:#}");
     assert!(
         (plan["volume_fraction_effective"].as_f64().unwrap() - aggregate / 2.0).abs() < 1e-12,
         "{plan:#}"
     );
     let finished = client.succeed(&job).await;
-    let content = &finished["request"]["mix"]["proportions"];
+    let request = client.request_of(id_of(&finished)).await;
+    let content = &request["mix"]["proportions"];
     assert_eq!((&content["air"], &content["cement_density_kg_m3"]), (&json!(0.03), &json!(3150.0)));
     let summary = client.result(id_of(&finished)).await["summary"].clone();
     assert!((summary["volume_fraction_mixture"].as_f64().unwrap() - aggregate).abs() < 1e-12, "{summary:#}");

@@ -1,4 +1,4 @@
-//! What is made of results: voxels as formats, cuts by their address, and models that are kept with their job.
+//! Exports of results: their files, their options, and those that are kept with their job.
 
 use std::f64::consts::PI;
 
@@ -21,15 +21,15 @@ fn circles(rows: &results::Rows, axis: usize, at_mm: f64) -> Vec<(usize, f64)> {
 }
 
 #[tokio::test]
-async fn a_cut_is_a_table_a_drawing_a_picture_and_a_script() {
+async fn a_slice_is_a_table_a_drawing_a_picture_and_a_script() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let (id, rows) = packed(&client, 1).await;
-    let path = |form: &str, query: &str| format!("/v1/jobs/{id}/slice.{form}?{query}");
+    let path = |format: &str, query: &str| format!("/v1/jobs/{id}/exports/slice?format={format}{query}");
 
     for (axis, at_mm) in [("x", 7.5), ("y", 20.0), ("z", 33.25)] {
-        let query = format!("axis={axis}&at={at_mm}");
+        let query = format!("&axis={axis}&at_mm={at_mm}");
         let cut = client.get(&path("json", &query)).send().await.expect(200).json();
         let expected = circles(&rows, "xyz".find(axis).unwrap(), at_mm);
         let found = cut["circles"]["rows"].as_array().unwrap();
@@ -42,17 +42,17 @@ async fn a_cut_is_a_table_a_drawing_a_picture_and_a_script() {
         let area: f64 = expected.iter().map(|(_, radius)| PI * radius * radius).sum();
         assert!((cut["area_fraction"].as_f64().unwrap() - area / 1600.0).abs() < 1e-9);
     }
-    // However a cut is asked for, it is one thing.
+    // However a slice is asked for, it is one export.
     let tag = |reply: &Reply| reply.expect(200).header("etag").to_owned();
     let middle = tag(&client.get(&path("svg", "")).send().await);
-    for same in ["axis=z", "axis=z&at=20", "at_mm=20.0"] {
+    for same in ["&axis=z", "&axis=z&at_mm=20", "&at_mm=20.0"] {
         let reply = client.get(&path("svg", same)).send().await;
         // The middle has a name of its own, `at_mm` being absent.
         assert_eq!(tag(&reply) == middle, !same.contains("at"), "{same}");
     }
     assert_eq!(
-        tag(&client.get(&path("svg", "at=20")).send().await),
-        tag(&client.get(&path("svg", "at_mm=20.0")).send().await)
+        tag(&client.get(&path("svg", "&at_mm=20")).send().await),
+        tag(&client.get(&path("svg", "&at_mm=20.0")).send().await)
     );
     for (form, media_type, head, disposition) in [
         ("svg", "image/svg+xml", &b"<"[..], "inline"),
@@ -60,13 +60,16 @@ async fn a_cut_is_a_table_a_drawing_a_picture_and_a_script() {
         ("json", "application/json", b"{", "attachment"),
         ("geo", "text/plain", b"", "attachment"),
     ] {
-        let reply = client.get(&path(form, "at=20")).send().await;
+        let reply = client.get(&path(form, "&at_mm=20")).send().await;
         assert_eq!(reply.expect(200).header("content-type"), media_type);
         assert!(reply.body.starts_with(head) && !reply.body.is_empty(), "{form}");
         assert_eq!(reply.header("content-length"), reply.body.len().to_string());
         let shown = reply.header("content-disposition");
-        assert!(shown.starts_with(disposition) && shown.contains(&format!("{id}.slice.{form}")), "{shown}");
-        let again = client.get(&path(form, "at=20")).send().await;
+        assert!(
+            shown.starts_with(disposition) && shown.contains(&format!("{id}.slice-z-20mm.{form}")),
+            "{shown}"
+        );
+        let again = client.get(&path(form, "&at_mm=20")).send().await;
         assert!(again.body == reply.body && again.header("etag") == reply.header("etag"));
     }
     let script = client.get(&path("geo", "")).send().await;
@@ -85,17 +88,17 @@ fn labels(rows: &results::Rows, cells: usize, edge_mm: f64) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn voxels_are_a_format_of_the_result_in_any_resolution_and_part() {
+async fn voxels_can_be_fetched_in_any_resolution_and_part() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let (id, rows) = packed(&client, 2).await;
-    let path = format!("/v1/jobs/{id}/result?format=raw&cells=24");
+    let path = format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=24");
     let whole = client.get(&path).send().await;
     assert_eq!(whole.expect(200).header("content-type"), "application/octet-stream");
     assert!(whole.body == labels(&rows, 24, 40.0), "other labels");
     assert_eq!(whole.header("content-length"), "13824");
-    assert!(whole.header("content-disposition").contains(&format!("{id}.raw")));
+    assert!(whole.header("content-disposition").contains(&format!("{id}.cells-24.raw")));
     let etag = whole.header("etag").to_owned();
     assert!(etag.starts_with('"'), "{etag} is not strong");
 
@@ -113,11 +116,11 @@ async fn voxels_are_a_format_of_the_result_in_any_resolution_and_part() {
     }
     assert!(head.body.is_empty());
 
-    let other = client.get(&format!("/v1/jobs/{id}/result?format=raw&cells=12")).send().await;
+    let other = client.get(&format!("/v1/jobs/{id}/exports/voxels?format=raw&cells=12")).send().await;
     assert!(other.expect(200).body == labels(&rows, 12, 40.0));
     assert_ne!(other.header("etag"), etag);
     for (format, head) in [("vti", "<?xml"), ("inp", "**")] {
-        let reply = client.get(&format!("/v1/jobs/{id}/result?format={format}&cells=8")).send().await;
+        let reply = client.get(&format!("/v1/jobs/{id}/exports/voxels?format={format}&cells=8")).send().await;
         let text = String::from_utf8_lossy(&reply.expect(200).body[..64]).into_owned();
         assert!(text.starts_with(head), "{format}: {text}");
     }
@@ -131,69 +134,77 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     let client = server.client();
     let (id, _) = packed(&client, 3).await;
     let result = |query: &str| format!("/v1/jobs/{id}/result?{query}");
-    let slice = |query: &str| format!("/v1/jobs/{id}/slice.json?{query}");
-    for (path, status, kind, parameter, says) in [
-        (result("format=raw&cells=0"), 400, "validation-error", "cells", "0 is out of range"),
-        (result("format=raw&cells=many"), 400, "validation-error", "cells", "\"many\" is not a whole number"),
-        (result("format=raw&colour=red"), 400, "validation-error", "colour", "unknown option: raw has cells"),
-        (result("format=raw&cells=8&cells=9"), 400, "validation-error", "cells", "more than once"),
-        (result("format=inp&label=grain"), 400, "validation-error", "label", "unknown option: inp has"),
-        (result("format=raw&cells=300"), 422, "too-large", "cells", "MB"),
-        (result("format=csv&cells=8"), 400, "validation-error", "cells", "unknown parameter"),
-        (slice("axis=w"), 400, "validation-error", "axis", "must be one of"),
-        (slice("at=41"), 400, "validation-error", "at", "41 is out of range"),
-        (slice("at_mm=-1"), 400, "validation-error", "at_mm", "-1 is out of range"),
-        (slice("form=svg"), 400, "validation-error", "form", "more than once"),
+    let voxels = |query: &str| format!("/v1/jobs/{id}/exports/voxels?{query}");
+    let slice = |query: &str| format!("/v1/jobs/{id}/exports/slice?{query}");
+    let refused = |reply: &Reply, (status, kind, parameter, says): (u16, &str, &str, &str)| {
+        let problem = reply.expect_problem(status, kind);
+        let says = |error: &Value| {
+            error["parameter"] == parameter && error["detail"].as_str().unwrap().contains(says)
+        };
+        assert!(problem["errors"].as_array().unwrap().iter().any(says), "{problem:#}");
+    };
+    for (path, refusal) in [
+        (voxels("format=raw&cells=0"), (400, "validation-error", "cells", "0 is out of range")),
+        (
+            voxels("format=raw&cells=many"),
+            (400, "validation-error", "cells", "\"many\" is not a whole number"),
+        ),
+        (voxels("format=raw&colour=red"), (400, "validation-error", "colour", "unknown option: voxels has")),
+        (voxels("format=raw&cells=8&cells=9"), (400, "validation-error", "cells", "more than once")),
+        (voxels("format=inp&label=grain"), (400, "validation-error", "label", "unknown option: voxels has")),
+        (voxels("format=raw&cells=300"), (422, "too-large", "cells", "MB")),
+        (voxels("format=msh"), (400, "validation-error", "format", "must be one of")),
+        (slice("axis=w"), (400, "validation-error", "axis", "must be one of")),
+        (slice("at_mm=41"), (422, "validation-error", "at_mm", "41 is out of range")),
+        (slice("at_mm=-1"), (400, "validation-error", "at_mm", "-1 is out of range")),
     ] {
-        let problem = client.get(&path).send().await.expect_problem(status, kind);
-        let errors = problem["errors"].as_array().unwrap();
-        assert!(
-            errors
-                .iter()
-                .any(|error| error["parameter"] == parameter
-                    && error["detail"].as_str().unwrap().contains(says)),
-            "{path}: {problem:#}"
-        );
+        refused(&client.get(&path).send().await, refusal);
+        refused(&client.post(&path).send().await, refusal);
     }
-    let derive = format!("/v1/jobs/{id}/exports");
-    for (body, status, kind, pointer) in [
-        (json!({"type": "raw", "cells": 0}), 422, "validation-error", "/cells"),
-        (json!({"type": "raw", "cells": 300}), 422, "too-large", "/cells"),
-        (json!({"type": "raw", "colour": "red"}), 422, "validation-error", "/colour"),
-        (json!({"type": "ball"}), 422, "validation-error", "/type"),
-        (json!({"cells": 3}), 422, "validation-error", "/type"),
-        (json!([]), 422, "validation-error", ""),
-        (json!({"type": "slice", "at_mm": 50}), 422, "validation-error", "/at_mm"),
-    ] {
-        let problem = client.post(&derive).json(&body).send().await.expect_problem(status, kind);
-        assert_eq!(problem["errors"][0]["pointer"], pointer, "{body} {problem:#}");
-    }
-    client.post(&derive).text("{").send().await.expect_problem(400, "malformed-json");
-    client.post(&derive).body("{}").send().await.expect_problem(415, "unsupported-media-type");
+    refused(
+        &client.get(&result("format=csv&cells=8")).send().await,
+        (400, "validation-error", "cells", "unknown"),
+    );
+    let start = voxels("format=raw&keep=maybe");
+    refused(&client.post(&start).send().await, (400, "validation-error", "keep", "true or false"));
+    refused(
+        &client.get(&voxels("keep=true")).send().await,
+        (400, "validation-error", "keep", "unknown option"),
+    );
+    // Options in a body, as earlier versions took them, must not be lost in silence.
+    let body = json!({"type": "raw", "cells": 3});
+    client.post(&voxels("")).json(&body).send().await.expect_problem(415, "unsupported-media-type");
+    let of_job = format!("/v1/jobs/{id}/exports");
+    let unknown = client.get(&format!("{of_job}/ball")).send().await.expect_problem(404, "not-found");
+    assert!(unknown["detail"].as_str().unwrap().contains("mesh, voxels, slice, ldpm"), "{unknown:#}");
+    // Nobody has asked for it: it has no state, and nothing can be deleted.
+    client.get(&format!("{of_job}/slice/status")).send().await.expect_problem(404, "not-found");
+    client.delete(&format!("{of_job}/slice")).send().await.expect_problem(404, "not-found");
     let none = "01900000-0000-7000-8000-000000000000";
-    client.get(&format!("{derive}/{none}")).send().await.expect_problem(404, "not-found");
-    client.get(&format!("{derive}/nonsense/file")).send().await.expect_problem(404, "not-found");
-    client.delete(&format!("{derive}/{none}")).send().await.expect_problem(404, "not-found");
+    client.get(&format!("/v1/jobs/{none}/exports/slice")).send().await.expect_problem(404, "not-found");
     client.get(&format!("/v1/jobs/{none}/exports")).send().await.expect_problem(404, "not-found");
 
     let endless = client.submit(&jobs::endless()).await;
     let endless = id_of(&endless);
-    let early = [format!("/v1/jobs/{endless}/result?format=raw"), format!("/v1/jobs/{endless}/slice.svg")];
+    let early = ["result", "exports/voxels?format=raw", "exports/slice"]
+        .map(|path| format!("/v1/jobs/{endless}/{path}"));
     for path in &early {
-        client.get(path).send().await.expect_problem(404, "result-not-ready");
+        let reply = client.get(path).send().await;
+        reply.expect_problem(409, "result-not-ready");
+        assert_eq!(reply.header("retry-after"), "1");
     }
-    let body = json!({"type": "raw"});
-    let post = |id: &str| client.post(&format!("/v1/jobs/{id}/exports")).json(&body);
-    post(endless).send().await.expect_problem(404, "result-not-ready");
+    let post = client.post(&format!("/v1/jobs/{endless}/exports/voxels")).send().await;
+    post.expect_problem(409, "result-not-ready");
     client.post(&format!("/v1/jobs/{endless}/cancel")).send().await;
     client.finished(endless).await;
     for path in &early {
         client.get(path).send().await.expect_problem(409, "job-failed");
     }
-    post(endless).send().await.expect_problem(409, "job-failed");
+    let post = client.post(&format!("/v1/jobs/{endless}/exports/voxels")).send().await;
+    post.expect_problem(409, "job-failed");
     let known = client.get(&result("format=xlsx")).send().await.expect_problem(406, "not-acceptable");
     let detail = known["detail"].as_str().unwrap();
-    assert!(["json", "npy", "vti", "raw", "inp"].iter().all(|name| detail.contains(name)), "{detail}");
+    assert!(["json", "npy", "csv", "vtp", "vtk"].iter().all(|name| detail.contains(name)), "{detail}");
     server.stop().await;
 }
 
@@ -205,13 +216,13 @@ async fn what_does_not_exist_of_a_periodic_box_says_what_to_do_instead() {
     let periodic = jobs::equal_spheres(100, 1);
     let job = client.succeed(&periodic).await;
     let id = id_of(&job);
-    for kind in ["msh", "geo", "stl", "ldpm"] {
-        let by_format = client.get(&format!("/v1/jobs/{id}/result?format={kind}")).send().await;
-        let body = json!({"type": kind});
-        let by_post = client.post(&format!("/v1/jobs/{id}/exports")).json(&body).send().await;
-        let beforehand = jobs::with(periodic.clone(), "/postprocess", json!([{"type": "vti"}, body]));
+    for (kind, format) in [("mesh", "msh"), ("mesh", "geo"), ("mesh", "stl"), ("ldpm", "chrono")] {
+        let path = format!("/v1/jobs/{id}/exports/{kind}?format={format}");
+        let (by_get, by_post) = (client.get(&path).send().await, client.post(&path).send().await);
+        let body = json!({"type": kind, "format": format});
+        let beforehand = jobs::with(periodic.clone(), "/postprocess", json!([{"type": "voxels"}, body]));
         let beforehand = client.post("/v1/jobs").json(&beforehand).send().await;
-        for reply in [&by_format, &by_post, &beforehand] {
+        for reply in [&by_get, &by_post, &beforehand] {
             let problem = reply.expect_problem(422, "format-not-available");
             let detail = problem["detail"].as_str().unwrap();
             assert!(detail.contains("periodic") && detail.contains("walls"), "{kind}: {detail}");
@@ -219,8 +230,8 @@ async fn what_does_not_exist_of_a_periodic_box_says_what_to_do_instead() {
         let problem = beforehand.json();
         assert_eq!(problem["errors"][0]["pointer"], "/postprocess/1", "{problem:#}");
     }
-    client.get(&format!("/v1/jobs/{id}/result?format=vti&cells=20")).send().await.expect(200);
-    client.get(&format!("/v1/jobs/{id}/slice.png")).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{id}/exports/voxels?cells=20")).send().await.expect(200);
+    client.get(&format!("/v1/jobs/{id}/exports/slice?format=png")).send().await.expect(200);
     assert_eq!(data_dir.artifacts().len(), 3, "nothing is kept of what was refused");
     server.stop().await;
 }
@@ -231,53 +242,58 @@ async fn a_model_is_kept_with_its_job_until_it_or_the_job_is_deleted() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let (id, rows) = packed(&client, 4).await;
-    let derive = format!("/v1/jobs/{id}/exports");
+    let of_job = format!("/v1/jobs/{id}/exports");
     let before = client.get(&format!("/v1/jobs/{id}")).send().await;
-    assert_eq!(before.json()["links"]["export"], derive);
-    assert_eq!(before.json()["export"], json!([]));
+    assert_eq!(before.json()["links"]["exports"], of_job);
+    assert_eq!(before.json()["exports"], json!([]));
 
-    let ask = |body: &Value| client.post(&derive).json(body).header("prefer", "wait=60");
-    let reply = ask(&json!({"type": "raw", "cells": 10})).send().await;
-    let made = reply.expect(201).json();
+    let ask = |export: &str| client.post(&format!("{of_job}/{export}")).header("prefer", "wait=60");
+    let reply = ask("voxels?format=raw&cells=10").send().await;
+    let made = reply.expect(200).json();
     let this = made["links"]["self"].as_str().unwrap();
-    assert_eq!(reply.header("location"), this);
+    let file = made["links"]["file"].as_str().unwrap();
+    assert_eq!((reply.header("location"), reply.header("content-location")), (file, this));
     assert_eq!(
-        (&made["state"], &made["type"], &made["kept"]),
-        (&json!("succeeded"), &json!("raw"), &json!(true))
+        (&made["state"], &made["type"], &made["format"], &made["kept"]),
+        (&json!("succeeded"), &json!("voxels"), &json!("raw"), &json!(true))
     );
-    assert_eq!(made["options"], json!({"type": "raw", "cells": 10, "label": "phase", "samples": 4}));
-    assert_eq!(made["report"]["shape"], json!([10, 10, 10]));
-    let file = client.get(made["links"]["file"].as_str().unwrap()).send().await;
-    assert!(file.expect(200).body == labels(&rows, 10, 40.0));
-    assert_eq!(made["bytes"], file.body.len());
-    assert_eq!(made["sha256"].as_str().unwrap(), sha256(&file.body));
-    let as_format = client.get(&format!("/v1/jobs/{id}/result?format=raw&cells=10")).send().await;
-    assert_eq!(as_format.header("etag"), file.header("etag"), "by either way it is the same");
+    assert_eq!(
+        made["options"],
+        json!({"type": "voxels", "format": "raw", "cells": 10, "label": "phase", "samples": 4})
+    );
+    let of_file = client.get(file).send().await;
+    assert!(of_file.expect(200).body == labels(&rows, 10, 40.0));
+    assert_eq!(made["bytes"], of_file.body.len());
+    assert_eq!(made["sha256"].as_str().unwrap(), sha256(&of_file.body));
+    let spelled_out = format!("{of_job}/voxels?samples=4&cells=10&label=phase&format=raw");
+    let spelled_out = client.get(&spelled_out).send().await;
+    assert_eq!(spelled_out.header("etag"), of_file.header("etag"), "by either address it is the same");
 
     let job = client.get(&format!("/v1/jobs/{id}")).send().await;
     assert_ne!(job.header("etag"), before.header("etag"));
-    assert_eq!(job.json()["export"][0]["id"], made["id"]);
-    assert_eq!(job.json()["export"][0]["links"]["self"], this);
-    let again = ask(&json!({"cells": 10.0, "type": "raw"})).send().await;
-    assert_eq!(again.expect(200).json()["id"], made["id"]);
+    assert_eq!(job.json()["exports"][0]["links"], made["links"]);
+    let again = ask("voxels?cells=10.0&format=raw").send().await;
+    assert_eq!(again.expect(200).json()["created_at"], made["created_at"]);
     let known = client.get(this).header("if-none-match", reply.header("etag")).send().await;
     known.expect(304);
-    // A format that somebody wants kept is kept from then on.
-    client.get(&format!("/v1/jobs/{id}/result?format=vti&cells=6")).send().await.expect(200);
-    let list = client.get(&derive).send().await.expect(200).json();
+    // A file of the cache that somebody wants kept is kept from then on.
+    client.get(&format!("{of_job}/voxels?cells=6")).send().await.expect(200);
+    let list = client.get(&of_job).send().await.expect(200).json();
     let kept: Vec<(&Value, &Value)> =
-        list["items"].as_array().unwrap().iter().map(|item| (&item["type"], &item["kept"])).collect();
+        list["items"].as_array().unwrap().iter().map(|item| (&item["format"], &item["kept"])).collect();
     assert_eq!(kept, [(&json!("vti"), &json!(false)), (&json!("raw"), &json!(true))]);
-    ask(&json!({"type": "vti", "cells": 6})).send().await.expect(200);
-    let page = client.get(&format!("{derive}?limit=1")).send().await.expect(200).json();
+    let cached = ask("voxels?cells=6&keep=false").send().await;
+    assert_eq!(cached.expect(200).json()["kept"], false);
+    assert_eq!(ask("voxels?cells=6").send().await.expect(200).json()["kept"], true);
+    let page = client.get(&format!("{of_job}?limit=1")).send().await.expect(200).json();
     let next = page["next_cursor"].as_str().unwrap();
-    let rest = client.get(&format!("{derive}?limit=1&cursor={next}")).send().await.expect(200).json();
-    assert_eq!((&rest["items"][0]["id"], &rest["next_cursor"]), (&made["id"], &Value::Null));
+    let rest = client.get(&format!("{of_job}?limit=1&cursor={next}")).send().await.expect(200).json();
+    assert_eq!((&rest["items"][0]["links"]["self"], &rest["next_cursor"]), (&json!(this), &Value::Null));
 
     assert_eq!(data_dir.artifacts().len(), 3);
-    client.delete(this).send().await.expect(204);
+    client.delete(file).send().await.expect(204);
     client.get(this).send().await.expect_problem(404, "not-found");
-    assert_eq!(client.job(&id).await["export"].as_array().unwrap().len(), 1);
+    assert_eq!(client.job(&id).await["exports"].as_array().unwrap().len(), 1);
     assert_eq!(data_dir.artifacts().len(), 2);
     client.delete(&format!("/v1/jobs/{id}")).send().await.expect(204);
     assert_eq!(data_dir.artifacts().len(), 0);
@@ -298,11 +314,14 @@ async fn a_job_may_say_beforehand_what_is_to_be_made_of_it() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let postprocess =
-        json!([{"type": "slice", "axis": "x"}, {"type": "raw", "cells": 8}, {"type": "raw", "cells": 8}]);
+    let postprocess = json!([
+        {"type": "slice", "axis": "x"},
+        {"type": "voxels", "format": "raw", "cells": 8}, {"type": "voxels", "format": "raw", "cells": 8}
+    ]);
     let job = client.succeed(&jobs::with(jobs::quick(5), "/postprocess", postprocess)).await;
-    assert_eq!(job["request"]["postprocess"][1]["samples"], 4, "defaults are filled in");
-    let made = job["export"].as_array().unwrap();
+    let request = client.request_of(id_of(&job)).await;
+    assert_eq!(request["postprocess"][1]["samples"], 4, "defaults are filled in");
+    let made = job["exports"].as_array().unwrap();
     assert_eq!(made.len(), 2, "the same twice is one: {made:#?}");
     for model in made {
         let this = model["links"]["self"].as_str().unwrap();
@@ -312,16 +331,21 @@ async fn a_job_may_say_beforehand_what_is_to_be_made_of_it() {
     }
     let one = json!({"type": "slice"});
     let single = client.succeed(&jobs::with(jobs::quick(6), "/postprocess", one)).await;
-    assert_eq!(single["request"]["postprocess"], json!({"type": "slice", "form": "svg", "axis": "z"}));
-    assert_eq!(single["export"].as_array().unwrap().len(), 1);
+    let request = client.request_of(id_of(&single)).await;
+    assert_eq!(request["postprocess"], json!({"type": "slice", "format": "svg", "axis": "z"}));
+    assert_eq!(single["exports"].as_array().unwrap().len(), 1);
 
-    let nine: Vec<Value> = (1..10).map(|cells| json!({"type": "raw", "cells": cells})).collect();
+    let nine: Vec<Value> = (1..10).map(|cells| json!({"type": "voxels", "cells": cells})).collect();
     for (postprocess, kind, pointer) in [
-        (json!({"type": "raw", "cells": 0}), "validation-error", "/postprocess/cells"),
-        (json!([{"type": "slice"}, {"type": "raw", "cells": 0}]), "validation-error", "/postprocess/1/cells"),
+        (json!({"type": "voxels", "cells": 0}), "validation-error", "/postprocess/cells"),
+        (
+            json!([{"type": "slice"}, {"type": "voxels", "cells": 0}]),
+            "validation-error",
+            "/postprocess/1/cells",
+        ),
         (json!([{"type": "slice", "at_mm": 41}]), "validation-error", "/postprocess/0/at_mm"),
         (json!({"type": "slice", "at_mm": 41}), "validation-error", "/postprocess/at_mm"),
-        (json!([{"type": "raw", "cells": 8000}]), "too-large", "/postprocess/0/cells"),
+        (json!([{"type": "voxels", "cells": 8000}]), "too-large", "/postprocess/0/cells"),
         (json!("raw"), "validation-error", "/postprocess"),
         (json!(nine), "validation-error", "/postprocess"),
     ] {
@@ -329,7 +353,7 @@ async fn a_job_may_say_beforehand_what_is_to_be_made_of_it() {
         let problem = client.post("/v1/jobs").json(&job).send().await.expect_problem(422, kind);
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem:#}");
         assert!(problem["detail"].as_str().unwrap().starts_with(pointer), "{problem:#}");
-        client.post("/v1/jobs?dry_run=true").json(&job).send().await.expect_problem(422, kind);
+        client.post("/v1/plans").json(&job).send().await.expect_problem(422, kind);
     }
     server.stop().await;
 }
@@ -339,17 +363,19 @@ async fn jobs_of_a_study_have_models_too() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let template = jobs::with(template_of(), "/postprocess", json!([{"type": "raw", "cells": 8}]));
+    let template =
+        jobs::with(template_of(), "/postprocess", json!([{"type": "voxels", "format": "raw", "cells": 8}]));
     let study =
         json!({"seed": 1, "template": template, "grid": {"/postprocess/0/cells": [6, 7]}, "replicates": 2});
     let study = client.submit_study(&study).await;
     client.study_finished(id_of(&study)).await;
     for job in client.jobs_of(id_of(&study)).await {
         let job = client.job(id_of(&job)).await;
-        let [model] = &job["export"].as_array().unwrap()[..] else { panic!("{job:#}") };
+        let [model] = &job["exports"].as_array().unwrap()[..] else { panic!("{job:#}") };
         let path = model["links"]["self"].as_str().unwrap();
         let done = client.get(path).header("prefer", "wait=60").send().await.expect(200).json();
-        assert_eq!(done["report"]["shape"][0], job["request"]["postprocess"][0]["cells"]);
+        let request = client.request_of(id_of(&job)).await;
+        assert_eq!(done["report"]["shape"][0], request["postprocess"][0]["cells"]);
     }
     let wrong = json!({"seed": 1, "template": jobs::with(template_of(), "/postprocess", json!({"type": "slice", "at_mm": 99}))});
     let problem =
@@ -373,18 +399,24 @@ async fn capabilities_and_metrics_tell_of_models() {
     let client = server.client();
     let capabilities = client.get("/v1/capabilities").send().await.expect(200).json();
     let exports = capabilities["exports"].as_array().unwrap();
-    let of = |kind: &str| exports.iter().find(|found| found["type"] == kind).expect("a export");
-    assert_eq!(of("vti")["media_type"], "application/vnd.vtk.imagedata+xml");
-    assert_eq!((&of("raw")["format"], &of("slice")["format"]), (&json!("raw"), &Value::Null));
     let (id, _) = packed(&client, 8).await;
+    let mut seen = 0;
     for export in exports {
-        if let Some(format) = export["format"].as_str() {
-            let reply = client.head(&format!("/v1/jobs/{id}/result?format={format}")).send().await;
-            assert_eq!(reply.expect(200).header("content-type"), export["media_type"].as_str().unwrap());
+        let kind = export["type"].as_str().unwrap();
+        for format in export["formats"].as_array().unwrap() {
+            let options = format["options"].as_array().unwrap();
+            assert!(!options.is_empty() && !options.contains(&json!("format")), "{kind} {format:#}");
+            let name = format["name"].as_str().unwrap();
+            let fast = if kind == "voxels" { "&cells=8" } else { "" };
+            let path = format!("/v1/jobs/{id}/exports/{kind}?format={name}{fast}");
+            let reply = client.head(&path).send().await;
+            assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
+            seen += 1;
         }
     }
+    assert_eq!(seen, 14);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
-    let counted = "packstone_export_duration_seconds_count{type=\"raw\",outcome=\"succeeded\"} 1";
+    let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 3";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");
     assert!(metrics.lines().any(|line| line == "packstone_exports{state=\"failed\"} 0"), "{metrics}");
     server.stop().await;

@@ -5,7 +5,7 @@ use serde_json::json;
 use crate::harness::{DataDir, Server, jobs};
 
 #[tokio::test]
-async fn a_dry_run_counts_and_stores_nothing() {
+async fn a_plan_counts_and_stores_nothing() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
@@ -17,7 +17,7 @@ async fn a_dry_run_counts_and_stores_nothing() {
             "specimen": {"type": "box", "size_mm": [150, 150, 150]},
             "mix": {"grading": {"type": "standard", "name": curve}, "d_min_mm": d_min, "volume_fraction": 0.70}
         });
-        let plan = client.post("/v1/jobs?dry_run=true").json(&job).send().await.expect(200).json();
+        let plan = client.post("/v1/plans").json(&job).send().await.expect(200).json();
         let expected = plan["grains"].as_f64().unwrap();
         assert!((expected - grains).abs() < 1.0e-3 * grains, "{curve} from {d_min} mm: {expected} grains");
         assert!((plan["volume_fraction_effective"].as_f64().unwrap() - effective).abs() < 1.0e-9, "{plan:#}");
@@ -35,12 +35,11 @@ async fn a_dry_run_counts_and_stores_nothing() {
     }
     let listed = client.get("/v1/jobs").send().await.json();
     assert_eq!(listed["items"], json!([]));
-    client.post("/v1/jobs?dry_run=false").json(&jobs::quick(1)).send().await.expect(201);
     server.stop().await;
 }
 
 #[tokio::test]
-async fn a_dry_run_refuses_what_a_submission_refuses() {
+async fn a_plan_refuses_what_a_submission_refuses() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
@@ -52,7 +51,7 @@ async fn a_dry_run_refuses_what_a_submission_refuses() {
         ("/priority", json!(1000)),
     ] {
         let job = jobs::with(jobs::quick(1), pointer, value.clone());
-        let dry = client.post("/v1/jobs?dry_run=true").json(&job).send().await;
+        let dry = client.post("/v1/plans").json(&job).send().await;
         let real = client.post("/v1/jobs").json(&job).send().await;
         let [dry, real] = [&dry, &real].map(|reply| {
             let mut problem = reply.expect(422).json();
@@ -61,7 +60,8 @@ async fn a_dry_run_refuses_what_a_submission_refuses() {
         });
         assert_eq!(dry, real, "{pointer} {value}");
     }
-    let reply = client.post("/v1/jobs?dry_run=maybe").json(&jobs::quick(1)).send().await;
+    // The parameter of earlier versions must not submit what was to be planned.
+    let reply = client.post("/v1/jobs?dry_run=true").json(&jobs::quick(1)).send().await;
     let problem = reply.expect_problem(400, "validation-error");
     assert_eq!(problem["errors"][0]["parameter"], "dry_run");
     server.stop().await;

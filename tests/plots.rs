@@ -18,9 +18,6 @@ async fn every_kind_is_a_picture_with_a_tag_of_its_own() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let job = client.succeed(&jobs::with(jobs::quick(1), "/name", json!("TB-7 & <others>"))).await;
-    let plot = job["links"]["plot"].as_str().unwrap().to_owned();
-    assert_eq!(plot, format!("/v1/jobs/{}/plot.svg", id_of(&job)));
-
     let mut tags = Vec::new();
     for (kind, says) in [
         ("grading", "passing by mass in %"),
@@ -28,7 +25,8 @@ async fn every_kind_is_a_picture_with_a_tag_of_its_own() {
         ("radial", "clear distance between grains in mm"),
         ("profile", "depth from the wall in mm"),
     ] {
-        let path = format!("{plot}?kind={kind}");
+        let path = job["links"]["plots"][kind].as_str().unwrap().to_owned();
+        assert_eq!(path, format!("/v1/jobs/{}/plots/{kind}", id_of(&job)));
         let reply = client.get(&path).send().await;
         assert_eq!(reply.expect(200).header("content-type"), "image/svg+xml");
         let drawn = text_of(&reply.body);
@@ -60,30 +58,22 @@ async fn what_cannot_be_plotted_is_refused_with_the_reason() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let job = client.succeed(&jobs::quick(2)).await;
-    let plot = format!("/v1/jobs/{}/plot.svg", id_of(&job));
-    for (query, says) in [
-        ("?kind=pie", "\"pie\" is unknown"),
-        ("", "is missing"),
-        ("?kind=grading&kind=radial", "given 2 times"),
-        ("?kind=grading&colour=red", "colour"),
-    ] {
-        let problem =
-            client.get(&format!("{plot}{query}")).send().await.expect_problem(400, "validation-error");
-        let detail = problem["detail"].as_str().unwrap();
-        assert!(detail.contains(says), "{detail}");
-        if !query.contains('&') {
-            assert!(KINDS.iter().all(|kind| detail.contains(kind)), "{detail}");
-        }
-    }
-    client.get("/v1/jobs/none/plot.svg?kind=grading").send().await.expect_problem(404, "not-found");
+    let plots = format!("/v1/jobs/{}/plots", id_of(&job));
+    let problem = client.get(&format!("{plots}/pie")).send().await.expect_problem(404, "not-found");
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(detail.contains("\"pie\"") && KINDS.iter().all(|kind| detail.contains(kind)), "{detail}");
+    let problem = client.get(&format!("{plots}/grading?colour=red")).send().await;
+    let problem = problem.expect_problem(400, "validation-error");
+    assert!(problem["detail"].as_str().unwrap().contains("colour"), "{problem:#}");
+    client.get("/v1/jobs/none/plots/grading").send().await.expect_problem(404, "not-found");
 
     let failed = client.submit(&jobs::unreachable()).await;
     client.finished(id_of(&failed)).await;
-    let path = format!("/v1/jobs/{}/plot.svg?kind=grading", id_of(&failed));
+    let path = format!("/v1/jobs/{}/plots/grading", id_of(&failed));
     client.get(&path).send().await.expect_problem(409, "job-failed");
     let running = client.submit(&jobs::endless()).await;
-    let path = format!("/v1/jobs/{}/plot.svg?kind=grading", id_of(&running));
-    client.get(&path).send().await.expect_problem(404, "result-not-ready");
+    let path = format!("/v1/jobs/{}/plots/grading", id_of(&running));
+    client.get(&path).send().await.expect_problem(409, "result-not-ready");
     server.stop().await;
 }
 
@@ -95,7 +85,7 @@ async fn a_largest_distance_is_drawn_over_time() {
     let job = jobs::with(jobs::quick_growth(3), "/distance", json!({"type": "maximize"}));
     let job = jobs::with(job, "/method/stop", json!({"events": 200_000}));
     let job = client.succeed(&job).await;
-    let reply = client.get(&format!("/v1/jobs/{}/plot.svg?kind=distance", id_of(&job))).send().await;
+    let reply = client.get(&format!("/v1/jobs/{}/plots/distance", id_of(&job))).send().await;
     let drawn = text_of(&reply.expect(200).body);
     assert!(drawn.contains("packing time in s") && drawn.contains("<polyline"), "{drawn}");
     server.stop().await;
@@ -120,7 +110,7 @@ async fn run_draws_what_the_service_draws() {
         let file = format!("plot-{kind}.svg");
         assert!(ended.stdout.contains(&file), "{}", ended.stdout);
         let written = fs::read(directory.path().join("out").join(&file)).unwrap();
-        let served = client.get(&format!("/v1/jobs/{}/plot.svg?kind={kind}", id_of(&done))).send().await;
+        let served = client.get(&format!("/v1/jobs/{}/plots/{kind}", id_of(&done))).send().await;
         assert!(served.expect(200).body == written, "{file} is another picture");
     }
     server.stop().await;
@@ -144,17 +134,17 @@ async fn a_study_is_drawn_against_its_columns() {
         .await;
     let id = id_of(&study).to_owned();
     client.study_finished(&id).await;
-    let plot = study["links"]["plot"].as_str().unwrap();
-    let get = async |query: &str| client.get(&format!("{plot}?{query}")).send().await;
+    let plots = format!("/v1/studies/{id}/plots");
+    let get = async |query: &str| client.get(&format!("{plots}/{query}")).send().await;
 
     for (query, says) in [
-        ("kind=success", "success rate in %"),
-        ("kind=time", "time of all runs per success in s"),
-        ("kind=distance", "distance in mm"),
-        ("kind=curve", "only those that maximize the distance"),
-        ("kind=volume_fraction", "volume fraction with the coating in %"),
-        ("kind=event_time", "time per event in \u{3BC}s"),
-        ("kind=success&x=grains&log_x=true", "number of grains N"),
+        ("success", "success rate in %"),
+        ("time", "time of all runs per success in s"),
+        ("distance", "distance in mm"),
+        ("curve", "only those that maximize the distance"),
+        ("volume_fraction", "volume fraction with the coating in %"),
+        ("event_time", "time per event in \u{3BC}s"),
+        ("success?x=grains&log_x=true", "number of grains N"),
     ] {
         let reply = get(query).await;
         assert_eq!(reply.expect(200).header("content-type"), "image/svg+xml");
@@ -167,19 +157,19 @@ async fn a_study_is_drawn_against_its_columns() {
             assert!(placing && drawn.contains("\nedmd\n"), "{query} has other series:\n{drawn}");
         }
         let etag = reply.header("etag");
-        let known = client.get(&format!("{plot}?{query}")).header("if-none-match", etag).send().await;
+        let known = client.get(&format!("{plots}/{query}")).header("if-none-match", etag).send().await;
         assert!(known.expect(304).body.is_empty());
     }
-    for (query, says) in [
-        ("kind=pie", "event_time"),
-        ("x=grains", "is missing"),
-        ("kind=success&x=/method", "/mix/volume_fraction, grains"),
-        ("kind=success&log_x=maybe", "true or false"),
-    ] {
+    for (query, says) in
+        [("success?x=/method", "/mix/volume_fraction, grains"), ("success?log_x=maybe", "true or false")]
+    {
         let problem = get(query).await.expect_problem(400, "validation-error");
         let detail = problem["detail"].as_str().unwrap();
         assert!(detail.contains(says), "{query}: {detail}");
     }
-    client.get("/v1/studies/none/plot.svg?kind=success").send().await.expect_problem(404, "not-found");
+    let problem = get("pie").await.expect_problem(404, "not-found");
+    assert!(problem["detail"].as_str().unwrap().contains("event_time"), "{problem:#}");
+    assert_eq!(study["links"]["plots"]["time"], format!("{plots}/time"));
+    client.get("/v1/studies/none/plots/success").send().await.expect_problem(404, "not-found");
     server.stop().await;
 }

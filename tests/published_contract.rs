@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::harness::{Contract, DataDir, Server, contract_text, packstone};
+use crate::harness::{Contract, DataDir, Server, contract_text, id_of, jobs, packstone};
 
 #[tokio::test]
 async fn openapi_yaml_is_what_the_binary_prints_and_serves() {
@@ -45,14 +45,21 @@ fn every_route_of_this_version_is_in_it() {
         "get /v1/jobs/{id}/events",
         "get /v1/jobs/{id}/result",
         "get /v1/jobs/{id}/result/summary",
-        "get /v1/jobs/{id}/plot.svg",
+        "get /v1/jobs/{id}/request",
+        "post /v1/plans",
+        "get /v1/jobs/{id}/exports",
+        "get /v1/jobs/{id}/exports/{type}",
+        "post /v1/jobs/{id}/exports/{type}",
+        "delete /v1/jobs/{id}/exports/{type}",
+        "get /v1/jobs/{id}/exports/{type}/status",
+        "get /v1/jobs/{id}/plots/{kind}",
         "post /v1/studies",
         "get /v1/studies",
         "get /v1/studies/{id}",
         "delete /v1/studies/{id}",
         "get /v1/studies/{id}/jobs",
         "get /v1/studies/{id}/table",
-        "get /v1/studies/{id}/plot.svg",
+        "get /v1/studies/{id}/plots/{kind}",
         "post /v1/studies/{id}/cancel",
         "post /v1/studies/{id}/retry",
         "get /v1/capabilities",
@@ -97,4 +104,49 @@ fn every_operation_says_what_it_is_and_how_it_fails() {
     ids.sort_unstable();
     ids.dedup();
     assert_eq!(ids.len(), count, "operation ids repeat");
+}
+
+/// Asks every route for a parameter that none has: the refusal names those that the route reads.
+#[tokio::test]
+async fn every_route_reads_the_parameters_that_it_is_documented_with() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let job = client.succeed(&jobs::quick(1)).await;
+    let study = client.submit_study(&serde_json::json!({"list": [jobs::quick(2)]})).await;
+    let mut asked = 0;
+    for (name, operation) in operations() {
+        let (method, path) = name.split_once(' ').unwrap();
+        // Probes, metrics and the list of what there is read no query at all; options of exports are the engine's.
+        if !path.starts_with("/v1/") || path.contains("/exports/{type}") {
+            continue;
+        }
+        let id = if path.starts_with("/v1/studies") { id_of(&study) } else { id_of(&job) };
+        let kind = if path.starts_with("/v1/studies") { "success" } else { "grading" };
+        let path = path.replace("{id}", id).replace("{kind}", kind);
+        let parameters = operation.get("parameters").and_then(Value::as_array);
+        let mut documented: Vec<&str> = parameters
+            .into_iter()
+            .flatten()
+            .filter(|parameter| parameter["in"] == "query")
+            .map(|parameter| parameter["name"].as_str().unwrap())
+            .collect();
+        let target = format!("{path}?zzz=1");
+        let request = match method {
+            "get" => client.get(&target),
+            "post" => client.post(&target).text("{}"),
+            "delete" => client.delete(&target),
+            other => panic!("{other}: say here how it is sent"),
+        };
+        let problem = request.send().await.expect_problem(400, "validation-error");
+        let detail = problem["errors"][0]["detail"].as_str().unwrap();
+        let listed = detail.split_once("this route has ").unwrap_or_else(|| panic!("{name}: {detail}")).1;
+        let mut read: Vec<&str> = listed.split(", ").filter(|listed| *listed != "none").collect();
+        documented.sort_unstable();
+        read.sort_unstable();
+        assert_eq!(read, documented, "{name}");
+        asked += 1;
+    }
+    assert!(asked > 20, "{asked} routes");
+    server.stop().await;
 }

@@ -117,7 +117,7 @@ async fn a_full_queue_is_said_and_refuses_nothing_else() {
         .send()
         .await
         .expect(200);
-    client.post("/v1/jobs?dry_run=true").json(&jobs::quick(3)).send().await.expect(200);
+    client.post("/v1/plans").json(&jobs::quick(3)).send().await.expect(200);
     client.post(&format!("/v1/jobs/{}/cancel", id_of(&first))).send().await.expect(200);
     client.post("/v1/jobs").header("idempotency-key", "third").json(&jobs::quick(3)).send().await.expect(201);
     client.post(&format!("/v1/jobs/{}/retry", id_of(&first))).send().await.expect_problem(429, "queue-full");

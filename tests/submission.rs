@@ -135,8 +135,8 @@ async fn a_result_is_not_there_before_the_job_has_ended() {
     let id = id_of(&submitted);
     client.running(id).await;
     let path = format!("/v1/jobs/{id}/result");
-    client.get(&path).send().await.expect_problem(404, "result-not-ready");
-    client.get(&format!("{path}/summary")).send().await.expect_problem(404, "result-not-ready");
+    client.get(&path).send().await.expect_problem(409, "result-not-ready");
+    client.get(&format!("{path}/summary")).send().await.expect_problem(409, "result-not-ready");
     let job = client.get(&format!("/v1/jobs/{id}")).send().await;
     assert!(job.header("retry-after").parse::<u32>().unwrap() >= 1);
     assert!(job.json()["result"].is_null());

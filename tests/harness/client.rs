@@ -96,6 +96,11 @@ impl Client {
         self.get(&format!("/v1/jobs/{id}")).send().await.expect(200).json()
     }
 
+    /// The request of a job, with its defaults filled in.
+    pub(crate) async fn request_of(&self, id: &str) -> Value {
+        self.get(&format!("/v1/jobs/{id}/request")).send().await.expect(200).json()
+    }
+
     /// Long-polls until the job is in a final state.
     pub(crate) async fn finished(&self, id: &str) -> Value {
         self.job_when(id, "finished", |job| {

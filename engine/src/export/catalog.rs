@@ -56,6 +56,18 @@ impl ExportType {
         }
     }
 
+    /// Names of the options that it has in that format, beside `format` itself.
+    pub fn option_names(self, format: &str) -> Vec<&'static str> {
+        let value = Value::Object(Map::from_iter([("format".to_owned(), format.into())]));
+        let faults = Faults::default();
+        let mut names = At::root(&value, &faults).object().map_or_else(Vec::new, |mut object| {
+            self.read_options(&mut object);
+            object.known().to_vec()
+        });
+        names.retain(|name| *name != "format");
+        names
+    }
+
     /// Whether it takes less than a second for every packing, so that it need not wait behind exports that take minutes.
     pub fn is_quick(self) -> bool {
         matches!(self, Self::Slice)

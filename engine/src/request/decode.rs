@@ -229,6 +229,11 @@ pub struct Object<'a> {
 }
 
 impl<'a> Object<'a> {
+    /// Names of the fields that were asked for so far.
+    pub fn known(&self) -> &[&'static str] {
+        &self.known
+    }
+
     /// The place of the object.
     pub fn at(&self) -> &At<'a> {
         &self.at

@@ -22,10 +22,35 @@ use crate::http::app::App;
 use crate::http::conditional;
 use crate::http::ranges::Asked;
 use crate::http::response::set;
+use crate::jobs::JobRecord;
 use crate::problem::{Kind, Problem};
 
 /// How long a download waits for another to end before it is refused.
 const TURN: Duration = Duration::from_secs(10);
+
+/// Longest part of a file name that comes from the name of a job, in characters.
+const MAX_NAME_CHARS: usize = 60;
+/// Digits of the ID that tell jobs of one name apart: the random end of it.
+const ID_DIGITS: usize = 8;
+
+/// Beginning of the name of a job's files: its name as far as file names allow, and the end of its ID; else the ID.
+pub(crate) fn stem(job: &JobRecord) -> String {
+    named(job.name.as_deref(), &job.id.to_string())
+}
+
+fn named(name: Option<&str>, id: &str) -> String {
+    let allowed = |c: char| if c.is_ascii_alphanumeric() || "_.".contains(c) { c } else { '-' };
+    let mut slug: String = name.unwrap_or_default().chars().map(allowed).take(MAX_NAME_CHARS).collect();
+    while slug.contains("--") {
+        slug = slug.replace("--", "-");
+    }
+    let slug = slug.trim_matches(|c| "-.".contains(c));
+    if slug.is_empty() {
+        id.to_owned()
+    } else {
+        format!("{slug}-{}", &id[id.len().saturating_sub(ID_DIGITS)..])
+    }
+}
 
 /// What a file is called and how it is shown.
 #[derive(Clone, Debug)]
@@ -149,4 +174,24 @@ pub(crate) fn body(blocks: mpsc::Receiver<io::Result<Bytes>>) -> Body {
 pub(crate) async fn send_file(app: &App, file: File, range: Range<u64>) -> Result<Body, Problem> {
     let permit = turn(app).await?;
     Ok(body(sending::start_file(file, range, permit)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files_are_plain_and_differ_between_jobs() {
+        let id = "01900000-0000-7000-8000-0123456789ab";
+        for (name, stem) in [
+            (None, id.to_owned()),
+            (Some("A16 cube"), "A16-cube-456789ab".to_owned()),
+            (Some("../../etc/passwd"), "etc-passwd-456789ab".to_owned()),
+            (Some("\"; rm\r\n"), "rm-456789ab".to_owned()),
+            (Some("Würfel, 0.70"), "W-rfel-0.70-456789ab".to_owned()),
+            (Some("日本"), id.to_owned()),
+        ] {
+            assert_eq!(named(name, id), stem, "{name:?}");
+        }
+    }
 }

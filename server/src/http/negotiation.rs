@@ -1,10 +1,10 @@
 //! Which format of a result or a table a request wants: `?format=` first, then `Accept` (RFC 9110, 12.5.1).
 
 use axum::http::{HeaderMap, header};
+use packstone_engine::export::ExportType;
 use packstone_engine::export::tables::Format;
 use utoipa::ToSchema;
 
-use crate::http::exports::formats;
 use crate::http::params::shown;
 use crate::problem::{Kind, Problem};
 
@@ -40,10 +40,17 @@ impl TableFormat {
 /// The format of a result, or the problem that none fits.
 pub(crate) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format, Problem> {
     let known = Format::ALL.map(|f| (f, f.name(), f.media_type()));
-    // Models are asked for by name only, and not here; but who looks for one is told of them too.
-    let named = formats::models().map(|kind| (kind.name(), formats::media_type(kind)));
     negotiated(query, headers, &known).map_err(|what| {
-        not_acceptable(&what, known.iter().map(|(_, name, media_type)| (*name, *media_type)).chain(named))
+        let known = known.iter().map(|(_, name, media_type)| (*name, *media_type));
+        let mut problem = not_acceptable(&what, known);
+        let export =
+            ExportType::ALL.iter().find(|kind| query.is_some_and(|name| kind.formats().contains(&name)));
+        if let (Some(kind), Some(name)) = (export, query) {
+            let hint =
+                format!("; {name} is a format of exports: GET .../exports/{}?format={name}", kind.name());
+            problem.detail.push_str(&hint);
+        }
+        problem
     })
 }
 
@@ -161,10 +168,9 @@ mod tests {
         assert_eq!(format(Some("npy"), &headers).unwrap(), Format::Npy);
         let problem = format(Some("xlsx"), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
-        assert_eq!(
-            problem.detail,
-            "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy, msh, geo, stl, vti, raw, inp, ldpm"
-        );
+        assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
         assert_eq!(problem.document()["formats"][1]["media_type"], "text/csv");
+        let problem = format(Some("vti"), &headers).unwrap_err();
+        assert!(problem.detail.ends_with("GET .../exports/voxels?format=vti"), "{}", problem.detail);
     }
 }

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 
-use crate::ids::{ExportId, JobId, StudyId};
+use crate::ids::{JobId, StudyId};
 use crate::problem::{Fault, Problem};
 
 /// The job that a path names.
@@ -38,24 +38,6 @@ impl<S: Send + Sync> FromRequestParts<S> for StudyPath {
     }
 }
 
-/// Something export, and its job, that a path names.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ExportPath(pub(crate) JobId, pub(crate) ExportId);
-
-impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
-    type Rejection = Problem;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        match Path::<(String, String)>::from_request_parts(parts, state).await {
-            Ok(Path((job, id))) => {
-                let job = JobId::parse(&job).ok_or_else(|| Problem::no_job(&job))?;
-                ExportId::parse(&id).map(|id| Self(job, id)).ok_or_else(|| Problem::no_export(&id))
-            }
-            Err(_) => Err(Problem::no_job(parts.uri.path())),
-        }
-    }
-}
-
 /// The query of a request. Ask for every parameter that the route knows, then [`finish`](Self::finish).
 #[derive(Debug, Default)]
 pub(crate) struct Query {
@@ -81,11 +63,6 @@ impl Query {
     pub(crate) fn many(&mut self, name: &'static str) -> Vec<String> {
         self.known.push(name);
         self.pairs.iter().filter(|(n, _)| n == name).map(|(_, v)| v.clone()).collect()
-    }
-
-    /// The first value of a parameter, which is not asked for by this.
-    pub(crate) fn peek(&self, name: &str) -> Option<&str> {
-        self.pairs.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str())
     }
 
     /// All parameters that were not asked for so far: what they may be is for others to say.
@@ -121,31 +98,6 @@ impl Query {
                 None
             }
         }
-    }
-
-    /// A value that must be there, out of those of a list; `known` names them for the message.
-    pub(crate) fn choice<T>(
-        &mut self,
-        name: &'static str,
-        from_name: impl Fn(&str) -> Option<T>,
-        known: &str,
-    ) -> Option<T> {
-        let values = self.many(name);
-        let fault = match &values[..] {
-            [value] => match from_name(value) {
-                Some(choice) => return Some(choice),
-                None => format!("{} is unknown: must be one of {known}", shown(value)),
-            },
-            [] => format!("is missing: must be one of {known}"),
-            values => format!("is given {} times: must be given once", values.len()),
-        };
-        self.fault(name, fault);
-        None
-    }
-
-    /// `true` or `false`; false when absent.
-    pub(crate) fn flag(&mut self, name: &'static str) -> bool {
-        self.optional_flag(name).unwrap_or(false)
     }
 
     /// `true` or `false`, where it is there.
@@ -199,10 +151,10 @@ mod tests {
 
     #[test]
     fn every_fault_of_a_query_is_named() {
-        let mut query = Query::parse("limit=0&state=a&state=b&dry_run=maybe&colour=red");
+        let mut query = Query::parse("limit=0&state=a&state=b&log_x=maybe&colour=red");
         assert_eq!(query.integer("limit", 1, 500), None);
         assert_eq!(query.one("state"), None);
-        assert!(!query.flag("dry_run"));
+        assert_eq!(query.optional_flag("log_x"), None);
         let faults = query.finish().unwrap_err().errors;
         let seen: Vec<String> =
             faults.iter().map(|f| format!("{}: {}", f.parameter.as_deref().unwrap(), f.detail)).collect();
@@ -211,8 +163,8 @@ mod tests {
             [
                 "limit: \"0\" is out of range: must be a whole number from 1 to 500",
                 "state: is given 2 times: must be given once",
-                "dry_run: \"maybe\" is unknown: must be true or false",
-                "colour: unknown parameter: this route has limit, state, dry_run",
+                "log_x: \"maybe\" is unknown: must be true or false",
+                "colour: unknown parameter: this route has limit, state, log_x",
             ]
         );
     }

@@ -9,7 +9,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::http::app::App;
-use crate::http::{exports, jobs, observe, openapi, plots, results, service, studies};
+use crate::http::{exports, jobs, observe, openapi, results, service, studies};
 use crate::problem::{Kind, Problem};
 
 /// The service as a router.
@@ -29,24 +29,22 @@ pub(crate) fn documented() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(openapi::base())
         .routes(routes!(jobs::submit::submit, jobs::list::list))
         .routes(routes!(jobs::get::get, jobs::actions::delete))
+        .routes(routes!(jobs::get::request))
+        .routes(routes!(jobs::plans::plan))
         .routes(routes!(jobs::events::events))
         .routes(routes!(jobs::actions::cancel))
         .routes(routes!(jobs::actions::retry))
         .routes(routes!(results::get))
         .routes(routes!(results::summary))
-        .routes(routes!(plots::of_job))
-        .routes(routes!(exports::formats::slice_svg))
-        .routes(routes!(exports::formats::slice_png))
-        .routes(routes!(exports::formats::slice_json))
-        .routes(routes!(exports::formats::slice_geo))
-        .routes(routes!(exports::routes::submit, exports::routes::list))
-        .routes(routes!(exports::routes::get, exports::routes::delete))
-        .routes(routes!(exports::routes::file))
+        .routes(routes!(jobs::plots::get))
+        .routes(routes!(exports::list::list))
+        .routes(routes!(exports::file::get, exports::start::start, exports::delete::delete))
+        .routes(routes!(exports::status::get))
         .routes(routes!(studies::submit::submit, studies::list::list))
         .routes(routes!(studies::get::get, studies::actions::delete))
         .routes(routes!(jobs::list::list_of_study))
         .routes(routes!(studies::table::get))
-        .routes(routes!(plots::of_study))
+        .routes(routes!(studies::plots::get))
         .routes(routes!(studies::actions::cancel))
         .routes(routes!(studies::actions::retry))
         .routes(routes!(service::meta::capabilities))

@@ -278,12 +278,21 @@ fn field(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
         Value::String(text) => quoted(text),
+        Value::Number(number) => number.to_string(),
         other => quoted(&other.to_string()),
     }
 }
 
-/// Text as a field of CSV. An empty one is quoted, so that it differs from none.
+/// Text as a field of CSV. An empty one is quoted, so that it differs from none. Before a character that spreadsheets
+/// take for the beginning of a formula stands an apostrophe (OWASP, CSV injection); numbers are not text.
 fn quoted(text: &str) -> String {
+    let guarded;
+    let text = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+        guarded = format!("'{text}");
+        &guarded
+    } else {
+        text
+    };
     if text.is_empty() || text.contains(['"', ',', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {

@@ -1,4 +1,4 @@
-//! Something export as clients see it.
+//! An export as clients see it.
 
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
@@ -8,35 +8,35 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use crate::exports::{ExportRecord, ExportState};
+use crate::http::exports::address::{file_path, status_path};
 use crate::http::response::{set, time};
 use crate::http::waiting::Changing;
-use crate::ids::{ExportId, JobId};
+use crate::ids::JobId;
 use crate::jobs::JobProgress;
 use crate::problem::ProblemDocument;
 
-/// Something made of a result, or to be made.
+/// An export: a file that is made, or to be made, of a result.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Export {
-    /// Its name (UUIDv7).
-    #[schema(format = "uuid")]
-    id: String,
-    /// The job of whose result it is made.
+    /// ID of the job of whose result it is made.
     #[schema(format = "uuid")]
     job_id: String,
-    /// What it is.
+    /// Its type.
     r#type: ExportType,
-    /// What was asked for, with its defaults filled in.
+    /// Its file format.
+    format: String,
+    /// The request, with the defaults filled in.
     #[schema(value_type = ExportRequest)]
     options: Value,
     /// Where it stands.
     state: ExportState,
-    /// Whether it stays with its job. What was asked for as a format only is a cache, may go any time, and is made again
-    /// when it is asked for.
+    /// Whether it stays with its job. Else it is part of a cache: it may be dropped at any time, and is made again when it
+    /// is requested again.
     kept: bool,
     /// How far it is while it is being made.
     #[schema(value_type = Option<JobProgress>, required)]
     progress: Option<Value>,
-    /// Media type of the file; `null` where this version does not know what was asked of an earlier one.
+    /// Media type of the file; `null` for an export of an earlier version whose options this version does not know.
     #[schema(required)]
     media_type: Option<&'static str>,
     /// Length of the file.
@@ -45,71 +45,77 @@ pub(crate) struct Export {
     /// SHA-256 of the file, in hexadecimal.
     #[schema(required, pattern = "^[0-9a-f]{64}$")]
     sha256: Option<String>,
-    /// What is worth knowing about it.
+    /// The figures of the export.
     #[schema(value_type = Option<ExportReport>, required)]
     report: Option<Value>,
-    /// Why it could not be made.
+    /// Why it failed.
     #[schema(value_type = Option<ProblemDocument>, required)]
     error: Option<Value>,
-    /// When it was asked for first (RFC 3339, UTC).
+    /// When it was requested first (RFC 3339, UTC).
     #[schema(format = DateTime)]
     created_at: String,
-    /// When it was begun.
+    /// When its latest attempt started.
     #[schema(format = DateTime, required)]
     started_at: Option<String>,
-    /// When it was done, or failed.
+    /// When it was made, or failed.
     #[schema(format = DateTime, required)]
     finished_at: Option<String>,
     /// When it last changed.
     #[schema(format = DateTime)]
     updated_at: String,
-    /// Where to go from here.
+    /// Addresses of what belongs to it.
     links: ExportLinks,
 }
 
-/// Where to go from something export.
+/// Addresses of what belongs to an export.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ExportLinks {
-    /// It itself.
+    /// This document.
     #[serde(rename = "self")]
     this: String,
-    /// Its file.
+    /// The file.
     file: String,
-    /// The job of whose result it is made.
+    /// The job.
     job: String,
 }
 
-/// Something that is kept of a job's result.
+/// An export that is kept with a job.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct ExportLink {
-    /// Its name.
-    #[schema(format = "uuid")]
-    id: String,
-    /// What it is.
+    /// Its type.
     r#type: ExportType,
-    /// Where it is.
+    /// Its file format.
+    format: String,
+    /// Addresses of what belongs to it.
     links: ExportLinks,
 }
 
 impl ExportLinks {
-    fn of(job: JobId, id: ExportId) -> Self {
-        let this = path(job, id);
-        Self { file: format!("{this}/file"), job: format!("/v1/jobs/{job}"), this }
+    fn of(job: JobId, kind: ExportType, options: &Value) -> Self {
+        Self {
+            this: status_path(job, kind, options),
+            file: file_path(job, kind, options),
+            job: format!("/v1/jobs/{job}"),
+        }
     }
 }
 
+fn format_of(options: &Value) -> String {
+    options["format"].as_str().unwrap_or_default().to_owned()
+}
+
 impl ExportLink {
-    pub(crate) fn of(job: JobId, id: ExportId, kind: ExportType) -> Self {
-        Self { id: id.to_string(), r#type: kind, links: ExportLinks::of(job, id) }
+    pub(crate) fn of(job: JobId, kind: ExportType, options: &Value) -> Self {
+        Self { r#type: kind, format: format_of(options), links: ExportLinks::of(job, kind, options) }
     }
 }
 
 impl Export {
     pub(crate) fn of(record: &ExportRecord) -> Self {
         Self {
-            id: record.id.to_string(),
             job_id: record.job.to_string(),
             r#type: record.kind,
+            format: format_of(&record.options),
             options: record.options.clone(),
             state: record.state,
             kept: record.kept,
@@ -123,18 +129,27 @@ impl Export {
             started_at: record.started_at.map(time),
             finished_at: record.finished_at.map(time),
             updated_at: time(record.updated_at),
-            links: ExportLinks::of(record.job, record.id),
+            links: ExportLinks::of(record.job, record.kind, &record.options),
         }
     }
 }
 
-/// As a response with its tag, and a hint when to come back while it is not finished.
+/// The export as a response with its tag, and a hint when to come back while it is not finished.
 pub(crate) fn response(status: StatusCode, record: &ExportRecord) -> Response {
     let mut response = (status, axum::Json(Export::of(record))).into_response();
     set(&mut response, header::ETAG, &record.etag());
     if !record.state.is_finished() {
-        set(&mut response, header::RETRY_AFTER, "1");
+        set(&mut response, header::RETRY_AFTER, "2");
     }
+    response
+}
+
+/// The answer in the place of a file that is not made yet. Its tag would be taken for that of the file, so it has none.
+pub(crate) fn not_yet(record: &ExportRecord) -> Response {
+    let mut response = response(StatusCode::ACCEPTED, record);
+    response.headers_mut().remove(header::ETAG);
+    let document = status_path(record.job, record.kind, &record.options);
+    set(&mut response, header::CONTENT_LOCATION, &document);
     response
 }
 
@@ -147,9 +162,4 @@ impl Changing for ExportRecord {
     fn is_finished(&self) -> bool {
         self.state.is_finished()
     }
-}
-
-/// The path.
-pub(crate) fn path(job: JobId, id: ExportId) -> String {
-    format!("/v1/jobs/{job}/exports/{id}")
 }

@@ -18,7 +18,7 @@ use crate::problem::Problem;
 /// A waiting job is cancelled at once; a running one is asked to stop, and does within two seconds.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancel_job",
-    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
     responses(
         (status = 200, description = "The job is cancelled", body = Job),
         (status = 202, description = "The job was asked to stop", body = Job),
@@ -49,7 +49,7 @@ pub(crate) async fn cancel(
 /// It goes back to the queue as its next attempt, with its attempts renewed.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retry_job",
-    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
     responses((status = 200, description = "The job waits again", body = Job), RetryProblems)
 )]
 pub(crate) async fn retry(
@@ -84,7 +84,7 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
 /// Delete a finished job, its result, and what was made of it
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
-    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
     responses((status = 204, description = "The job is gone"), ActionProblems)
 )]
 pub(crate) async fn delete(
@@ -111,6 +111,6 @@ async fn remove_checkpoints(app: &App, id: JobId, until_attempt: i64) {
 }
 
 async fn shown(app: &App, record: &JobRecord, status: StatusCode) -> Result<Response, Problem> {
-    let job = view::whole(app, record).await.map_err(|error| refused(error, record.id))?;
+    let job = view::whole(app, record, false).await.map_err(|error| refused(error, record.id))?;
     Ok(view::response(status, record, &job))
 }

@@ -63,7 +63,7 @@ pub(crate) enum EventName {
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "get_job_events",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the job"),
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
         ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event seen"),
     ),
     responses(

@@ -1,28 +1,32 @@
-//! Asking how a job is, with long polls.
+//! The state of a job, with long polls, and its request.
 
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, Query};
+use crate::http::params::{JobPath, Query, shown};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::http::waiting::{self, Asked};
 use crate::jobs::store::StoreError;
-use crate::jobs::{JobId, JobRecord};
+use crate::jobs::{JobId, JobRecord, JobRequest};
 use crate::problem::Problem;
 
-/// Ask how a job is
+/// Get a job
 ///
 /// With `Prefer: wait=N` the answer is held back for at most N s: until the job differs from
-/// `If-None-Match` (304 if it never does), or without that field until the job is finished.
+/// `If-None-Match` (304 if it never does), or without that field until the job is finished. The request, which may be long,
+/// is left out unless `include=request` asks for it; it is at `/v1/jobs/{id}/request`, too.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "get_job",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the job"),
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("include" = Option<Include>, Query, description = "What the job has besides"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the job as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
@@ -36,20 +40,65 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    mut query: Query,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let with_request = read_include(&mut query);
     query.finish()?;
     let asked = Asked::of(&headers);
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
         let whole = async {
-            let job = view::whole(&app, &record).await?;
+            let job = view::whole(&app, &record, with_request).await?;
             Ok(view::response(StatusCode::OK, &record, &job))
         };
         asked.answer(&record, whole).await
     };
     answered.await.map_err(|error| refused(error, id))
+}
+
+/// What a job may have besides.
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code)]
+pub(crate) enum Include {
+    /// Its request, with the defaults filled in.
+    Request,
+}
+
+/// Whether `include` asks for the request.
+fn read_include(query: &mut Query) -> bool {
+    match query.one("include").as_deref() {
+        None => false,
+        Some("request") => true,
+        Some(other) => {
+            query.fault("include", format!("{} is unknown: must be request", shown(other)));
+            false
+        }
+    }
+}
+
+/// Get the request of a job
+///
+/// As submitted, with its defaults and its seed filled in: submitted again, it gives the same packing.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/request", tag = "jobs", operation_id = "get_job_request",
+    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
+    responses((status = 200, description = "The request", body = JobRequest), JobProblems)
+)]
+pub(crate) async fn request(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let store = &app.shared.store;
+    let found = async {
+        let record = store.get(id).await?.ok_or(StoreError::NoJob)?;
+        store.request(record.seq).await
+    };
+    let request = found.await.map_err(|error| refused(error, id))?;
+    Ok(axum::Json(request).into_response())
 }
 
 /// Waits until a job is as wished, the time is over, or the server stops; the job as it is then.

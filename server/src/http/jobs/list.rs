@@ -66,7 +66,7 @@ pub(crate) async fn list(State(app): State<App>, mut query: Query) -> Result<Res
 #[utoipa::path(
     get, path = "/v1/studies/{id}/jobs", tag = "studies", operation_id = "list_study_jobs",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
         ("state" = Option<jobs::State>, Query, description = "Only jobs in this state"),
         ("label" = Option<Vec<String>>, Query, explode, description = "`key:value`; only jobs with this label; may be repeated, and then all must fit", example = json!(["series:TB-7"])),
         ("limit" = Option<i64>, Query, minimum = 1, maximum = 500, description = "Jobs on a page; 50 when absent"),

@@ -4,5 +4,8 @@ pub(crate) mod actions;
 pub(crate) mod events;
 pub(crate) mod get;
 pub(crate) mod list;
+pub(crate) mod plans;
+pub(crate) mod plots;
+mod reading;
 pub(crate) mod submit;
 pub(crate) mod view;

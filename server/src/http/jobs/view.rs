@@ -16,12 +16,13 @@ use crate::http::response::{set, time};
 use crate::http::waiting::Changing;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
+use crate::plots::job::JobPlot;
 use crate::problem::ProblemDocument;
 
 /// A job without its request, as listings show it.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct JobSummary {
-    /// Name of the job (UUIDv7).
+    /// ID of the job (UUIDv7).
     #[schema(format = "uuid")]
     id: String,
     /// A name for people.
@@ -51,7 +52,7 @@ pub(crate) struct JobSummary {
     /// Longest time of an attempt.
     #[schema(required)]
     timeout_s: Option<f64>,
-    /// When the job was taken in (RFC 3339, UTC).
+    /// When the job was accepted (RFC 3339, UTC).
     #[schema(format = DateTime)]
     created_at: String,
     /// When this attempt started.
@@ -90,7 +91,7 @@ pub(crate) struct JobSummary {
     /// Index of the job in its point, from 0.
     #[schema(required, minimum = 0)]
     replicate: Option<u32>,
-    /// Where to go from here.
+    /// Addresses of what belongs to it.
     links: Links,
 }
 
@@ -99,11 +100,14 @@ pub(crate) struct JobSummary {
 pub(crate) struct Job {
     #[serde(flatten)]
     summary: JobSummary,
-    /// What is kept of its result besides: asked for in `postprocess`, or by `POST /v1/jobs/{id}/exports`.
-    export: Vec<ExportLink>,
-    /// The request as submitted, with its defaults filled in.
-    #[schema(value_type = JobRequest)]
-    request: Value,
+    /// The exports that are kept with it: those of `postprocess`, and those that `POST /v1/jobs/{id}/exports/{type}`
+    /// started.
+    exports: Vec<ExportLink>,
+    /// The request as submitted, with its defaults filled in; in the answer to a submission, and where
+    /// `include=request` asks for it.
+    #[schema(value_type = JobRequest, required = false)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    request: Option<Value>,
 }
 
 /// The result of a job, without its spheres.
@@ -122,7 +126,7 @@ pub(crate) struct ResultView {
     summary: Value,
 }
 
-/// Where to go from a job.
+/// Addresses of what belongs to a job.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct Links {
     /// The job itself.
@@ -134,10 +138,12 @@ pub(crate) struct Links {
     result: String,
     /// Its result without the spheres.
     summary: String,
-    /// Its plots; which, says `kind`.
-    plot: String,
-    /// What is made of its result.
-    export: String,
+    /// Its request.
+    request: String,
+    /// Its plots, by kind.
+    plots: BTreeMap<&'static str, String>,
+    /// Its exports.
+    exports: String,
     /// Where to cancel it.
     cancel: String,
     /// Where to retry it.
@@ -176,8 +182,12 @@ impl JobSummary {
                 events: format!("{this}/events"),
                 result: format!("{this}/result"),
                 summary: format!("{this}/result/summary"),
-                plot: format!("{this}/plot.svg"),
-                export: format!("{this}/exports"),
+                request: format!("{this}/request"),
+                plots: JobPlot::ALL
+                    .iter()
+                    .map(|kind| (kind.name(), format!("{this}/plots/{}", kind.name())))
+                    .collect(),
+                exports: format!("{this}/exports"),
                 cancel: format!("{this}/cancel"),
                 retry: format!("{this}/retry"),
                 this,
@@ -197,13 +207,13 @@ impl ResultView {
     }
 }
 
-/// The whole job, read from a record and the request that the store keeps apart.
-pub(crate) async fn whole(app: &App, job: &JobRecord) -> Result<Job, StoreError> {
+/// The whole job, read from a record and the request that the store keeps apart, if that is wanted.
+pub(crate) async fn whole(app: &App, job: &JobRecord, with_request: bool) -> Result<Job, StoreError> {
     let store = &app.shared.store;
-    let request = store.request(job.seq).await?;
+    let request = if with_request { Some(store.request(job.seq).await?) } else { None };
     let kept = if job.state == State::Succeeded { store.kept_of(job.seq).await? } else { Vec::new() };
-    let export = kept.into_iter().map(|(id, kind)| ExportLink::of(job.id, id, kind)).collect();
-    Ok(Job { summary: JobSummary::of(job), export, request })
+    let exports = kept.iter().map(|(kind, options)| ExportLink::of(job.id, *kind, options)).collect();
+    Ok(Job { summary: JobSummary::of(job), exports, request })
 }
 
 /// The job as a response with its tag, and a hint when to come back while it is not finished.

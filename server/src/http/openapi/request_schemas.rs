@@ -3,13 +3,10 @@
 //! What reads requests refuses unknown fields, takes `null` for absent, and bounds the items of
 //! arrays; the derives can say none of it.
 
-use packstone_engine::export::ExportType;
-use packstone_engine::export::tables::Format;
 use packstone_engine::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
 use serde_json::{Map, Value, json};
 
 use crate::exports::MAX_POSTPROCESS;
-use crate::http::exports::formats::models;
 
 use crate::jobs::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS};
 
@@ -53,10 +50,8 @@ const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
 pub(crate) fn polish(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
     join_options(schemas, "Method");
+    join_options(schemas, "MeshRequest");
     join_options(schemas, "ExportRequest");
-    part_voxels(schemas);
-    name_formats(schemas);
-    describe_cuts(schemas);
     for name in REQUEST_SCHEMAS {
         if let Some(schema) = schemas.get_mut(name) {
             objects_of(schema).into_iter().for_each(close);
@@ -89,72 +84,53 @@ fn choose_points(schemas: &mut Map<String, Value>) {
 }
 
 /// Puts the options of a variant, as of `edmd`, beside its `type`: the derive makes an `allOf` of the two, of which
-/// neither part could refuse unknown fields without refusing the other's.
+/// neither part could refuse unknown fields without refusing the other's. Options that have variants themselves, as those
+/// of meshes by `format`, give a variant each, of which the first is that of an absent `format`.
 fn join_options(schemas: &mut Map<String, Value>, name: &str) {
     let Some(mut schema) = schemas.get(name).cloned() else { return };
-    let mut joined_in = Vec::new();
-    for variant in schema["oneOf"].as_array_mut().into_iter().flatten() {
-        let options = variant["allOf"][0]["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
-        let Some(name) = options.map(str::to_owned) else { continue };
-        let Some(mut options) = schemas.get(&name).cloned() else { continue };
-        joined_in.push(name);
-        let description = variant.get("description").cloned();
-        let mut joined = variant["allOf"][1].take();
-        if let (Some(fields), Some(tag)) =
-            (options["properties"].as_object_mut(), joined["properties"].as_object_mut())
-        {
-            fields.append(tag);
-            tag.append(fields);
+    let Some(variants) = schema["oneOf"].as_array_mut() else { return };
+    let (mut all, mut joined_in) = (Vec::new(), Vec::new());
+    for variant in std::mem::take(variants) {
+        let reference =
+            variant["allOf"][0]["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
+        let Some((name, mut options)) = reference.and_then(|name| Some((name, schemas.get(name)?.clone())))
+        else {
+            all.push(variant);
+            continue;
+        };
+        joined_in.push(name.to_owned());
+        let options = objects_of(&mut options);
+        let several = options.len() > 1;
+        for (index, options) in options.into_iter().enumerate() {
+            let mut joined = variant["allOf"][1].clone();
+            put_beside(&mut joined, options);
+            if let Some(required) = joined["required"].as_array_mut().filter(|_| several && index == 0) {
+                required.retain(|name| name != "format");
+            }
+            let told = if several { options.get("description") } else { variant.get("description") };
+            if let Some(description) = told {
+                joined["description"] = description.clone();
+            }
+            all.push(joined);
         }
-        let required = options["required"].as_array_mut().map(std::mem::take).unwrap_or_default();
-        if let Some(tag) = joined["required"].as_array_mut() {
-            tag.extend(required);
-        }
-        if let Some(description) = description {
-            joined["description"] = description;
-        }
-        *variant = joined;
     }
+    *variants = all;
     schemas.insert(name.to_owned(), schema);
     for name in joined_in {
         schemas.shift_remove(&name);
     }
 }
 
-/// Options that voxel models have in common in the code, and not in requests.
-fn part_voxels(schemas: &mut Map<String, Value>) {
-    let variants = schemas.get_mut("ExportRequest").and_then(|schema| schema["oneOf"].as_array_mut());
-    for variant in variants.into_iter().flatten() {
-        let foreign: &[&str] = match variant["properties"]["type"]["enum"][0].as_str() {
-            Some("raw") => &["fractions"],
-            Some("inp") => &["label", "fractions"],
-            _ => &[],
-        };
-        if let Some(fields) = variant["properties"].as_object_mut() {
-            for name in foreign {
-                fields.shift_remove(*name);
-            }
-        }
+/// Adds the fields of `options` before those of `tag`.
+fn put_beside(tag: &mut Value, options: &Map<String, Value>) {
+    let mut fields = options.get("properties").and_then(Value::as_object).cloned().unwrap_or_default();
+    if let Some(own) = tag["properties"].as_object_mut() {
+        fields.append(own);
+        *own = fields;
     }
-}
-
-/// A cut in JSON: its figures and its circles.
-fn describe_cuts(schemas: &mut Map<String, Value>) {
-    let columns = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
-    if let Some(schema) = schemas.get_mut("SliceDocument") {
-        let circles = &mut schema["properties"]["circles"];
-        circles["properties"]["columns"]["prefixItems"] =
-            columns.iter().map(|name| json!({"const": name})).collect();
-        circles["properties"]["rows"]["items"] =
-            json!({"type": "array", "items": {"type": "number"}, "minItems": 6, "maxItems": 6});
-    }
-}
-
-/// The names of formats: those of the grains, then the models.
-fn name_formats(schemas: &mut Map<String, Value>) {
-    if let Some(schema) = schemas.get_mut("ResultFormat") {
-        let names = Format::ALL.into_iter().map(Format::name).chain(models().map(ExportType::name));
-        schema["enum"] = names.collect();
+    let required = options.get("required").and_then(Value::as_array).cloned().unwrap_or_default();
+    if let Some(own) = tag["required"].as_array_mut() {
+        own.extend(required);
     }
 }
 

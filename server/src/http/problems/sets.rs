@@ -42,23 +42,24 @@ problem_sets! {
     ActionProblems: ValidationError 400, NotFound 404, Conflict 409;
     /// Of retries.
     RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
+    /// Of plans.
+    PlanProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
+        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422;
     /// Of results.
-    ResultProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, NotAcceptable 406,
-        JobFailed 409, ResultDamaged 410, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
-    /// Of cuts.
-    SliceProblems: ValidationError 400, NotFound 404, ResultNotReady 404, FormatNotReady 404, JobFailed 409,
-        ResultDamaged 410, RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
-    /// Of what is to be made of a result.
-    ExportProblems: ValidationError 400, MalformedJson 400, NotFound 404, ResultNotReady 404, RequestTimeout 408,
-        JobFailed 409, Conflict 409, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422,
-        FormatNotAvailable 422, TooLarge 422, QueueFull 429;
-    /// Of the files of what was made.
-    ExportFileProblems: ValidationError 400, NotFound 404, ResultNotReady 404, ExportFailed 409,
+    ResultProblems: ValidationError 400, NotFound 404, NotAcceptable 406, ResultNotReady 409, JobFailed 409, ResultDamaged 410,
         RangeNotSatisfiable 416, Busy 503;
     /// Of results without spheres.
-    SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409;
+    SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409;
+    /// Of the files of exports.
+    ExportFileProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, ExportFailed 409,
+        RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, ValidationError 422, QueueFull 429, Busy 503;
+    /// Of the start of exports.
+    ExportStartProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, Conflict 409,
+        UnsupportedMediaType 415, FormatNotAvailable 422, TooLarge 422, ValidationError 422, QueueFull 429;
+    /// Of exports that exist.
+    ExportStatusProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409;
     /// Of plots.
-    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 404, JobFailed 409, ResultDamaged 410, Busy 503;
+    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, ResultDamaged 410, Busy 503;
     /// Of plots of studies.
     StudyPlotProblems: ValidationError 400, NotFound 404, Busy 503;
     /// Of routes that ask for nothing.

@@ -20,10 +20,8 @@ use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
 use crate::disk::is_passing;
 use crate::http::app::App;
-use crate::http::exports::formats::{self, ResultFormat};
 use crate::http::files::{self, Described};
 use crate::http::negotiation;
-use crate::http::openapi;
 use crate::http::params::{JobPath, Query};
 use crate::http::problems::sets::{ResultProblems, SummaryProblems};
 use crate::http::problems::{of_fault, refused};
@@ -31,15 +29,12 @@ use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
 use crate::problem::{Kind, Problem};
 
-/// A result without its spheres.
+/// A result without its request and its spheres.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ResultSummary {
-    /// The job.
+    /// ID of the job.
     #[schema(format = "uuid")]
     job_id: String,
-    /// The request as submitted, with its defaults filled in.
-    #[schema(value_type = JobRequest)]
-    request: Value,
     /// What computed the result.
     #[schema(value_type = EngineInfo)]
     engine: Value,
@@ -49,10 +44,35 @@ pub(crate) struct ResultSummary {
     report: Map<String, Value>,
 }
 
+/// A result in JSON: its summary, its request and its spheres.
+#[derive(Serialize, ToSchema)]
+#[allow(dead_code)]
+pub(crate) struct ResultDocument {
+    #[serde(flatten)]
+    summary: ResultSummary,
+    /// The request as submitted, with its defaults filled in.
+    request: JobRequest,
+    /// The grains.
+    spheres: SphereTable,
+}
+
+/// The grains of a result, largest first; the row number is the grain's id.
+#[derive(Serialize, ToSchema)]
+#[allow(dead_code)]
+pub(crate) struct SphereTable {
+    /// Names of the columns.
+    #[schema(example = json!(["x_mm", "y_mm", "z_mm", "d_mm"]))]
+    columns: [String; 4],
+    /// One row a grain.
+    rows: Vec<[f64; 4]>,
+}
+
 /// Get a result without its spheres
+///
+/// The figures of the result. The request is at `/v1/jobs/{id}/request`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result/summary", tag = "results", operation_id = "get_result_summary",
-    params(("id" = String, Path, format = "uuid", description = "Name of the job")),
+    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
     responses((status = 200, description = "The result without its spheres", body = ResultSummary), SummaryProblems)
 )]
 pub(crate) async fn summary(
@@ -62,27 +82,20 @@ pub(crate) async fn summary(
 ) -> Result<Response, Problem> {
     query.finish()?;
     let (job, artifact) = finished(&app, id).await?;
-    let request = app.shared.store.request(job.seq).await.map_err(|error| refused(error, id))?;
-    let summary =
-        ResultSummary { job_id: id.to_string(), request, engine: job.engine, report: artifact.report };
+    let summary = ResultSummary { job_id: id.to_string(), engine: job.engine, report: artifact.report };
     Ok(axum::Json(summary).into_response())
 }
 
 /// Get a result
 ///
-/// In the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with
-/// one part, `If-Range` and `If-None-Match`.
-///
-/// Formats that are models of the packing (meshes, voxels, cuts, lattices) take options, each a parameter of its own, as
-/// `?format=msh&segments=24`; they are those of the schema `ExportRequest`. Such a file is made when it is first asked for, and
-/// kept for a while; the answer is held back for it, at most 30 s or as long as `Prefer: wait=N` says.
+/// The grains, in the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with one part,
+/// `If-Range` and `If-None-Match`. Meshes, voxel models, slices and lattice models are exports, at
+/// `/v1/jobs/{id}/exports/{type}`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the job"),
-        ("format" = Option<ResultFormat>, Query, description = "The format; wins over `Accept`"),
-        ("options" = Option<formats::FormatOptions>, Query, style = Form, explode, description = "Options of a format that is a model of the packing"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60: how long the answer is held back while a model is made"),
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("format" = Option<Format>, Query, description = "The format; wins over `Accept`"),
         ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
         ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the result as known"),
@@ -90,7 +103,7 @@ pub(crate) async fn summary(
     responses(
         (status = 200, description = "The result",
             content(
-                (openapi::ResultDocument = "application/json"),
+                (ResultDocument = "application/json"),
                 (String = "text/csv"),
                 (Vec<u8> = "application/vnd.vtk.legacy"),
                 (Vec<u8> = "application/vnd.vtk.polydata+xml"),
@@ -117,9 +130,6 @@ pub(crate) async fn get(
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    if let Some(kind) = query.peek("format").and_then(formats::model) {
-        return formats::get(&app, id, kind, query, &method, &headers).await;
-    }
     let asked_format = query.one("format");
     query.finish()?;
     let (job, mut artifact) = finished(&app, id).await?;
@@ -132,7 +142,7 @@ pub(crate) async fn get(
             tables::REVISION
         ),
         content_type: content_type(format),
-        filename: format!("{id}.{}", format.name()),
+        filename: format!("{}.{}", files::stem(&job), format.name()),
         inline: false,
         negotiated: true,
     };

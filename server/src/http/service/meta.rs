@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 use crate::exports;
 use crate::http::app::App;
 use crate::http::conditional::MAX_WAIT_S;
-use crate::http::exports::formats;
+use crate::http::exports::media::media_type;
 use crate::http::params::Query;
 use crate::http::problems::sets::{OpenProblems, ReadyProblems};
 use crate::jobs::request;
@@ -43,8 +43,7 @@ pub(crate) struct Capabilities {
     methods: Vec<&'static str>,
     /// Formats of results.
     formats: Vec<FormatInfo>,
-    /// What can be made of results: formats with options of their own, and what `postprocess` and
-    /// `POST /v1/jobs/{id}/exports` take.
+    /// Exports of results: their types, formats and options.
     exports: Vec<ExportInfo>,
     /// Bounds.
     limits: LimitsInfo,
@@ -68,16 +67,35 @@ pub(crate) struct FormatInfo {
     media_type: &'static str,
 }
 
-/// Something that can be made of results.
+/// A type of exports.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ExportInfo {
-    /// Its `type`.
+    /// Its name in addresses and in `postprocess`.
     r#type: ExportType,
+    /// Its file formats, the default first.
+    formats: Vec<ExportFormatInfo>,
+}
+
+/// A file format of an export.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ExportFormatInfo {
+    /// Its name in `?format=`.
+    name: &'static str,
     /// Media type of the file, if no option changes it.
     media_type: &'static str,
-    /// Its name in `?format=`; `null` where it is no format of results, as cuts, which have an address of their own.
-    #[schema(required)]
-    format: Option<&'static str>,
+    /// Names of its options; their meaning and bounds are those of the schema `ExportRequest`.
+    options: Vec<&'static str>,
+}
+
+impl ExportInfo {
+    fn of(kind: ExportType) -> Self {
+        let format = |name: &'static str| ExportFormatInfo {
+            name,
+            media_type: media_type(kind, name),
+            options: kind.option_names(name),
+        };
+        Self { r#type: kind, formats: kind.formats().iter().map(|name| format(name)).collect() }
+    }
 }
 
 /// Bounds of this server.
@@ -87,7 +105,7 @@ pub(crate) struct LimitsInfo {
     max_grains: u64,
     /// Most memory of a packing.
     max_memory_bytes: u64,
-    /// Most memory of a model of a result, and longest file of one.
+    /// Most memory of an export, and longest file of one.
     max_model_bytes: u64,
     /// Shortest length of a grain, a sieve or a specimen.
     min_length_mm: f64,
@@ -117,11 +135,11 @@ pub(crate) struct LimitsInfo {
     max_wait_s: u64,
     /// Most results being sent at once.
     max_downloads: usize,
-    /// Most things in `postprocess`.
+    /// Most exports in `postprocess`.
     max_postprocess: usize,
-    /// Most things export that are kept of one result.
+    /// Most exports that are kept with one job.
     max_kept_exports: u64,
-    /// Bytes that things export may hold which nobody asked to be kept.
+    /// Bytes of exports that nobody asked to be kept.
     export_cache_bytes: u64,
 }
 
@@ -148,14 +166,7 @@ pub(crate) async fn capabilities(State(app): State<App>, query: Query) -> Result
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })
             .collect(),
-        exports: ExportType::ALL
-            .iter()
-            .map(|&kind| ExportInfo {
-                r#type: kind,
-                media_type: formats::media_type(kind),
-                format: formats::model(kind.name()).map(ExportType::name),
-            })
-            .collect(),
+        exports: ExportType::ALL.iter().map(|&kind| ExportInfo::of(kind)).collect(),
         limits: LimitsInfo {
             max_grains: shared.limits.max_grains,
             max_memory_bytes: shared.limits.max_memory_bytes,

@@ -20,7 +20,7 @@ use crate::problem::Problem;
 /// Waiting jobs are cancelled at once; running ones are asked to stop, and do within two seconds.
 #[utoipa::path(
     post, path = "/v1/studies/{id}/cancel", tag = "studies", operation_id = "cancel_study",
-    params(("id" = String, Path, format = "uuid", description = "Name of the study")),
+    params(("id" = String, Path, format = "uuid", description = "ID of the study")),
     responses(
         (status = 200, description = "The study is finished", body = Study),
         (status = 202, description = "Its last jobs were asked to stop", body = Study),
@@ -49,7 +49,7 @@ pub(crate) async fn cancel(
 #[utoipa::path(
     post, path = "/v1/studies/{id}/retry", tag = "studies", operation_id = "retry_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
         ("state" = Option<String>, Query, pattern = "^(failed|cancelled|failed,cancelled|cancelled,failed)$", description = "Which jobs: `failed` (when absent), `cancelled`, or both, separated by a comma"),
     ),
     responses((status = 200, description = "The study, whose jobs wait again", body = Study), StudyRetryProblems)
@@ -91,7 +91,7 @@ fn read_states(query: &mut Query) -> Vec<jobs::State> {
 /// The answer does not wait until the files of ten thousand results have left the disk.
 #[utoipa::path(
     delete, path = "/v1/studies/{id}", tag = "studies", operation_id = "delete_study",
-    params(("id" = String, Path, format = "uuid", description = "Name of the study")),
+    params(("id" = String, Path, format = "uuid", description = "ID of the study")),
     responses((status = 204, description = "The study and its jobs are gone"), ActionProblems)
 )]
 pub(crate) async fn delete(

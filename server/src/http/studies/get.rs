@@ -15,14 +15,14 @@ use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyRecord};
 use crate::problem::Problem;
 
-/// Ask how a study is
+/// Get a study
 ///
 /// With `Prefer: wait=N` the answer is held back for at most N s: until the study differs from
 /// `If-None-Match` (304 if it never does), or without that field until the study is finished.
 #[utoipa::path(
     get, path = "/v1/studies/{id}", tag = "studies", operation_id = "get_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the study as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),

@@ -51,7 +51,7 @@ use crate::studies::Study;
     ),
     request_body(content = StudyRequest, content_type = "application/json"),
     responses(
-        (status = 201, description = "The study was taken in; or, after a wait, it is finished", body = StudyView,
+        (status = 201, description = "The study was accepted; or, after a wait, it is finished", body = StudyView,
             headers(("Location" = String, description = "Path of the study"), ("ETag" = String, description = "Tag of the study"))),
         (status = 200, description = "The study that the same Idempotency-Key brought before", body = StudyView),
         SubmitProblems
@@ -77,7 +77,7 @@ pub(crate) async fn submit(
         app.shared.store.submit_study(NewStudy { study, request, owner, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         SubmittedStudy::Created(record) => {
-            tracing::info!(study_id = %record.id, jobs = record.jobs(), "taken in");
+            tracing::info!(study_id = %record.id, jobs = record.jobs(), "accepted");
             app.shared.metrics.study_submitted(record.jobs());
             (record, StatusCode::CREATED)
         }

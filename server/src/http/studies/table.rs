@@ -22,7 +22,7 @@ use crate::problem::Problem;
 #[utoipa::path(
     get, path = "/v1/studies/{id}/table", tag = "studies", operation_id = "get_study_table",
     params(
-        ("id" = String, Path, format = "uuid", description = "Name of the study"),
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
         ("format" = Option<TableFormat>, Query, description = "Format of the table; wins over `Accept`"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the table as known"),
     ),

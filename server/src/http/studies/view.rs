@@ -14,12 +14,13 @@ use crate::http::studies::schemas::StudyRequest;
 use crate::http::waiting::Changing;
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
+use crate::plots::study::StudyPlot;
 use crate::studies::StopWhen;
 
 /// A study without its request, as listings show it.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct StudySummary {
-    /// Name of the study (UUIDv7).
+    /// ID of the study (UUIDv7).
     #[schema(format = "uuid")]
     id: String,
     /// A name for people.
@@ -30,7 +31,7 @@ pub(crate) struct StudySummary {
     /// What the seeds of its jobs derive from.
     #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     seed: i64,
-    /// When the study was taken in (RFC 3339, UTC).
+    /// When the study was accepted (RFC 3339, UTC).
     #[schema(format = DateTime)]
     created_at: String,
     /// When its last job ended; `null` while any is left to run.
@@ -100,7 +101,7 @@ pub(crate) struct StudyProgress {
     eta_s: Option<f64>,
 }
 
-/// Where to go from a study.
+/// Addresses of what belongs to a study.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = StudyLinks)]
 pub(crate) struct Links {
@@ -111,8 +112,8 @@ pub(crate) struct Links {
     jobs: String,
     /// What its runs came to.
     table: String,
-    /// A picture of that.
-    plot: String,
+    /// Plots of that, by kind.
+    plots: BTreeMap<&'static str, String>,
     /// Where to cancel it.
     cancel: String,
     /// Where to retry what failed.
@@ -142,7 +143,10 @@ impl StudySummary {
             links: Links {
                 jobs: format!("{this}/jobs"),
                 table: format!("{this}/table"),
-                plot: format!("{this}/plot.svg"),
+                plots: StudyPlot::ALL
+                    .iter()
+                    .map(|kind| (kind.name(), format!("{this}/plots/{}", kind.name())))
+                    .collect(),
                 cancel: format!("{this}/cancel"),
                 retry: format!("{this}/retry"),
                 this,

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use packstone_engine::export::ExportType;
+use serde_json::Value;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::super::{Store, StoreError, rows};
 use super::{export, export_id, select_exports};
-use crate::exports::{ExportRecord, ExportState};
+use crate::exports::{ExportRecord, ExportState, NewExport};
 use crate::ids::{ExportId, JobId};
 
 /// How many are in each state, and what the cache holds.
@@ -38,6 +39,24 @@ impl Store {
         Ok(row.is_some())
     }
 
+    /// The export of a job with that key, or the newest with the same options that an earlier version made.
+    pub(crate) async fn export_of(
+        &self,
+        job: i64,
+        new: &NewExport,
+    ) -> Result<Option<ExportRecord>, StoreError> {
+        let row = sqlx::query(select_exports!(
+            "where exports.job = ?1 and (exports.key = ?2 or exports.options = ?3)
+             order by exports.key = ?2 desc, exports.seq desc limit 1"
+        ))
+        .bind(job)
+        .bind(&new.key)
+        .bind(&new.options)
+        .fetch_optional(self.readers())
+        .await?;
+        row.as_ref().map(export).transpose()
+    }
+
     /// A page of at most `limit` of the exports of a job, newest first, below number `before`; and the number
     /// below which more follow.
     pub(crate) async fn list_exports(
@@ -61,16 +80,16 @@ impl Store {
         Ok((found, next))
     }
 
-    /// Ids and types of what is kept of a job, oldest first. The job's version changes with them.
-    pub(crate) async fn kept_of(&self, job: i64) -> Result<Vec<(ExportId, ExportType)>, StoreError> {
-        let rows = sqlx::query("select id, type from exports where job = ? and kept order by seq")
+    /// Types and options of the exports that are kept with a job, oldest first. The job's version changes with them.
+    pub(crate) async fn kept_of(&self, job: i64) -> Result<Vec<(ExportType, Value)>, StoreError> {
+        let rows = sqlx::query("select type, options from exports where job = ? and kept order by seq")
             .bind(job)
             .fetch_all(self.readers())
             .await?;
         rows.iter()
             .map(|row| {
                 let kind = rows::json(&format!("\"{}\"", row.try_get::<String, _>("type")?))?;
-                Ok((export_id(&row.try_get::<String, _>("id")?)?, kind))
+                Ok((kind, rows::json(&row.try_get::<String, _>("options")?)?))
             })
             .collect()
     }

@@ -1,0 +1,213 @@
+//! Addresses of exports: the type in the path, the options in the query.
+
+use std::collections::BTreeMap;
+
+use axum::extract::{FromRequestParts, Path};
+use axum::http::request::Parts;
+use packstone_engine::export::{ExportRequest, ExportType};
+use packstone_engine::request::Specimen;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use crate::exports::NewExport;
+use crate::http::app::App;
+use crate::http::params::{Query, shown};
+use crate::http::problems::refused;
+use crate::http::results::finished;
+use crate::ids::JobId;
+use crate::jobs::JobRecord;
+use crate::problem::{Kind, Problem};
+
+/// Longest part of a file name that tells the options.
+const MAX_NAME_PART_CHARS: usize = 80;
+
+/// The job and the type that a path names.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExportPath {
+    pub(crate) job: JobId,
+    pub(crate) kind: ExportType,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let Ok(Path((job, kind))) = Path::<(String, String)>::from_request_parts(parts, state).await else {
+            return Err(Problem::no_job(parts.uri.path()));
+        };
+        let job = JobId::parse(&job).ok_or_else(|| Problem::no_job(&job))?;
+        let kind = ExportType::from_name(&kind).ok_or_else(|| {
+            let known = ExportType::ALL.map(ExportType::name).join(", ");
+            let detail = format!("there is no type of exports {}: must be one of {known}", shown(&kind));
+            Problem::new(Kind::NotFound, detail)
+        })?;
+        Ok(Self { job, kind })
+    }
+}
+
+/// Options of an export by name, beside its `format`: those that the schema `ExportRequest` gives its type and format.
+/// A value that is an object or an array is written as JSON.
+#[derive(Serialize, ToSchema)]
+#[allow(dead_code)]
+pub(crate) struct ExportOptions(BTreeMap<String, String>);
+
+/// The export that a request names, of a job that has a result.
+#[derive(Debug)]
+pub(crate) struct Target {
+    pub(crate) job: JobRecord,
+    pub(crate) export: ExportRequest,
+    pub(crate) new: NewExport,
+}
+
+impl Target {
+    /// Reads the parameters that `query` was not asked for yet as the export's options, and finds the job.
+    ///
+    /// # Errors
+    /// `validation-error`, `not-found`, `result-not-ready` or `job-failed`.
+    pub(crate) async fn read(app: &App, path: ExportPath, mut query: Query) -> Result<Self, Problem> {
+        let options = query.rest();
+        query.finish()?;
+        let pairs = options.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+        let export = ExportRequest::from_text(path.kind, pairs)
+            .map_err(|faults| Problem::fields(Kind::ValidationError, faults).of_parameters(str::to_owned))?;
+        let (job, result) = finished(app, path.job).await?;
+        let new = NewExport::new(&export, &result.sha256);
+        Ok(Self { job, export, new })
+    }
+
+    /// Refuses what cannot be made of the job's specimen. What was accepted before is not judged again.
+    ///
+    /// # Errors
+    /// `format-not-available`, `too-large` or `validation-error`.
+    pub(crate) async fn check(&self, app: &App) -> Result<(), Problem> {
+        let store = &app.shared.store;
+        if store.knows_export(self.job.seq, &self.new.key).await? {
+            return Ok(());
+        }
+        let request = store.request(self.job.seq).await.map_err(|error| refused(error, self.job.id))?;
+        let specimen = Specimen::from_json(&request["specimen"]).map_err(|faults| {
+            tracing::error!(job_id = %self.job.id, ?faults, "the stored request is unreadable");
+            Problem::internal()
+        })?;
+        self.export
+            .check(&specimen, &app.shared.limits)
+            .map_err(|error| Problem::from(error).of_parameters(str::to_owned))
+    }
+
+    /// Its options as JSON, with the `type` and the defaults.
+    pub(crate) fn options(&self) -> Value {
+        serde_json::to_value(&self.export).unwrap_or_default()
+    }
+
+    /// The name under which a client saves the file: it differs between jobs and between options.
+    pub(crate) fn file_name(&self) -> String {
+        let options = self.options();
+        let mut ending = self.export.file_ending();
+        let mut parts = Vec::new();
+        for (name, value) in short_options(self.export.export_type(), &options) {
+            match name.as_str() {
+                "format" | "axis" => {}
+                "at_mm" => parts.insert(0, format!("{}mm", text(&value))),
+                _ => parts.push(format!("{name}-{}", text(&value))),
+            }
+        }
+        if self.export.export_type() == ExportType::Slice {
+            ending = self.export.file_extension().to_owned();
+            parts.insert(0, format!("slice-{}", text(&options["axis"])));
+        }
+        let mut told = parts.join("-");
+        told.retain(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
+        if told.chars().count() > MAX_NAME_PART_CHARS {
+            // The key names the options as well, if not as readably.
+            told = self.new.key.chars().take(16).collect();
+        }
+        let separator = if told.is_empty() { "" } else { "." };
+        format!("{}{separator}{told}.{ending}", crate::http::files::stem(&self.job))
+    }
+}
+
+/// The path of an export's file: `options` is its stored JSON.
+pub(crate) fn file_path(job: JobId, kind: ExportType, options: &Value) -> String {
+    format!("/v1/jobs/{job}/exports/{}{}", kind.name(), query(kind, options))
+}
+
+/// The path of an export's document.
+pub(crate) fn status_path(job: JobId, kind: ExportType, options: &Value) -> String {
+    format!("/v1/jobs/{job}/exports/{}/status{}", kind.name(), query(kind, options))
+}
+
+fn query(kind: ExportType, options: &Value) -> String {
+    let mut query = form_urlencoded::Serializer::new("?".to_owned());
+    for (name, value) in short_options(kind, options) {
+        query.append_pair(&name, &text(&value));
+    }
+    query.finish()
+}
+
+/// The format and the options that are not the defaults of it, where these read back as the same export; else all.
+fn short_options(kind: ExportType, options: &Value) -> Map<String, Value> {
+    let mut all = options.as_object().cloned().unwrap_or_default();
+    all.retain(|name, value| name != "type" && !value.is_null());
+    let format = all.get("format").map(text).unwrap_or_default();
+    let default = ExportRequest::from_text(kind, [("format", format.as_str())]);
+    let default = default.and_then(|default| serde_json::to_value(default).map_err(|_| Vec::new()));
+    let Ok(default) = default else { return all };
+    let mut short = all.clone();
+    short.retain(|name, value| name == "format" || default.get(name.as_str()) != Some(value));
+    let mut with_type = short.clone();
+    with_type.insert("type".into(), kind.name().into());
+    let read_back = ExportRequest::from_json(&Value::Object(with_type)).ok();
+    if read_back.and_then(|export| serde_json::to_value(export).ok()).as_ref() == Some(options) {
+        short
+    } else {
+        all
+    }
+}
+
+/// A value as a parameter: text as it is, numbers without a needless point, all else as JSON.
+fn text(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Number(number) => match number.as_f64() {
+            Some(float) if number.is_f64() => format!("{float}"),
+            _ => number.to_string(),
+        },
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn read(kind: ExportType, query: &str) -> ExportRequest {
+        let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes()).into_owned().collect();
+        ExportRequest::from_text(kind, pairs.iter().map(|(n, v)| (n.as_str(), v.as_str()))).unwrap()
+    }
+
+    #[test]
+    fn addresses_are_short_and_name_the_same_export() {
+        for (kind, given, short) in [
+            (ExportType::Slice, "", "?format=svg"),
+            (ExportType::Slice, "format=png&axis=z&at_mm=75&pixels=1000", "?format=png&at_mm=75"),
+            (ExportType::Slice, "axis=x&at_mm=0.1", "?format=svg&axis=x&at_mm=0.1"),
+            (ExportType::Voxels, "cells=100&format=raw", "?format=raw"),
+            (ExportType::Voxels, "voxel_mm=1e-1", "?format=vti&voxel_mm=0.1"),
+            (ExportType::Ldpm, "format=cells", "?format=cells"),
+        ] {
+            let export = read(kind, given);
+            let found = query(kind, &serde_json::to_value(&export).unwrap());
+            assert_eq!(found, short, "{given}");
+            assert_eq!(read(kind, &found[1..]), export, "{found}");
+        }
+        for kind in ExportType::ALL {
+            for format in kind.formats() {
+                let export = read(kind, &format!("format={format}"));
+                let found = query(kind, &serde_json::to_value(&export).unwrap());
+                assert_eq!(read(kind, &found[1..]), export, "{found}");
+            }
+        }
+    }
+}

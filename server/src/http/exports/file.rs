@@ -1,0 +1,95 @@
+//! The file of an export: sent as soon as it is made.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::response::Response;
+use packstone_engine::export::ExportType;
+
+use crate::exports;
+use crate::http::app::App;
+use crate::http::conditional::Wait;
+use crate::http::exports::ExportOptions;
+use crate::http::exports::address::{ExportPath, Target};
+use crate::http::exports::making::{self, Made};
+use crate::http::exports::media::FileResponses;
+use crate::http::exports::view::{self, Export};
+use crate::http::files::{self, Described};
+use crate::http::params::Query;
+use crate::http::problems::sets::ExportFileProblems;
+use crate::http::response::set;
+use crate::http::waiting::PREFERENCE_APPLIED;
+use crate::problem::{Kind, Problem};
+
+/// How long an answer is held back while its file is made, if the request does not say.
+const WAIT: Wait = Wait { s: 60 };
+
+/// Get an export
+///
+/// Answers with the file if it exists or can be made within the time that `Prefer: wait=N` gives, 60 s when absent. Else
+/// the answer is 202 with the state of the export and `Retry-After`: it goes on being made, and the same request gets it
+/// later. Supports `Range` with one part, `If-Range` and `If-None-Match`. What nobody asked to be kept is a cache: it may
+/// be dropped, and is made again.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "get_export",
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job, which must have succeeded"),
+        ("type" = ExportType, Path, description = "Type of the export"),
+        ("format" = Option<String>, Query, description = "File format; the first of the type's formats in `/v1/capabilities` when absent"),
+        ("options" = Option<ExportOptions>, Query, style = Form, explode, description = "Options of the type and format"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60: how long the answer may be held back"),
+        ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
+        ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
+        ("If-None-Match" = Option<String>, Header, description = "Tag of the file as known"),
+    ),
+    responses(
+        FileResponses,
+        (status = 202, description = "The file is not made yet: its state", body = Export,
+            headers(("Retry-After" = String, description = "Seconds after which to ask again"),
+                ("Content-Location" = String, description = "Address of the export's document"))),
+        ExportFileProblems
+    )
+)]
+pub(crate) async fn get(
+    State(app): State<App>,
+    path: ExportPath,
+    query: Query,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let target = Target::read(&app, path, query).await?;
+    target.check(&app).await?;
+    let described = described(&target);
+    if let Some(response) = described.not_modified(&headers) {
+        return Ok(response);
+    }
+    let preferred = Wait::of(&headers);
+    let (file, length) = match making::made(&app, &target, preferred.unwrap_or(WAIT)).await? {
+        Made::File(file, length) => (file, length),
+        Made::Failed(record) => {
+            let why = exports::failure(&record).detail;
+            return Err(Problem::new(Kind::ExportFailed, format!("the export failed: {why}"))
+                .with("export_error", record.error.unwrap_or_default()));
+        }
+        Made::NotYet(record) => {
+            let mut response = view::not_yet(&record);
+            if let Some(wait) = preferred {
+                set(&mut response, PREFERENCE_APPLIED, &wait.applied());
+            }
+            return Ok(response);
+        }
+    };
+    let part = described.part(&method, &headers, length)?;
+    described.respond(part, |range| files::send_file(&app, file, range)).await
+}
+
+/// How the file of an export is described. Its key names all that decides its bytes.
+fn described(target: &Target) -> Described {
+    let (media_type, key) = (target.export.media_type(), &target.new.key);
+    Described {
+        etag: format!("\"{}\"", &key[..32.min(key.len())]),
+        content_type: HeaderValue::from_static(media_type),
+        filename: target.file_name(),
+        inline: media_type.starts_with("image/"),
+        negotiated: false,
+    }
+}

@@ -1,0 +1,75 @@
+//! Starting an export without waiting for it.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::Response;
+use packstone_engine::export::ExportType;
+
+use crate::http::app::App;
+use crate::http::body;
+use crate::http::conditional::Wait;
+use crate::http::exports::ExportOptions;
+use crate::http::exports::address::{ExportPath, Target, file_path, status_path};
+use crate::http::exports::making::until_finished;
+use crate::http::exports::view::{self, Export};
+use crate::http::params::Query;
+use crate::http::problems::refused;
+use crate::http::problems::sets::ExportStartProblems;
+use crate::http::response::set;
+use crate::http::waiting::PREFERENCE_APPLIED;
+use crate::jobs::store::Wish;
+use crate::problem::Problem;
+
+/// Start an export
+///
+/// The answer does not wait for the file, unless `Prefer: wait=N` says so. The same options name the same export: a
+/// request for one that exists finds it. With `keep=true`, the default, the file stays with its job; else it is part of a
+/// cache. The request has no body.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "start_export",
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job, which must have succeeded"),
+        ("type" = ExportType, Path, description = "Type of the export"),
+        ("keep" = Option<bool>, Query, description = "Whether the file stays with its job; true when absent"),
+        ("format" = Option<String>, Query, description = "File format; the first of the type's formats in `/v1/capabilities` when absent"),
+        ("options" = Option<ExportOptions>, Query, style = Form, explode, description = "Options of the type and format"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the export is finished, or after N s (at most 60)"),
+    ),
+    responses(
+        (status = 202, description = "The export waits or is being made", body = Export,
+            headers(("Location" = String, description = "Address of the file"), ("ETag" = String, description = "Tag of the export's document"),
+                ("Retry-After" = String, description = "Seconds after which to ask again"))),
+        (status = 200, description = "The export is finished: made or failed", body = Export,
+            headers(("Location" = String, description = "Address of the file"), ("ETag" = String, description = "Tag of the export's document"))),
+        ExportStartProblems
+    )
+)]
+pub(crate) async fn start(
+    State(app): State<App>,
+    path: ExportPath,
+    mut query: Query,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let keep = query.optional_flag("keep").unwrap_or(true);
+    body::expect_none(&headers)?;
+    let target = Target::read(&app, path, query).await?;
+    target.check(&app).await?;
+    let wish = if keep { Wish::Keep } else { Wish::Use };
+    let asked = app.shared.store.request_export(path.job, target.new.clone(), wish).await;
+    let (mut record, created) = asked.map_err(|error| refused(error, path.job))?;
+    if created {
+        tracing::info!(job_id = %path.job, export_id = %record.id, kind = record.kind.name(), "accepted");
+    }
+    let wait = Wait::of(&headers);
+    if let Some(wait) = wait {
+        record = until_finished(&app, &record, wait).await.map_err(|error| refused(error, path.job))?;
+    }
+    let status = if record.state.is_finished() { StatusCode::OK } else { StatusCode::ACCEPTED };
+    let mut response = view::response(status, &record);
+    set(&mut response, header::LOCATION, &file_path(path.job, path.kind, &record.options));
+    set(&mut response, header::CONTENT_LOCATION, &status_path(path.job, path.kind, &record.options));
+    if let Some(wait) = wait {
+        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
+    }
+    Ok(response)
+}

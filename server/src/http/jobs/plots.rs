@@ -1,0 +1,73 @@
+//! Plots of a job's result, as SVG.
+//!
+//! A plot is a pure function of the result, the kind and this build's way of drawing, and its strong tag names them. It is
+//! drawn when it is asked for, off the threads that answer, a few at a time.
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+
+use crate::http::app::App;
+use crate::http::drawing::{PlotPath, no_kind, not_modified, svg, turn};
+use crate::http::params::Query;
+use crate::http::problems::sets::PlotProblems;
+use crate::http::results::{blocking, finished};
+use crate::http::{conditional, files};
+use crate::jobs::JobId;
+use crate::plots::draw;
+use crate::plots::job::{self as job_plots, JobPlot, JobResult};
+use crate::problem::Problem;
+
+/// Get a plot of a result
+///
+/// An SVG for a page of print, 160 mm wide. `grading`: target and achieved grading curve; `distance`: distance
+/// against packing time, where the largest distance was asked for; `radial`: pair correlation against the clear
+/// distance between grains, by size class; `profile`: volume fraction against depth from the walls. Where there is
+/// nothing to show, the picture says why.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("kind" = JobPlot, Path, description = "What is shown"),
+        ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
+    ),
+    responses(
+        (status = 200, description = "The plot", content((String = "image/svg+xml")),
+            headers(("ETag" = String, description = "Strong tag of the plot"))),
+        (status = 304, description = "The plot is as known"),
+        PlotProblems
+    )
+)]
+pub(crate) async fn get(
+    State(app): State<App>,
+    PlotPath { id, kind }: PlotPath,
+    query: Query,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let id = JobId::parse(&id).ok_or_else(|| Problem::no_job(&id))?;
+    let kind = JobPlot::from_name(&kind).ok_or_else(|| no_kind(&kind, &JobPlot::names()))?;
+    let (job, artifact) = finished(&app, id).await?;
+    let etag = format!(
+        "\"{}-{}-{}\"",
+        &artifact.sha256[..32.min(artifact.sha256.len())],
+        kind.name(),
+        draw::REVISION
+    );
+    if conditional::none_match_fails(&headers, &etag) {
+        return Ok(not_modified(&etag));
+    }
+    let name = format!("{}.{}.svg", files::stem(&job), kind.name());
+    let permit = turn(&app).await?;
+    let artifacts = app.shared.artifacts.clone();
+    let drawn = blocking(id, move || {
+        let stored = artifacts.read(&artifact)?;
+        let chart = job_plots::chart(kind, &JobResult { head: stored.head(), spheres: &stored })?;
+        let drawn = draw::svg(&chart).map_err(std::io::Error::other)?;
+        // Until the end of the work, whether or not somebody still waits for it.
+        drop(permit);
+        Ok(drawn)
+    })
+    .await?;
+    Ok(svg(drawn, &etag, &name))
+}

@@ -1,0 +1,54 @@
+//! Reading the body of a job, for a submission or a plan.
+
+use bytes::Bytes;
+use jiff::Timestamp;
+use packstone_engine::{Limits, Plan};
+
+use crate::http::app::{App, LARGE_BODY_BYTES};
+use crate::http::submission::content_sha256;
+use crate::jobs::{JobRequest, request};
+use crate::problem::{Kind, Problem};
+use crate::strict_json;
+
+/// A job that was read and planned.
+pub(crate) struct Submission {
+    pub(crate) request: JobRequest,
+    pub(crate) plan: Plan,
+    pub(crate) body_sha256: String,
+}
+
+/// Whether a plan proposes what else the specimen could hold, which takes a while.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Proposal {
+    Made,
+    None,
+}
+
+/// Reads and plans a submission. Large ones are put aside, so that they do not hold up answers to
+/// others, and few at a time.
+pub(crate) async fn read(app: &App, bytes: Bytes, proposal: Proposal) -> Result<Submission, Problem> {
+    let limits = app.shared.limits;
+    if bytes.len() <= LARGE_BODY_BYTES {
+        return read_now(&bytes, &limits, proposal);
+    }
+    let Ok(_turn) = app.shared.large_bodies.acquire().await else {
+        return Err(Problem::internal());
+    };
+    tokio::task::spawn_blocking(move || read_now(&bytes, &limits, proposal)).await.unwrap_or_else(|error| {
+        tracing::error!(%error, "a submission was not read to its end");
+        Err(Problem::internal())
+    })
+}
+
+fn read_now(bytes: &[u8], limits: &Limits, proposal: Proposal) -> Result<Submission, Problem> {
+    let value = strict_json::parse(bytes)?;
+    let request = JobRequest::read(&value, request::draw_seed(), Some(Timestamp::now()))
+        .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
+    let packing = request.packing();
+    let mut plan = Plan::new(&packing, limits)?;
+    request.check_postprocess(limits)?;
+    if proposal == Proposal::Made {
+        plan = plan.with_proposal(&packing);
+    }
+    Ok(Submission { request, plan, body_sha256: content_sha256(value) })
+}

@@ -1,0 +1,85 @@
+//! Plots of a study's table, as SVG.
+//!
+//! A plot is a pure function of the study's state, the request and this build's way of drawing, and its tag names them.
+
+use std::collections::BTreeMap;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+
+use crate::http::app::App;
+use crate::http::conditional;
+use crate::http::drawing::{PlotPath, no_kind, not_modified, svg, turn};
+use crate::http::params::Query;
+use crate::http::problems::refused;
+use crate::http::problems::sets::StudyPlotProblems;
+use crate::http::results::blocking;
+use crate::ids::StudyId;
+use crate::jobs::store::StoreError;
+use crate::plots::draw;
+use crate::plots::study::{self as study_plots, RunCurve, StudyOptions, StudyPlot};
+use crate::problem::{Fault, Problem};
+
+/// Get a plot of a study
+///
+/// An SVG for a page of print, 160 mm wide: a figure of the table against one of its columns, one series for each
+/// combination of the other columns that vary. `success`: success rate with its 95 % interval; `time`: time of all runs per
+/// success; `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
+/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event.
+#[utoipa::path(
+    get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        ("kind" = StudyPlot, Path, description = "What is shown"),
+        ("x" = Option<String>, Query, example = "/mix/volume_fraction", description = "The abscissa: a column of the table that has numbers only, or `grains`. When absent the first such pointer, or `grains` where there is none and for `volume_fraction` and `event_time`. `curve` has none but the time"),
+        ("log_x" = Option<bool>, Query, description = "Whether the abscissa is logarithmic; decided by its values when absent"),
+        ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
+    ),
+    responses(
+        (status = 200, description = "The plot", content((String = "image/svg+xml")),
+            headers(("ETag" = String, description = "Tag of the plot"))),
+        (status = 304, description = "The plot is as known"),
+        StudyPlotProblems
+    )
+)]
+pub(crate) async fn get(
+    State(app): State<App>,
+    PlotPath { id, kind }: PlotPath,
+    mut query: Query,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let x = query.one("x");
+    let log_x = query.optional_flag("log_x");
+    query.finish()?;
+    let id = StudyId::parse(&id).ok_or_else(|| Problem::no_study(&id))?;
+    let kind = StudyPlot::from_name(&kind).ok_or_else(|| no_kind(&kind, &StudyPlot::names()))?;
+    let store = &app.shared.store;
+    let record = store.study(id).await?.ok_or_else(|| refused(StoreError::NoStudy, id))?;
+    // Read before its runs, as that of the table. The abscissa is part of the address.
+    let etag = format!("\"{}-{}-{}\"", record.version, kind.name(), draw::REVISION);
+    if conditional::none_match_fails(&headers, &etag) {
+        return Ok(not_modified(&etag));
+    }
+    let permit = turn(&app).await?;
+    let table = store.study_table(&record).await?;
+    let reports = match kind {
+        StudyPlot::Curve => store.study_reports(record.seq).await?,
+        _ => BTreeMap::new(),
+    };
+    let options = StudyOptions { x, log_x };
+    let drawn = blocking(id, move || {
+        let curves: Vec<RunCurve> =
+            reports.iter().map(|(&point, report)| RunCurve::of_report(point, report)).collect();
+        let chart = study_plots::chart(kind, record.name.as_deref(), &table, &curves, &options);
+        let drawn = chart.map(|chart| draw::svg(&chart).map_err(std::io::Error::other));
+        drop(permit);
+        match drawn {
+            Ok(drawn) => drawn.map(Ok),
+            Err(fault) => Ok(Err(fault)),
+        }
+    })
+    .await?
+    .map_err(|fault| Problem::parameters(vec![Fault::parameter("x", fault.to_string())]))?;
+    Ok(svg(drawn, &etag, &format!("{id}.{}.svg", kind.name())))
+}
