@@ -58,7 +58,7 @@ fn unknown_and_missing() -> Vec<Case> {
         without("/specimen", "size_mm", "/specimen/size_mm"),
         without("/specimen", "type", "/specimen/type"),
         without("/mix", "volume_fraction", "/mix/volume_fraction"),
-        without("/distance", "mm", "/distance/gap_mm"),
+        without("/distance", "gap_mm", "/distance/gap_mm"),
         at("/mix", Value::Null, "/mix", &["null", "required"]),
     ]
 }

@@ -218,6 +218,6 @@ async fn orphans_are_swept_and_models_kept() {
     let server = Server::start(&data_dir).await;
     eventually("orphans to be swept", || !orphans.iter().any(|orphan| orphan.exists())).await;
     assert!(file.exists());
-    server.client().get(&format!("{path}/file")).send().await.expect(200);
+    server.client().get(&file_of(&path)).send().await.expect(200);
     server.stop().await;
 }

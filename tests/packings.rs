@@ -106,7 +106,7 @@ fn demanded_mm(distance: &Value, d_a: f64, d_b: f64) -> f64 {
     let number = |field: &str| distance[field].as_f64().unwrap_or_else(|| panic!("no {field} in {distance}"));
     match distance["type"].as_str().unwrap() {
         "none" => 0.0,
-        "constant" => number("mm"),
+        "constant" => number("gap_mm"),
         "proportional" => number("factor") * (d_a + d_b) / 2.0,
         "smaller_diameter" => number("factor") * d_a.min(d_b),
         other => panic!("an unknown rule {other}"),

@@ -36,10 +36,26 @@ async fn a_submitted_job_is_created_run_and_answered_with_its_result() {
     assert_eq!(result["request"]["seed"], 7);
     assert_eq!(result["summary"], finished["result"]["summary"]);
     assert_eq!(result["summary"]["grains"], result["spheres"]["rows"].as_array().unwrap().len());
-    let mut without_spheres = result.clone();
-    without_spheres.as_object_mut().unwrap().remove("spheres");
+    let mut figures = result.clone();
+    for rest in ["spheres", "request"] {
+        assert!(figures.as_object_mut().unwrap().remove(rest).is_some(), "{rest}");
+    }
     let summary = client.get(&format!("/v1/jobs/{id}/result/summary")).send().await.expect(200).json();
-    assert_eq!(summary, without_spheres);
+    assert_eq!(summary, figures);
+
+    // What may be long is not in every poll.
+    assert_eq!(submitted["request"], result["request"]);
+    assert!(finished.get("request").is_none());
+    let asked = client.get(&format!("/v1/jobs/{id}?include=request")).send().await.expect(200).json();
+    assert_eq!((&asked["request"], &client.request_of(id).await), (&result["request"], &result["request"]));
+    let reply = client.get(&format!("/v1/jobs/{id}?include=spheres")).send().await;
+    assert_eq!(reply.expect_problem(400, "validation-error")["errors"][0]["parameter"], "include");
+    for link in ["self", "events", "result", "summary", "request", "exports"] {
+        let link = finished["links"][link].as_str().unwrap();
+        if !link.ends_with("/events") {
+            client.get(link).send().await.expect(200);
+        }
+    }
     server.stop().await;
 }
 

@@ -204,10 +204,10 @@ impl Problem {
         Self::new(Kind::NotFound, format!("there is no study {shown:?}"))
     }
 
-    /// There is nothing export of that name.
+    /// The job of that ID does not have the export any more.
     pub(crate) fn no_export(id: &str) -> Self {
         let shown: String = id.chars().take(64).collect();
-        Self::new(Kind::NotFound, format!("the job has nothing export that is named {shown:?}"))
+        Self::new(Kind::NotFound, format!("the job {shown:?} has no such export any more"))
     }
 
     /// Faulty fields of the body.

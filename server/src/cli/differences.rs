@@ -68,8 +68,8 @@ mod tests {
             [
                 "/mix/volume_fraction is 0.5 in the job and 0.6 in the checkpoint",
                 "/mix/d_min_mm is 2.0 in the job and absent in the checkpoint",
-                "/mix/mm is a list of 4 in the job and [1,2,3] in the checkpoint",
-                "/distance is absent in the job and {\"mm\":1} in the checkpoint",
+                "/mix/gap_mm is a list of 4 in the job and [1,2,3] in the checkpoint",
+                "/distance is absent in the job and {\"gap_mm\":1} in the checkpoint",
             ]
         );
     }

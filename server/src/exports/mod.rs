@@ -156,11 +156,15 @@ mod tests {
 
     #[test]
     fn a_key_depends_on_result_and_options_and_not_on_how_they_are_written() {
-        let first = export(&json!({"type": "slice", "axis": "z", "form": "json"}), "aa");
-        assert_eq!(first, export(&json!({"form": "json", "axis": "z", "type": "slice"}), "aa"));
-        assert_eq!(first, export(&json!({"type": "slice", "form": "json"}), "aa"), "defaults are filled in");
-        assert_ne!(first.key, export(&json!({"type": "slice", "form": "svg"}), "aa").key);
-        assert_ne!(first.key, export(&json!({"type": "slice", "form": "json"}), "ab").key);
+        let first = export(&json!({"type": "slice", "axis": "z", "format": "json"}), "aa");
+        assert_eq!(first, export(&json!({"format": "json", "axis": "z", "type": "slice"}), "aa"));
+        assert_eq!(
+            first,
+            export(&json!({"type": "slice", "format": "json"}), "aa"),
+            "defaults are filled in"
+        );
+        assert_ne!(first.key, export(&json!({"type": "slice", "format": "svg"}), "aa").key);
+        assert_ne!(first.key, export(&json!({"type": "slice", "format": "json"}), "ab").key);
         let read_back = ExportRequest::from_json(&serde_json::from_str(&first.options).unwrap()).unwrap();
         assert_eq!(NewExport::new(&read_back, "aa"), first);
     }

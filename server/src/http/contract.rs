@@ -100,7 +100,7 @@ mod tests {
         }
         assert_eq!(schemas["Postprocess"]["oneOf"][1]["maxItems"], 8);
         let gradings = schemas["Grading"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
-        for bounded in ["points", "mm"] {
+        for bounded in ["points", "diameters_mm"] {
             let found = gradings.iter().find_map(|g| g["properties"].get(bounded));
             assert!(found.is_some_and(|p| p["items"] != Value::Null), "{bounded}");
         }

@@ -138,7 +138,7 @@ pub(crate) fn status_path(job: JobId, kind: ExportType, options: &Value) -> Stri
 }
 
 fn query(kind: ExportType, options: &Value) -> String {
-    let mut query = form_urlencoded::Serializer::new("?".to_owned());
+    let mut query = form_urlencoded::Serializer::for_suffix("?".to_owned(), 1);
     for (name, value) in short_options(kind, options) {
         query.append_pair(&name, &text(&value));
     }

@@ -76,7 +76,9 @@ pub(crate) struct CircleTable {
 }
 
 fn circle_columns() -> Schema {
-    let name = |name: &str| Schema::from(ObjectBuilder::new().enum_values(Some([name])).build());
+    let name = |name: &str| {
+        Schema::from(ObjectBuilder::new().schema_type(Type::String).enum_values(Some([name])).build())
+    };
     let columns = ArrayBuilder::new().prefix_items(CIRCLE_COLUMNS.map(name)).items(ArrayItems::False);
     columns.min_items(Some(6)).max_items(Some(6)).build().into()
 }

@@ -200,7 +200,7 @@ fn bound_items(schemas: &mut Map<String, Value>) {
         points["items"] =
             json!({"type": "array", "prefixItems": [length, passing], "minItems": 2, "maxItems": 2});
     }
-    if let Some(diameters) = at(schemas, "Grading", "mm") {
+    if let Some(diameters) = at(schemas, "Grading", "diameters_mm") {
         diameters["items"] = length;
     }
 }

@@ -52,10 +52,10 @@ problem_sets! {
     SummaryProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409;
     /// Of the files of exports.
     ExportFileProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, ExportFailed 409,
-        RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, ValidationError 422, QueueFull 429, Busy 503;
+        RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of the start of exports.
     ExportStartProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, Conflict 409,
-        UnsupportedMediaType 415, FormatNotAvailable 422, TooLarge 422, ValidationError 422, QueueFull 429;
+        UnsupportedMediaType 415, FormatNotAvailable 422, TooLarge 422, QueueFull 429;
     /// Of exports that exist.
     ExportStatusProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409;
     /// Of plots.
