@@ -113,7 +113,7 @@ impl Target {
             }
         }
         if self.export.export_type() == ExportType::Slice {
-            ending = self.export.file_extension().to_owned();
+            self.export.file_extension().clone_into(&mut ending);
             parts.insert(0, format!("slice-{}", text(&options["axis"])));
         }
         let mut told = parts.join("-");
