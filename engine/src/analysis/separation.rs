@@ -3,7 +3,7 @@
 //! The statistic is `D = sum w_i u_i`: `u_i` in 0..1 is where grain `i` lies in the field, `w_i` its weight in the mean over
 //! the coarsest third of the mass less its weight in the mean over the finest. Coarse grains keep one another apart, so
 //! that `D^2` without a gradient is smaller than if sizes were dealt out at random to the same places: by the factor
-//! `S(k)`, the structure factor of the weights at the wave number of the field (Hansen and McDonald, Theory of Simple
+//! `S(k)`, the structure factor of the weights at the wave number of the field (Hansen and `McDonald`, Theory of Simple
 //! Liquids, 4th ed. 2013, chapter 4). `S` is measured in the same packing, by sums
 //! `sum w_i f(u_i, v_i, ..)` with products `f` of cosines that have a mirror image across the field, in which a gradient
 //! cancels. `D^2` over the mean square of these sums is a studentised statistic (Welch,

@@ -81,7 +81,8 @@ fn faults_of_options_are_all_told_each_at_its_place() {
 /// `packstone export` writes into one folder: no option may change a file and leave its name.
 #[test]
 fn names_of_files_tell_every_option_apart() {
-    let cases: [(ExportType, &[(&str, &str)], &str); 17] = [
+    type Case = (ExportType, &'static [(&'static str, &'static str)], &'static str);
+    let cases: [Case; 17] = [
         (ExportType::Mesh, &[], "msh"),
         (ExportType::Mesh, &[("segments", "24")], "segments-24.msh"),
         (ExportType::Mesh, &[("segments", "24"), ("max_segments", "30")], "segments-24.max_segments-30.msh"),

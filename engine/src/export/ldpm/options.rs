@@ -83,7 +83,7 @@ impl LatticeFormat {
         }
     }
 
-    /// LatticeFormat extension.
+    /// File extension.
     pub fn extension(self) -> &'static str {
         if self == Self::Chrono { "zip" } else { "vtu" }
     }

@@ -128,8 +128,8 @@ impl SurfaceOptions {
         let max_bytes = object
             .optional("max_bytes")
             .map_or(Some(DEFAULT_MAX_BYTES), |at| at.integer(1, MOST_BYTES).map(|n| n as u64));
-        let (segments, size_mm, most) = (segments?, size_mm?, most?);
-        let (min_size_mm, max_size_mm) = (min_size_mm?, max_size_mm?);
+        let (segments, size_mm, most) = (segments.ok()?, size_mm.ok()?, most.ok()?);
+        let (min_size_mm, max_size_mm) = (min_size_mm.ok()?, max_size_mm.ok()?);
         let mut sound = true;
         let mut refuse = |at: Option<&At<'_>>, detail: String| {
             at.inspect(|at| at.fault(detail));
@@ -197,18 +197,16 @@ impl SurfaceOptions {
 /// Most bytes that may be asked for: 1 PB, which JSON numbers hold exactly.
 const MOST_BYTES: i64 = 1_000_000_000_000_000;
 
-/// An optional number of segments; `None` where it is wrong.
-fn number(at: Option<&At<'_>>) -> Option<Option<u32>> {
-    match at {
-        Some(at) => at.integer(SEGMENTS.0.into(), SEGMENTS.1.into()).map(|n| Some(n as u32)),
-        None => Some(None),
-    }
+/// An option whose fault has been reported.
+struct Refused;
+
+/// An optional number of segments.
+fn number(at: Option<&At<'_>>) -> Result<Option<u32>, Refused> {
+    let read = at.map(|at| at.integer(SEGMENTS.0.into(), SEGMENTS.1.into()).ok_or(Refused));
+    Ok(read.transpose()?.map(|n| n as u32))
 }
 
-/// An optional length; `None` where it is wrong.
-fn length(at: Option<&At<'_>>) -> Option<Option<f64>> {
-    match at {
-        Some(at) => at.number(Bound::positive(MAX_LENGTH_MM, "mm")).map(Some),
-        None => Some(None),
-    }
+/// An optional length.
+fn length(at: Option<&At<'_>>) -> Result<Option<f64>, Refused> {
+    at.map(|at| at.number(Bound::positive(MAX_LENGTH_MM, "mm")).ok_or(Refused)).transpose()
 }

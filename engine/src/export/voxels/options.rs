@@ -95,7 +95,7 @@ impl Label {
     }
 }
 
-/// VoxelOptions of a voxel model.
+/// Options of a voxel model.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelOptions))]
 pub struct VoxelOptions {
