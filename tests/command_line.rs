@@ -174,7 +174,7 @@ async fn exit_codes_tell_faults_apart() {
     // Every write to this device fails as on a full disk.
     write_job(here, &jobs::quick(1));
     fs::create_dir(here.join("full")).unwrap();
-    std::os::unix::fs::symlink("/dev/full", here.join("full/result.csv.partial")).unwrap();
+    std::os::unix::fs::symlink("/dev/full", here.join("full/result.csv.tmp")).unwrap();
     let ended = packstone(here, &["run", "job.json", "--out", "full", "--format", "csv"]).await;
     assert!(ended.code == Some(6) && ended.stderr.contains("result.csv cannot be written"), "{ended:?}");
     let help = packstone(here, &["--help"]).await;

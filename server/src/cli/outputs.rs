@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use packstone_engine::export::ExportRequest;
 
 use super::exit::{Exit, Failure};
+use crate::atomic_file;
 
 /// Names of files that begin alike, none of them twice: `result.msh`, then `result-2.msh`.
 pub(super) struct Names {
@@ -67,23 +68,18 @@ pub(super) fn refuse_existing<'a>(
     )))
 }
 
-/// Writes a file so that its name only ever stands for a whole one: into `FILE.partial`, then renamed. Of a failure
-/// nothing is left.
+/// Writes a file so that its name only ever stands for a whole one ([`atomic_file`]). Of a failure nothing is left.
 pub(super) fn write_whole<E: From<io::Error>>(
     file: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
+    write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
 ) -> Result<(), E> {
-    let partial = beside(file, "partial");
-    let written = (|| {
-        let mut out = BufWriter::with_capacity(1 << 18, File::create(&partial)?);
+    let buffered = |inner: &File| -> Result<(), E> {
+        // `&File` writes as `File` does.
+        let mut out = BufWriter::with_capacity(1 << 18, inner);
         write(&mut out)?;
-        out.flush()?;
-        Ok(std::fs::rename(&partial, file)?)
-    })();
-    if written.is_err() {
-        let _ = std::fs::remove_file(&partial);
-    }
-    written
+        Ok(out.flush()?)
+    };
+    atomic_file::write(file, buffered, || Ok(()))
 }
 
 #[cfg(test)]

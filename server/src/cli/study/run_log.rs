@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::EngineInfo;
@@ -17,6 +17,7 @@ use serde_json::Value;
 
 use super::super::differences::differences;
 use super::super::exit::{Exit, Failure, cannot_be};
+use crate::atomic_file;
 use crate::studies::{Facts, Outcome, Run, Study};
 
 const STUDY: &str = "study.json";
@@ -193,14 +194,7 @@ fn read(text: &[u8], study: &Study) -> Result<(Vec<RunRecord>, usize), String> {
 
 /// Writes a file so that under its name there is always a whole one.
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".tmp");
-    let partial = PathBuf::from(partial);
-    let written = File::create(&partial).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&partial, path)
-    });
+    let written = atomic_file::write(path, |mut file| file.write_all(bytes), || Ok(()));
     written.map_err(|error| cannot_be("written", path, &error))
 }
 
