@@ -291,7 +291,7 @@ pub(super) fn write(
     head: &Head,
     spheres: &packstone_engine::Spheres,
 ) -> std::io::Result<()> {
-    write_whole(file, |out: &mut BufWriter<File>| tables::write(format, head, spheres, out))
+    write_whole(file, |out: &mut BufWriter<&File>| tables::write(format, head, spheres, out))
 }
 
 fn plot(kind: JobPlot, result: &JobResult<'_>, file: &Path) -> std::io::Result<()> {
