@@ -186,7 +186,8 @@ async fn upgrade_reports(connection: &mut SqliteConnection) -> Result<(), StoreE
         let Some(last) = found.last() else { return Ok(()) };
         after = last.try_get("job")?;
         for row in &found {
-            let report: Report = rows::json(&row.try_get::<String, _>("report")?)?;
+            // One that this version does not know stays as it is: the result can still be fetched.
+            let Ok(report) = rows::json::<Report>(&row.try_get::<String, _>("report")?) else { continue };
             sqlx::query("update artifacts set report = ?, format_revision = 0 where job = ?")
                 .bind(super::submit::to_json(&report)?)
                 .bind(row.try_get::<i64, _>("job")?)

@@ -268,7 +268,7 @@ async fn a_file_of_the_second_version_is_brought_up_to_date() {
     for statement in [
         "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
              engine) values (?1, 'succeeded', '{}', 0, 1, 3, 3, 0, 0, '{}')",
-        "insert into job_requests (job, body) values (1, ?1)",
+        "insert into job_requests (job, body) values (1, iif(?1 is null, '', '{}'))",
         "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
          values (1, 1, ?1, 1, 'ab', '{}', 1, '{}')",
     ] {
