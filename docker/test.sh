@@ -99,7 +99,9 @@ root=$(buildah mount "$container")
 [ "$(stat -c %u:%g "$root/data")" = 10001:10001 ]
 as_user() { chroot --userspec=10001:10001 "$root" env -i PATH=/usr/local/bin "$@"; }
 as_user packstone --version
-as_user PACKSTONE_LISTEN=127.0.0.1:0 PACKSTONE_DATA_DIR=/data packstone serve >"$work/serve.out" 2>"$work/serve.err" &
+# Without the function, whose process would be a shell that does not pass signals on.
+chroot --userspec=10001:10001 "$root" env -i PATH=/usr/local/bin PACKSTONE_LISTEN=127.0.0.1:0 PACKSTONE_DATA_DIR=/data \
+    packstone serve >"$work/serve.out" 2>"$work/serve.err" &
 server=$!
 # The line that names the port; the end of the process ends the wait, too.
 url=$(timeout 60 tail --pid="$server" -n +1 -f "$work/serve.out" | sed -n '/listening on/{s/.*listening on //p;q}' || true)

@@ -15,6 +15,8 @@ use super::exit::{Exit, Failure, cannot_be};
 use super::outputs::{Names, beside, write_whole};
 use super::print;
 
+/// Files of this length are announced before they are made.
+const LARGE_BYTES: u64 = 100_000_000;
 /// Name of the picture of a packing.
 pub(super) const PICTURE: &str = "result.png";
 
@@ -90,6 +92,7 @@ pub(super) fn write_all(
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
     for output in outputs {
+        announce(output, model);
         let watch = Watch { bar: Bar::new(), what: output.export.export_type().name(), stop };
         let written = write(&output.export, model, limits, &watch, &output.file);
         watch.bar.finish();
@@ -102,6 +105,18 @@ pub(super) fn write_all(
         }
     }
     Ok(())
+}
+
+/// Says how long a large file will be before it is made, and what is likely to go wrong with it.
+fn announce(output: &Output, model: &Model<'_>) {
+    // An export that cannot be estimated cannot be made either, and that says why.
+    let Ok(estimate) = output.export.estimate(model) else { return };
+    for warning in &estimate.warnings {
+        eprintln!("warning: {}: {warning}", output.file.display());
+    }
+    if estimate.bytes >= LARGE_BYTES {
+        eprintln!("{}: about {} MB", output.file.display(), estimate.bytes / 1_000_000);
+    }
 }
 
 /// Renders the picture of a packing and prints its name.

@@ -4,7 +4,7 @@ mod resume;
 mod watch;
 
 use std::fs::File;
-use std::io::{BufWriter, Read as _, Write as _};
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -291,7 +291,7 @@ pub(super) fn write(
     head: &Head,
     spheres: &packstone_engine::Spheres,
 ) -> std::io::Result<()> {
-    write_whole(file, |out: &mut BufWriter<&File>| tables::write(format, head, spheres, out))
+    write_whole(file, |out| tables::write(format, head, spheres, out))
 }
 
 fn plot(kind: JobPlot, result: &JobResult<'_>, file: &Path) -> std::io::Result<()> {
