@@ -15,8 +15,8 @@ async fn half_open_connections_are_closed_and_others_served_meanwhile() {
     let fragments: [&[u8]; 4] = [
         b"",
         b"GET /v1/jo",
-        b"GET /v1/jobs HTTP/1.1\r\nHost: x\r\n",
-        b"POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Le",
+        b"GET /v1/jobs HTTP/1.1\r\nHost: localhost\r\n",
+        b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Le",
     ];
     let start = Instant::now();
     let mut half_open = Vec::new();
@@ -50,7 +50,7 @@ async fn an_announced_length_over_the_limit_is_refused_before_the_body() {
     let server = Server::start(&data_dir).await;
     let mut connection = RawConnection::open(server.address()).await;
     connection
-        .send("POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: 1073741824\r\n\r\n")
+        .send("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 1073741824\r\n\r\n")
         .await;
     let head = connection.head().await;
     assert!(head.starts_with("HTTP/1.1 413 "), "{head}");
@@ -64,14 +64,15 @@ async fn an_announced_length_over_the_limit_is_refused_before_the_body() {
 async fn nonsense_on_the_wire_is_survived() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
-    let long_line = format!("GET /{} HTTP/1.1\r\nHost: x\r\n\r\n", "a".repeat(1 << 20));
-    let many_headers = format!("GET /healthz HTTP/1.1\r\nHost: x\r\n{}\r\n", "x-a: y\r\n".repeat(10_000));
+    let long_line = format!("GET /{} HTTP/1.1\r\nHost: localhost\r\n\r\n", "a".repeat(1 << 20));
+    let many_headers =
+        format!("GET /healthz HTTP/1.1\r\nHost: localhost\r\n{}\r\n", "x-a: y\r\n".repeat(10_000));
     for nonsense in [
         &b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"[..],
         b"\0\0\0\0\0\0\0\0\r\n\r\n",
         b"GET / HTTP/9.9\r\n\r\n",
-        b"POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Length: -5\r\n\r\n",
-        b"POST /v1/jobs HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\nContent-Type: application/json\r\n\r\nzz\r\n",
+        b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: -5\r\n\r\n",
+        b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\nContent-Type: application/json\r\n\r\nzz\r\n",
         b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
         long_line.as_bytes(),
         many_headers.as_bytes(),
@@ -92,7 +93,7 @@ async fn a_body_that_stops_arriving_is_given_up() {
     let server = Server::start(&data_dir).await;
     let mut connection = RawConnection::open(server.address()).await;
     connection
-        .send("POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: 100\r\n\r\n{")
+        .send("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 100\r\n\r\n{")
         .await;
     let said =
         within(Duration::from_secs(45), "a stalled body to be given up", connection.until_closed()).await;
@@ -111,7 +112,7 @@ async fn a_reader_that_stops_reading_holds_up_nobody() {
     let mut stopped = Vec::new();
     for _ in 0..20 {
         let mut connection = RawConnection::open(server.address()).await;
-        connection.send(format!("GET {path} HTTP/1.1\r\nHost: x\r\n\r\n")).await;
+        connection.send(format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n")).await;
         let head = connection.head().await;
         assert!(head.starts_with("HTTP/1.1 200 "), "{head}");
         stopped.push(connection);
@@ -133,7 +134,7 @@ async fn more_downloads_than_allowed_are_put_off() {
     let mut stopped = Vec::new();
     for _ in 0..2 {
         let mut connection = RawConnection::open(server.address()).await;
-        connection.send(format!("GET {path} HTTP/1.1\r\nHost: x\r\n\r\n")).await;
+        connection.send(format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n")).await;
         assert!(connection.head().await.starts_with("HTTP/1.1 200 "));
         stopped.push(connection);
     }

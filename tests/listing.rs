@@ -85,11 +85,11 @@ async fn filters_by_state_and_labels() {
         ("&state=running", of(&[&running])),
         ("&state=queued", of(&[&queued])),
         ("&state=cancelled", of(&[])),
-        ("&label=series:TB-7", of(&[&a, &b, &queued])),
-        ("&label=series:TB-7&label=day:1", of(&[&a, &queued])),
-        ("&label=series:TB-7&label=day:1&state=succeeded", of(&[&a])),
-        ("&label=series:TB%2F8%3Ax%20y", of(&[&c])),
-        ("&label=series:absent", of(&[])),
+        ("&label=series=TB-7", of(&[&a, &b, &queued])),
+        ("&label=series=TB-7&label=day=1", of(&[&a, &queued])),
+        ("&label=series=TB-7&label=day=1&state=succeeded", of(&[&a])),
+        ("&label=series=TB%2F8%3Ax%20y", of(&[&c])),
+        ("&label=series=absent", of(&[])),
     ] {
         for limit in [1, 100] {
             assert_eq!(sorted(all(&client, query, limit).await), expected, "{query}");

@@ -152,9 +152,9 @@ async fn listing(client: &Client, when: &str) {
     for (what, filter) in [
         ("all", ""),
         ("by state", "&state=queued"),
-        ("by label", "&label=series:load"),
-        ("by state and label", "&state=queued&label=series:load"),
-        ("by a label of no job", "&label=series:none"),
+        ("by label", "&label=series=load"),
+        ("by state and label", "&state=queued&label=series=load"),
+        ("by a label of no job", "&label=series=none"),
     ] {
         let (mut times, mut cursor) = (Vec::new(), String::new());
         for _ in 0..200 {

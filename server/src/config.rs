@@ -46,6 +46,13 @@ pub(crate) struct ServeOptions {
     /// Listen beyond this machine without API keys
     #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,
+    /// Trust `X-Forwarded-For` for the client's address in the log: the server is behind a proxy that sets it
+    #[arg(long, env = "PACKSTONE_TRUST_PROXY")]
+    pub(crate) trust_proxy: bool,
+    /// Name that clients may use for this server in `Host`, beside localhost; counts where it listens on loopback
+    /// without API keys (may be repeated)
+    #[arg(long, env = "PACKSTONE_ALLOWED_HOST", value_delimiter = ',')]
+    pub(crate) allowed_host: Vec<String>,
     /// Form of the log lines on standard error
     #[arg(long, env = "PACKSTONE_LOG_FORMAT", value_enum, default_value_t)]
     pub(crate) log_format: LogFormat,

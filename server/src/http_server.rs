@@ -2,15 +2,19 @@
 //!
 //! `axum::serve` waits for slow heads forever and for open event streams at the end; this loop gives a head ten seconds,
 //! bounds the number of connections, in all and of one client, and after the signal to stop lets requests finish until a
-//! deadline. Connections beyond the bound are answered with 503.
+//! deadline. Connections beyond the bound are answered with 503. Each request carries the address of its client.
 
 use std::collections::HashMap;
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
+use axum::extract::ConnectInfo;
+use hyper::Request;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
@@ -71,7 +75,7 @@ pub(crate) async fn serve(
         };
         let (router, shutdown, abort) = (router.clone(), shutdown.clone(), abort.clone());
         tracker.spawn(async move {
-            connection(stream, router, shutdown, abort).await;
+            connection(stream, peer, router, shutdown, abort).await;
             drop(permit);
         });
     }
@@ -144,16 +148,22 @@ async fn refuse(mut stream: TcpStream) -> std::io::Result<()> {
 
 async fn connection(
     stream: TcpStream,
+    client: SocketAddr,
     router: Router,
     shutdown: CancellationToken,
     abort: CancellationToken,
 ) {
     // Small answers, as events, must not wait for the next.
     let _ = stream.set_nodelay(true);
+    let router = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(ConnectInfo(client));
+        router.call(request)
+    });
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_TIMEOUT)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        .serve_connection(TokioIo::new(stream), service);
     let mut served = std::pin::pin!(served);
     let ended = tokio::select! {
         ended = served.as_mut() => ended,

@@ -13,11 +13,14 @@ mod config;
 mod descriptors;
 mod disk;
 mod exports;
+mod failure;
 mod hex;
 mod http;
 mod http_server;
 mod ids;
 mod jobs;
+#[cfg(test)]
+mod layers;
 mod memory;
 mod metrics;
 mod pace;

@@ -1,14 +1,19 @@
-//! The one form of errors that leave this service: problem documents of RFC 9457.
+//! Problem documents (RFC 9457): the one form in which this service reports errors.
 //!
-//! Every problem a client can meet has its line in [`Kind`]: what it is called, its status, what it
-//! means. Jobs keep the problem that ended them in the same form. How a problem becomes a response
-//! is [`crate::http`]'s business; nothing here knows HTTP beyond status codes.
+//! [`Kind`] lists every kind of problem that a client can meet, with status, title and meaning. A [`Failure`] of the
+//! layers below becomes a problem here; the kinds that only end jobs or exports have no status, because they are
+//! shown inside the document of a job or an export and are never a response.
 
 use packstone_engine::export::ExportError;
-use packstone_engine::{FieldError, PackError, PlanError, TargetNotReached};
+use packstone_engine::{FieldError, PlanError};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
+
+use crate::failure::{Failure, FailureCode, first_of};
+
+/// Stands in the table for the end of a job or an export, which is no response and has no status.
+const END: u16 = 0;
 
 macro_rules! kinds {
     ($($variant:ident $slug:literal $status:literal $title:literal $meaning:literal)*) => {
@@ -25,9 +30,9 @@ macro_rules! kinds {
                 match self { $(Self::$variant => $slug,)* }
             }
 
-            /// HTTP status, unless the place of the fault says otherwise.
-            pub(crate) fn status(self) -> u16 {
-                match self { $(Self::$variant => $status,)* }
+            /// HTTP status, unless the place of the fault says otherwise; none for the end of a job or an export.
+            pub(crate) fn status(self) -> Option<u16> {
+                match self { $(Self::$variant => Some($status).filter(|status| *status != END),)* }
             }
 
             /// What it is called; the same for every occurrence.
@@ -86,21 +91,25 @@ kinds! {
         "The jobs, or the models to be made of results, would be more than this server lets wait. Try again after `Retry-After`."
     Busy "busy" 503 "Busy"
         "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
+    PreconditionFailed "precondition-failed" 412 "The resource has changed"
+        "`If-Match` names another state than the present one, so nothing was done. Get the resource again, and repeat the request with its present `ETag` if it is still wanted."
     InsufficientStorage "insufficient-storage" 507 "No space is left"
         "The disk of the server, or a quota, has no space for what this needs; `detail` has the figures. Delete jobs, studies or exports, or ask again after `Retry-After`."
+    MachineFault "machine-fault" 503 "A fault of the machine"
+        "The file system, the database or another resource of the machine failed. Jobs wait and are tried again; repeat the request after `Retry-After`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     ResultDamaged "result-damaged" 410 "The stored result is damaged"
         "The file of the result is missing, or is not what was stored. Retry the job: it packs the same spheres again."
     InternalError "internal-error" 500 "Internal error"
         "A fault of this server, recorded in its log under the request's or the job's id."
-    TargetNotReached "target-not-reached" 422 "The packing was not reached"
+    TargetNotReached "target-not-reached" 0 "The packing was not reached"
         "The end of a job: the method came to its end before all grains were placed, or had grown to their size and distance. The document tells how far it came. Another seed, a lower volume fraction or another method may succeed."
-    TimedOut "timed-out" 422 "The job timed out"
+    TimedOut "timed-out" 0 "The job timed out"
         "The end of a job: it ran longer than its `timeout_s`."
-    AttemptsExhausted "attempts-exhausted" 500 "Too many attempts"
+    AttemptsExhausted "attempts-exhausted" 0 "Too many attempts"
         "The end of a job, or of a export model: the server stopped while it ran as often as its `max_attempts` allows (three times, of a model). It may be what makes the server stop, by its memory for example."
-    CheckFailed "check-failed" 500 "The packing or the model failed its check"
+    CheckFailed "check-failed" 0 "The packing or the model failed its check"
         "The end of a job, or of a export model: its independent check refused the packing, or the model. A defect of this program; please report it with the request."
 }
 
@@ -169,7 +178,7 @@ pub(crate) struct Problem {
     pub(crate) detail: String,
     pub(crate) errors: Vec<Fault>,
     /// Members of this kind only, as `job_error`.
-    pub(crate) members: Vec<(&'static str, Value)>,
+    pub(crate) members: Box<Map<String, Value>>,
     /// Header fields that the response needs, as `Allow`.
     pub(crate) headers: Vec<(&'static str, String)>,
 }
@@ -179,10 +188,10 @@ impl Problem {
     pub(crate) fn new(kind: Kind, detail: impl Into<String>) -> Self {
         Self {
             kind,
-            status: kind.status(),
+            status: kind.status().unwrap_or(500),
             detail: detail.into(),
             errors: Vec::new(),
-            members: Vec::new(),
+            members: Box::default(),
             headers: Vec::new(),
         }
     }
@@ -211,8 +220,8 @@ impl Problem {
     }
 
     /// Faulty fields of the body.
-    pub(crate) fn fields(kind: Kind, faults: Vec<FieldError>) -> Self {
-        Self::new(kind, "").with_errors(faults.into_iter().map(Fault::from).collect())
+    pub(crate) fn fields(code: FailureCode, faults: Vec<FieldError>) -> Self {
+        Failure::fields(code, faults).into()
     }
 
     /// Faulty parameters or header fields.
@@ -225,29 +234,10 @@ impl Problem {
     /// Takes the faults, and their first one as the detail.
     fn with_errors(mut self, faults: Vec<Fault>) -> Self {
         if let Some(first) = faults.first() {
-            self.detail = format!("{}: {}", first.place(), first.detail);
-            if faults.len() > 1 {
-                self.detail = format!("{} (and {} more)", self.detail, faults.len() - 1);
-            }
+            self.detail = first_of(&format!("{}: {}", first.place(), first.detail), faults.len());
         }
         self.errors = faults;
         self
-    }
-
-    /// A problem that was kept as a document; its further members are left out.
-    pub(crate) fn from_document(document: &Value) -> Option<Self> {
-        let slug = document["type"].as_str()?.rsplit('/').next()?;
-        let mut problem = Self::new(Kind::from_slug(slug)?, document["detail"].as_str().unwrap_or_default());
-        for fault in document["errors"].as_array().into_iter().flatten() {
-            let text = |name: &str| fault[name].as_str().map(str::to_owned);
-            problem.errors.push(Fault {
-                pointer: text("pointer"),
-                parameter: text("parameter"),
-                header: text("header"),
-                detail: text("detail").unwrap_or_default(),
-            });
-        }
-        Some(problem)
     }
 
     /// The same of fields that came as parameters: each named by the first segment of its pointer, as whoever asked
@@ -272,24 +262,9 @@ impl Problem {
         if faults.is_empty() { self } else { self.with_errors(faults) }
     }
 
-    /// The same with all pointers below another place.
-    pub(crate) fn below(mut self, place: &str) -> Self {
-        if self.errors.is_empty() {
-            let detail = self.detail.clone();
-            self.errors.push(Fault { pointer: Some(place.into()), detail, ..Fault::default() });
-            self.detail = format!("{place}: {}", self.detail);
-            return self;
-        }
-        let mut faults = std::mem::take(&mut self.errors);
-        for fault in &mut faults {
-            fault.pointer = fault.pointer.take().map(|pointer| format!("{place}{pointer}"));
-        }
-        self.with_errors(faults)
-    }
-
     /// Adds a member.
     pub(crate) fn with(mut self, name: &'static str, value: Value) -> Self {
-        self.members.push((name, value));
+        self.members.insert(name.into(), value);
         self
     }
 
@@ -299,84 +274,75 @@ impl Problem {
         self
     }
 
-    /// The document.
+    /// The document of a response.
     pub(crate) fn document(&self) -> Map<String, Value> {
+        self.rendered(Some(self.status))
+    }
+
+    fn rendered(&self, status: Option<u16>) -> Map<String, Value> {
         let mut document = Map::new();
         document.insert("type".into(), self.kind.type_uri().into());
         document.insert("title".into(), self.kind.title().into());
-        document.insert("status".into(), self.status.into());
+        document.extend(status.map(|status| ("status".to_owned(), status.into())));
         document.insert("detail".into(), self.detail.clone().into());
         if !self.errors.is_empty() {
             document.insert("errors".into(), json!(self.errors));
         }
-        document.extend(self.members.iter().map(|(name, value)| ((*name).to_owned(), value.clone())));
+        document.extend((*self.members).clone());
         document
+    }
+}
+
+/// The failure that ended a job or an export, as the document of the job or the export shows it: a problem document
+/// without `status`, because it is no response.
+pub(crate) fn failure_document(failure: &Failure) -> Value {
+    Value::Object(Problem::from(failure.clone()).rendered(None))
+}
+
+impl From<FailureCode> for Kind {
+    fn from(code: FailureCode) -> Self {
+        match code {
+            FailureCode::MalformedJson => Self::MalformedJson,
+            FailureCode::ValidationError => Self::ValidationError,
+            FailureCode::InfeasibleMix => Self::InfeasibleMix,
+            FailureCode::CoarseMix => Self::CoarseMix,
+            FailureCode::TooLarge => Self::TooLarge,
+            FailureCode::FormatNotAvailable => Self::FormatNotAvailable,
+            FailureCode::TargetNotReached => Self::TargetNotReached,
+            FailureCode::TimedOut => Self::TimedOut,
+            FailureCode::AttemptsExhausted => Self::AttemptsExhausted,
+            FailureCode::CheckFailed => Self::CheckFailed,
+            FailureCode::InsufficientStorage => Self::InsufficientStorage,
+            FailureCode::ResultDamaged => Self::ResultDamaged,
+            FailureCode::MachineFault => Self::MachineFault,
+            FailureCode::InternalError => Self::InternalError,
+        }
+    }
+}
+
+impl From<Failure> for Problem {
+    fn from(failure: Failure) -> Self {
+        let mut problem = Self::new(failure.code.into(), failure.detail);
+        problem.errors = failure.fields.into_iter().map(Fault::from).collect();
+        if let Ok(Value::Object(facts)) = serde_json::to_value(&failure.facts) {
+            problem.members.extend(facts);
+        }
+        if matches!(problem.kind, Kind::InsufficientStorage | Kind::MachineFault) {
+            problem.headers.push(("retry-after", "30".into()));
+        }
+        problem
     }
 }
 
 impl From<PlanError> for Problem {
     fn from(error: PlanError) -> Self {
-        match error {
-            PlanError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
-            PlanError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
-            PlanError::Infeasible(fault) => Self::fields(Kind::InfeasibleMix, vec![fault]),
-            PlanError::Coarse(fault) => Self::fields(Kind::CoarseMix, vec![fault]),
-        }
+        Failure::from(error).into()
     }
 }
 
-/// A run that ended without a packing, as the job keeps it. [`PackError::Stopped`] is not an end
-/// of its own: who stopped the run knows why.
-impl From<PackError> for Problem {
-    fn from(error: PackError) -> Self {
-        let detail = error.to_string();
-        match error {
-            PackError::Plan(plan) => plan.into(),
-            PackError::TargetNotReached(TargetNotReached::GrowthStopped(reached)) => {
-                Self::new(Kind::TargetNotReached, detail)
-                    .with("grains", reached.grains.into())
-                    .with("volume_fraction_reached", reached.volume_fraction_reached.into())
-                    .with("volume_fraction_asked", reached.volume_fraction_asked.into())
-                    .with("distance_mm_reached", reached.distance_mm_reached.into())
-                    .with("distance_mm_asked", reached.distance_mm_asked.into())
-                    .with("scale_reached", reached.scale_reached.into())
-                    .with("events", reached.events.into())
-                    .with("simulated_time_s", reached.simulated_time_s.into())
-                    .with("end", json!(reached.end))
-            }
-            PackError::TargetNotReached(TargetNotReached::InsertionFailed(reached)) => {
-                Self::new(Kind::TargetNotReached, detail)
-                    .with("placed", reached.placed.into())
-                    .with("grains", reached.grains.into())
-                    .with("diameter_mm", reached.diameter_mm.into())
-                    .with("volume_fraction_reached", reached.volume_fraction_reached.into())
-                    .with("volume_fraction_asked", reached.volume_fraction_asked.into())
-                    .with("saturation_proven", reached.saturation_proven.into())
-                    .with("attempts", reached.attempts.into())
-            }
-            PackError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
-            PackError::Stopped { .. } | PackError::OutOfMemory { .. } => {
-                Self::new(Kind::InternalError, detail)
-            }
-        }
-    }
-}
-
-/// A model that was not made of a packing, as it is kept. [`ExportError::Stopped`] is not an end of its own either,
-/// and what could not be written is this server's matter: the log has it.
 impl From<ExportError> for Problem {
     fn from(error: ExportError) -> Self {
-        let detail = error.to_string();
-        match error {
-            ExportError::Invalid(faults) => Self::fields(Kind::ValidationError, faults),
-            ExportError::Unavailable(_) => Self::new(Kind::FormatNotAvailable, detail),
-            ExportError::TooLarge(fault) => Self::fields(Kind::TooLarge, vec![fault]),
-            ExportError::CheckFailed(_) => Self::new(Kind::CheckFailed, detail),
-            ExportError::Stopped => Self::new(Kind::InternalError, detail),
-            ExportError::Write(error) => {
-                Self::new(Kind::InternalError, format!("it could not be written: {}", error.kind()))
-            }
-        }
+        Failure::from(error).into()
     }
 }
 
@@ -407,6 +373,7 @@ pub(crate) struct ProblemDocument {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::failure::FailureFacts;
 
     #[test]
     fn slugs_are_unique_and_statuses_are_errors() {
@@ -414,7 +381,7 @@ mod tests {
         assert_eq!(slugs.len(), Kind::ALL.len());
         for &kind in Kind::ALL {
             assert_eq!(Kind::from_slug(kind.slug()), Some(kind));
-            assert!((400..600).contains(&kind.status()), "{}", kind.slug());
+            assert!(kind.status().is_none_or(|status| (400..600).contains(&status)), "{}", kind.slug());
             assert!(kind.meaning().ends_with('.') && !kind.title().is_empty(), "{}", kind.slug());
         }
     }
@@ -425,7 +392,7 @@ mod tests {
             FieldError { pointer: "/mix/d_min_mm".into(), detail: "-1 is out of range".into() },
             FieldError { pointer: String::new(), detail: "no".into() },
         ];
-        let document = Problem::fields(Kind::ValidationError, faults).document();
+        let document = Problem::fields(FailureCode::ValidationError, faults).document();
         assert_eq!(document["type"], "/problems/validation-error");
         assert_eq!(document["status"], 422);
         assert_eq!(document["detail"], "/mix/d_min_mm: -1 is out of range (and 1 more)");
@@ -433,26 +400,29 @@ mod tests {
     }
 
     #[test]
-    fn a_kept_problem_reads_back_and_can_be_told_of_parameters_or_of_a_place() {
-        let fault = |pointer: &str| FieldError { pointer: pointer.into(), detail: "9 is too much".into() };
-        let problem = Problem::fields(Kind::TooLarge, vec![fault("/cells"), fault("/mix/air")]);
-        let kept = Value::Object(problem.document());
-        assert_eq!(Problem::from_document(&kept), Some(problem.clone()));
-        assert_eq!(Problem::from_document(&json!({"type": "/problems/none"})), None);
+    fn every_failure_has_its_kind_and_ends_have_no_status() {
+        for &code in FailureCode::ALL {
+            assert_eq!(Kind::from(code).slug(), code.name());
+        }
+        let facts = FailureFacts { grains: Some(7), ..FailureFacts::default() };
+        let failure = Failure::new(FailureCode::TargetNotReached, "stopped").with_facts(facts);
+        let shown = failure_document(&failure);
+        assert_eq!(
+            shown,
+            json!({"type": "/problems/target-not-reached", "title": Kind::TargetNotReached.title(),
+                "detail": "stopped", "grains": 7})
+        );
+    }
 
-        let below = problem.clone().below("/postprocess/0");
-        assert_eq!(below.errors[0].pointer.as_deref(), Some("/postprocess/0/cells"));
-        assert_eq!(below.detail, "/postprocess/0/cells: 9 is too much (and 1 more)");
-        let without_place =
-            Problem::new(Kind::FormatNotAvailable, "not of a periodic box").below("/postprocess");
-        assert_eq!(without_place.detail, "/postprocess: not of a periodic box");
-        assert_eq!(without_place.errors[0].pointer.as_deref(), Some("/postprocess"));
-
+    #[test]
+    fn a_problem_of_fields_can_be_told_of_parameters() {
+        let fault = |pointer: &str| FieldError::new(pointer, "9 is too much");
+        let problem = Problem::fields(FailureCode::TooLarge, vec![fault("/cells"), fault("/mix/air")]);
         let asked = problem.of_parameters(|name| name.replace("cells", "n"));
         assert_eq!((asked.status, asked.detail.as_str()), (422, "n: 9 is too much (and 1 more)"));
         assert_eq!(asked.errors[1], Fault::parameter("mix", "/air: 9 is too much"));
         let invalid =
-            Problem::fields(Kind::ValidationError, vec![fault("/a~1b")]).of_parameters(str::to_owned);
+            Problem::fields(FailureCode::ValidationError, vec![fault("/a~1b")]).of_parameters(str::to_owned);
         assert_eq!((invalid.status, invalid.errors[0].parameter.as_deref()), (400, Some("a/b")));
     }
 

@@ -20,7 +20,7 @@ use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
 use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
-use crate::http::auth::{ApiKeys, KeysError};
+use crate::http::auth::{KeysError, KeysFile};
 use crate::http::{self, App};
 use crate::http_server;
 use crate::jobs::runner::Runner;
@@ -94,7 +94,7 @@ impl Service {
     /// # Errors
     /// See [`StartError`]: each is something the operator can change.
     pub(crate) async fn open(mut options: ServeOptions) -> Result<Self, StartError> {
-        let keys = options.api_keys_file.as_deref().map(ApiKeys::read).transpose()?;
+        let keys = options.api_keys_file.clone().map(KeysFile::open).transpose()?;
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
         }

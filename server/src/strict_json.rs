@@ -1,7 +1,9 @@
-//! JSON into a value, telling where and why where it fails.
+//! Parses JSON into a value, and reports the place and the reason of a fault.
 //!
-//! Stricter than [`serde_json::Value`]: a key that comes twice is refused, because one of the two
-//! would be dropped in silence. Every fault has the RFC 6901 pointer of the place it was met at.
+//! Stricter than [`serde_json::Value`]: a key that occurs twice is refused, because one of the two values would be lost
+//! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded: a value
+//! takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes and as little as four bytes of
+//! text.
 
 use std::cell::Cell;
 use std::fmt;
@@ -11,35 +13,40 @@ use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess,
 use serde_json::{Map, Number, Value};
 use serde_path_to_error::{Path, Segment};
 
-use crate::problem::{Fault, Kind, Problem};
+use crate::failure::{Failure, FailureCode};
 
-/// Pointers into documents nested on purpose are cut off here.
+/// The pointer of a fault is not built further than this.
 const MAX_POINTER_CHARS: usize = 256;
-/// Most values of a document. A value takes 72 bytes of memory and as little as two of text.
-const MAX_VALUES: u32 = 4_000_000;
+/// Most values of a document.
+const MAX_VALUES: usize = 4_000_000;
+/// Most objects and arrays of a document of any length.
+const CONTAINERS: usize = 20_000;
+/// One more object or array is allowed for so many bytes of text.
+const BYTES_PER_CONTAINER: usize = 16;
 
 /// Parses one JSON document.
 ///
 /// # Errors
-/// `malformed-json` (400) where it is no JSON; `validation-error` (422) where it is, but a number
-/// is too large for any number, a key comes twice, or it is nested too deep.
-pub(crate) fn parse(text: &[u8]) -> Result<Value, Problem> {
+/// `malformed-json` if the text is not JSON; `validation-error` if it is JSON, but a number is too large for a 64-bit
+/// float, a key comes twice, or the document is nested too deep or has too many values.
+pub(crate) fn parse(text: &[u8]) -> Result<Value, Failure> {
     let mut json = serde_json::Deserializer::from_slice(text);
     let mut track = serde_path_to_error::Track::new();
-    let left = Cell::new(MAX_VALUES);
-    let value = Strict { left: &left }
+    let room = Room {
+        values: Cell::new(MAX_VALUES),
+        containers: Cell::new(CONTAINERS + text.len() / BYTES_PER_CONTAINER),
+    };
+    let value = Strict { room: &room }
         .deserialize(serde_path_to_error::Deserializer::new(&mut json, &mut track))
         .map_err(|error| refusal(text, &pointer(&track.path()), &error))?;
     json.end().map_err(|error| refusal(text, "", &error))?;
     Ok(value)
 }
 
-fn refusal(text: &[u8], pointer: &str, error: &serde_json::Error) -> Problem {
+fn refusal(text: &[u8], pointer: &str, error: &serde_json::Error) -> Failure {
     let message = error.to_string();
     let place = format!("line {}, column {}", error.line(), error.column());
-    let semantic = |detail: String| {
-        Problem::fields(Kind::ValidationError, vec![FieldError { pointer: pointer.into(), detail }])
-    };
+    let semantic = |detail: String| Failure::invalid(vec![FieldError::new(pointer, detail)]);
     if message.starts_with("number out of range") {
         let number = token_at(text, error.line(), error.column());
         return semantic(format!(
@@ -56,9 +63,9 @@ fn refusal(text: &[u8], pointer: &str, error: &serde_json::Error) -> Problem {
     let token = token_at(text, error.line(), error.column());
     let found = if token.is_empty() { String::new() } else { format!("{token} is not JSON: ") };
     let detail = format!("{found}{what} at {place}");
-    let mut problem = Problem::new(Kind::MalformedJson, detail.clone());
-    problem.errors = vec![Fault::from(FieldError { pointer: pointer.into(), detail })];
-    problem
+    let mut failure = Failure::new(FailureCode::MalformedJson, detail.clone());
+    failure.fields = vec![FieldError::new(pointer, detail)];
+    failure
 }
 
 /// The word or number around a place, to be shown.
@@ -92,22 +99,44 @@ fn pointer(path: &Path) -> String {
     pointer
 }
 
-/// Builds a [`Value`], refuses keys that come twice, and counts values.
+/// How many more values, and among them objects and arrays, a document may have.
+struct Room {
+    values: Cell<usize>,
+    containers: Cell<usize>,
+}
+
+impl Room {
+    fn take_value<E: serde::de::Error>(&self) -> Result<(), E> {
+        let left = self.values.get().checked_sub(1);
+        self.values.set(left.ok_or_else(|| {
+            E::custom(format!("the document has more than {MAX_VALUES} values: must have at most as many"))
+        })?);
+        Ok(())
+    }
+
+    fn take_container<E: serde::de::Error>(&self) -> Result<(), E> {
+        let left = self.containers.get().checked_sub(1);
+        self.containers.set(left.ok_or_else(|| {
+            E::custom(format!(
+                "the document has too many objects and arrays: must have at most {CONTAINERS} and one more for \
+                 each {BYTES_PER_CONTAINER} bytes"
+            ))
+        })?);
+        Ok(())
+    }
+}
+
+/// Builds a [`Value`], refuses keys that occur twice, and counts values.
 #[derive(Clone, Copy)]
 struct Strict<'a> {
-    left: &'a Cell<u32>,
+    room: &'a Room,
 }
 
 impl<'de> DeserializeSeed<'de> for Strict<'_> {
     type Value = Value;
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
-        let left = self.left.get().checked_sub(1);
-        self.left.set(left.ok_or_else(|| {
-            D::Error::custom(format!(
-                "the document has more than {MAX_VALUES} values: must have at most as many"
-            ))
-        })?);
+        self.room.take_value()?;
         deserializer.deserialize_any(self)
     }
 }
@@ -148,6 +177,7 @@ impl<'de> Visitor<'de> for Strict<'_> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Value, A::Error> {
+        self.room.take_container()?;
         let mut array = Vec::new();
         while let Some(item) = items.next_element_seed(self)? {
             array.push(item);
@@ -156,6 +186,7 @@ impl<'de> Visitor<'de> for Strict<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<Value, A::Error> {
+        self.room.take_container()?;
         let mut object = Map::new();
         while let Some(key) = entries.next_key::<String>()? {
             if object.contains_key(&key) {
@@ -172,13 +203,15 @@ impl<'de> Visitor<'de> for Strict<'_> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::*;
+    use FailureCode::{MalformedJson, ValidationError};
     use serde_json::json;
 
-    fn refused(text: &str) -> (u16, String, String) {
-        let problem = parse(text.as_bytes()).unwrap_err();
-        let fault = &problem.errors[0];
-        (problem.status, fault.pointer.clone().unwrap(), fault.detail.clone())
+    use super::*;
+
+    fn refused(text: &str) -> (FailureCode, String, String) {
+        let failure = parse(text.as_bytes()).unwrap_err();
+        let fault = &failure.fields[0];
+        (failure.code, fault.pointer.clone(), fault.detail.clone())
     }
 
     #[test]
@@ -190,35 +223,54 @@ mod tests {
 
     #[test]
     fn faults_carry_their_place_and_value() {
-        let (status, pointer, detail) = refused(r#"{"mix": {"d_min_mm": NaN}}"#);
-        assert_eq!((status, pointer.as_str()), (400, "/mix/d_min_mm"));
+        let (code, pointer, detail) = refused(r#"{"mix": {"d_min_mm": NaN}}"#);
+        assert_eq!((code, pointer.as_str()), (MalformedJson, "/mix/d_min_mm"));
         assert!(detail.starts_with("NaN is not JSON: expected"), "{detail}");
-        let (status, pointer, detail) = refused("{\"mix\":\n {\"d\": [1, -1e999]}}");
-        assert_eq!((status, pointer.as_str()), (422, "/mix/d/1"));
+        let (code, pointer, detail) = refused("{\"mix\":\n {\"d\": [1, -1e999]}}");
+        assert_eq!((code, pointer.as_str()), (ValidationError, "/mix/d/1"));
         assert!(detail.starts_with("-1e999 is out of range"), "{detail}");
-        let (status, pointer, detail) = refused(r#"{"a": {"b~/": 1, "b~/": 2}}"#);
-        assert_eq!(status, 422);
+        let (code, pointer, detail) = refused(r#"{"a": {"b~/": 1, "b~/": 2}}"#);
+        assert_eq!(code, ValidationError);
         assert!(pointer.starts_with("/a"), "{pointer}");
         assert!(detail.starts_with("the key \"b~/\" comes twice"), "{detail}");
         for text in ["", "{", "[1,]", "{\"a\"}", "1 2", "{'a': 1}", "\u{feff}{}", "\"\u{1}\""] {
-            assert_eq!(refused(text).0, 400, "{text}");
+            assert_eq!(refused(text).0, MalformedJson, "{text}");
         }
-        assert_eq!(parse(&[b'"', 0xff, b'"']).unwrap_err().status, 400);
+        assert_eq!(parse(&[b'"', 0xff, b'"']).unwrap_err().code, MalformedJson);
     }
 
     #[test]
     fn the_number_of_values_is_bounded() {
-        let list = |n: u32| format!("[{}0]", "0,".repeat(n as usize - 1));
+        let list = |n: usize| format!("[{}0]", "0,".repeat(n - 1));
         assert!(parse(list(MAX_VALUES - 1).as_bytes()).is_ok());
-        let (status, _, detail) = refused(&list(MAX_VALUES));
-        assert_eq!(status, 422);
+        let (code, _, detail) = refused(&list(MAX_VALUES));
+        assert_eq!(code, ValidationError);
         assert!(detail.starts_with("the document has more than 4000000 values"), "{detail}");
     }
 
     #[test]
+    fn objects_and_arrays_are_bounded_by_the_length_of_the_text() {
+        for hostile in ["[0]", "{\"a\":0}", "[]"] {
+            let text = format!("[{}0]", format!("{hostile},").repeat((1 << 20) / (hostile.len() + 1)));
+            let (code, _, detail) = refused(&text);
+            assert_eq!(code, ValidationError);
+            assert!(detail.starts_with("the document has too many objects and arrays"), "{detail}");
+        }
+        let job = r#"{"specimen":{"type":"box","size_mm":[50,50,50]},"mix":{"grading":{"type":"monodisperse","diameter_mm":8},"volume_fraction":0.2}}"#;
+        let study = format!("{{\"list\":[{}{job}]}}", format!("{job},").repeat(9_999));
+        assert_eq!(parse(study.as_bytes()).unwrap()["list"].as_array().unwrap().len(), 10_000);
+    }
+
+    #[test]
+    fn a_long_key_is_shortened_in_the_pointer() {
+        let (_, pointer, _) = refused(&format!("{{\"{}\": NaN}}", "k".repeat(1 << 20)));
+        assert!(pointer.len() < 300, "{}", pointer.len());
+    }
+
+    #[test]
     fn depth_is_bounded() {
-        let (status, pointer, detail) = refused(&"[".repeat(100_000));
-        assert_eq!(status, 422);
+        let (code, pointer, detail) = refused(&"[".repeat(100_000));
+        assert_eq!(code, ValidationError);
         assert!(detail.contains("nested too deep"), "{detail}");
         assert!(pointer.len() <= MAX_POINTER_CHARS + 8, "{pointer}");
         assert!(parse(format!("{}{}", "[".repeat(127), "]".repeat(127)).as_bytes()).is_ok());

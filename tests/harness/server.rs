@@ -253,9 +253,25 @@ impl Server {
 
     /// Resident memory in bytes.
     pub(crate) fn resident_bytes(&self) -> u64 {
+        self.memory("VmRSS:")
+    }
+
+    /// Most resident memory since the start or the last [`reset_peak_bytes`](Self::reset_peak_bytes), in bytes.
+    pub(crate) fn peak_bytes(&self) -> u64 {
+        self.memory("VmHWM:")
+    }
+
+    /// Begins a new measurement of the peak, and tells the resident memory at that moment.
+    pub(crate) fn reset_peak_bytes(&self) -> u64 {
+        // 5 resets the peak (man 5 proc_pid_clear_refs).
+        std::fs::write(format!("/proc/{}/clear_refs", self.child.id()), "5").expect("a process of this user");
+        self.peak_bytes()
+    }
+
+    fn memory(&self, name: &str) -> u64 {
         let path = format!("/proc/{}/status", self.child.id());
         let status = std::fs::read_to_string(path).expect("a running process");
-        let line = status.lines().find(|line| line.starts_with("VmRSS:")).expect("VmRSS in /proc");
+        let line = status.lines().find(|line| line.starts_with(name)).expect("a line in /proc");
         let kilobytes: u64 = line.split_whitespace().nth(1).unwrap().parse().unwrap();
         kilobytes * 1024
     }

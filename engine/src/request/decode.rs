@@ -1,23 +1,59 @@
-//! Reading a request out of parsed JSON, so that every fault is reported at once and at its place.
+//! Reads a request from parsed JSON and reports all faults at once, each with its place.
 //!
-//! Serde stops at the first fault and loses the path inside internally tagged enums; a person who
-//! edits a mix by hand wants all of them, each with its RFC 6901 pointer, the value found and the
-//! bound it breaks. This module knows JSON values and bounds; it must never know what a field means.
+//! Serde stops at the first fault and loses the path inside internally tagged enums. A person who edits a mix by hand
+//! needs all faults, each with its JSON pointer (RFC 6901), the value found and the bound. The report is bounded, because
+//! a body of 1 MB can have 100 000 faults: at most [`MAX_FAULTS`] faults are kept, texts are shortened, and the fields
+//! that an object may have are listed once per object.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::fmt::Write as _;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+/// Most faults of one document that are reported; one more entry counts the others.
+pub const MAX_FAULTS: usize = 100;
+/// Longest pointer of a reported fault, in characters. A key can be as long as the document.
+const MAX_POINTER_CHARS: usize = 256;
+/// Longest description of a reported fault, in characters.
+const MAX_DETAIL_CHARS: usize = 600;
+
 /// One fault in a request.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct FieldError {
     /// RFC 6901 JSON pointer to the field; empty for the document itself.
     pub pointer: String,
     /// What is wrong: the value found and the bound it breaks.
     pub detail: String,
+}
+
+impl FieldError {
+    /// A fault at `pointer`; both texts are shortened to their longest length.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self {
+            pointer: shortened(pointer.into(), MAX_POINTER_CHARS),
+            detail: shortened(detail.into(), MAX_DETAIL_CHARS),
+        }
+    }
+
+    /// The entry that stands for `more` faults that are not listed.
+    pub fn and_more(more: usize) -> Self {
+        let faults = if more == 1 { "fault" } else { "faults" };
+        Self { pointer: String::new(), detail: format!("and {more} more {faults}") }
+    }
+}
+
+/// The text, cut after `max_chars` characters.
+fn shortened(mut text: String, max_chars: usize) -> String {
+    if text.len() > max_chars
+        && let Some((end, _)) = text.char_indices().nth(max_chars)
+    {
+        text.truncate(end);
+        text.push('…');
+        text.shrink_to_fit();
+    }
+    text
 }
 
 impl std::fmt::Display for FieldError {
@@ -27,24 +63,40 @@ impl std::fmt::Display for FieldError {
     }
 }
 
-/// Collects the faults of one document.
+/// Collects the faults of one document: the first [`MAX_FAULTS`], and how many there were.
 #[derive(Debug, Default)]
-pub struct Faults(RefCell<Vec<FieldError>>);
+pub struct Faults {
+    kept: RefCell<Vec<FieldError>>,
+    count: Cell<usize>,
+}
 
 impl Faults {
     /// Adds a fault at `pointer`.
     pub fn add(&self, pointer: impl Into<String>, detail: impl Into<String>) {
-        self.0.borrow_mut().push(FieldError { pointer: pointer.into(), detail: detail.into() });
+        if self.count.get() < MAX_FAULTS {
+            self.kept.borrow_mut().push(FieldError::new(pointer, detail));
+        }
+        self.count_more(1);
+    }
+
+    /// Counts faults that are not described.
+    fn count_more(&self, more: usize) {
+        self.count.set(self.count.get() + more);
     }
 
     /// How many faults were found so far.
     pub fn count(&self) -> usize {
-        self.0.borrow().len()
+        self.count.get()
     }
 
-    /// The faults in the order in which they were found.
+    /// The faults in the order in which they were found; a last entry counts those that are not listed.
     pub fn into_vec(self) -> Vec<FieldError> {
-        self.0.into_inner()
+        let mut faults = self.kept.into_inner();
+        let more = self.count.get() - faults.len();
+        if more > 0 {
+            faults.push(FieldError::and_more(more));
+        }
+        faults
     }
 }
 
@@ -134,9 +186,13 @@ impl<'a> At<'a> {
         }
     }
 
-    /// The members of the object here, whose names are the user's own, or a fault.
-    pub fn members(&self) -> Option<Vec<(&'a str, At<'a>)>> {
+    /// The members of the object here, whose names are the user's own and of which there are at most `max`, or a fault.
+    pub fn members(&self, max: usize) -> Option<Vec<(&'a str, At<'a>)>> {
         match self.value {
+            Value::Object(map) if map.len() > max => {
+                self.fault(format!("has {} entries: must have at most {max}", map.len()));
+                None
+            }
             Value::Object(map) => {
                 Some(map.iter().map(|(name, value)| (name.as_str(), self.child(name, value))).collect())
             }
@@ -145,11 +201,9 @@ impl<'a> At<'a> {
     }
 
     /// The items of the array here, or a fault.
-    pub fn array(&self) -> Option<Vec<At<'a>>> {
+    pub fn array(&self) -> Option<Items<'a>> {
         match self.value {
-            Value::Array(items) => {
-                Some(items.iter().enumerate().map(|(i, v)| self.child(&i.to_string(), v)).collect())
-            }
+            Value::Array(values) => Some(Items { at: self.clone(), values }),
             _ => self.expected("an array"),
         }
     }
@@ -157,8 +211,11 @@ impl<'a> At<'a> {
     /// The items of an array of exactly `N` items.
     pub fn array_of<const N: usize>(&self) -> Option<[At<'a>; N]> {
         let items = self.array()?;
-        let found = items.len();
-        items.try_into().map_err(|_| self.fault(format!("has {found} items: must have exactly {N}"))).ok()
+        if items.len() != N {
+            self.fault(format!("has {} items: must have exactly {N}", items.len()));
+            return None;
+        }
+        Some(std::array::from_fn(|i| items.at(i)))
     }
 
     /// A finite number inside `bound`.
@@ -220,7 +277,39 @@ impl<'a> At<'a> {
     }
 }
 
-/// An object whose fields are asked for by name; what was never asked for is unknown.
+/// The items of an array. An item gets its pointer when it is visited: an array may hold a million numbers.
+#[derive(Clone, Debug)]
+pub struct Items<'a> {
+    at: At<'a>,
+    values: &'a [Value],
+}
+
+impl<'a> Items<'a> {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// Item `i`.
+    ///
+    /// # Panics
+    /// If `i` is not below [`len`](Self::len).
+    pub fn at(&self, i: usize) -> At<'a> {
+        self.at.child(&i.to_string(), &self.values[i])
+    }
+
+    /// The items in their order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = At<'a>> + '_ {
+        (0..self.values.len()).map(|i| self.at(i))
+    }
+}
+
+/// An object whose fields are read by name; a field that was never read is unknown.
 #[derive(Debug)]
 pub struct Object<'a> {
     at: At<'a>,
@@ -261,19 +350,23 @@ impl<'a> Object<'a> {
         self.required("type")?.choice(choices)
     }
 
-    /// Reports every field that was not asked for.
+    /// Reports every field that was not read.
     pub fn finish(self) {
         self.finish_as("field", "this object");
     }
 
-    /// The same in the words of whoever did not write an object: what a field is called there, and what has it.
+    /// Reports every field that was not read, in the words of a caller whose user did not write an object: `field` is
+    /// the word for a field, `holder` names what has the fields.
     pub fn finish_as(self, field: &str, holder: &str) {
-        let known = if self.known.is_empty() { "none".to_owned() } else { self.known.join(", ") };
-        for (name, value) in self.map {
-            if !self.known.contains(&name.as_str()) {
-                self.at.child(name, value).fault(format!("unknown {field}: {holder} has {known}"));
-            }
+        let mut unknown = self.map.iter().filter(|(name, _)| !self.known.contains(&name.as_str()));
+        if let Some((name, value)) = unknown.next() {
+            let known = if self.known.is_empty() { "none".to_owned() } else { self.known.join(", ") };
+            self.at.child(name, value).fault(format!("unknown {field}: {holder} has {known}"));
         }
+        for (name, value) in unknown.by_ref().take(MAX_FAULTS - 1) {
+            self.at.child(name, value).fault(format!("unknown {field}"));
+        }
+        self.at.faults.count_more(unknown.count());
     }
 }
 
@@ -314,6 +407,27 @@ mod tests {
                 "/we~1ird~0: unknown field: this object has a, b, c",
             ]
         );
+    }
+
+    #[test]
+    fn the_report_of_a_hostile_document_is_bounded() {
+        let members: Map<String, Value> = (0..50_000).map(|i| (format!("{i:0>300}"), json!(1))).collect();
+        let value = Value::Object(members);
+        let faults = Faults::default();
+        let mut object = At::root(&value, &faults).object().unwrap();
+        assert!(object.optional("a").is_none() && object.optional("b").is_none());
+        object.finish();
+        assert_eq!(faults.count(), 50_000);
+        let found = faults.into_vec();
+        assert_eq!(found.len(), MAX_FAULTS + 1);
+        assert_eq!(found[0].detail, "unknown field: this object has a, b");
+        assert_eq!(found[1].detail, "unknown field", "the fields are listed once");
+        assert_eq!(found[100].detail, "and 49900 more faults");
+        assert!(found.iter().all(|fault| fault.pointer.chars().count() <= MAX_POINTER_CHARS + 1));
+
+        let faults = Faults::default();
+        assert!(At::root(&value, &faults).members(32).is_none());
+        assert_eq!(faults.into_vec()[0].detail, "has 50000 entries: must have at most 32");
     }
 
     #[test]

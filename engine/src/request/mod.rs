@@ -30,6 +30,8 @@ pub const MIN_LENGTH_MM: f64 = 1.0e-6;
 
 /// Largest length a request may name, in mm.
 pub const MAX_LENGTH_MM: f64 = 1.0e6;
+/// Most points of a grading curve, and most size classes.
+pub const MAX_CURVE_POINTS: usize = 1000;
 
 /// Smallest share of a volume or a mass that a request may name: what rounding may take from a sum of them.
 pub const MIN_SHARE: f64 = 1.0e-9;
@@ -182,13 +184,13 @@ pub enum Grading {
     /// Between two sieves the passing is linear in the logarithm of the diameter.
     Sieves {
         /// The points of the curve, at least two.
-        #[cfg_attr(feature = "openapi", schema(min_items = 2, example = json!([[2.0, 0.0], [8.0, 0.6], [16.0, 1.0]])))]
+        #[cfg_attr(feature = "openapi", schema(min_items = 2, max_items = 1000, example = json!([[2.0, 0.0], [8.0, 0.6], [16.0, 1.0]])))]
         points: Vec<[f64; 2]>,
     },
     /// Size classes with their share of the mass; what they leave to 1 is finer than all of them.
     Classes {
         /// The classes, which must not overlap.
-        #[cfg_attr(feature = "openapi", schema(min_items = 1))]
+        #[cfg_attr(feature = "openapi", schema(min_items = 1, max_items = 1000))]
         classes: Vec<SizeClass>,
     },
     /// Equal spheres.

@@ -6,7 +6,7 @@
 use serde::Serialize;
 
 use super::MIN_SHARE;
-use super::decode::{At, Bound};
+use super::decode::{At, Bound, Items};
 
 /// Density of Portland cement, in kg/m³.
 pub const CEMENT_DENSITY_KG_M3: f64 = 3150.0;
@@ -17,6 +17,8 @@ pub const AGGREGATE_DENSITY_KG_M3: f64 = 2650.0;
 /// Volume of the air that stays in compacted concrete over that of the concrete.
 pub const AIR: f64 = 0.03;
 
+/// Most additions of a mix.
+const MAX_ADDITIONS: usize = 100;
 const MASS: Bound = Bound::positive(10_000.0, "kg/m3");
 const DENSITY: Bound = Bound::closed(100.0, 30_000.0, "kg/m3");
 const WATER_RATIO: Bound = Bound::closed(0.0, 10.0, "");
@@ -153,9 +155,7 @@ pub(super) fn read_proportions(at: &At<'_>) -> Option<MixProportions> {
     let ratio_at = object.optional("aggregate_cement");
     let aggregate_cement = ratio_at.as_ref().map(|at| at.number(AGGREGATE_RATIO));
     let additions = match object.optional("additions") {
-        Some(at) => {
-            at.array().and_then(|items| items.iter().map(read_addition).collect::<Option<Vec<MixAddition>>>())
-        }
+        Some(at) => at.array().and_then(|items| read_additions(&at, &items)),
         None => Some(Vec::new()),
     };
     let air = match object.optional("air") {
@@ -203,6 +203,14 @@ pub(super) fn read_proportions(at: &At<'_>) -> Option<MixProportions> {
         }
         None => Some(proportions),
     }
+}
+
+fn read_additions(at: &At<'_>, items: &Items<'_>) -> Option<Vec<MixAddition>> {
+    if items.len() > MAX_ADDITIONS {
+        at.fault(format!("has {} additions: must have at most {MAX_ADDITIONS}", items.len()));
+        return None;
+    }
+    items.iter().map(|item| read_addition(&item)).collect()
 }
 
 fn read_addition(at: &At<'_>) -> Option<MixAddition> {

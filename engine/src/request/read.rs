@@ -7,9 +7,9 @@ use super::edmd;
 use super::proportions::{MixProportions, read_proportions};
 use super::segregation::read_segregation;
 use super::{
-    Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_LENGTH_MM, MAX_SEED, MIN_FULLER_EXPONENT,
-    MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Segregation, SizeClass, Specimen, StandardCurve,
-    VolumeFractionOf,
+    Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_CURVE_POINTS, MAX_LENGTH_MM, MAX_SEED,
+    MIN_FULLER_EXPONENT, MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Segregation, SizeClass,
+    Specimen, StandardCurve, VolumeFractionOf,
 };
 use crate::request::standard;
 
@@ -339,8 +339,12 @@ fn read_sieves(at: &At<'_>) -> Option<Vec<[f64; 2]>> {
         at.fault(format!("has {} points: must have at least 2", items.len()));
         return None;
     }
+    if items.len() > MAX_CURVE_POINTS {
+        at.fault(format!("has {} points: must have at most {MAX_CURVE_POINTS}", items.len()));
+        return None;
+    }
     let mut points: Vec<[f64; 2]> = Vec::with_capacity(items.len());
-    for item in &items {
+    for item in items.iter() {
         let [d, passing] = item.array_of()?;
         let (d, passing) = (d.number(LENGTH)?, passing.number(PASSING)?);
         if let Some(&[d_before, passing_before]) = points.last() {
@@ -357,13 +361,13 @@ fn read_sieves(at: &At<'_>) -> Option<Vec<[f64; 2]>> {
     }
     let (first, last) = (points[0][1], points[points.len() - 1][1]);
     if last < 1.0 {
-        items[items.len() - 1].fault(format!(
+        items.at(items.len() - 1).fault(format!(
             "passing {last} is out of range: all mass must pass the last sieve, so its passing must be 1"
         ));
         return None;
     }
     if first >= 1.0 {
-        items[0].fault("passing 1 is out of range: the first sieve must hold some mass back, so its passing must be less than 1");
+        items.at(0).fault("passing 1 is out of range: the first sieve must hold some mass back, so its passing must be less than 1");
         return None;
     }
     Some(points)
@@ -375,8 +379,12 @@ fn read_classes(at: &At<'_>) -> Option<Vec<SizeClass>> {
         at.fault("has 0 classes: must have at least 1");
         return None;
     }
+    if items.len() > MAX_CURVE_POINTS {
+        at.fault(format!("has {} classes: must have at most {MAX_CURVE_POINTS}", items.len()));
+        return None;
+    }
     let mut classes = Vec::with_capacity(items.len());
-    for item in &items {
+    for item in items.iter() {
         let mut object = item.object()?;
         let d_min = length(&mut object, "d_min_mm");
         let d_max = length(&mut object, "d_max_mm");
@@ -399,7 +407,7 @@ fn read_classes(at: &At<'_>) -> Option<Vec<SizeClass>> {
     for pair in order.windows(2) {
         let (lower, upper) = (&classes[pair[0]], &classes[pair[1]]);
         if upper.d_min_mm < lower.d_max_mm {
-            items[pair[1]].fault(format!(
+            items.at(pair[1]).fault(format!(
                 "d_min_mm {} lies inside the class {}..{} mm: classes must not overlap",
                 upper.d_min_mm, lower.d_min_mm, lower.d_max_mm
             ));

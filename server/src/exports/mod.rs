@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use crate::failure::Failure;
 use crate::hex;
 use crate::ids::{ExportId, JobId};
-use crate::problem::{Kind, Problem};
 
 /// Most that one job may ask for beforehand.
 pub(crate) const MAX_POSTPROCESS: usize = 8;
@@ -89,7 +89,7 @@ pub(crate) struct ExportRecord {
     pub(crate) progress: Option<Value>,
     pub(crate) file: Option<StoredFile>,
     pub(crate) report: Option<Value>,
-    pub(crate) error: Option<Value>,
+    pub(crate) error: Option<Failure>,
     pub(crate) created_at: i64,
     pub(crate) started_at: Option<i64>,
     pub(crate) finished_at: Option<i64>,
@@ -128,21 +128,6 @@ impl NewExport {
     }
 }
 
-/// Whether a failure may be none when it is tried again: a full disk or a crash, but not what the options or the
-/// packing decide.
-pub(crate) fn is_transient(error: Option<&Value>) -> bool {
-    let slug = error.and_then(|error| error["type"].as_str()).and_then(|uri| uri.rsplit('/').next());
-    matches!(
-        slug.and_then(Kind::from_slug),
-        None | Some(Kind::InternalError | Kind::AttemptsExhausted | Kind::InsufficientStorage)
-    )
-}
-
-/// Why it could not be made, as a problem for whoever asks for the file.
-pub(crate) fn failure(record: &ExportRecord) -> Problem {
-    record.error.as_ref().and_then(Problem::from_document).unwrap_or_else(Problem::internal)
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -167,15 +152,5 @@ mod tests {
         assert_ne!(first.key, export(&json!({"type": "slice", "format": "json"}), "ab").key);
         let read_back = ExportRequest::from_json(&serde_json::from_str(&first.options).unwrap()).unwrap();
         assert_eq!(NewExport::new(&read_back, "aa"), first);
-    }
-
-    #[test]
-    fn only_what_may_go_away_is_transient() {
-        let error = |kind: Kind| Value::Object(Problem::new(kind, "").document());
-        assert!(is_transient(Some(&error(Kind::InternalError))));
-        assert!(is_transient(None));
-        for lasting in [Kind::TooLarge, Kind::FormatNotAvailable, Kind::CheckFailed, Kind::ValidationError] {
-            assert!(!is_transient(Some(&error(lasting))), "{}", lasting.slug());
-        }
     }
 }

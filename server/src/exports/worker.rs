@@ -19,12 +19,12 @@ use tracing::Instrument as _;
 use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::is_passing;
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::control::{RunControl, Stop};
 use crate::jobs::runner::as_recorded;
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::pace::Pace;
-use crate::problem::{Kind, Problem};
 use crate::storage::{Bound, NoRoom, Storage};
 
 /// Progress is recorded no more often than this.
@@ -56,7 +56,7 @@ enum End {
         report: serde_json::Value,
         _place: InFlight,
     },
-    Failed(Box<Problem>),
+    Failed(Failure),
     Stopped(Stop),
     /// A fault of the machine kept the file from being made.
     Faulted,
@@ -110,7 +110,7 @@ impl ExportWorker {
         let end = end.unwrap_or_else(|panic| {
             tracing::error!(%panic, "making it panicked");
             let detail = "making it came upon a defect of this program; the log has it under its id";
-            End::Failed(Box::new(Problem::new(Kind::InternalError, detail)))
+            End::Failed(Failure::new(FailureCode::InternalError, detail))
         });
         self.record_end(&record, end, started.elapsed()).await;
     }
@@ -165,18 +165,21 @@ impl ExportWorker {
         claimed: &ClaimedExport,
         (left, bound): (u64, Bound),
         control: &RunControl,
-    ) -> Result<End, Failure> {
+    ) -> Result<End, NotMade> {
         let record = &claimed.export;
         let export = ExportRequest::from_json(&record.options)
-            .map_err(|faults| Failure::of(Problem::fields(Kind::ValidationError, faults)))?;
+            .map_err(|faults| NotMade::Lasting(Failure::invalid(faults)))?;
         let unreadable = |error: &dyn std::fmt::Display| {
             tracing::error!(%error, "the stored result is unreadable");
-            Failure::of(Problem::new(Kind::InternalError, "the stored result is missing or damaged"))
+            NotMade::Lasting(Failure::new(
+                FailureCode::ResultDamaged,
+                "the stored result is missing or damaged",
+            ))
         };
         let stored = self
             .artifacts
             .read(&claimed.result)
-            .map_err(|error| if is_passing(&error) { Failure::fault(&error) } else { unreadable(&error) })?;
+            .map_err(|error| if is_passing(&error) { NotMade::fault(&error) } else { unreadable(&error) })?;
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
         let spheres = tables::load(&stored).map_err(|error| unreadable(&error))?;
@@ -192,7 +195,7 @@ impl ExportWorker {
             .map_err(|error| match error {
                 ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
                     let no_room = NoRoom { needed: left.saturating_add(1), left, bound };
-                    Failure::of(Problem::new(Kind::InsufficientStorage, no_room.to_string()))
+                    NotMade::Lasting(Failure::new(FailureCode::InsufficientStorage, no_room.to_string()))
                 }
                 other => failed(other),
             })?;
@@ -208,7 +211,7 @@ impl ExportWorker {
                 End::Made { file, report, .. } => {
                     ("succeeded", self.store.export_made(record, file.clone(), report.clone()).await)
                 }
-                End::Failed(problem) => ("failed", self.store.export_failed(record, problem).await),
+                End::Failed(failure) => ("failed", self.store.export_failed(record, failure).await),
                 End::Faulted => ("requeued", self.store.export_requeued_after_fault(record).await),
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.export_requeued(record).await),
                 End::Stopped(_) => ("called_off", Ok::<_, StoreError>(false)),
@@ -263,40 +266,36 @@ impl ExportWorker {
 }
 
 /// Why a file was not made.
-enum Failure {
+enum NotMade {
     /// By the request, the packing or a defect.
-    Lasting(Box<Problem>),
+    Lasting(Failure),
     /// By a fault of the machine.
     Fault,
 }
 
-impl Failure {
-    fn of(problem: Problem) -> Self {
-        Self::Lasting(Box::new(problem))
-    }
-
+impl NotMade {
     fn fault(error: &io::Error) -> Self {
         tracing::warn!(%error, "a file could not be read or written");
         Self::Fault
     }
 }
 
-impl From<Failure> for End {
-    fn from(failure: Failure) -> Self {
+impl From<NotMade> for End {
+    fn from(failure: NotMade) -> Self {
         match failure {
-            Failure::Lasting(problem) => Self::Failed(problem),
-            Failure::Fault => Self::Faulted,
+            NotMade::Lasting(failure) => Self::Failed(failure),
+            NotMade::Fault => Self::Faulted,
         }
     }
 }
 
-fn failed(error: ExportError) -> Failure {
+fn failed(error: ExportError) -> NotMade {
     match error {
-        ExportError::Write(error) => Failure::fault(&error),
+        ExportError::Write(error) => NotMade::fault(&error),
         ExportError::CheckFailed(what) => {
             tracing::error!(%what, "what was made failed its check");
-            Failure::of(ExportError::CheckFailed(what).into())
+            NotMade::Lasting(ExportError::CheckFailed(what).into())
         }
-        other => Failure::of(other.into()),
+        other => NotMade::Lasting(other.into()),
     }
 }

@@ -12,6 +12,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
 use crate::http::auth;
+use crate::http::hosts::Hosts;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
@@ -38,7 +39,10 @@ pub(crate) struct Shared {
     pub(crate) disk: Disk,
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
-    pub(crate) keys: Option<auth::ApiKeys>,
+    pub(crate) keys: Option<auth::KeysFile>,
+    pub(crate) trust_proxy: bool,
+    /// Names that `Host` may have, where others would let a web page of another site reach this server.
+    pub(crate) hosts: Option<Hosts>,
     pub(crate) limits: Limits,
     pub(crate) max_body_bytes: u64,
     pub(crate) max_queued: u64,
@@ -52,7 +56,7 @@ pub(crate) struct Shared {
     pub(crate) export_cache_bytes: u64,
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
-    pub(crate) large_bodies: Semaphore,
+    pub(crate) large_bodies: Arc<Semaphore>,
     pub(crate) ready: AtomicBool,
     pub(crate) shutdown: CancellationToken,
 }
@@ -62,7 +66,7 @@ impl App {
     pub(crate) fn new(
         options: &ServeOptions,
         runner: &Runner,
-        keys: Option<auth::ApiKeys>,
+        keys: Option<auth::KeysFile>,
         connections: Arc<Semaphore>,
     ) -> Self {
         Self {
@@ -73,7 +77,10 @@ impl App {
                 disk: runner.disk.clone(),
                 storage: runner.storage.clone(),
                 metrics: Arc::clone(&runner.metrics),
+                hosts: (options.listen.ip().is_loopback() && keys.is_none())
+                    .then(|| Hosts::loopback_and(&options.allowed_host)),
                 keys,
+                trust_proxy: options.trust_proxy,
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,
@@ -84,7 +91,7 @@ impl App {
                 max_downloads: options.max_downloads,
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
-                large_bodies: Semaphore::new(LARGE_BODIES),
+                large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
                 ready: AtomicBool::new(false),
                 shutdown: runner.shutdown.clone(),
             }),

@@ -1,10 +1,12 @@
-//! API keys: who may use the service.
+//! API keys: who may use the service. Every key sees and may change everything; its name goes into the log.
 //!
-//! The server knows only SHA-256 digests of keys, so that its configuration opens nothing. Keys are
-//! 256 bits from the operating system; a digest without salt or stretching is enough for those.
+//! The server knows only SHA-256 digests of keys, so that its configuration opens nothing. Keys are 256 random bits from
+//! the operating system, so that a digest without salt or stretching is enough.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
 
 use axum::http::{HeaderMap, header};
 use sha2::{Digest, Sha256};
@@ -14,6 +16,8 @@ use crate::hex;
 use crate::problem::{Kind, Problem};
 
 const DIGEST_BYTES: usize = 32;
+/// The file of keys is looked at no more often than this.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// The keys that open this server.
 pub(crate) struct ApiKeys(Vec<ApiKey>);
@@ -54,6 +58,8 @@ impl ApiKeys {
     pub(crate) fn read(file: &Path) -> Result<Self, KeysError> {
         let text =
             std::fs::read_to_string(file).map_err(|error| KeysError::Unreadable(file.to_owned(), error))?;
+        // Editors of some systems begin a file with a byte order mark.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut keys: Vec<ApiKey> = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.trim();
@@ -87,6 +93,67 @@ impl ApiKeys {
             refusal("the API key is unknown", "Bearer realm=\"packstone\", error=\"invalid_token\"")
         })
     }
+}
+
+/// The file of keys, read again when it has changed: a key added or removed counts without a restart.
+#[derive(Debug)]
+pub(crate) struct KeysFile {
+    path: PathBuf,
+    state: Mutex<KeysState>,
+}
+
+#[derive(Debug)]
+struct KeysState {
+    keys: Arc<ApiKeys>,
+    /// Time of change and length of the file that was read last.
+    stamp: Option<(SystemTime, u64)>,
+    looked: Instant,
+}
+
+impl KeysFile {
+    /// Reads the file for the first time.
+    ///
+    /// # Errors
+    /// As [`ApiKeys::read`].
+    pub(crate) fn open(path: PathBuf) -> Result<Self, KeysError> {
+        let stamp = stamp(&path);
+        let keys = Arc::new(ApiKeys::read(&path)?);
+        Ok(Self { path, state: Mutex::new(KeysState { keys, stamp, looked: Instant::now() }) })
+    }
+
+    /// The keys as of at most a second ago. An emptied file opens for nobody; a file that cannot be read or has a faulty
+    /// line leaves the keys as they were, with an error in the log.
+    pub(crate) fn current(&self) -> Arc<ApiKeys> {
+        self.as_of(LOOK_EVERY)
+    }
+
+    fn as_of(&self, age: Duration) -> Arc<ApiKeys> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if state.looked.elapsed() >= age {
+            state.looked = Instant::now();
+            let stamp = stamp(&self.path);
+            if stamp != state.stamp {
+                state.stamp = stamp;
+                match ApiKeys::read(&self.path) {
+                    Ok(keys) => {
+                        tracing::info!(?keys, "API keys read again");
+                        state.keys = Arc::new(keys);
+                    }
+                    Err(error @ KeysError::Empty(_)) => {
+                        tracing::warn!(%error, "no key opens this server any more");
+                        state.keys = Arc::new(ApiKeys(Vec::new()));
+                    }
+                    Err(error) => tracing::error!(%error, "the API keys stay as they were"),
+                }
+            }
+        }
+        Arc::clone(&state.keys)
+    }
+}
+
+fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
+    let metadata = std::fs::metadata(path).ok()?;
+    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 fn refusal(detail: &str, challenge: &str) -> Problem {
@@ -144,6 +211,29 @@ mod tests {
         }
         assert!(keys.check(&HeaderMap::new()).is_err());
         assert_eq!(format!("{keys:?}"), "[\"lab\", \"field\"]");
+    }
+
+    #[test]
+    fn a_changed_file_is_read_again_and_a_faulty_one_changes_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("keys");
+        let write = |text: &str| std::fs::write(&path, text).unwrap();
+        let ((key, line), (other, other_line)) = (generate("lab"), generate("field"));
+        let opens = |keys: &KeysFile, key: &str| {
+            keys.as_of(Duration::ZERO).check(&with(&format!("Bearer {key}"))).is_ok()
+        };
+        // A byte order mark at the start, as some editors write it.
+        write(&format!("\u{feff}{line}\n"));
+        let keys = KeysFile::open(path.clone()).unwrap();
+        assert!(opens(&keys, &key) && !opens(&keys, &other));
+        write(&format!("# both\n{line}\n{other_line}\n"));
+        assert!(opens(&keys, &key) && opens(&keys, &other));
+        write("nonsense");
+        assert!(opens(&keys, &key) && opens(&keys, &other));
+        write(&format!("{other_line}\n"));
+        assert!(!opens(&keys, &key) && opens(&keys, &other));
+        write("");
+        assert!(!opens(&keys, &key) && !opens(&keys, &other));
     }
 
     #[test]

@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use axum::http::{HeaderMap, header};
 
+use crate::jobs::store::Target;
+
 /// Longest that an answer is held back.
 pub(crate) const MAX_WAIT_S: u64 = 60;
 
@@ -55,6 +57,25 @@ pub(crate) fn none_match_fails(headers: &HeaderMap, etag: &str) -> bool {
         .any(|tag| tag.trim() == "*" || opaque(tag) == opaque(etag))
 }
 
+/// The job or study that a request changes, in the versions that its `If-Match` names. Weak tags never match (RFC 9110,
+/// section 13.1.1); the tag of a job or study is its version.
+pub(crate) fn target<Id>(id: Id, headers: &HeaderMap) -> Target<Id> {
+    let mut fields = headers.get_all(header::IF_MATCH).iter().peekable();
+    if fields.peek().is_none() {
+        return id.into();
+    }
+    let tags: Vec<&str> = fields
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .map(str::trim)
+        .collect();
+    if tags.contains(&"*") {
+        return id.into();
+    }
+    let version = |tag: &&str| tag.strip_prefix('"')?.strip_suffix('"')?.parse().ok();
+    Target { id, versions: Some(tags.iter().filter_map(version).collect()) }
+}
+
 /// Whether `If-Range` lets a range be sent of what has this strong tag. A date never does: nothing
 /// here has one.
 pub(crate) fn range_allowed(headers: &HeaderMap, etag: &str) -> bool {
@@ -101,6 +122,17 @@ mod tests {
             assert_eq!(none_match_fails(&headers("if-none-match", value), "\"a\""), matches, "{value}");
         }
         assert!(!none_match_fails(&HeaderMap::new(), "\"a\""));
+    }
+
+    #[test]
+    fn if_match_names_versions_and_weak_tags_none() {
+        let versions = |value: &str| target((), &headers("if-match", value)).versions;
+        assert_eq!(target((), &HeaderMap::new()).versions, None);
+        assert_eq!(versions("*"), None);
+        assert_eq!(versions("\"3\", \"4\""), Some(vec![3, 4]));
+        for none in ["W/\"3\"", "3", "\"x\"", ""] {
+            assert_eq!(versions(none), Some(Vec::new()), "{none}");
+        }
     }
 
     #[test]

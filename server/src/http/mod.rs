@@ -11,6 +11,7 @@ mod contract;
 mod drawing;
 mod exports;
 mod files;
+mod hosts;
 mod jobs;
 mod negotiation;
 mod observe;

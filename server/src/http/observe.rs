@@ -4,11 +4,12 @@
 //! Errors are written here and only here, those of the framework too: whatever leaves with an error
 //! status and without a problem becomes one. So no answer of this service is plain text by accident.
 
+use std::net::SocketAddr;
 use std::panic::AssertUnwindSafe;
 use std::time::Instant;
 
 use axum::body::Body;
-use axum::extract::{MatchedPath, Request, State};
+use axum::extract::{ConnectInfo, MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
@@ -17,10 +18,13 @@ use tracing::Instrument as _;
 use uuid::Uuid;
 
 use crate::http::app::App;
+use crate::http::hosts;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
 use crate::problem::{Kind, Problem};
 
 const REQUEST_ID: &str = "x-request-id";
+/// Longest path, name of a program or address in a log line, in characters.
+const MAX_LOGGED_CHARS: usize = 256;
 /// Longest id of a request that is taken over from the client.
 const MAX_REQUEST_ID_CHARS: usize = 128;
 /// Routes that need no key: probes have none.
@@ -38,10 +42,16 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     // Paths have no end and may hold anything; metrics and logs get the route.
     let route =
         request.extensions().get::<MatchedPath>().map_or_else(|| "unknown".into(), |m| m.as_str().to_owned());
-    let span = tracing::info_span!("request", request_id = id, %method, path = request.uri().path());
+    let path: String = request.uri().path().chars().take(MAX_LOGGED_CHARS).collect();
+    let client = client_address(&request, app.shared.trust_proxy);
+    let agent = logged(request.headers(), header::USER_AGENT.as_str());
+    let span = tracing::info_span!("request", request_id = id, %method, path);
+    let mut key = String::new();
     let mut response = async {
-        match authorize(&app, &route, request.headers()) {
+        let known = hosts::check(request.version(), request.headers(), app.shared.hosts.as_ref());
+        match known.and_then(|()| authorize(&app, &route, request.headers())) {
             Ok(caller) => {
+                key.clone_from(&caller.0);
                 request.extensions_mut().insert(caller);
                 AssertUnwindSafe(next.run(request)).catch_unwind().await.unwrap_or_else(|_| {
                     tracing::error!("the handler panicked");
@@ -62,15 +72,34 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     }
     let took = started.elapsed();
     app.shared.metrics.request_answered(known_method(&method), &route, status.as_u16(), took);
-    let took_ms = took.as_secs_f64() * 1e3;
+    let took_ms = (took.as_secs_f64() * 1e5).round() / 1e2;
     span.in_scope(|| {
         if status.is_server_error() {
-            tracing::warn!(status = status.as_u16(), took_ms, "answered");
+            tracing::warn!(status = status.as_u16(), took_ms, client, key, agent, "answered");
         } else {
-            tracing::info!(status = status.as_u16(), took_ms, "answered");
+            tracing::info!(status = status.as_u16(), took_ms, client, key, agent, "answered");
         }
     });
     response
+}
+
+/// The address of the client: that of the connection, or behind a trusted proxy the last entry of `X-Forwarded-For`, which
+/// is the one that the proxy itself wrote.
+fn client_address(request: &Request, trust_proxy: bool) -> String {
+    let forwarded = || {
+        let field = request.headers().get_all("x-forwarded-for").iter().next_back()?.to_str().ok()?;
+        let last = field.rsplit(',').next()?.trim();
+        (!last.is_empty()).then(|| last.chars().take(MAX_LOGGED_CHARS).collect::<String>())
+    };
+    let connection =
+        || request.extensions().get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip().to_string());
+    trust_proxy.then(forwarded).flatten().or_else(connection).unwrap_or_default()
+}
+
+/// A header field for the log, shortened.
+fn logged(headers: &HeaderMap, name: &str) -> String {
+    let text = headers.get(name).map(|value| String::from_utf8_lossy(value.as_bytes()));
+    text.unwrap_or_default().chars().take(MAX_LOGGED_CHARS).collect()
 }
 
 /// Methods have no end either: a client may invent them.
@@ -79,6 +108,7 @@ fn known_method(method: &axum::http::Method) -> &'static str {
         "GET" => "GET",
         "HEAD" => "HEAD",
         "POST" => "POST",
+        "PATCH" => "PATCH",
         "DELETE" => "DELETE",
         _ => "other",
     }
@@ -86,7 +116,7 @@ fn known_method(method: &axum::http::Method) -> &'static str {
 
 fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Problem> {
     match &app.shared.keys {
-        Some(keys) if !OPEN_ROUTES.contains(&route) => Ok(Caller(keys.check(headers)?.to_owned())),
+        Some(keys) if !OPEN_ROUTES.contains(&route) => Ok(Caller(keys.current().check(headers)?.to_owned())),
         _ => Ok(Caller::default()),
     }
 }

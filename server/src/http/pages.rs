@@ -51,9 +51,9 @@ impl Page {
 pub(crate) fn labels(query: &mut Query) -> Vec<(String, String)> {
     let mut labels = Vec::new();
     for label in query.many("label") {
-        match label.split_once(':') {
+        match label.split_once('=') {
             Some((key, value)) if !key.is_empty() => labels.push((key.into(), value.into())),
-            _ => query.fault("label", format!("{} has no key: must be key:value", shown(&label))),
+            _ => query.fault("label", format!("{} has no key: must be key=value", shown(&label))),
         }
     }
     if labels.len() > MAX_LABELS {
@@ -65,7 +65,7 @@ pub(crate) fn labels(query: &mut Query) -> Vec<(String, String)> {
 
 /// Labels as parameters.
 pub(crate) fn label_filters(labels: &[(String, String)]) -> impl Iterator<Item = (&'static str, String)> {
-    labels.iter().map(|(key, value)| ("label", format!("{key}:{value}")))
+    labels.iter().map(|(key, value)| ("label", format!("{key}={value}")))
 }
 
 /// The cursor of the page below an item.
@@ -125,7 +125,7 @@ mod tests {
         let page = Page { limit: 5, before: None };
         assert_eq!(
             page.link("/v1/jobs", &label_filters(&labels).collect::<Vec<_>>(), "ff"),
-            "</v1/jobs?label=a+b%3Ac%26d%3E&limit=5&cursor=ff>; rel=\"next\""
+            "</v1/jobs?label=a+b%3Dc%26d%3E&limit=5&cursor=ff>; rel=\"next\""
         );
     }
 }

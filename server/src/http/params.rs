@@ -5,6 +5,9 @@ use std::convert::Infallible;
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 
+use packstone_engine::FieldError;
+use packstone_engine::request::decode::MAX_FAULTS;
+
 use crate::ids::{JobId, StudyId};
 use crate::problem::{Fault, Problem};
 
@@ -120,16 +123,21 @@ impl Query {
 
     /// Refuses the request where there were faults or parameters that nobody asked for.
     pub(crate) fn finish(mut self) -> Result<(), Problem> {
-        for (name, _) in &self.pairs {
-            if !self.known.contains(&name.as_str()) {
-                let known = if self.known.is_empty() {
-                    "this route has none".to_owned()
-                } else {
-                    format!("this route has {}", self.known.join(", "))
-                };
-                let name: String = name.chars().take(64).collect();
-                self.faults.push(Fault::parameter(&name, format!("unknown parameter: {known}")));
-            }
+        let known = if self.known.is_empty() {
+            ": this route has none".to_owned()
+        } else {
+            format!(": this route has {}", self.known.join(", "))
+        };
+        let mut unknown = self.pairs.iter().filter(|(name, _)| !self.known.contains(&name.as_str()));
+        for (i, (name, _)) in unknown.by_ref().take(MAX_FAULTS).enumerate() {
+            let name: String = name.chars().take(64).collect();
+            // What the route has is listed once.
+            let known = if i == 0 { known.as_str() } else { "" };
+            self.faults.push(Fault::parameter(&name, format!("unknown parameter{known}")));
+        }
+        let more = unknown.count();
+        if more > 0 {
+            self.faults.push(FieldError::and_more(more).into());
         }
         if self.faults.is_empty() { Ok(()) } else { Err(Problem::parameters(self.faults)) }
     }

@@ -28,7 +28,7 @@ pub(crate) fn router(app: App) -> Router {
 pub(crate) fn documented() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(openapi::base())
         .routes(routes!(jobs::submit::submit, jobs::list::list))
-        .routes(routes!(jobs::get::get, jobs::actions::delete))
+        .routes(routes!(jobs::get::get, jobs::actions::delete, jobs::patch::patch))
         .routes(routes!(jobs::get::request))
         .routes(routes!(jobs::plans::plan))
         .routes(routes!(jobs::events::events))

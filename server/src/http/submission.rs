@@ -1,13 +1,41 @@
 //! What all submissions share: the `Idempotency-Key` and the digest of a body's content.
 
+use std::sync::Arc;
+
 use axum::http::HeaderMap;
 use serde_json::Value;
+use tokio_util::sync::CancellationToken;
 
+use crate::failure::Failure;
 use crate::hex;
+use crate::http::app::App;
 use crate::problem::{Fault, Problem};
 
 /// Longest `Idempotency-Key`.
 const MAX_KEY_CHARS: usize = 255;
+
+/// Reads a large or costly body on a thread of the blocking pool, few of them at once. `read` gets a function that tells
+/// whether the client still waits: the reading ends early if it does not. A reading keeps its place until it ends, so
+/// clients that hang up cannot start more of them.
+pub(crate) async fn read_apart<T: Send + 'static>(
+    app: &App,
+    read: impl FnOnce(&dyn Fn() -> bool) -> Result<T, Failure> + Send + 'static,
+) -> Result<T, Problem> {
+    let Ok(place) = Arc::clone(&app.shared.large_bodies).acquire_owned().await else {
+        return Err(Problem::internal());
+    };
+    let gone = CancellationToken::new();
+    let _gone_with_this_future = gone.clone().drop_guard();
+    let reading = tokio::task::spawn_blocking(move || {
+        let _place = place;
+        read(&|| !gone.is_cancelled())
+    });
+    let failed = |error| {
+        tracing::error!(%error, "a submission was not read to its end");
+        Err(Failure::internal())
+    };
+    Ok(reading.await.unwrap_or_else(failed)?)
+}
 
 /// Digest of what a document says, whatever the order of its keys and its spaces.
 pub(crate) fn content_sha256(mut value: Value) -> String {

@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
+use crate::failure::Failure;
 use crate::ids::StudyId;
 
 pub(crate) use crate::ids::JobId;
@@ -137,7 +138,7 @@ pub(crate) struct JobRecord {
     /// What the plan of the request warns of.
     pub(crate) plan_warnings: Vec<String>,
     pub(crate) progress: Option<Value>,
-    pub(crate) error: Option<Value>,
+    pub(crate) error: Option<Failure>,
     pub(crate) artifact: Option<ArtifactRecord>,
     /// Its place in a study, if it is part of one.
     pub(crate) study: Option<StudyPlace>,

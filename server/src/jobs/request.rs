@@ -15,7 +15,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use crate::exports::MAX_POSTPROCESS;
-use crate::problem::Problem;
+use crate::failure::Failure;
 
 /// Longest name of a job, in characters.
 pub(crate) const MAX_NAME_CHARS: usize = 200;
@@ -41,8 +41,8 @@ pub(crate) struct JobRequest {
     #[schema(required = false, nullable, min_length = 1, max_length = 200)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) name: Option<String>,
-    /// Keys and values to find the job by: at most 32; a key has 1 to 64 characters and no colon, a
-    /// value at most 256.
+    /// Keys and values to find the job by: at most 32; a key has 1 to 64 characters and no equals sign, a value at most
+    /// 256 characters.
     #[schema(required = false, example = json!({"series": "TB-7"}))]
     pub(crate) labels: BTreeMap<String, String>,
     /// Seed of the random generator; drawn at submission and recorded when absent.
@@ -151,17 +151,89 @@ impl JobRequest {
     ///
     /// # Errors
     /// What is wrong with the first that cannot be made, at its place.
-    pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Problem> {
+    pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Failure> {
         for (place, export) in self.postprocess.items() {
-            export.check(&self.specimen, limits).map_err(|error| Problem::from(error).below(&place))?;
+            export.check(&self.specimen, limits).map_err(|error| Failure::from(error).below(&place))?;
         }
         Ok(())
     }
 
     /// `expires_at` in microseconds since the Unix epoch.
     pub(crate) fn expires_at_us(&self) -> Option<i64> {
-        self.expires_at.as_deref()?.parse::<Timestamp>().ok().map(Timestamp::as_microsecond)
+        self.expires_at.as_deref().and_then(time_us)
     }
+}
+
+/// Changes of a job, as a JSON merge patch (RFC 7396).
+#[derive(Clone, Debug, Default, PartialEq, ToSchema)]
+#[schema(as = JobPatch)]
+pub(crate) struct JobPatch {
+    /// The new name; `null` removes it.
+    #[schema(required = false, nullable, value_type = Option<String>, min_length = 1, max_length = 200)]
+    pub(crate) name: Option<Option<String>>,
+    /// The new priority of a waiting job; `null` stands for 0.
+    #[schema(required = false, nullable, minimum = -100, maximum = 100)]
+    pub(crate) priority: Option<i64>,
+    /// Labels to set, or to remove where the value is `null`; the other labels stay.
+    #[schema(required = false, nullable, example = json!({"series": "TB-8", "draft": null}))]
+    pub(crate) labels: BTreeMap<String, Option<String>>,
+    /// Whether all present labels are removed first: `labels` was `null`.
+    #[schema(ignore)]
+    pub(crate) clear_labels: bool,
+    /// The new RFC 3339 time of expiry, in the future; `null` removes it. In microseconds since the Unix epoch here.
+    #[schema(required = false, nullable, value_type = Option<String>, format = DateTime)]
+    pub(crate) expires_at: Option<Option<i64>>,
+}
+
+impl JobPatch {
+    /// Reads a patch; a new expiry must be later than `now`.
+    ///
+    /// # Errors
+    /// All faults of the document.
+    pub(crate) fn read(value: &Value, now: Timestamp) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        let mut patch = Self::default();
+        if let Some(mut object) = At::root(value, &faults).object() {
+            let is_null = |name: &str| value.get(name).is_some_and(Value::is_null);
+            patch.name = match object.optional("name") {
+                Some(at) => read_name(&at).map(Some),
+                None => is_null("name").then_some(None),
+            };
+            patch.priority = match object.optional("priority") {
+                Some(at) => at.integer(-MAX_PRIORITY, MAX_PRIORITY),
+                None => is_null("priority").then_some(0),
+            };
+            if let Some(at) = object.optional("labels") {
+                patch.labels = read_label_patch(&at, &faults).unwrap_or_default();
+            }
+            patch.clear_labels = is_null("labels");
+            patch.expires_at = match object.optional("expires_at") {
+                Some(at) => read_expiry(&at, Some(now)).map(|time| time_us(&time)),
+                None => is_null("expires_at").then_some(None),
+            };
+            object.finish();
+        }
+        if faults.count() == 0 { Ok(patch) } else { Err(faults.into_vec()) }
+    }
+}
+
+fn time_us(time: &str) -> Option<i64> {
+    time.parse::<Timestamp>().ok().map(Timestamp::as_microsecond)
+}
+
+fn read_label_patch(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, Option<String>>> {
+    let members = at.members(2 * MAX_LABELS)?;
+    let mut labels = BTreeMap::new();
+    for (key, value) in members {
+        if value.value().is_null() {
+            labels.insert(key.to_owned(), None);
+        } else if let Some(text) =
+            read_label(key, value.value(), |detail| faults.add(value.pointer(), detail))
+        {
+            labels.insert(key.to_owned(), Some(text));
+        }
+    }
+    Some(labels)
 }
 
 /// A seed for a submission that names none.
@@ -218,7 +290,7 @@ fn read_postprocess(at: &At<'_>) -> Option<Postprocess> {
         return None;
     }
     // All of them, so that every fault is told.
-    let read: Vec<Option<ExportRequest>> = items.iter().map(ExportRequest::read).collect();
+    let read: Vec<Option<ExportRequest>> = items.iter().map(|item| ExportRequest::read(&item)).collect();
     read.into_iter().collect::<Option<Vec<_>>>().map(Postprocess::List)
 }
 
@@ -254,24 +326,34 @@ pub(crate) fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<Strin
     let mut labels = BTreeMap::new();
     for (key, value) in map {
         let pointer = format!("{}/{}", at.pointer(), key.replace('~', "~0").replace('/', "~1"));
-        let fault = |detail: String| faults.add(pointer.clone(), detail);
-        if !check_text(key, 1, MAX_LABEL_KEY_CHARS, |detail| fault(format!("the key {detail}"))) {
-            continue;
-        }
-        if key.contains(':') {
-            fault("the key contains a colon, which ends it in a filter: must have none".into());
-            continue;
-        }
-        match value {
-            Value::String(text) => {
-                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, fault) {
-                    labels.insert(key.clone(), text.clone());
-                }
-            }
-            _ => fault(format!("{} is not a string", kind_of(value))),
+        if let Some(text) = read_label(key, value, |detail| faults.add(pointer, detail)) {
+            labels.insert(key.clone(), text);
         }
     }
     Some(labels)
+}
+
+/// Checks the key of a label and reads its value.
+fn read_label(key: &str, value: &Value, fault: impl FnOnce(String)) -> Option<String> {
+    let mut found = None;
+    let whole = check_text(key, 1, MAX_LABEL_KEY_CHARS, |detail| found = Some(format!("the key {detail}")));
+    if whole && key.contains('=') {
+        found = Some("the key contains an equals sign, which ends it in a filter: must have none".into());
+    }
+    if found.is_none() {
+        match value {
+            Value::String(text) => {
+                if check_text(text, 0, MAX_LABEL_VALUE_CHARS, |detail| found = Some(detail)) {
+                    return Some(text.clone());
+                }
+            }
+            _ => found = Some(format!("{} is not a string", kind_of(value))),
+        }
+    }
+    if let Some(detail) = found {
+        fault(detail);
+    }
+    None
 }
 
 fn kind_of(value: &Value) -> String {
@@ -364,8 +446,8 @@ mod tests {
             ),
             (json!({"labels": {"a": 1}}), "/labels/a: 1 is not a string"),
             (
-                json!({"labels": {"a:b": "c"}}),
-                "/labels/a:b: the key contains a colon, which ends it in a filter: must have none",
+                json!({"labels": {"a=b": "c"}}),
+                "/labels/a=b: the key contains an equals sign, which ends it in a filter: must have none",
             ),
             (
                 json!({"labels": {"": "c"}}),
@@ -377,6 +459,29 @@ mod tests {
         }
         let many: serde_json::Map<String, Value> = (0..33).map(|i| (i.to_string(), json!("x"))).collect();
         assert_eq!(faults_of(&json!({"labels": many})), ["/labels: has 33 labels: must have at most 32"]);
+    }
+
+    #[test]
+    fn a_patch_tells_null_from_absent() {
+        let read = |patch: Value| JobPatch::read(&patch, now());
+        assert_eq!(read(json!({})).unwrap(), JobPatch::default());
+        let patch =
+            read(json!({"name": null, "priority": 3, "labels": {"a": "b", "c": null}, "expires_at": null}));
+        let labels = [("a".to_owned(), Some("b".to_owned())), ("c".to_owned(), None)];
+        assert_eq!(
+            patch.unwrap(),
+            JobPatch {
+                name: Some(None),
+                priority: Some(3),
+                labels: labels.into(),
+                clear_labels: false,
+                expires_at: Some(None)
+            }
+        );
+        let faults =
+            read(json!({"name": "", "priority": 101, "labels": {"a=b": "c"}, "expires_at": "x", "seed": 1}));
+        let pointers: Vec<String> = faults.unwrap_err().into_iter().map(|fault| fault.pointer).collect();
+        assert_eq!(pointers, ["/name", "/priority", "/labels/a=b", "/expires_at", "/seed"]);
     }
 
     #[test]

@@ -24,9 +24,9 @@ use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
 use crate::exports::NewExport;
+use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::metrics::Metrics;
 use crate::pace::Pace;
-use crate::problem::{Kind, Problem};
 use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
 
@@ -67,7 +67,7 @@ enum End {
     /// The result is on disk; its place stays claimed until the store refers to it.
     Stored(Box<Stored>),
     Stopped(Stop),
-    Failed(Failure),
+    Failed(FailedRun),
     /// A fault of the machine kept the result from being stored.
     Faulted,
 }
@@ -91,14 +91,14 @@ struct Run {
 }
 
 /// Why a run made no packing, and what a study keeps of it.
-struct Failure {
-    problem: Box<Problem>,
+struct FailedRun {
+    failure: Failure,
     facts: Facts,
 }
 
-impl From<Problem> for Failure {
-    fn from(problem: Problem) -> Self {
-        Self { problem: Box::new(problem), facts: Facts::default() }
+impl From<Failure> for FailedRun {
+    fn from(failure: Failure) -> Self {
+        Self { failure, facts: Facts::default() }
     }
 }
 
@@ -158,11 +158,11 @@ impl Runner {
         };
         let end = end.unwrap_or_else(|panic| {
             tracing::error!(%panic, "the run panicked");
-            let problem = Problem::new(
-                Kind::InternalError,
+            let failure = Failure::new(
+                FailureCode::InternalError,
                 "the run came upon a defect of this program; the log has it under the job's id",
             );
-            End::Failed(problem.into())
+            End::Failed(failure.into())
         });
         let run = Run { took: started.elapsed(), timeout_s, fraction: control.fraction() };
         self.record_end(lease, end, run).await;
@@ -245,13 +245,12 @@ impl Runner {
         room: (u64, Bound),
         control: &RunControl,
         packing: oneshot::Sender<()>,
-    ) -> Result<End, Failure> {
+    ) -> Result<End, FailedRun> {
         let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
-            Problem::new(Kind::InternalError, "the stored request is unreadable")
+            Failure::new(FailureCode::InternalError, "the stored request is unreadable")
         })?;
-        let request = JobRequest::read(&stored, 0, None)
-            .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
+        let request = JobRequest::read(&stored, 0, None).map_err(Failure::invalid)?;
         let (request, postprocess) = (request.packing(), request.postprocess);
         if let Ok(plan) = Plan::new(&request, &self.limits)
             && let Err(no_room) = fits(Storage::bytes_of_result(plan.grains), room)
@@ -274,9 +273,9 @@ impl Runner {
                 if let PackError::CheckFailed(what) = &error {
                     tracing::error!(%what, "a packing failed its check");
                 }
-                return Err(Failure {
+                return Err(FailedRun {
                     facts: Facts::of_failure(&error, 0.0),
-                    problem: Box::new(Problem::from(error)),
+                    failure: Failure::from(error),
                 });
             }
         };
@@ -344,9 +343,9 @@ impl Runner {
                         self.store.succeed(lease, artifact, progress, facts, postprocess.clone()).await;
                     ("succeeded", succeeded)
                 }
-                End::Failed(Failure { problem, facts }) => {
+                End::Failed(FailedRun { failure, facts }) => {
                     let facts = Facts { time_s: took.as_secs_f64(), ..facts.clone() };
-                    ("failed", self.store.fail(lease, problem, facts).await)
+                    ("failed", self.store.fail(lease, failure, facts).await)
                 }
                 End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
                 End::Stopped(Stop::TimedOut) => {
@@ -354,9 +353,10 @@ impl Runner {
                     let detail = format!(
                         "the job ran longer than its timeout_s of {bound} s; about {done:.0} % of the work was done"
                     );
-                    let problem = Problem::new(Kind::TimedOut, detail);
+                    let known = FailureFacts { fraction_done: Some(run.fraction), ..FailureFacts::default() };
+                    let failure = Failure::new(FailureCode::TimedOut, detail).with_facts(known);
                     let facts = Facts { time_s: took.as_secs_f64(), ..Facts::default() };
-                    ("failed", self.store.fail(lease, &problem, facts).await)
+                    ("failed", self.store.fail(lease, &failure, facts).await)
                 }
                 End::Stopped(Stop::Shutdown) => ("given_back", self.store.give_back(lease).await),
                 End::Faulted => ("requeued", self.store.requeue_after_fault(lease).await),

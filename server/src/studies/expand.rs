@@ -1,30 +1,43 @@
-//! From a request whose grammar is right to points and their jobs: all of them, or none.
+//! Makes the points and jobs of a study from a request whose own fields are valid: all of them, or none.
 //!
-//! Every job is read and planned as if it had been submitted alone. What is wrong with it is told at the place
-//! of the study's request where the user can mend it, once for all points that have the fault.
+//! Every job is read and planned as if it had been submitted alone. A fault is reported at the place of the study's
+//! request where the user can correct it, once for all points that have it.
 
 use std::collections::HashMap;
 
 use jiff::Timestamp;
-use packstone_engine::{FieldError, Limits, Plan, PlanError};
+use packstone_engine::request::decode::MAX_FAULTS;
+use packstone_engine::{FieldError, Limits, Plan};
 use serde_json::Value;
 
-use super::request::{Asked, Axis, Points, Refusal, Values};
+use super::request::{Asked, Axis, Points, Values};
 use super::seeds::Seeds;
 use super::{Point, Study};
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobRequest;
-use crate::problem::{self, Kind};
 
-/// Most faults that a refusal tells of.
-const MAX_FAULTS: usize = 100;
+/// What the jobs of a study must meet.
+pub(super) struct Conditions<'a> {
+    /// The time that `expires_at` must lie after, if that is to be checked.
+    pub(super) now: Option<Timestamp>,
+    pub(super) limits: &'a Limits,
+    /// Whether a client still waits for the study.
+    pub(super) go_on: &'a dyn Fn() -> bool,
+}
 
-pub(super) fn expand(asked: &Asked<'_>, now: Option<Timestamp>, limits: &Limits) -> Result<Study, Refusal> {
+impl Conditions<'_> {
+    fn check_go_on(&self) -> Result<(), Failure> {
+        if (self.go_on)() { Ok(()) } else { Err(Failure::internal()) }
+    }
+}
+
+pub(super) fn expand(asked: &Asked<'_>, conditions: &Conditions<'_>) -> Result<Study, Failure> {
     let (points, columns) = match &asked.points {
-        Points::List(jobs) => (of_list(asked, jobs, now, limits)?, Vec::new()),
+        Points::List(jobs) => (of_list(asked, jobs, conditions)?, Vec::new()),
         Points::Template { job, grid, zip } => {
             let axes = Axes { grid, zip };
             let columns = axes.all().map(|axis| axis.pointer.text().to_owned()).collect();
-            (of_template(asked, job, &axes, now, limits)?, columns)
+            (of_template(asked, job, &axes, conditions)?, columns)
         }
     };
     Ok(Study {
@@ -38,21 +51,17 @@ pub(super) fn expand(asked: &Asked<'_>, now: Option<Timestamp>, limits: &Limits)
     })
 }
 
-fn of_list(
-    asked: &Asked<'_>,
-    jobs: &[Value],
-    now: Option<Timestamp>,
-    limits: &Limits,
-) -> Result<Vec<Point>, Refusal> {
+fn of_list(asked: &Asked<'_>, jobs: &[Value], conditions: &Conditions<'_>) -> Result<Vec<Point>, Failure> {
     let mut points = Vec::with_capacity(jobs.len());
     let mut refused = Refused::default();
     for (i, job) in jobs.iter().enumerate() {
+        conditions.check_go_on()?;
         let seeds = Seeds::of_listed(asked.seed, i);
-        match read_point(job, Vec::new(), &seeds, asked.replicates, now, limits) {
+        match read_point(job, Vec::new(), &seeds, asked.replicates, conditions) {
             Ok(point) => points.push(point),
-            Err((kind, faults)) => {
-                for fault in faults {
-                    refused.add(kind, format!("/list/{i}{}", fault.pointer), fault.detail, i);
+            Err(failure) => {
+                for fault in failure.fields {
+                    refused.add(failure.code, format!("/list/{i}{}", fault.pointer), fault.detail, i);
                 }
             }
         }
@@ -64,26 +73,26 @@ fn of_template(
     asked: &Asked<'_>,
     template: &Value,
     axes: &Axes<'_>,
-    now: Option<Timestamp>,
-    limits: &Limits,
-) -> Result<Vec<Point>, Refusal> {
+    conditions: &Conditions<'_>,
+) -> Result<Vec<Point>, Failure> {
     let count = asked.points.len() as usize;
     let mut points = Vec::with_capacity(count);
     let mut refused = Refused::default();
     // One copy for all points: every axis is written at every point.
     let mut job = template.clone();
     for i in 0..count {
+        conditions.check_go_on()?;
         let places = axes.at(i);
         let values: Vec<Value> = axes.all().zip(&places).map(|(axis, at)| axis.values.get(*at)).collect();
         for (axis, value) in axes.all().zip(&values) {
             axis.pointer.put(&mut job, value.clone());
         }
         let seeds = Seeds::of_point(asked.seed, axes.all().map(|axis| &axis.pointer).zip(&values));
-        match read_point(&job, values, &seeds, asked.replicates, now, limits) {
+        match read_point(&job, values, &seeds, asked.replicates, conditions) {
             Ok(point) => points.push(point),
-            Err((kind, faults)) => {
-                for fault in faults {
-                    refused.add(kind, axes.place(&places, &fault.pointer), fault.detail, i);
+            Err(failure) => {
+                for fault in failure.fields {
+                    refused.add(failure.code, axes.place(&places, &fault.pointer), fault.detail, i);
                 }
             }
         }
@@ -96,24 +105,11 @@ fn read_point(
     values: Vec<Value>,
     seeds: &Seeds,
     replicates: usize,
-    now: Option<Timestamp>,
-    limits: &Limits,
-) -> Result<Point, (Kind, Vec<FieldError>)> {
-    let job =
-        JobRequest::read(job, seeds.replicate(0), now).map_err(|faults| (Kind::ValidationError, faults))?;
-    Plan::new(&job.packing(), limits).map_err(|error| match error {
-        PlanError::Invalid(faults) => (Kind::ValidationError, faults),
-        PlanError::TooLarge(fault) => (Kind::TooLarge, vec![fault]),
-        PlanError::Infeasible(fault) => (Kind::InfeasibleMix, vec![fault]),
-        PlanError::Coarse(fault) => (Kind::CoarseMix, vec![fault]),
-    })?;
-    job.check_postprocess(limits).map_err(|problem| {
-        let at = |fault: problem::Fault| FieldError {
-            pointer: fault.pointer.unwrap_or_default(),
-            detail: fault.detail,
-        };
-        (problem.kind, problem.errors.into_iter().map(at).collect::<Vec<_>>())
-    })?;
+    conditions: &Conditions<'_>,
+) -> Result<Point, Failure> {
+    let job = JobRequest::read(job, seeds.replicate(0), conditions.now).map_err(Failure::invalid)?;
+    Plan::new(&job.packing(), conditions.limits)?;
+    job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();
     Ok(Point { values, job, seeds })
@@ -171,7 +167,7 @@ struct Refused {
 }
 
 struct Fault {
-    kind: Kind,
+    code: FailureCode,
     pointer: String,
     detail: String,
     /// The first point that has it, and how many others do.
@@ -180,9 +176,9 @@ struct Fault {
 }
 
 impl Refused {
-    fn add(&mut self, kind: Kind, pointer: String, detail: String, point: usize) {
+    fn add(&mut self, code: FailureCode, pointer: String, detail: String, point: usize) {
         // What does not fit, or is too much, says so with other numbers at every point.
-        let wording = if kind == Kind::ValidationError { detail.clone() } else { String::new() };
+        let wording = if code == FailureCode::ValidationError { detail.clone() } else { String::new() };
         let key = (pointer.clone(), wording);
         if let Some(known) = self.known.get(&key) {
             self.faults[*known].others += 1;
@@ -190,26 +186,27 @@ impl Refused {
             self.more += 1;
         } else {
             self.known.insert(key, self.faults.len());
-            self.faults.push(Fault { kind, pointer, detail, point, others: 0 });
+            self.faults.push(Fault { code, pointer, detail, point, others: 0 });
         }
     }
 
     /// The points, unless one was refused.
-    fn or(mut self, points: Vec<Point>, named: bool) -> Result<Vec<Point>, Refusal> {
-        if self.more > 0 {
-            self.faults.truncate(MAX_FAULTS - 1);
-        }
-        // What cannot be read at all comes before what could not be packed.
-        let gravest = [Kind::ValidationError, Kind::TooLarge, Kind::InfeasibleMix, Kind::CoarseMix]
-            .into_iter()
-            .find(|kind| self.faults.iter().any(|fault| fault.kind == *kind));
-        let Some(kind) = gravest else { return Ok(points) };
+    fn or(self, points: Vec<Point>, named: bool) -> Result<Vec<Point>, Failure> {
+        // A request that cannot be read is reported before one that cannot be packed.
+        let codes = [
+            FailureCode::ValidationError,
+            FailureCode::TooLarge,
+            FailureCode::InfeasibleMix,
+            FailureCode::CoarseMix,
+            FailureCode::FormatNotAvailable,
+        ];
+        let gravest = codes.into_iter().find(|code| self.faults.iter().any(|fault| fault.code == *code));
+        let Some(code) = gravest.or(self.faults.first().map(|fault| fault.code)) else { return Ok(points) };
         let mut faults: Vec<FieldError> = self.faults.into_iter().map(|fault| fault.told(named)).collect();
         if self.more > 0 {
-            let detail = format!("and {} faults more: mend these first", self.more + 1);
-            faults.push(FieldError { pointer: String::new(), detail });
+            faults.push(FieldError::and_more(self.more));
         }
-        Err(Refusal { kind, faults })
+        Err(Failure::fields(code, faults))
     }
 }
 
@@ -221,6 +218,6 @@ impl Fault {
             (true, 0) => format!("point {}: {}", self.point, self.detail),
             (true, others) => format!("point {} and {others} more: {}", self.point, self.detail),
         };
-        FieldError { pointer: self.pointer, detail }
+        FieldError::new(self.pointer, detail)
     }
 }

@@ -29,11 +29,17 @@ pub(crate) use table::{Keys, Table};
 
 /// Most jobs of a study.
 pub(crate) const MAX_JOBS: usize = 10_000;
-/// Most bytes of JSON that the requests of all jobs of a study may come to: a grid over long lists of diameters
-/// would fill the memory otherwise.
+/// Most bytes of JSON of the requests of all jobs of a study; a grid over long lists of diameters would fill the disk
+/// otherwise.
 pub(crate) const MAX_REQUEST_BYTES: usize = 64 << 20;
 
-/// A study, expanded. Made by [`Study::read`].
+/// Most entries of `grid`, and of `zip`.
+pub(crate) const MAX_AXES: usize = 32;
+/// Most values (numbers, texts) that the requests of all points may hold together; each takes memory until the study is
+/// stored.
+pub(crate) const MAX_POINT_VALUES: usize = 4_000_000;
+
+/// An expanded study. Made by [`Study::read`].
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Study {
     /// A name for people.

@@ -1,9 +1,11 @@
 //! JSON pointers (RFC 6901) that put values into a document.
 //!
-//! Narrower than the RFC where it would be of no use here: the document as a whole, and the place after the
-//! end of an array (`-`), are no places to put a value.
+//! The document as a whole and the place after the end of an array (`-`) are refused, because no value can be put there.
 
 use serde_json::Value;
+
+/// Longest pointer, in characters.
+const MAX_CHARS: usize = 250;
 
 /// A place in a document.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,8 +20,12 @@ pub(super) fn escaped(text: &str) -> String {
 }
 
 impl Pointer {
-    /// Reads a pointer, or says what is wrong with it.
+    /// Reads a pointer, or describes what is wrong with it.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let length = text.chars().count();
+        if length > MAX_CHARS {
+            return Err(format!("the key has {length} characters: must have at most {MAX_CHARS}"));
+        }
         let Some(rest) = text.strip_prefix('/') else {
             return Err("the key is no JSON pointer to a field: must begin with a slash, as \
                         /mix/volume_fraction"
@@ -190,6 +196,7 @@ mod tests {
         fn any_name_survives_its_escape(names in prop::collection::vec(any::<String>(), 1..4)) {
             let segments: Vec<String> = names.iter().map(|name| escaped(name)).collect();
             let text = format!("/{}", segments.join("/"));
+            prop_assume!(text.chars().count() <= MAX_CHARS);
             let pointer = Pointer::parse(&text).unwrap();
             prop_assert_eq!(&pointer.segments, &names);
             let (last, parents) = names.split_last().unwrap();

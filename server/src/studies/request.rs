@@ -1,7 +1,8 @@
-//! Reads the request of a study: its grammar, with the faults of all of it at once.
+//! Reads the request of a study and reports all faults of its own fields at once.
 //!
-//! What is judged here needs no look at a single job: types, bounds, the places that values go to, how many
-//! jobs there would be. What the jobs come to is [`super::expand`]'s matter.
+//! This module checks types, bounds, the places that values are written to, and the number of jobs. [`super::expand`]
+//! makes the jobs and checks each of them. The cost of every check is bounded before it starts: at most [`MAX_AXES`]
+//! entries are compared with one another, and no axis has more than [`MAX_JOBS`] values.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -10,38 +11,21 @@ use packstone_engine::request::MAX_SEED;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
 use packstone_engine::{FieldError, Limits};
 use serde_json::{Number, Value};
+use sha2::Digest as _;
 
+use super::expand::Conditions;
 use super::pointer::Pointer;
-use super::{MAX_JOBS, MAX_REQUEST_BYTES, StopWhen, Study, expand};
+use super::{MAX_AXES, MAX_JOBS, MAX_POINT_VALUES, MAX_REQUEST_BYTES, StopWhen, Study, expand};
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::request::{read_labels, read_name};
-use crate::problem::{Kind, Problem};
 
 /// Both ends of a range belong to it if it meets them up to this share of a step.
 const RANGE_SLACK: f64 = 1e-9;
 /// What a number of a range may be.
 const RANGE: Bound = Bound::closed(-1e300, 1e300, "");
 
-/// Why there is no study: always something the user can change.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Refusal {
-    pub(crate) kind: Kind,
-    pub(crate) faults: Vec<FieldError>,
-}
-
-impl Refusal {
-    fn invalid(faults: Vec<FieldError>) -> Self {
-        Self { kind: Kind::ValidationError, faults }
-    }
-
-    fn too_large(detail: String) -> Self {
-        Self { kind: Kind::TooLarge, faults: vec![FieldError { pointer: String::new(), detail }] }
-    }
-}
-
-impl From<Refusal> for Problem {
-    fn from(refusal: Refusal) -> Self {
-        Self::fields(refusal.kind, refusal.faults)
-    }
+fn too_large(detail: String) -> Failure {
+    Failure::fields(FailureCode::TooLarge, vec![FieldError::new("", detail)])
 }
 
 impl Study {
@@ -52,7 +36,19 @@ impl Study {
         seed: u64,
         now: Option<Timestamp>,
         limits: &Limits,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, Failure> {
+        Self::read_while(value, seed, now, limits, &|| true)
+    }
+
+    /// The same as [`read`](Self::read), but ends with an internal error as soon as `go_on` returns `false`: nobody waits
+    /// for the study any more.
+    pub(crate) fn read_while(
+        value: &Value,
+        seed: u64,
+        now: Option<Timestamp>,
+        limits: &Limits,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Self, Failure> {
         let faults = Faults::default();
         let asked = At::root(value, &faults).object().and_then(|mut object| {
             let asked = Asked::read(&mut object, &faults, seed);
@@ -61,9 +57,9 @@ impl Study {
         });
         if let Some(asked) = asked.filter(|_| faults.count() == 0) {
             asked.check_size()?;
-            return expand::expand(&asked, now, limits);
+            return expand::expand(&asked, &Conditions { now, limits, go_on });
         }
-        Err(Refusal::invalid(faults.into_vec()))
+        Err(Failure::invalid(faults.into_vec()))
     }
 
     /// The request as it is kept: with the seed that may have been drawn for it.
@@ -76,7 +72,7 @@ impl Study {
     }
 }
 
-/// A request whose grammar is right.
+/// A request whose own fields are valid.
 pub(super) struct Asked<'a> {
     pub(super) name: Option<String>,
     pub(super) labels: BTreeMap<String, String>,
@@ -125,17 +121,17 @@ impl Values<'_> {
     pub(super) fn get(&self, i: usize) -> Value {
         match self {
             Self::List(values) => values.get(i).cloned().unwrap_or_default(),
-            Self::Range { from, step, .. } => sum_on_paper(*from, i as f64 * step),
+            Self::Range { from, step, .. } => rounded_sum(*from, i as f64 * step),
         }
     }
 }
 
-/// A sum to 12 significant digits of its larger term, so that what is 0.585 or 0 on paper is 0.585 or 0; a whole one
-/// without a point, as a person would write it.
-fn sum_on_paper(from: f64, way: f64) -> Value {
-    let sum = from + way;
+/// A sum rounded to 12 significant digits of its larger term, so that 0.585 or 0 in decimal arithmetic is 0.585 or 0
+/// here; whole numbers have no decimal point.
+fn rounded_sum(from: f64, offset: f64) -> Value {
+    let sum = from + offset;
     // Digits of the term, not of the sum: where the terms all but cancel, the sum's own are rounding errors.
-    let decimals = 11.0 - from.abs().max(way.abs()).log10().floor();
+    let decimals = 11.0 - from.abs().max(offset.abs()).log10().floor();
     let text = if decimals > 0.0 && decimals.is_finite() {
         format!("{sum:.*}", decimals as usize)
     } else {
@@ -190,18 +186,24 @@ impl<'a> Asked<'a> {
         })
     }
 
-    fn check_size(&self) -> Result<(), Refusal> {
+    fn check_size(&self) -> Result<(), Failure> {
         let points = self.points.len();
         let jobs = points.saturating_mul(self.replicates as u64);
         if jobs > MAX_JOBS as u64 {
-            return Err(Refusal::too_large(format!(
+            return Err(too_large(format!(
                 "the study has {jobs} jobs (points: {points}, replicates: {}): must have at most {MAX_JOBS}",
                 self.replicates
             )));
         }
-        let bytes = self.request_bytes();
+        let Size { bytes, values } = self.request_size();
+        if values > MAX_POINT_VALUES {
+            return Err(too_large(format!(
+                "the requests of the {points} points hold {values} values together: must hold at most \
+                 {MAX_POINT_VALUES}"
+            )));
+        }
         if bytes > MAX_REQUEST_BYTES {
-            return Err(Refusal::too_large(format!(
+            return Err(too_large(format!(
                 "the requests of the {jobs} jobs are {bytes} bytes of JSON together: must be at most \
                  {MAX_REQUEST_BYTES}"
             )));
@@ -209,42 +211,62 @@ impl<'a> Asked<'a> {
         Ok(())
     }
 
-    /// Length of the requests of all jobs, about. There are few enough jobs for it to be a number.
-    fn request_bytes(&self) -> usize {
-        let per_point = match &self.points {
-            Points::List(jobs) => jobs.iter().map(json_bytes).sum::<usize>(),
+    /// Size of the requests, approximately: bytes of all jobs, values of all points. The number of jobs is bounded already.
+    fn request_size(&self) -> Size {
+        let mut size = Size::default();
+        match &self.points {
+            Points::List(jobs) => jobs.iter().for_each(|job| size.add(job, 1)),
             Points::Template { job, grid, zip } => {
                 let points = self.points.len() as usize;
-                let of_axis = |axis: &Axis<'_>| match &axis.values {
-                    // Each value stands in as many points as any other.
-                    Values::List(values) => {
-                        values.iter().map(json_bytes).sum::<usize>().saturating_mul(points / values.len())
+                size.add(job, points);
+                for axis in grid.iter().chain(zip) {
+                    if let Values::List(values) = &axis.values {
+                        // Each value stands in as many points as any other.
+                        values.iter().for_each(|value| size.add(value, points / values.len()));
                     }
-                    Values::Range { .. } => 0,
-                };
-                let axes = grid.iter().chain(zip).map(of_axis).sum::<usize>();
-                json_bytes(job).saturating_mul(points).saturating_add(axes)
+                }
             }
-        };
-        per_point.saturating_mul(self.replicates)
+        }
+        size.bytes = size.bytes.saturating_mul(self.replicates);
+        size
     }
 }
 
-fn json_bytes(value: &Value) -> usize {
-    struct Count(usize);
-    impl std::io::Write for Count {
-        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-            self.0 += bytes.len();
-            Ok(bytes.len())
-        }
-        fn flush(&mut self) -> std::io::Result<()> {
-            Ok(())
-        }
+/// Bytes of JSON, and values that take memory once they are read.
+#[derive(Default)]
+struct Size {
+    bytes: usize,
+    values: usize,
+}
+
+impl Size {
+    /// Counts a document that occurs `times` times.
+    fn add(&mut self, value: &Value, times: usize) {
+        let mut count = Count { bytes: 0, commas: 0 };
+        // Counting cannot fail.
+        let _ = serde_json::to_writer(&mut count, value);
+        self.bytes = self.bytes.saturating_add(count.bytes.saturating_mul(times));
+        // Commas separate all values of a document but one for each array or object.
+        self.values = self.values.saturating_add((count.commas + 1).saturating_mul(times));
     }
-    let mut count = Count(0);
-    // Counting cannot fail.
-    let _ = serde_json::to_writer(&mut count, value);
-    count.0
+}
+
+/// A writer that counts.
+struct Count {
+    bytes: usize,
+    commas: usize,
+}
+
+impl std::io::Write for Count {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.bytes += bytes.len();
+        self.commas += bytes.iter().filter(|byte| **byte == b',').count();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
 }
 
 fn read_stop_when(at: &At<'_>) -> Option<StopWhen> {
@@ -310,7 +332,7 @@ fn read_list<'a>(at: &At<'a>, replicated: bool) -> Option<Points<'a>> {
         return None;
     }
     if replicated {
-        for seed in items.iter().filter_map(seed_of) {
+        for seed in items.iter().filter_map(|job| seed_of(&job)) {
             seed.fault(
                 "with replicates the seeds derive from the study's: leave this field out, or the replicates",
             );
@@ -326,13 +348,13 @@ fn seed_of<'a>(job: &At<'a>) -> Option<At<'a>> {
 
 /// The entries of the grid or the zip.
 fn read_axes<'a>(at: &At<'a>, template: &Value) -> Option<Vec<Axis<'a>>> {
-    let axes = at.members()?.into_iter().map(|(key, values)| {
+    let axes = at.members(MAX_AXES)?.into_iter().map(|(key, values)| {
         let pointer = Pointer::parse(key).and_then(|pointer| pointer.check(template).map(|()| pointer));
         let pointer = pointer.map_err(|detail| values.fault(detail)).ok();
         let read = read_values(&values);
         Some(Axis { pointer: pointer?, place: values.pointer().to_owned(), values: read? })
     });
-    // Collected before it is judged, so that the faults of all entries are found.
+    // Collected first, so that the faults of all entries are found.
     axes.collect::<Vec<_>>().into_iter().collect()
 }
 
@@ -340,6 +362,10 @@ fn read_values<'a>(at: &At<'a>) -> Option<Values<'a>> {
     match at.value() {
         Value::Array(values) if values.is_empty() => {
             at.fault("has no values: must have at least 1");
+            None
+        }
+        Value::Array(values) if values.len() > MAX_JOBS => {
+            at.fault(format!("has {} values: must have at most {MAX_JOBS}", values.len()));
             None
         }
         Value::Array(values) => Some(Values::List(values)),
@@ -367,13 +393,14 @@ fn read_range<'a>(at: &At<'a>) -> Option<Values<'a>> {
     Some(Values::Range { from, step, length: ((steps + RANGE_SLACK).floor() as u64).saturating_add(1) })
 }
 
-/// A value that stands twice on an axis of the grid would be the same packings twice.
+/// A value that occurs twice on an axis of the grid would give the same packings twice.
 fn check_distinct(axes: &[Axis<'_>], faults: &Faults) {
     for axis in axes {
         let Values::List(values) = &axis.values else { continue };
         let mut seen = HashSet::new();
         for (i, value) in values.iter().enumerate() {
-            if !seen.insert(value.to_string()) {
+            // Digests, for a value can be as long as the body.
+            if !seen.insert(sha2::Sha256::digest(value.to_string())) {
                 faults.add(format!("{}/{i}", axis.place), "the value comes twice: must stand here once");
             }
         }

@@ -17,14 +17,14 @@ fn job() -> Value {
     })
 }
 
-fn read(request: &Value) -> Result<Study, Refusal> {
+fn read(request: &Value) -> Result<Study, Failure> {
     let now = "2026-06-01T00:00:00Z".parse().unwrap();
     Study::read(request, 42, Some(now), &Limits::default())
 }
 
-fn refused(request: &Value) -> (Kind, Vec<String>) {
-    let refusal = read(request).unwrap_err();
-    (refusal.kind, refusal.faults.iter().map(ToString::to_string).collect())
+fn refused(request: &Value) -> (FailureCode, Vec<String>) {
+    let failure = read(request).unwrap_err();
+    (failure.code, failure.fields.iter().map(ToString::to_string).collect())
 }
 
 fn fractions(study: &Study) -> Vec<f64> {
@@ -153,7 +153,7 @@ fn faults_of_the_grammar_come_together_at_their_places() {
         "grid": {"mix": [1], "/mix/volume_fraction": [], "/specimen/edge/0": 3, "/mix/d_min_mm": {"from": 1, "to": 2, "step": 0}},
         "zip": {"/priority": [1, 2], "/timeout_s": [1, 2, 3]}
     }));
-    assert_eq!(kind, Kind::ValidationError);
+    assert_eq!(kind, FailureCode::ValidationError);
     assert_eq!(
         faults,
         [
@@ -213,7 +213,7 @@ fn what_contradicts_itself_is_refused() {
         ),
     ] {
         let (kind, faults) = refused(&request);
-        assert_eq!((kind, faults.len()), (Kind::ValidationError, 1), "{request} {faults:?}");
+        assert_eq!((kind, faults.len()), (FailureCode::ValidationError, 1), "{request} {faults:?}");
         assert!(faults[0].starts_with(says), "{} does not say {says:?}", faults[0]);
     }
 }
@@ -228,7 +228,7 @@ fn faults_of_jobs_point_to_what_the_user_wrote() {
         },
         "zip": {"/priority": [1, "high"]}
     }));
-    assert_eq!(kind, Kind::ValidationError);
+    assert_eq!(kind, FailureCode::ValidationError);
     assert_eq!(
         faults,
         [
@@ -254,20 +254,20 @@ fn faults_of_jobs_point_to_what_the_user_wrote() {
 fn one_point_that_cannot_be_packed_refuses_the_study() {
     let grid = |fractions: Value| json!({"template": job(), "grid": {"/mix/volume_fraction": fractions}});
     let (kind, faults) = refused(&grid(json!([0.2, 0.9, 0.3])));
-    assert_eq!((kind, faults.len()), (Kind::InfeasibleMix, 1), "{faults:?}");
+    assert_eq!((kind, faults.len()), (FailureCode::InfeasibleMix, 1), "{faults:?}");
     assert!(
         faults[0].starts_with("/grid/~1mix~1volume_fraction/1: point 1: the grains to place"),
         "{faults:?}"
     );
     // The gravest kind speaks for all.
     let (kind, faults) = refused(&grid(json!([0.9, 2])));
-    assert_eq!((kind, faults.len()), (Kind::ValidationError, 2), "{faults:?}");
+    assert_eq!((kind, faults.len()), (FailureCode::ValidationError, 2), "{faults:?}");
     let (_, faults) = refused(&grid(json!({"from": 0.7, "to": 0.95, "step": 0.05})));
     assert_eq!(faults.len(), 1, "{faults:?}");
     assert!(faults[0].starts_with("/grid/~1mix~1volume_fraction: point 1 and 4 more: "), "{faults:?}");
     let request = json!({"template": job(), "grid": {"/specimen/size_mm": [[50, 50, 50], [1e5, 1e5, 1e5]]}});
     let (kind, faults) = refused(&request);
-    assert_eq!(kind, Kind::TooLarge, "{faults:?}");
+    assert_eq!(kind, FailureCode::TooLarge, "{faults:?}");
     assert!(faults[0].contains("point 1: "), "{faults:?}");
 }
 
@@ -286,7 +286,7 @@ fn too_many_jobs_are_refused_before_they_are_made() {
         (json!({"list": vec![job(); 101], "replicates": 100}), "document: the study has 10100 jobs"),
     ] {
         let (kind, faults) = refused(&request);
-        assert_eq!((kind, faults.len()), (Kind::TooLarge, 1), "{faults:?}");
+        assert_eq!((kind, faults.len()), (FailureCode::TooLarge, 1), "{faults:?}");
         assert!(faults[0].starts_with(says), "{faults:?}");
     }
 }
@@ -296,15 +296,61 @@ fn long_lists_times_many_jobs_are_refused() {
     let mut template = job();
     template["mix"] = json!({"grading": {"type": "diameters", "diameters_mm": vec![1.5; 100_000]}});
     let (kind, faults) = refused(&json!({"template": template, "replicates": 200}));
-    assert_eq!(kind, Kind::TooLarge);
+    assert_eq!(kind, FailureCode::TooLarge);
     assert!(faults[0].contains("bytes of JSON together: must be at most 67108864"), "{faults:?}");
+}
+
+#[test]
+fn axes_and_their_values_are_bounded() {
+    for axes in ["grid", "zip"] {
+        let entries: serde_json::Map<String, Value> =
+            (0..50_000).map(|i| (format!("/{i}"), json!([1]))).collect();
+        let (code, faults) = refused(&json!({"template": job(), axes: entries}));
+        assert_eq!(code, FailureCode::ValidationError);
+        assert_eq!(faults, [format!("/{axes}: has 50000 entries: must have at most 32")]);
+        let (_, faults) = refused(&json!({"template": job(), axes: {"/name": vec!["a"; 10_001]}}));
+        assert_eq!(faults, [format!("/{axes}/~1name: has 10001 values: must have at most 10000")]);
+        let long = format!("/{}", "x/".repeat(100_000));
+        let (_, faults) = refused(&json!({"template": job(), axes: {long: [1]}}));
+        assert!(faults[0].ends_with("the key has 200001 characters: must have at most 250"), "{faults:?}");
+        assert!(faults[0].len() < 1000);
+    }
+    let mut template = job();
+    template["mix"] = json!({"grading": {"type": "diameters", "diameters_mm": vec![1; 5000]}});
+    let (code, faults) =
+        refused(&json!({"template": template, "grid": {"/priority": {"from": 0, "to": 99, "step": 0.1}}}));
+    assert_eq!(code, FailureCode::TooLarge);
+    assert!(faults[0].contains("values together: must hold at most 4000000"), "{faults:?}");
+}
+
+#[test]
+fn a_point_whose_exports_cannot_be_made_refuses_the_study() {
+    let mut periodic = job();
+    periodic["specimen"]["boundary"] = json!("periodic");
+    periodic["postprocess"] = json!([{"type": "ldpm"}]);
+    let (code, faults) = refused(&json!({"list": [job(), periodic]}));
+    assert_eq!(code, FailureCode::FormatNotAvailable, "{faults:?}");
+    assert!(faults[0].starts_with("/list/1/postprocess/0"), "{faults:?}");
+}
+
+#[test]
+fn reading_stops_when_nobody_waits() {
+    let request =
+        json!({"template": job(), "replicates": 1, "grid": {"/priority": {"from": 0, "to": 99, "step": 1}}});
+    let asked = std::cell::Cell::new(0);
+    let go_on = || {
+        asked.set(asked.get() + 1);
+        asked.get() < 5
+    };
+    let stopped = Study::read_while(&request, 42, None, &Limits::default(), &go_on).unwrap_err();
+    assert_eq!((stopped.code, asked.get()), (FailureCode::InternalError, 5));
 }
 
 #[test]
 fn of_many_faults_the_first_are_told() {
     let (_, faults) = refused(&json!({"list": vec![json!({"name": "", "mix": 1}); 200]}));
-    assert_eq!(faults.len(), 100);
-    assert_eq!(faults[99], "document: and 501 faults more: mend these first");
+    assert_eq!(faults.len(), 101);
+    assert_eq!(faults[100], "document: and 500 more faults");
 }
 
 proptest! {

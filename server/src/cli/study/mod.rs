@@ -106,7 +106,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     // A study that was started without a seed goes on with the one that was drawn for it.
     let seed = stored.as_ref().and_then(StudyRecord::seed).unwrap_or_else(draw_seed);
     let study = Study::read(&request, seed, None, &limits)
-        .map_err(|refusal| Exit::BadInput.because(listed(&options.study, &refusal.faults)))?;
+        .map_err(|refusal| Exit::BadInput.because(listed(&options.study, &refusal.fields)))?;
     let record = StudyRecord::new(&study, &request)?;
     if let Some(stored) = &stored {
         stored.check(&record, &options.out, &options.study)?;

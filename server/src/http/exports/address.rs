@@ -11,6 +11,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::exports::NewExport;
+use crate::failure::FailureCode;
 use crate::http::app::App;
 use crate::http::params::{Query, shown};
 use crate::http::problems::refused;
@@ -69,8 +70,9 @@ impl Target {
         let options = query.rest();
         query.finish()?;
         let pairs = options.iter().map(|(name, value)| (name.as_str(), value.as_str()));
-        let export = ExportRequest::from_text(path.kind, pairs)
-            .map_err(|faults| Problem::fields(Kind::ValidationError, faults).of_parameters(str::to_owned))?;
+        let export = ExportRequest::from_text(path.kind, pairs).map_err(|faults| {
+            Problem::fields(FailureCode::ValidationError, faults).of_parameters(str::to_owned)
+        })?;
         let (job, result) = finished(app, path.job).await?;
         let new = NewExport::new(&export, &result.sha256);
         Ok(Self { job, export, new })

@@ -5,7 +5,7 @@ use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
 use packstone_engine::export::ExportType;
 
-use crate::exports;
+use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::exports::ExportOptions;
@@ -18,7 +18,7 @@ use crate::http::params::Query;
 use crate::http::problems::sets::ExportFileProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::problem::{Kind, Problem};
+use crate::problem::{Kind, Problem, failure_document};
 
 /// How long an answer is held back while its file is made, if the request does not say.
 const WAIT: Wait = Wait { s: 60 };
@@ -66,9 +66,10 @@ pub(crate) async fn get(
     let (file, length) = match making::made(&app, &target, preferred.unwrap_or(WAIT)).await? {
         Made::File(file, length) => (file, length),
         Made::Failed(record) => {
-            let why = exports::failure(&record).detail;
+            let failure = record.error.unwrap_or_else(Failure::internal);
+            let why = &failure.detail;
             return Err(Problem::new(Kind::ExportFailed, format!("the export failed: {why}"))
-                .with("export_error", record.error.unwrap_or_default()));
+                .with("export_error", failure_document(&failure)));
         }
         Made::NotYet(record) => {
             let mut response = view::not_yet(&record);

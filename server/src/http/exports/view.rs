@@ -14,6 +14,7 @@ use crate::http::waiting::Changing;
 use crate::ids::JobId;
 use crate::jobs::JobProgress;
 use crate::problem::ProblemDocument;
+use crate::problem::failure_document;
 
 /// An export: a file that is made, or to be made, of a result.
 #[derive(Debug, Serialize, ToSchema)]
@@ -124,7 +125,7 @@ impl Export {
             bytes: record.file.as_ref().map(|file| file.bytes),
             sha256: record.file.as_ref().map(|file| file.sha256.clone()),
             report: record.report.clone(),
-            error: record.error.clone(),
+            error: record.error.as_ref().map(failure_document),
             created_at: time(record.created_at),
             started_at: record.started_at.map(time),
             finished_at: record.finished_at.map(time),

@@ -1,10 +1,11 @@
 //! What a client may do to a job: cancel, retry, delete.
 
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
 use crate::http::app::App;
+use crate::http::conditional::target;
 use crate::http::jobs::view::{self, Job};
 use crate::http::params::{JobPath, Query};
 use crate::http::problems::refused;
@@ -18,7 +19,10 @@ use crate::problem::Problem;
 /// A waiting job is cancelled at once; a running one is asked to stop, and does within two seconds.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancel_job",
-    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
+    ),
     responses(
         (status = 200, description = "The job is cancelled", body = Job),
         (status = 202, description = "The job was asked to stop", body = Job),
@@ -29,9 +33,11 @@ pub(crate) async fn cancel(
     State(app): State<App>,
     JobPath(id): JobPath,
     query: Query,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let cancelled = app.shared.store.cancel(id).await.map_err(|error| refused(error, id))?;
+    let cancelled =
+        app.shared.store.cancel(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     let (job, status) = match cancelled {
         Cancelled::Now(job) => {
             // It may have waited for its next attempt.
@@ -49,19 +55,23 @@ pub(crate) async fn cancel(
 /// It goes back to the queue as its next attempt, with its attempts renewed.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retry_job",
-    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
+    ),
     responses((status = 200, description = "The job waits again", body = Job), RetryProblems)
 )]
 pub(crate) async fn retry(
     State(app): State<App>,
     JobPath(id): JobPath,
     query: Query,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
     let job = app
         .shared
         .store
-        .retry(id, damaged_result(&app, id).await?)
+        .retry(target(id, &headers), damaged_result(&app, id).await?)
         .await
         .map_err(|error| refused(error, id))?;
     // Its ended attempts took theirs along, unless the server stopped during the last of them. Who
@@ -84,16 +94,20 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
 /// Delete a finished job, its result, and what was made of it
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
-    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
+    ),
     responses((status = 204, description = "The job is gone"), ActionProblems)
 )]
 pub(crate) async fn delete(
     State(app): State<App>,
     JobPath(id): JobPath,
     query: Query,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let files = app.shared.store.delete(id).await.map_err(|error| refused(error, id))?;
+    let files = app.shared.store.delete(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     for path in files {
         if let Err(error) = app.shared.artifacts.remove(&path) {
             tracing::warn!(%error, job_id = %id, path, "a file is left to the sweeper");

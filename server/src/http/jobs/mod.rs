@@ -4,6 +4,7 @@ pub(crate) mod actions;
 pub(crate) mod events;
 pub(crate) mod get;
 pub(crate) mod list;
+pub(crate) mod patch;
 pub(crate) mod plans;
 pub(crate) mod plots;
 mod reading;

@@ -4,10 +4,11 @@ use bytes::Bytes;
 use jiff::Timestamp;
 use packstone_engine::{Limits, Plan};
 
+use crate::failure::Failure;
 use crate::http::app::{App, LARGE_BODY_BYTES};
-use crate::http::submission::content_sha256;
+use crate::http::submission::{content_sha256, read_apart};
 use crate::jobs::{JobRequest, request};
-use crate::problem::{Kind, Problem};
+use crate::problem::Problem;
 use crate::strict_json;
 
 /// A job that was read and planned.
@@ -29,21 +30,15 @@ pub(crate) enum Proposal {
 pub(crate) async fn read(app: &App, bytes: Bytes, proposal: Proposal) -> Result<Submission, Problem> {
     let limits = app.shared.limits;
     if bytes.len() <= LARGE_BODY_BYTES {
-        return read_now(&bytes, &limits, proposal);
+        return Ok(read_now(&bytes, &limits, proposal)?);
     }
-    let Ok(_turn) = app.shared.large_bodies.acquire().await else {
-        return Err(Problem::internal());
-    };
-    tokio::task::spawn_blocking(move || read_now(&bytes, &limits, proposal)).await.unwrap_or_else(|error| {
-        tracing::error!(%error, "a submission was not read to its end");
-        Err(Problem::internal())
-    })
+    read_apart(app, move |_| read_now(&bytes, &limits, proposal)).await
 }
 
-fn read_now(bytes: &[u8], limits: &Limits, proposal: Proposal) -> Result<Submission, Problem> {
+fn read_now(bytes: &[u8], limits: &Limits, proposal: Proposal) -> Result<Submission, Failure> {
     let value = strict_json::parse(bytes)?;
-    let request = JobRequest::read(&value, request::draw_seed(), Some(Timestamp::now()))
-        .map_err(|faults| Problem::fields(Kind::ValidationError, faults))?;
+    let request =
+        JobRequest::read(&value, request::draw_seed(), Some(Timestamp::now())).map_err(Failure::invalid)?;
     let packing = request.packing();
     let mut plan = Plan::new(&packing, limits)?;
     request.check_postprocess(limits)?;

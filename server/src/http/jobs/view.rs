@@ -18,6 +18,7 @@ use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
 use crate::plots::job::JobPlot;
 use crate::problem::ProblemDocument;
+use crate::problem::failure_document;
 
 /// A job without its request, as listings show it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -171,7 +172,7 @@ impl JobSummary {
             updated_at: time(job.updated_at),
             expires_at: job.expires_at.map(time),
             progress: job.progress.clone(),
-            error: job.error.clone(),
+            error: job.error.as_ref().map(failure_document),
             result: job.artifact.as_ref().map(ResultView::of),
             warnings: job.warnings(),
             engine: job.engine.clone(),

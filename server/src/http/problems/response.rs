@@ -6,6 +6,9 @@
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
+use packstone_engine::FieldError;
+
+use crate::failure::Failure;
 use crate::jobs::store::{Fault, StoreError};
 use crate::problem::{Kind, Problem};
 
@@ -65,6 +68,12 @@ impl From<StoreError> for Problem {
         match error {
             StoreError::QueueFull { .. } | StoreError::TooManyWait { .. } => {
                 Self::new(Kind::QueueFull, error.to_string()).with_header("retry-after", "30")
+            }
+            StoreError::VersionDiffers => {
+                Self::new(Kind::PreconditionFailed, "If-Match names another version than the present one")
+            }
+            StoreError::TooManyLabels { .. } => {
+                Failure::invalid(vec![FieldError::new("/labels", error.to_string())]).into()
             }
             StoreError::KeyReused => {
                 Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")

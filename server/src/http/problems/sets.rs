@@ -33,15 +33,18 @@ problem_sets! {
     /// Of routes about one study.
     StudyProblems: ValidationError 400, NotFound 404;
     /// Of retries of a study.
-    StudyRetryProblems: ValidationError 400, NotFound 404, QueueFull 429;
+    StudyRetryProblems: ValidationError 400, NotFound 404, PreconditionFailed 412, QueueFull 429;
     /// Of tables.
     TableProblems: ValidationError 400, NotFound 404, NotAcceptable 406;
     /// Of listings.
     ListProblems: ValidationError 400;
+    /// Of changes of a job.
+    PatchProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, Conflict 409,
+        PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
     /// Of actions that a job's state may forbid.
-    ActionProblems: ValidationError 400, NotFound 404, Conflict 409;
+    ActionProblems: ValidationError 400, NotFound 404, Conflict 409, PreconditionFailed 412;
     /// Of retries.
-    RetryProblems: ValidationError 400, NotFound 404, Conflict 409, QueueFull 429;
+    RetryProblems: ValidationError 400, NotFound 404, Conflict 409, PreconditionFailed 412, QueueFull 429;
     /// Of plans.
     PlanProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
         UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422;

@@ -27,7 +27,7 @@ use crate::http::problems::sets::{ResultProblems, SummaryProblems};
 use crate::http::problems::{of_fault, refused};
 use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
-use crate::problem::{Kind, Problem};
+use crate::problem::{Kind, Problem, failure_document};
 
 /// A result without its request and its spheres.
 #[derive(Serialize, ToSchema)]
@@ -189,7 +189,7 @@ pub(crate) async fn finished(app: &App, id: JobId) -> Result<(JobRecord, Artifac
             let problem = Problem::new(Kind::JobFailed, format!("job {id} {}", ended(&job)))
                 .with("state", job.state.name().into());
             Err(match job.error {
-                Some(error) => problem.with("job_error", error),
+                Some(error) => problem.with("job_error", failure_document(&error)),
                 None => problem,
             })
         }
@@ -197,9 +197,8 @@ pub(crate) async fn finished(app: &App, id: JobId) -> Result<(JobRecord, Artifac
 }
 
 fn ended(job: &JobRecord) -> String {
-    let why = job.error.as_ref().and_then(|error| error.get("detail")).and_then(Value::as_str);
-    match why {
-        Some(why) => format!("failed: {why}"),
+    match &job.error {
+        Some(failure) => format!("failed: {}", failure.detail),
         None if job.state == JobState::Cancelled => "was cancelled".into(),
         None => "failed".into(),
     }

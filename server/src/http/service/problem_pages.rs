@@ -18,9 +18,9 @@ pub(crate) struct ProblemKind {
     r#type: String,
     /// What it is called.
     title: &'static str,
-    /// Its usual status.
-    #[schema(minimum = 400, maximum = 599)]
-    status: u16,
+    /// Its usual HTTP status; `null` for the end of a job or an export, which is no response.
+    #[schema(required, minimum = 400, maximum = 599)]
+    status: Option<u16>,
     /// When it occurs and what to do about it.
     meaning: &'static str,
 }

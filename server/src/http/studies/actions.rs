@@ -3,10 +3,11 @@
 use std::collections::HashMap;
 
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
 use crate::http::app::App;
+use crate::http::conditional::target;
 use crate::http::params::{Query, StudyPath, shown};
 use crate::http::problems::refused;
 use crate::http::problems::sets::{ActionProblems, StudyRetryProblems};
@@ -20,7 +21,10 @@ use crate::problem::Problem;
 /// Waiting jobs are cancelled at once; running ones are asked to stop, and do within two seconds.
 #[utoipa::path(
     post, path = "/v1/studies/{id}/cancel", tag = "studies", operation_id = "cancel_study",
-    params(("id" = String, Path, format = "uuid", description = "ID of the study")),
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
+    ),
     responses(
         (status = 200, description = "The study is finished", body = Study),
         (status = 202, description = "Its last jobs were asked to stop", body = Study),
@@ -31,9 +35,11 @@ pub(crate) async fn cancel(
     State(app): State<App>,
     StudyPath(id): StudyPath,
     query: Query,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let study = app.shared.store.cancel_study(id).await.map_err(|error| refused(error, id))?;
+    let study =
+        app.shared.store.cancel_study(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     let status = match study.state() {
         StudyState::Finished => StatusCode::OK,
         StudyState::Open => StatusCode::ACCEPTED,
@@ -50,6 +56,7 @@ pub(crate) async fn cancel(
     post, path = "/v1/studies/{id}/retry", tag = "studies", operation_id = "retry_study",
     params(
         ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
         ("state" = Option<String>, Query, pattern = "^(failed|cancelled|failed,cancelled|cancelled,failed)$", description = "Which jobs: `failed` (when absent), `cancelled`, or both, separated by a comma"),
     ),
     responses((status = 200, description = "The study, whose jobs wait again", body = Study), StudyRetryProblems)
@@ -58,11 +65,16 @@ pub(crate) async fn retry(
     State(app): State<App>,
     StudyPath(id): StudyPath,
     mut query: Query,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let states = read_states(&mut query);
     query.finish()?;
-    let (study, retried) =
-        app.shared.store.retry_study(id, states).await.map_err(|error| refused(error, id))?;
+    let (study, retried) = app
+        .shared
+        .store
+        .retry_study(target(id, &headers), states)
+        .await
+        .map_err(|error| refused(error, id))?;
     // As for a single job: who retries wants a new start.
     let until = retried.iter().map(|(job, attempt)| (job.to_string(), attempt - 1)).collect();
     remove_checkpoints(&app, until).await;
@@ -91,16 +103,21 @@ fn read_states(query: &mut Query) -> Vec<jobs::State> {
 /// The answer does not wait until the files of ten thousand results have left the disk.
 #[utoipa::path(
     delete, path = "/v1/studies/{id}", tag = "studies", operation_id = "delete_study",
-    params(("id" = String, Path, format = "uuid", description = "ID of the study")),
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
+    ),
     responses((status = 204, description = "The study and its jobs are gone"), ActionProblems)
 )]
 pub(crate) async fn delete(
     State(app): State<App>,
     StudyPath(id): StudyPath,
     query: Query,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     query.finish()?;
-    let removed = app.shared.store.delete_study(id).await.map_err(|error| refused(error, id))?;
+    let removed =
+        app.shared.store.delete_study(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     tracing::info!(study_id = %id, jobs = removed.len(), "deleted");
     remove_checkpoints(&app, removed.iter().map(|job| (job.id.to_string(), i64::MAX)).collect()).await;
     let artifacts = app.shared.artifacts.clone();

@@ -43,7 +43,7 @@ pub(crate) enum StateParameter {
     get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
     params(
         ("state" = Option<StateParameter>, Query, description = "Only studies with jobs left to run (`open`), or without (`finished`)"),
-        ("label" = Option<Vec<String>>, Query, explode, description = "`key:value`; only studies with this label; may be repeated, and then all must fit", example = json!(["series:TB-7"])),
+        ("label" = Option<Vec<String>>, Query, explode, description = "`key=value`; only studies with this label; may be repeated, and then all must fit", example = json!(["series=TB-7"])),
         ("limit" = Option<i64>, Query, minimum = 1, maximum = 500, description = "Studies on a page; 50 when absent"),
         ("cursor" = Option<String>, Query, pattern = "^[0-9a-f]{32}$", description = "`next_cursor` of the page before, with the same filters"),
     ),

@@ -10,6 +10,7 @@ use jiff::Timestamp;
 use packstone_engine::Limits;
 use serde_json::Value;
 
+use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
@@ -22,7 +23,7 @@ use crate::http::storage::check_room;
 use crate::http::studies::get::wait_until;
 use crate::http::studies::schemas::StudyRequest;
 use crate::http::studies::view::{self, Study as StudyView};
-use crate::http::submission::{content_sha256, idempotency_key};
+use crate::http::submission::{content_sha256, idempotency_key, read_apart};
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::request;
 use crate::jobs::store::{IdempotencyKey, NewStudy, StudyState, SubmittedStudy};
@@ -108,17 +109,11 @@ struct Submission {
 /// stand for ten thousand jobs.
 async fn read(app: &App, bytes: Bytes) -> Result<Submission, Problem> {
     let limits = app.shared.limits;
-    let Ok(_turn) = app.shared.large_bodies.acquire().await else {
-        return Err(Problem::internal());
-    };
-    tokio::task::spawn_blocking(move || read_now(&bytes, &limits)).await.unwrap_or_else(|error| {
-        tracing::error!(%error, "a submission was not read to its end");
-        Err(Problem::internal())
-    })
+    read_apart(app, move |go_on| read_now(&bytes, &limits, go_on)).await
 }
 
-fn read_now(bytes: &[u8], limits: &Limits) -> Result<Submission, Problem> {
+fn read_now(bytes: &[u8], limits: &Limits, go_on: &dyn Fn() -> bool) -> Result<Submission, Failure> {
     let value = strict_json::parse(bytes)?;
-    let study = Study::read(&value, request::draw_seed(), Some(Timestamp::now()), limits)?;
+    let study = Study::read_while(&value, request::draw_seed(), Some(Timestamp::now()), limits, go_on)?;
     Ok(Submission { request: study.recorded(&value), study, body_sha256: content_sha256(value) })
 }

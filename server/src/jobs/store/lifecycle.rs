@@ -11,10 +11,10 @@ use super::exports::{files_of_job, insert_beforehand};
 use super::studies::runs;
 use super::submit::to_json;
 use super::writer::Writing;
-use super::{Store, StoreError, detached, fault_pause, micros, now_us, rows, turns};
+use super::{Store, StoreError, Target, detached, fault_pause, micros, now_us, rows, turns};
 use crate::exports::NewExport;
+use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
-use crate::problem::Problem;
 use crate::studies::{Facts, Outcome};
 
 /// The number of the job to run next. Left alone, the planner takes the index of all states and
@@ -175,9 +175,9 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
-    pub(crate) async fn fail(&self, lease: Lease, problem: &Problem, facts: Facts) -> Result<(), StoreError> {
-        let document = to_json(&problem.document())?;
-        let run = (runs::outcome_of(problem.kind), facts);
+    pub(crate) async fn fail(&self, lease: Lease, failure: &Failure, facts: Facts) -> Result<(), StoreError> {
+        let document = to_json(failure)?;
+        let run = (runs::outcome_of(failure.code), facts);
         self.leave_running(lease, State::Failed, Some(document), Some(run)).await?;
         Ok(())
     }
@@ -291,30 +291,35 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is finished, or the database's.
-    pub(crate) async fn cancel(&self, id: JobId) -> Result<Cancelled, StoreError> {
-        self.freeing(move |store| async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let before = rows::by_id(&mut tx, id).await?;
-            if before.state.is_finished() {
-                return Err(StoreError::Forbidden(before.state));
-            }
-            sqlx::query(
-                "update jobs set cancel_requested = 1, version = version + (not cancel_requested),
+    pub(crate) async fn cancel(&self, job: impl Into<Target<JobId>>) -> Result<Cancelled, StoreError> {
+        let target = job.into();
+        self.freeing(move |store| {
+            let target = target.clone();
+            async move {
+                let mut writer = store.writer().await?;
+                let mut tx = writer.begin().await?;
+                let before = rows::by_id(&mut tx, target.id).await?;
+                target.check(before.version)?;
+                if before.state.is_finished() {
+                    return Err(StoreError::Forbidden(before.state));
+                }
+                sqlx::query(
+                    "update jobs set cancel_requested = 1, version = version + (not cancel_requested),
                      updated_at = iif(cancel_requested, updated_at, ?2),
                      finished_at = iif(state = 'queued', ?2, finished_at),
                      state = iif(state = 'queued', 'cancelled', state)
                  where seq = ?1",
-            )
-            .bind(before.seq)
-            .bind(now_us())
-            .execute(&mut *tx)
-            .await?;
-            let job = rows::by_seq(&mut tx, before.seq).await?;
-            tx.commit().await?;
-            drop(writer);
-            store.notify_job(&job);
-            Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
+                )
+                .bind(before.seq)
+                .bind(now_us())
+                .execute(&mut *tx)
+                .await?;
+                let job = rows::by_seq(&mut tx, before.seq).await?;
+                tx.commit().await?;
+                drop(writer);
+                store.notify_job(&job);
+                Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
+            }
         })
         .await
     }
@@ -324,12 +329,17 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`], [`StoreError::QueueFull`], or the database's.
-    pub(crate) async fn retry(&self, id: JobId, damaged: Option<String>) -> Result<JobRecord, StoreError> {
-        let store = self.clone();
+    pub(crate) async fn retry(
+        &self,
+        job: impl Into<Target<JobId>>,
+        damaged: Option<String>,
+    ) -> Result<JobRecord, StoreError> {
+        let (store, target) = (self.clone(), job.into());
         detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let before = rows::by_id(&mut tx, id).await?;
+            let before = rows::by_id(&mut tx, target.id).await?;
+            target.check(before.version)?;
             let is_damaged =
                 damaged.is_some() && damaged == before.artifact.as_ref().map(|found| found.path.clone());
             let may_retry = before.state.may_retry() || (before.state == State::Succeeded && is_damaged);
@@ -367,24 +377,29 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is not finished, or the database's.
-    pub(crate) async fn delete(&self, id: JobId) -> Result<Vec<String>, StoreError> {
-        self.freeing(move |store| async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let job = rows::by_id(&mut tx, id).await?;
-            if !job.state.is_finished() {
-                return Err(StoreError::Forbidden(job.state));
+    pub(crate) async fn delete(&self, job: impl Into<Target<JobId>>) -> Result<Vec<String>, StoreError> {
+        let target = job.into();
+        self.freeing(move |store| {
+            let target = target.clone();
+            async move {
+                let mut writer = store.writer().await?;
+                let mut tx = writer.begin().await?;
+                let job = rows::by_id(&mut tx, target.id).await?;
+                target.check(job.version)?;
+                if !job.state.is_finished() {
+                    return Err(StoreError::Forbidden(job.state));
+                }
+                let (mut files, export) = files_of_job(&mut tx, job.seq).await?;
+                sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
+                tx.commit().await?;
+                drop(writer);
+                store.notify(job.id);
+                for id in export {
+                    store.notify_export(id);
+                }
+                files.extend(job.artifact.map(|artifact| artifact.path));
+                Ok(files)
             }
-            let (mut files, export) = files_of_job(&mut tx, job.seq).await?;
-            sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
-            tx.commit().await?;
-            drop(writer);
-            store.notify(id);
-            for id in export {
-                store.notify_export(id);
-            }
-            files.extend(job.artifact.map(|artifact| artifact.path));
-            Ok(files)
         })
         .await
     }

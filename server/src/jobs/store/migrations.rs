@@ -14,6 +14,8 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (3, "derived", include_str!("../../../../migrations/0003_derived.sql")),
     (4, "exports", include_str!("../../../../migrations/0004_exports.sql")),
     (5, "storage", include_str!("../../../../migrations/0005_storage.sql")),
+    (6, "failures", include_str!("../../../../migrations/0006_failures.sql")),
+    (7, "methods", include_str!("../../../../migrations/0007_methods.sql")),
     (8, "warnings", include_str!("../../../../migrations/0008_warnings.sql")),
 ];
 

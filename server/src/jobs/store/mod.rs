@@ -12,10 +12,12 @@ mod exports;
 mod faults;
 mod lifecycle;
 mod migrations;
+mod patch;
 mod query;
 mod rows;
 mod studies;
 mod submit;
+mod target;
 #[cfg(test)]
 mod tests;
 mod turns;
@@ -36,6 +38,7 @@ use super::notifications::{Notifications, Subscription};
 use super::{JobId, JobRecord, Lease, State};
 use crate::disk::Reserve;
 use crate::ids::{ExportId, StudyId};
+use crate::jobs::request::MAX_LABELS;
 use writer::{Durability, Writer, Writing};
 
 pub(crate) use exports::{ClaimedExport, Wish};
@@ -44,6 +47,7 @@ pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::Filter;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
+pub(crate) use target::Target;
 pub(crate) use upkeep::{Kept, Removed, StoredKind};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
@@ -100,6 +104,12 @@ pub(crate) enum StoreError {
     /// So many jobs wait that there is no room for more.
     #[error("the queue holds {queued} jobs of at most {most}, without room for {more} more")]
     QueueFull { queued: u64, more: u64, most: u64 },
+    /// The job or study has another version than the client accepts.
+    #[error("the version is another than If-Match names")]
+    VersionDiffers,
+    /// A patch would give the job too many labels.
+    #[error("the job would have {found} labels: must have at most {MAX_LABELS}")]
+    TooManyLabels { found: usize },
     /// The key came with another body before.
     #[error("the idempotency key was used with another body")]
     KeyReused,

@@ -19,13 +19,23 @@ pub(crate) struct Filter {
     pub(crate) labels: Vec<(String, String)>,
     /// Only jobs of this study.
     pub(crate) study: Option<StudyId>,
+    /// Only jobs whose name contains this text.
+    pub(crate) name: Option<String>,
+    /// Only jobs with this method in their request.
+    pub(crate) method: Option<String>,
+    /// Only jobs that were submitted at this time or later, in microseconds since the Unix epoch.
+    pub(crate) created_after: Option<i64>,
+    /// Only jobs that were submitted before this time, in microseconds since the Unix epoch.
+    pub(crate) created_before: Option<i64>,
+    /// Oldest job first instead of newest first.
+    pub(crate) oldest_first: bool,
 }
 
-/// One page of a listing, newest job first.
+/// One page of a listing.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Page {
     pub(crate) jobs: Vec<JobRecord>,
-    /// Jobs below this number follow; `None` on the last page.
+    /// Jobs beyond this number follow; `None` on the last page.
     pub(crate) next_before: Option<i64>,
 }
 
@@ -52,17 +62,18 @@ impl Store {
         serde_json::from_str(row.try_get("body")?).map_err(|error| StoreError::Row(error.to_string()))
     }
 
-    /// A page of at most `limit` jobs below number `before`.
+    /// A page of at most `limit` jobs beyond number `before` in the order of the filter.
     ///
-    /// Every combination of filters is the range of one index, further labels are looked up in
-    /// another: no page costs more than its length, however many jobs there are.
+    /// Every combination of state, study and labels is the range of one index, further labels are looked up in
+    /// another: such a page costs no more than its length. Name, method and time of submission are tested for each job
+    /// of that range.
     pub(crate) async fn list(
         &self,
         filter: &Filter,
         before: Option<i64>,
         limit: u32,
     ) -> Result<Page, StoreError> {
-        let mut query = list_query(filter, before.unwrap_or(i64::MAX), i64::from(limit) + 1);
+        let mut query = list_query(filter, before.unwrap_or(filter.start()), i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
         let mut jobs = rows.iter().map(rows::job).collect::<Result<Vec<_>, _>>()?;
         let more = jobs.len() > limit as usize;
@@ -115,17 +126,51 @@ impl Store {
     }
 }
 
+impl Filter {
+    /// The number before the first page.
+    fn start(&self) -> i64 {
+        if self.oldest_first { i64::MIN } else { i64::MAX }
+    }
+
+    /// Limits a query to the jobs beyond number `before`, which `column` holds, and adds the filters without an index.
+    fn push(&self, query: &mut QueryBuilder<Sqlite>, column: &str, before: i64) {
+        query.push(column).push(if self.oldest_first { " > " } else { " < " }).push_bind(before);
+        if let Some(name) = &self.name {
+            query.push(" and instr(jobs.name, ").push_bind(name.clone()).push(") > 0");
+        }
+        if let Some(method) = &self.method {
+            query.push(" and jobs.method = ").push_bind(method.clone());
+        }
+        if let Some(after) = self.created_after {
+            query.push(" and jobs.created_at >= ").push_bind(after);
+        }
+        if let Some(until) = self.created_before {
+            query.push(" and jobs.created_at < ").push_bind(until);
+        }
+    }
+
+    /// Adds order and length of the page.
+    fn push_end(&self, query: &mut QueryBuilder<Sqlite>, column: &str, limit: i64) {
+        query.push(" order by ").push(column).push(if self.oldest_first {
+            " limit "
+        } else {
+            " desc limit "
+        });
+        query.push_bind(limit);
+    }
+}
+
 fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
     if let Some(study) = filter.study {
         return list_of_study(study, filter, before, limit);
     }
     let Some(((key, value), others)) = filter.labels.split_first() else {
-        let mut query = QueryBuilder::new(select_jobs!("where jobs.seq < "));
-        query.push_bind(before);
+        let mut query = QueryBuilder::new(select_jobs!("where "));
+        filter.push(&mut query, "jobs.seq", before);
         if let Some(state) = filter.state {
             query.push(" and jobs.state = ").push_bind(state.name());
         }
-        query.push(" order by jobs.seq desc limit ").push_bind(limit);
+        filter.push_end(&mut query, "jobs.seq", limit);
         return query;
     };
     // `cross join` keeps the planner from leaving the labels' index, which the order relies on.
@@ -138,7 +183,7 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
          where job_labels.key = ",
     );
     query.push_bind(key.clone()).push(" and job_labels.value = ").push_bind(value.clone());
-    query.push(" and job_labels.job < ").push_bind(before);
+    filter.push(query.push(" and "), "job_labels.job", before);
     if let Some(state) = filter.state {
         query.push(" and job_labels.state = ").push_bind(state.name());
     }
@@ -147,7 +192,7 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
         query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
         query.push(" and other.job = job_labels.job)");
     }
-    query.push(" order by job_labels.job desc limit ").push_bind(limit);
+    filter.push_end(&mut query, "job_labels.job", limit);
     query
 }
 
@@ -156,7 +201,8 @@ fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> Qu
     let mut query = QueryBuilder::new(select_jobs!(
         "where jobs.study = (select known.seq from studies as known where known.id = "
     ));
-    query.push_bind(study.to_string()).push(") and jobs.seq < ").push_bind(before);
+    query.push_bind(study.to_string()).push(") and ");
+    filter.push(&mut query, "jobs.seq", before);
     if let Some(state) = filter.state {
         query.push(" and jobs.state = ").push_bind(state.name());
     }
@@ -165,7 +211,7 @@ fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> Qu
         query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
         query.push(" and other.job = jobs.seq)");
     }
-    query.push(" order by jobs.seq desc limit ").push_bind(limit);
+    filter.push_end(&mut query, "jobs.seq", limit);
     query
 }
 
@@ -173,5 +219,5 @@ fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> Qu
 #[cfg(test)]
 pub(super) fn list_sql(filter: &Filter) -> String {
     use sqlx::Execute as _;
-    list_query(filter, i64::MAX, 1).build().sql().as_str().to_owned()
+    list_query(filter, filter.start(), 1).build().sql().as_str().to_owned()
 }

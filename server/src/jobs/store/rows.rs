@@ -66,7 +66,7 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         engine: json(&row.try_get::<String, _>("engine")?)?,
         plan_warnings: json(&row.try_get::<String, _>("warnings")?)?,
         progress: optional_json("progress")?,
-        error: optional_json("error")?,
+        error: row.try_get::<Option<String>, _>("error")?.as_deref().map(json).transpose()?,
         artifact,
         study,
         owner: row.try_get("owner")?,

@@ -6,8 +6,8 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::*;
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
-use crate::problem::{Kind, Problem};
 use crate::studies::Facts;
 
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
@@ -126,19 +126,19 @@ async fn only_the_holder_of_the_lease_may_write() {
     assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let new = store.claim().await.unwrap().unwrap().lease;
     assert_eq!((new.id, new.attempt), (old.id, old.attempt + 1));
-    let problem = Problem::internal();
+    let failure = Failure::internal();
     assert!(matches!(store.heartbeat(old, Some(progress(0.1))).await, Err(StoreError::LeaseLost)));
     assert!(matches!(
         store.succeed(old, artifact("x"), progress(1.0), Facts::default(), Vec::new()).await,
         Err(StoreError::LeaseLost)
     ));
-    assert!(matches!(store.fail(old, &problem, Facts::default()).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(store.fail(old, &failure, Facts::default()).await, Err(StoreError::LeaseLost)));
     assert!(matches!(store.finish_cancelled(old).await, Err(StoreError::LeaseLost)));
     assert!(matches!(store.give_back(old).await, Err(StoreError::LeaseLost)));
     assert!(!store.refers_to("x").await.unwrap());
     succeed(&store, new).await;
     assert!(
-        matches!(store.fail(new, &problem, Facts::default()).await, Err(StoreError::LeaseLost)),
+        matches!(store.fail(new, &failure, Facts::default()).await, Err(StoreError::LeaseLost)),
         "it ended already"
     );
 }
@@ -160,7 +160,7 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
     assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let ended = store.get(job.id).await.unwrap().unwrap();
     assert_eq!(ended.state, State::Failed);
-    assert_eq!(ended.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
+    assert_eq!(ended.error.unwrap().code, FailureCode::AttemptsExhausted);
     assert_eq!(store.recover(Vec::new()).await.unwrap(), 0);
     let retried = store.retry(job.id, None).await.unwrap();
     assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
@@ -356,7 +356,7 @@ async fn every_listing_and_claim_uses_an_index() {
         (None, vec![label("a")]),
         (Some(State::Queued), vec![label("a"), label("b")]),
     ] {
-        let plan = plan_of(&store, &query::list_sql(&Filter { state, labels, study: None })).await;
+        let plan = plan_of(&store, &query::list_sql(&Filter { state, labels, ..Filter::default() })).await;
         assert!(
             plan.iter().all(|step| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE")),
             "{plan:?}"
@@ -382,4 +382,59 @@ async fn a_store_that_can_be_written_says_so_and_stays_as_it_is() {
     assert_eq!(store.counts().await.unwrap()[&State::Queued], 1);
     store.close().await;
     assert!(store.get(JobId::new()).await.is_err());
+}
+
+#[tokio::test]
+async fn stored_problem_documents_become_failures() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("packstone.sqlite");
+    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
+    migrations::migrations_to(4).run(&mut old).await.unwrap();
+    let documents = [
+        r#"{"type":"/problems/packing-not-reached","title":"x","status":422,"detail":"stopped","grains":7,
+            "scale_reached":0.1000000000000000055,"proven":true}"#,
+        r#"{"type":"/problems/validation-error","title":"x","status":422,"detail":"/mix: 9 is too much",
+            "errors":[{"pointer":"/mix","detail":"9 is too much"}]}"#,
+    ];
+    let ids = [JobId::new(), JobId::new()];
+    for (id, document) in ids.iter().zip(documents) {
+        sqlx::query(
+            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
+                 engine, error) values (?1, 'failed', '{}', 0, 1, 3, 3, 0, 0, '{}', ?2)",
+        )
+        .bind(id.to_string())
+        .bind(document)
+        .execute(&mut old)
+        .await
+        .unwrap();
+    }
+    sqlx::query(
+        "insert into exports (id, job, key, type, options, kept, quick, rank, state, error, created_at, updated_at, used_at)
+         values (?1, 1, 'k', 'mesh', '{\"type\":\"mesh\"}', 1, 0, 0, 'failed', ?2, 0, 0, 0)",
+    )
+    .bind(ExportId::new().to_string())
+    .bind(documents[1])
+    .execute(&mut old)
+    .await
+    .unwrap();
+    old.close().await.unwrap();
+
+    let store = open(&folder, LIMITS).await;
+    let error = |id| {
+        let store = &store;
+        async move { store.get(id).await.unwrap().unwrap().error.unwrap() }
+    };
+    let reached = error(ids[0]).await;
+    assert_eq!((reached.code, reached.detail.as_str()), (FailureCode::TargetNotReached, "stopped"));
+    assert_eq!((reached.facts.grains, reached.facts.saturation_proven), (Some(7), Some(true)));
+    assert_eq!(reached.facts.scale_reached, Some(0.1));
+    let text: String =
+        sqlx::query_scalar("select error from jobs where seq = 1").fetch_one(store.readers()).await.unwrap();
+    assert!(text.contains("0.1000000000000000055"), "a number keeps its text: {text}");
+    let invalid = error(ids[1]).await;
+    assert_eq!(invalid, Failure::invalid(vec![packstone_engine::FieldError::new("/mix", "9 is too much")]));
+    let text: String =
+        sqlx::query_scalar("select error from exports").fetch_one(store.readers()).await.unwrap();
+    assert_eq!(serde_json::from_str::<Failure>(&text).unwrap(), invalid);
 }

@@ -8,8 +8,8 @@ use sqlx::sqlite::SqliteRow;
 
 use super::submit::to_json;
 use super::{Store, StoreError, detached, now_us, rows};
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
-use crate::problem::{Kind, Problem};
 
 /// Expired jobs removed in one transaction; more would keep submissions waiting.
 const EXPIRED_AT_ONCE: i64 = 200;
@@ -77,8 +77,8 @@ impl Store {
     async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         detached(async move {
-            let exhausted = Problem::new(
-                Kind::AttemptsExhausted,
+            let exhausted = Failure::new(
+                FailureCode::AttemptsExhausted,
                 "the server stopped during every attempt that max_attempts allows",
             );
             let mut writer = store.writer().await?;
@@ -111,7 +111,7 @@ impl Store {
             )
             .bind(now_us())
             .bind(leases_until)
-            .bind(to_json(&exhausted.document())?)
+            .bind(to_json(&exhausted)?)
             .fetch_all(&mut *tx)
             .await?;
             if leases_until == i64::MAX {

@@ -5,7 +5,7 @@ use sqlx::{Row as _, SqliteConnection};
 use super::super::writer::Writing;
 use super::super::{Store, StoreError, detached, now_us};
 use super::{by_seq, export, select_exports, touch_job};
-use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, is_transient};
+use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport};
 use crate::ids::{ExportId, JobId};
 
 /// How long an export is to stay.
@@ -131,7 +131,8 @@ async fn ask(writer: &mut Writing<'_>, job: JobId, new: &NewExport, wish: Wish) 
         check_kept(&mut tx, job).await?;
     }
     let seq = if let Some(known) = &known {
-        let again = known.state == ExportState::Failed && is_transient(known.error.as_ref());
+        let again = known.state == ExportState::Failed
+            && known.error.as_ref().is_none_or(|error| error.code.is_transient());
         update(&mut tx, known, again, keep, now).await?;
         known.seq
     } else {

@@ -65,7 +65,7 @@ fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
         progress: optional_json("progress")?,
         file,
         report: optional_json("report")?,
-        error: optional_json("error")?,
+        error: row.try_get::<Option<String>, _>("error")?.as_deref().map(rows::json).transpose()?,
         created_at: row.try_get("created_at")?,
         started_at: row.try_get("started_at")?,
         finished_at: row.try_get("finished_at")?,

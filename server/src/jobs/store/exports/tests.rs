@@ -11,8 +11,8 @@ use super::super::migrations::migrations_to;
 use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
 use super::super::{Store, StoreError, Wish};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::{JobId, JobRecord};
-use crate::problem::{Kind, Problem};
 use crate::studies::Facts;
 
 fn cut(at_mm: f64) -> NewExport {
@@ -132,7 +132,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     store.recover_exports().await.unwrap();
     let failed = again(&store, &asked).await.unwrap();
     assert_eq!(failed.state, ExportState::Failed);
-    assert_eq!(failed.error.unwrap()["type"], Kind::AttemptsExhausted.type_uri());
+    assert_eq!(failed.error.unwrap().code, FailureCode::AttemptsExhausted);
     // Who asks again wants it tried again.
     assert_eq!(ask(&store, job.id, cut(1.0), Wish::Use).await.0.state, ExportState::Queued);
     assert_eq!(store.recover_exports().await.unwrap(), 0);
@@ -142,13 +142,15 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
 async fn failures_of_the_options_stay_and_others_are_tried_again() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;
-    for (kind, after) in [(Kind::TooLarge, ExportState::Failed), (Kind::InternalError, ExportState::Queued)] {
+    for (kind, after) in
+        [(FailureCode::TooLarge, ExportState::Failed), (FailureCode::InternalError, ExportState::Queued)]
+    {
         ask(&store, job.id, cut(1.0), Wish::Use).await;
         if let Some(claimed) = store.claim_export(false).await.unwrap() {
-            assert!(store.export_failed(&claimed.export, &Problem::new(kind, "why")).await.unwrap());
+            assert!(store.export_failed(&claimed.export, &Failure::new(kind, "why")).await.unwrap());
         }
         let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
-        assert_eq!(asked.state, after, "{}", kind.slug());
+        assert_eq!(asked.state, after, "{}", kind.name());
         assert_eq!(asked.error.is_some(), after == ExportState::Failed);
         store.delete_export(job.id, asked.id).await.unwrap();
     }

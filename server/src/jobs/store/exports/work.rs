@@ -7,9 +7,9 @@ use super::super::writer::Writing;
 use super::super::{Store, StoreError, detached, fault_pause, micros, now_us, rows};
 use super::{by_seq, export_id};
 use crate::exports::{ExportRecord, StoredFile};
+use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
 use crate::jobs::{ArtifactRecord, JobProgress};
-use crate::problem::{Kind, Problem};
 
 /// How often something may be started that the server does not survive.
 const MAX_ATTEMPTS: i64 = 3;
@@ -41,8 +41,8 @@ impl Store {
     pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
         let store = self.clone();
         detached(async move {
-            let exhausted = Problem::new(
-                Kind::AttemptsExhausted,
+            let exhausted = Failure::new(
+                FailureCode::AttemptsExhausted,
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
             );
             let mut writer = store.writer().await?;
@@ -55,7 +55,7 @@ impl Store {
             )
             .bind(now_us())
             .bind(MAX_ATTEMPTS)
-            .bind(to_json(&exhausted.document())?)
+            .bind(to_json(&exhausted)?)
             .execute(&mut *writer)
             .await?;
             Ok(moved.rows_affected() as usize)
@@ -135,9 +135,9 @@ impl Store {
     pub(crate) async fn export_failed(
         &self,
         of: &ExportRecord,
-        problem: &Problem,
+        failure: &Failure,
     ) -> Result<bool, StoreError> {
-        let error = Some(problem.document().into());
+        let error = Some(failure.clone());
         self.end_export(of, End { state: "failed", file: None, report: None, error }).await
     }
 
@@ -189,7 +189,6 @@ impl Store {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
         detached(async move {
-            let json = |value: &Option<serde_json::Value>| value.as_ref().map(to_json).transpose();
             let mut writer = store.writer().await?;
             let moved = sqlx::query(
                 "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,
@@ -203,8 +202,8 @@ impl Store {
             .bind(end.file.as_ref().map(|file| file.path.clone()))
             .bind(end.file.as_ref().map(|file| file.bytes.cast_signed()))
             .bind(end.file.as_ref().map(|file| file.sha256.clone()))
-            .bind(json(&end.report)?)
-            .bind(json(&end.error)?)
+            .bind(end.report.as_ref().map(to_json).transpose()?)
+            .bind(end.error.as_ref().map(to_json).transpose()?)
             .bind(now_us())
             .bind(seq)
             .bind(attempt)
@@ -261,7 +260,7 @@ struct End {
     state: &'static str,
     file: Option<StoredFile>,
     report: Option<serde_json::Value>,
-    error: Option<serde_json::Value>,
+    error: Option<Failure>,
 }
 
 /// The statement that claims the next one to make.

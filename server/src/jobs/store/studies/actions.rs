@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::super::upkeep::Removed;
-use super::super::{Store, StoreError, detached, now_us, rows, turns};
+use super::super::{Store, StoreError, Target, detached, now_us, rows, turns};
 use super::{StudyRecord, StudyState, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::State;
@@ -14,31 +14,40 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NoStudy`], [`StoreError::StudyForbidden`] where it is finished, or the database's.
-    pub(crate) async fn cancel_study(&self, id: StudyId) -> Result<StudyRecord, StoreError> {
-        self.freeing(move |store| async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let before = query::by_id(&mut tx, id).await?;
-            if before.state() == StudyState::Finished {
-                return Err(StoreError::StudyForbidden(before.state()));
-            }
-            let asked = sqlx::query(
-                "update jobs set cancel_requested = 1, version = version + 1, updated_at = ?2,
+    pub(crate) async fn cancel_study(
+        &self,
+        study: impl Into<Target<StudyId>>,
+    ) -> Result<StudyRecord, StoreError> {
+        let target = study.into();
+        self.freeing(move |store| {
+            let target = target.clone();
+            let id = target.id;
+            async move {
+                let mut writer = store.writer().await?;
+                let mut tx = writer.begin().await?;
+                let before = query::by_id(&mut tx, id).await?;
+                target.check(before.version)?;
+                if before.state() == StudyState::Finished {
+                    return Err(StoreError::StudyForbidden(before.state()));
+                }
+                let asked = sqlx::query(
+                    "update jobs set cancel_requested = 1, version = version + 1, updated_at = ?2,
                      finished_at = iif(state = 'queued', ?2, finished_at),
                      state = iif(state = 'queued', 'cancelled', state)
                  where study = ?1 and (state = 'queued' or (state = 'running' and not cancel_requested))
                  returning id",
-            )
-            .bind(before.seq)
-            .bind(now_us())
-            .fetch_all(&mut *tx)
-            .await?;
-            let study = query::by_seq(&mut tx, before.seq).await?;
-            tx.commit().await?;
-            drop(writer);
-            store.notify_all(&ids(&asked)?);
-            store.notify_study(id);
-            Ok(study)
+                )
+                .bind(before.seq)
+                .bind(now_us())
+                .fetch_all(&mut *tx)
+                .await?;
+                let study = query::by_seq(&mut tx, before.seq).await?;
+                tx.commit().await?;
+                drop(writer);
+                store.notify_all(&ids(&asked)?);
+                store.notify_study(id);
+                Ok(study)
+            }
         })
         .await
     }
@@ -50,14 +59,17 @@ impl Store {
     /// [`StoreError::NoStudy`], [`StoreError::QueueFull`], or the database's.
     pub(crate) async fn retry_study(
         &self,
-        id: StudyId,
+        study: impl Into<Target<StudyId>>,
         states: Vec<State>,
     ) -> Result<(StudyRecord, Vec<(JobId, i64)>), StoreError> {
-        let store = self.clone();
+        let (store, target) = (self.clone(), study.into());
+        let id = target.id;
         detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let seq = query::by_id(&mut tx, id).await?.seq;
+            let before = query::by_id(&mut tx, id).await?;
+            target.check(before.version)?;
+            let seq = before.seq;
             let mut retried = Vec::new();
             for state in states.into_iter().filter(|state| state.may_retry()) {
                 retried.extend(store.retry_all(&mut tx, seq, state).await?);
@@ -122,22 +134,31 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NoStudy`], [`StoreError::StudyForbidden`] where it is not finished, or the database's.
-    pub(crate) async fn delete_study(&self, id: StudyId) -> Result<Vec<Removed>, StoreError> {
-        self.freeing(move |store| async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let study = query::by_id(&mut tx, id).await?;
-            if study.state() != StudyState::Finished {
-                return Err(StoreError::StudyForbidden(study.state()));
+    pub(crate) async fn delete_study(
+        &self,
+        study: impl Into<Target<StudyId>>,
+    ) -> Result<Vec<Removed>, StoreError> {
+        let target = study.into();
+        self.freeing(move |store| {
+            let target = target.clone();
+            let id = target.id;
+            async move {
+                let mut writer = store.writer().await?;
+                let mut tx = writer.begin().await?;
+                let study = query::by_id(&mut tx, id).await?;
+                target.check(study.version)?;
+                if study.state() != StudyState::Finished {
+                    return Err(StoreError::StudyForbidden(study.state()));
+                }
+                let removed = remove(&mut tx, study.seq).await?;
+                tx.commit().await?;
+                drop(writer);
+                for job in &removed {
+                    store.notify(job.id);
+                }
+                store.notify_study(id);
+                Ok(removed)
             }
-            let removed = remove(&mut tx, study.seq).await?;
-            tx.commit().await?;
-            drop(writer);
-            for job in &removed {
-                store.notify(job.id);
-            }
-            store.notify_study(id);
-            Ok(removed)
         })
         .await
     }

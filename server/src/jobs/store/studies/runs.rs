@@ -6,8 +6,8 @@ use sqlx::{Row as _, SqliteConnection};
 use super::super::submit::to_json;
 use super::super::turns::SINGLE_JOBS;
 use super::super::{StoreError, rows};
+use crate::failure::FailureCode;
 use crate::ids::JobId;
-use crate::problem::Kind;
 use crate::studies::stop::Tally;
 use crate::studies::{Facts, Outcome, StopWhen};
 
@@ -15,10 +15,10 @@ use crate::studies::{Facts, Outcome, StopWhen};
 const OUTCOMES: [(Outcome, &str); 3] =
     [(Outcome::Succeeded, "succeeded"), (Outcome::TargetNotReached, "not_reached"), (Outcome::Void, "void")];
 
-/// How a study counts a job that failed with this problem.
-pub(in super::super) fn outcome_of(kind: Kind) -> Outcome {
-    match kind {
-        Kind::TargetNotReached | Kind::TimedOut => Outcome::TargetNotReached,
+/// How a study counts a job that failed so.
+pub(in super::super) fn outcome_of(code: FailureCode) -> Outcome {
+    match code {
+        FailureCode::TargetNotReached | FailureCode::TimedOut => Outcome::TargetNotReached,
         _ => Outcome::Void,
     }
 }

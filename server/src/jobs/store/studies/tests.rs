@@ -13,8 +13,8 @@ use super::super::migrations::migrations_to;
 use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
 use super::super::{Filter, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::{Lease, State};
-use crate::problem::{Kind, Problem};
 use crate::studies::table::Cells;
 use crate::studies::{Facts, Study};
 
@@ -60,9 +60,9 @@ async fn succeed(store: &Store, lease: Lease, time_s: f64) {
     store.succeed(lease, artifact(&path), progress(1.0), facts, Vec::new()).await.unwrap();
 }
 
-async fn fail(store: &Store, lease: Lease, kind: Kind, time_s: f64) {
+async fn fail(store: &Store, lease: Lease, kind: FailureCode, time_s: f64) {
     let facts = Facts { time_s, ..Facts::default() };
-    store.fail(lease, &Problem::new(kind, "it did"), facts).await.unwrap();
+    store.fail(lease, &Failure::new(kind, "it did"), facts).await.unwrap();
 }
 
 /// The study as it is.
@@ -162,7 +162,7 @@ async fn what_is_given_back_keeps_its_turn_and_what_is_retried_takes_a_new_one()
     let second = claim(&store).await;
     store.give_back(first).await.unwrap();
     assert_eq!(claim(&store).await.id, first.id);
-    fail(&store, second, Kind::TargetNotReached, 1.0).await;
+    fail(&store, second, FailureCode::TargetNotReached, 1.0).await;
     store.retry(second.id, None).await.unwrap();
     let mut last = claim(&store).await;
     for _ in 0..7 {
@@ -182,9 +182,9 @@ async fn runs_come_to_a_table_and_void_ones_say_nothing() {
     }
     // Points alternate: the even ones are of point 0.
     succeed(&store, leases[0], 2.0).await;
-    fail(&store, leases[2], Kind::TargetNotReached, 3.0).await;
-    fail(&store, leases[4], Kind::TimedOut, 5.0).await;
-    fail(&store, leases[6], Kind::InternalError, 100.0).await;
+    fail(&store, leases[2], FailureCode::TargetNotReached, 3.0).await;
+    fail(&store, leases[4], FailureCode::TimedOut, 5.0).await;
+    fail(&store, leases[6], FailureCode::InternalError, 100.0).await;
     store.cancel(leases[1].id).await.unwrap();
     store.finish_cancelled(leases[1]).await.unwrap();
     let [zero, one] = &cells(&store, &study).await[..] else { panic!("two points") };
@@ -231,12 +231,12 @@ async fn a_met_rule_calls_off_what_waits_of_its_point_only() {
     for _ in 0..6 {
         leases.push(claim(&store).await);
     }
-    fail(&store, leases[0], Kind::TargetNotReached, 1.0).await;
-    fail(&store, leases[2], Kind::InternalError, 1.0).await;
+    fail(&store, leases[0], FailureCode::TargetNotReached, 1.0).await;
+    fail(&store, leases[2], FailureCode::InternalError, 1.0).await;
     assert_eq!(again(&store, &study).await.counts.cancelled, 0, "a void run is no failure");
     // Whoever waits for the study is told of what its rule does.
     let mut changes = store.subscribe_study(study.id);
-    fail(&store, leases[4], Kind::TargetNotReached, 1.0).await;
+    fail(&store, leases[4], FailureCode::TargetNotReached, 1.0).await;
     changes.changed().await;
     let [zero, one] = &cells(&store, &study).await[..] else { panic!("two points") };
     assert_eq!((zero.runs, zero.void, zero.stopped_early, zero.waiting), (2, 1, 3, 0));
@@ -385,7 +385,7 @@ async fn listings_are_filtered_and_use_their_indexes() {
     }
     for (state, labels) in [(None, vec![]), (Some(State::Queued), vec![]), (Some(State::Failed), label("a"))]
     {
-        let filter = Filter { state, labels, study: Some(ids[0]) };
+        let filter = Filter { state, labels, study: Some(ids[0]), ..Filter::default() };
         let plan = plan_of(&store, &super::super::query::list_sql(&filter)).await;
         assert_indexed(&plan);
         assert!(plan.iter().any(|step| step.contains("jobs_by_study")), "{plan:?}");

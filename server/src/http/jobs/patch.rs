@@ -1,0 +1,53 @@
+//! Changing a job: name, labels, priority and expiry, by a JSON merge patch (RFC 7396).
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+use jiff::Timestamp;
+
+use crate::failure::Failure;
+use crate::http::app::App;
+use crate::http::body;
+use crate::http::conditional::target;
+use crate::http::jobs::view::{self, Job};
+use crate::http::params::{JobPath, Query};
+use crate::http::problems::refused;
+use crate::http::problems::sets::PatchProblems;
+use crate::jobs::request::JobPatch;
+use crate::problem::Problem;
+use crate::strict_json;
+
+/// Change a job
+///
+/// A JSON merge patch (RFC 7396): absent fields stay, `null` removes a name, an expiry or a label. The priority can be
+/// changed while the job waits. The request of the job stays as it was submitted.
+#[utoipa::path(
+    patch, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "patch_job",
+    params(
+        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        ("If-Match" = Option<String>, Header, description = "Tag of the job; the change is made only if the job still has it"),
+    ),
+    request_body(content = JobPatch, content_type = "application/merge-patch+json"),
+    responses(
+        (status = 200, description = "The job after the change", body = Job,
+            headers(("ETag" = String, description = "Tag of the job"))),
+        PatchProblems
+    )
+)]
+pub(crate) async fn patch(
+    State(app): State<App>,
+    JobPath(id): JobPath,
+    query: Query,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    query.finish()?;
+    let bytes = body::json_bytes(&app, &headers, body).await?;
+    let patch = JobPatch::read(&strict_json::parse(&bytes)?, Timestamp::now()).map_err(Failure::invalid)?;
+    let changed = app.shared.store.patch(target(id, &headers), patch).await;
+    let record = changed.map_err(|error| refused(error, id))?;
+    tracing::info!(job_id = %id, "changed");
+    let job = view::whole(&app, &record, false).await.map_err(|error| refused(error, id))?;
+    Ok(view::response(StatusCode::OK, &record, &job))
+}

@@ -1,0 +1,118 @@
+//! Changes that a client makes to a job: name, labels, priority, expiry.
+
+use std::collections::BTreeMap;
+
+use sqlx::SqliteConnection;
+
+use super::studies::runs;
+use super::submit::to_json;
+use super::{Store, StoreError, Target, detached, now_us, rows, turns};
+use crate::jobs::request::{JobPatch, MAX_LABELS};
+use crate::jobs::{JobId, JobRecord, State};
+
+impl Store {
+    /// Changes a job. A new priority moves a waiting job to the end of the queue of that priority.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::VersionDiffers`], [`StoreError::Forbidden`] for the priority of a job that no
+    /// longer waits, [`StoreError::TooManyLabels`], or the database's.
+    pub(crate) async fn patch(
+        &self,
+        job: impl Into<Target<JobId>>,
+        patch: JobPatch,
+    ) -> Result<JobRecord, StoreError> {
+        let (store, target) = (self.clone(), job.into());
+        detached(async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            let before = rows::by_id(&mut tx, target.id).await?;
+            target.check(before.version)?;
+            if let Some(priority) = patch.priority.filter(|priority| *priority != before.priority) {
+                set_priority(&mut tx, &before, priority).await?;
+            }
+            if !patch.labels.is_empty() || patch.clear_labels {
+                let labels = if patch.clear_labels { BTreeMap::new() } else { before.labels.clone() };
+                set_labels(&mut tx, &before, merged(labels, patch.labels)?).await?;
+            }
+            sqlx::query(
+                "update jobs set name = iif(?2, ?3, name), expires_at = iif(?4, ?5, expires_at),
+                     version = version + 1, updated_at = ?6
+                 where seq = ?1",
+            )
+            .bind(before.seq)
+            .bind(patch.name.is_some())
+            .bind(patch.name.flatten())
+            .bind(patch.expires_at.is_some())
+            .bind(patch.expires_at.flatten())
+            .bind(now_us())
+            .execute(&mut *tx)
+            .await?;
+            let job = rows::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.notify(job.id);
+            Ok(job)
+        })
+        .await
+    }
+}
+
+/// The labels with those of a patch; `None` removes a label.
+fn merged(
+    mut labels: BTreeMap<String, String>,
+    patch: BTreeMap<String, Option<String>>,
+) -> Result<BTreeMap<String, String>, StoreError> {
+    for (key, value) in patch {
+        match value {
+            Some(value) => drop(labels.insert(key, value)),
+            None => drop(labels.remove(&key)),
+        }
+    }
+    if labels.len() > MAX_LABELS {
+        Err(StoreError::TooManyLabels { found: labels.len() })
+    } else {
+        Ok(labels)
+    }
+}
+
+async fn set_priority(
+    connection: &mut SqliteConnection,
+    job: &JobRecord,
+    priority: i64,
+) -> Result<(), StoreError> {
+    if job.state != State::Queued {
+        return Err(StoreError::Forbidden(job.state));
+    }
+    let flow = runs::flow_of(connection, job.seq).await?;
+    let turn = turns::take(connection, flow, priority, 1).await?;
+    sqlx::query("update jobs set priority = ?, turn = ? where seq = ?")
+        .bind(priority)
+        .bind(turn)
+        .bind(job.seq)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+async fn set_labels(
+    connection: &mut SqliteConnection,
+    job: &JobRecord,
+    labels: BTreeMap<String, String>,
+) -> Result<(), StoreError> {
+    sqlx::query("delete from job_labels where job = ?").bind(job.seq).execute(&mut *connection).await?;
+    for (key, value) in &labels {
+        sqlx::query("insert into job_labels (key, value, job, state) values (?, ?, ?, ?)")
+            .bind(key)
+            .bind(value)
+            .bind(job.seq)
+            .bind(job.state.name())
+            .execute(&mut *connection)
+            .await?;
+    }
+    sqlx::query("update jobs set labels = ? where seq = ?")
+        .bind(to_json(&labels)?)
+        .bind(job.seq)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
