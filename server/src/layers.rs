@@ -54,7 +54,9 @@ fn named_modules(text: &str) -> BTreeSet<String> {
         for rest in line.split("crate::").skip(1) {
             match rest.strip_prefix('{').and_then(|list| list.split('}').next()) {
                 Some(list) => modules.extend(list.split(',').map(|name| word(name.trim()))),
-                None => drop(modules.insert(word(rest))),
+                None => {
+                    modules.insert(word(rest));
+                }
             }
         }
     }

@@ -65,7 +65,9 @@ mod tests {
 
     fn with(hosts: &[&str]) -> HeaderMap {
         let mut headers = HeaderMap::new();
-        hosts.iter().for_each(|host| drop(headers.append(header::HOST, host.parse().unwrap())));
+        for host in hosts {
+            headers.append(header::HOST, host.parse().unwrap());
+        }
         headers
     }
 
