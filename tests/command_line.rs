@@ -57,7 +57,8 @@ async fn run_and_export_make_what_the_service_would_make() {
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let made = directory.path().join("made");
     // What the job asks for as well is made once.
-    let exports = ["result-2.raw", "result.raw", "result.slice.svg", "result.stl.zip", "result.msh"];
+    let exports =
+        ["result.cells-9.raw", "result.cells-12.raw", "result.slice.svg", "result.stl.zip", "result.msh"];
     let mut expected: Vec<String> = vec!["result.json".into(), "result.msh.geo".into()];
     expected.extend(exports.iter().flat_map(|name| [(*name).to_owned(), format!("{name}.report.json")]));
     expected.sort();
@@ -66,7 +67,7 @@ async fn run_and_export_make_what_the_service_would_make() {
         assert!(ended.stdout.lines().any(|line| line == format!("made/{name}")), "{name}: {}", ended.stdout);
     }
     let read = |name: &str| fs::read(directory.path().join(name)).unwrap();
-    let report: Value = serde_json::from_slice(&read("made/result.raw.report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&read("made/result.cells-12.raw.report.json")).unwrap();
     assert_eq!((&report["type"], &report["shape"]), (&json!("voxels"), &json!([12, 12, 12])));
     let script = String::from_utf8(read("made/result.msh.geo")).unwrap();
     assert!(script.starts_with("Merge \"result.msh\";"), "{script}");
@@ -82,8 +83,14 @@ async fn run_and_export_make_what_the_service_would_make() {
         let export = ["export", of, "voxels:format=raw,cells=12", "--out", out];
         let ended = packstone(directory.path(), &export).await;
         assert_eq!(ended.code, Some(0), "{ended:?}");
-        assert_eq!(ended.stdout.trim(), format!("{out}/result.raw\n{out}/result.raw.report.json"));
-        assert!(read(&format!("{out}/result.raw")) == read("made/result.raw"), "{out}: other labels");
+        assert_eq!(
+            ended.stdout.trim(),
+            format!("{out}/result.cells-12.raw\n{out}/result.cells-12.raw.report.json")
+        );
+        assert!(
+            read(&format!("{out}/result.cells-12.raw")) == read("made/result.cells-12.raw"),
+            "{out}: other labels"
+        );
     }
 
     for (export, code, says) in [

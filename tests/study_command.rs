@@ -249,6 +249,6 @@ async fn models_that_jobs_ask_for_lie_with_the_results() {
     let results = directory.path().join("out/results");
     let length =
         |name: &str| fs::metadata(results.join(name)).unwrap_or_else(|e| panic!("{name}: {e}")).len();
-    assert_eq!((length("0-0.raw"), length("1-0.raw")), (216, 343));
-    assert!(length("0-0.slice.svg") > 0 && length("1-0.raw.report.json") > 0);
+    assert_eq!((length("0-0.cells-6.raw"), length("1-0.cells-7.raw")), (216, 343));
+    assert!(length("0-0.slice.svg") > 0 && length("1-0.cells-7.raw.report.json") > 0);
 }
