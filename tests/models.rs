@@ -66,7 +66,9 @@ async fn a_slice_is_a_table_a_drawing_a_picture_and_a_script() {
         assert_eq!(reply.header("content-length"), reply.body.len().to_string());
         let shown = reply.header("content-disposition");
         assert!(
-            shown.starts_with(disposition) && shown.contains(&format!("{id}.slice-z-20mm.{form}")),
+            shown.starts_with(disposition)
+                && shown.contains(&format!("{id}.slice.at_mm-20"))
+                && shown.ends_with(&format!(".{form}\"")),
             "{shown}"
         );
         let again = client.get(&path(form, "&at_mm=20")).send().await;

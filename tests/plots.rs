@@ -141,7 +141,7 @@ async fn a_study_is_drawn_against_its_columns() {
         ("success", "success rate in %"),
         ("time", "time of all runs per success in s"),
         ("distance", "distance in mm"),
-        ("curve", "only those that maximize the distance"),
+        ("curve", "packing time in s"),
         ("volume_fraction", "volume fraction with the coating in %"),
         ("event_time", "time per event in \u{3BC}s"),
         ("success?x=grains&log_x=true", "number of grains N"),

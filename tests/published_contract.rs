@@ -136,6 +136,7 @@ async fn every_route_reads_the_parameters_that_it_is_documented_with() {
             "get" => client.get(&target),
             "post" => client.post(&target).text("{}"),
             "delete" => client.delete(&target),
+            "patch" => client.request(reqwest::Method::PATCH, &target).text("{}"),
             other => panic!("{other}: say here how it is sent"),
         };
         let problem = request.send().await.expect_problem(400, "validation-error");

@@ -173,7 +173,7 @@ fn names_of_columns_are_read_by_people() {
     for (pointer, label) in [
         ("/mix/volume_fraction", "volume fraction"),
         ("/mix/grading/d_max_mm", "d_max in mm"),
-        ("/distance/gap_mm", "distance in mm"),
+        ("/distance/gap_mm", "gap in mm"),
         ("/distance/factor", "distance factor"),
         ("/specimen/size_mm/0", "size in mm"),
         ("/method/stop/time_s", "time in s"),

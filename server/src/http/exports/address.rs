@@ -13,15 +13,13 @@ use utoipa::ToSchema;
 use crate::exports::NewExport;
 use crate::failure::FailureCode;
 use crate::http::app::App;
+use crate::http::files::stem;
 use crate::http::params::{Query, shown};
 use crate::http::problems::refused;
 use crate::http::results::finished;
 use crate::ids::JobId;
 use crate::jobs::JobRecord;
 use crate::problem::{Kind, Problem};
-
-/// Longest part of a file name that tells the options.
-const MAX_NAME_PART_CHARS: usize = 80;
 
 /// The job and the type that a path names.
 #[derive(Clone, Copy, Debug)]
@@ -104,28 +102,7 @@ impl Target {
 
     /// The name under which a client saves the file: it differs between jobs and between options.
     pub(crate) fn file_name(&self) -> String {
-        let options = self.options();
-        let mut ending = self.export.file_ending();
-        let mut parts = Vec::new();
-        for (name, value) in short_options(self.export.export_type(), &options) {
-            match name.as_str() {
-                "format" | "axis" => {}
-                "at_mm" => parts.insert(0, format!("{}mm", text(&value))),
-                _ => parts.push(format!("{name}-{}", text(&value))),
-            }
-        }
-        if self.export.export_type() == ExportType::Slice {
-            self.export.file_extension().clone_into(&mut ending);
-            parts.insert(0, format!("slice-{}", text(&options["axis"])));
-        }
-        let mut told = parts.join("-");
-        told.retain(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
-        if told.chars().count() > MAX_NAME_PART_CHARS {
-            // The key names the options as well, if not as readably.
-            told = self.new.key.chars().take(16).collect();
-        }
-        let separator = if told.is_empty() { "" } else { "." };
-        format!("{}{separator}{told}.{ending}", crate::http::files::stem(&self.job))
+        format!("{}.{}", stem(&self.job), self.export.file_ending())
     }
 }
 
