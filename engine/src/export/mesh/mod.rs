@@ -122,7 +122,7 @@ impl MeshRequest {
         match self {
             Self::Geo(_) => Ok((geo::expected_bytes(model.spheres.len() as f64), None)),
             Self::Msh(options) | Self::Stl(options) => {
-                let estimate = estimate::of_model(model, options, &Unattended)?;
+                let estimate = self.in_format(estimate::of_model(model, options, &Unattended)?);
                 Ok((estimate.bytes, Some(estimate)))
             }
         }
@@ -139,7 +139,7 @@ impl MeshRequest {
             return Ok((geo::expected_bytes(plan.grains), None, Vec::new()));
         };
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        let estimate = estimate::of_plan(&request.specimen, &rule, &plan.classes, options);
+        let estimate = self.in_format(estimate::of_plan(&request.specimen, &rule, &plan.classes, options));
         let mut warnings = Vec::new();
         let fixed = !matches!(request.distance, Distance::Maximize { .. });
         if fixed
@@ -161,6 +161,10 @@ impl MeshRequest {
             ));
         }
         Ok((estimate.bytes, Some(estimate), warnings))
+    }
+
+    fn in_format(&self, estimate: MeshEstimate) -> MeshEstimate {
+        if matches!(self, Self::Stl(_)) { estimate.as_stl() } else { estimate }
     }
 
     /// Whether `max_segments` is what `segments` implies.
