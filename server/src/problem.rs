@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
-use crate::failure::{Failure, FailureCode, first_of};
+use crate::failure::{Failure, FailureCode, FailureFacts, first_of};
 
 /// Stands in the table for the end of a job or an export, which is no response and has no status.
 const END: u16 = 0;
@@ -364,16 +364,51 @@ pub(crate) struct ProblemDocument {
     /// The request in which it occurred; the server's log knows it by this id.
     #[schema(format = "uri-reference", required = false)]
     instance: String,
-    /// Every fault, each at its place.
+    /// Every fault, each at its place; at most 100, and one more entry that counts the others.
     #[schema(required = false)]
     errors: Vec<Fault>,
+    /// State of the job or study that forbids the request.
+    #[schema(required = false, nullable = false)]
+    state: Option<String>,
+    /// Formats that there are, with `not-acceptable`.
+    #[schema(required = false, nullable = false)]
+    formats: Option<Vec<Value>>,
+    /// Longest body in bytes, with `payload-too-large`.
+    #[schema(required = false, nullable = false)]
+    max_bytes: Option<u64>,
+    /// Why the job failed, with `job-failed`.
+    #[schema(required = false, nullable = false)]
+    job_error: Option<FailureDocument>,
+    /// Why the export failed, with `export-failed`.
+    #[schema(required = false, nullable = false)]
+    export_error: Option<FailureDocument>,
+    #[serde(flatten)]
+    facts: FailureFacts,
+}
+
+/// Why a job or an export failed: a problem document (RFC 9457) without `status`, because it is no response.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Failure)]
+#[allow(dead_code)]
+pub(crate) struct FailureDocument {
+    /// The kind of failure; a reference that this server answers with an explanation.
+    #[schema(format = "uri-reference", example = "/problems/target-not-reached")]
+    r#type: String,
+    /// What the kind is called.
+    title: String,
+    /// This occurrence, in one sentence.
+    detail: String,
+    /// Every fault of the request, each at its place.
+    #[schema(required = false)]
+    errors: Vec<Fault>,
+    #[serde(flatten)]
+    facts: FailureFacts,
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::failure::FailureFacts;
 
     #[test]
     fn slugs_are_unique_and_statuses_are_errors() {

@@ -13,7 +13,7 @@ use crate::http::response::{set, time};
 use crate::http::waiting::Changing;
 use crate::ids::JobId;
 use crate::jobs::JobProgress;
-use crate::problem::ProblemDocument;
+use crate::problem::FailureDocument;
 use crate::problem::failure_document;
 
 /// An export: a file that is made, or to be made, of a result.
@@ -50,7 +50,7 @@ pub(crate) struct Export {
     #[schema(value_type = Option<ExportReport>, required)]
     report: Option<Value>,
     /// Why it failed.
-    #[schema(value_type = Option<ProblemDocument>, required)]
+    #[schema(value_type = Option<FailureDocument>, required)]
     error: Option<Value>,
     /// When it was requested first (RFC 3339, UTC).
     #[schema(format = DateTime)]

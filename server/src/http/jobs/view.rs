@@ -17,7 +17,7 @@ use crate::http::waiting::Changing;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
 use crate::plots::job::JobPlot;
-use crate::problem::ProblemDocument;
+use crate::problem::FailureDocument;
 use crate::problem::failure_document;
 
 /// A job without its request, as listings show it.
@@ -72,7 +72,7 @@ pub(crate) struct JobSummary {
     #[schema(value_type = Option<JobProgress>, required)]
     progress: Option<Value>,
     /// Why the job failed.
-    #[schema(value_type = Option<ProblemDocument>, required)]
+    #[schema(value_type = Option<FailureDocument>, required)]
     error: Option<Value>,
     /// What came out.
     #[schema(required)]

@@ -174,7 +174,7 @@ fn bound_items(schemas: &mut Map<String, Value>) {
     for request in ["JobRequest", "StudyRequest"] {
         if let Some(labels) = at(schemas, request, "labels") {
             labels["maxProperties"] = json!(MAX_LABELS);
-            let key = format!("^[^:{CONTROL}]{{1,{MAX_LABEL_KEY_CHARS}}}$");
+            let key = format!("^[^={CONTROL}]{{1,{MAX_LABEL_KEY_CHARS}}}$");
             labels["propertyNames"] = json!({ "pattern": key });
             let value = format!("^[^{CONTROL}]{{0,{MAX_LABEL_VALUE_CHARS}}}$");
             labels["additionalProperties"] = json!({"type": "string", "pattern": value});
