@@ -164,13 +164,40 @@ impl JobRequest {
     }
 }
 
+/// What a patch does to a field that may be absent.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Change<T> {
+    /// The field stays as it is.
+    #[default]
+    Keep,
+    /// The field is removed.
+    Remove,
+    /// The field gets this value.
+    Set(T),
+}
+
+impl<T> Change<T> {
+    /// Whether the field changes.
+    pub(crate) fn is_some(&self) -> bool {
+        !matches!(self, Self::Keep)
+    }
+
+    /// The new value, if there is one.
+    pub(crate) fn value(self) -> Option<T> {
+        match self {
+            Self::Set(value) => Some(value),
+            Self::Keep | Self::Remove => None,
+        }
+    }
+}
+
 /// Changes of a job, as a JSON merge patch (RFC 7396).
 #[derive(Clone, Debug, Default, PartialEq, ToSchema)]
 #[schema(as = JobPatch)]
 pub(crate) struct JobPatch {
     /// The new name; `null` removes it.
     #[schema(required = false, nullable, value_type = Option<String>, min_length = 1, max_length = 200)]
-    pub(crate) name: Option<Option<String>>,
+    pub(crate) name: Change<String>,
     /// The new priority of a waiting job; `null` stands for 0.
     #[schema(required = false, nullable, minimum = -100, maximum = 100)]
     pub(crate) priority: Option<i64>,
@@ -182,7 +209,7 @@ pub(crate) struct JobPatch {
     pub(crate) clear_labels: bool,
     /// The new RFC 3339 time of expiry, in the future; `null` removes it. In microseconds since the Unix epoch here.
     #[schema(required = false, nullable, value_type = Option<String>, format = DateTime)]
-    pub(crate) expires_at: Option<Option<i64>>,
+    pub(crate) expires_at: Change<i64>,
 }
 
 impl JobPatch {
@@ -196,8 +223,9 @@ impl JobPatch {
         if let Some(mut object) = At::root(value, &faults).object() {
             let is_null = |name: &str| value.get(name).is_some_and(Value::is_null);
             patch.name = match object.optional("name") {
-                Some(at) => read_name(&at).map(Some),
-                None => is_null("name").then_some(None),
+                Some(at) => read_name(&at).map_or(Change::Keep, Change::Set),
+                None if is_null("name") => Change::Remove,
+                None => Change::Keep,
             };
             patch.priority = match object.optional("priority") {
                 Some(at) => at.integer(-MAX_PRIORITY, MAX_PRIORITY),
@@ -208,8 +236,11 @@ impl JobPatch {
             }
             patch.clear_labels = is_null("labels");
             patch.expires_at = match object.optional("expires_at") {
-                Some(at) => read_expiry(&at, Some(now)).map(|time| time_us(&time)),
-                None => is_null("expires_at").then_some(None),
+                Some(at) => read_expiry(&at, Some(now))
+                    .and_then(|time| time_us(&time))
+                    .map_or(Change::Keep, Change::Set),
+                None if is_null("expires_at") => Change::Remove,
+                None => Change::Keep,
             };
             object.finish();
         }
@@ -471,11 +502,11 @@ mod tests {
         assert_eq!(
             patch.unwrap(),
             JobPatch {
-                name: Some(None),
+                name: Change::Remove,
                 priority: Some(3),
                 labels: labels.into(),
                 clear_labels: false,
-                expires_at: Some(None)
+                expires_at: Change::Remove
             }
         );
         let faults =

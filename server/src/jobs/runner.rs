@@ -92,13 +92,13 @@ struct Run {
 
 /// Why a run made no packing, and what a study keeps of it.
 struct FailedRun {
-    failure: Failure,
+    failure: Box<Failure>,
     facts: Facts,
 }
 
 impl From<Failure> for FailedRun {
     fn from(failure: Failure) -> Self {
-        Self { failure, facts: Facts::default() }
+        Self { failure: Box::new(failure), facts: Facts::default() }
     }
 }
 
@@ -275,7 +275,7 @@ impl Runner {
                 }
                 return Err(FailedRun {
                     facts: Facts::of_failure(&error, 0.0),
-                    failure: Failure::from(error),
+                    failure: Box::new(Failure::from(error)),
                 });
             }
         };

@@ -41,9 +41,9 @@ impl Store {
             )
             .bind(before.seq)
             .bind(patch.name.is_some())
-            .bind(patch.name.flatten())
+            .bind(patch.name.value())
             .bind(patch.expires_at.is_some())
-            .bind(patch.expires_at.flatten())
+            .bind(patch.expires_at.value())
             .bind(now_us())
             .execute(&mut *tx)
             .await?;
