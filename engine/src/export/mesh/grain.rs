@@ -21,6 +21,10 @@ use crate::export::Model;
 const GAP_SHARE: f64 = 0.5;
 /// How far a correction looks for obstacles, in multiples of how far the size field does.
 const ROOM_REACH: f64 = 3.0;
+/// Times that areas are averaged with those of neighbours.
+const AVERAGINGS: usize = 4;
+/// Most rounds of turning dents into ridges.
+const MOST_ROUNDS: usize = 8;
 /// Relative error of a corrected volume.
 const VOLUME_TOLERANCE: f64 = 1.0e-13;
 /// Most steps of the search for it.
@@ -111,8 +115,12 @@ impl<'a> Grains<'a> {
         if corrects {
             let room = Room { radius, obstacles, most_mm: GAP_SHARE / 2.0 * seen };
             full = room.fill(&mut surface, diameter);
-            // A dent that came of unequal steps is turned into a ridge, whose volume is taken back.
-            if surface.flip(&ball) {
+            // A dent that came of unequal steps is turned into a ridge, whose volume is taken back, which may leave a
+            // smaller dent.
+            for _ in 0..MOST_ROUNDS {
+                if !surface.flip(&ball) {
+                    break;
+                }
                 full = room.fill(&mut surface, diameter);
             }
         }
@@ -195,7 +203,7 @@ impl Room {
     }
 }
 
-/// Mean area of the triangles around each vertex, once averaged with those of its neighbours: where edges become
+/// Mean area of the triangles around each vertex, averaged with those of its neighbours: where edges become
 /// shorter, vertices are then moved by lengths that change gradually, which leaves no dents.
 fn areas_around(surface: &Surface) -> Vec<f64> {
     let mut around = vec![(0.0, 0.0); surface.points.len()];
@@ -209,16 +217,19 @@ fn areas_around(surface: &Surface) -> Vec<f64> {
             *sum = (sum.0 + area, sum.1 + 1.0);
         }
     }
-    let means: Vec<f64> = around.iter().map(|(sum, n)| sum / n).collect();
-    let mut smooth: Vec<(f64, f64)> = means.iter().map(|mean| (*mean, 1.0)).collect();
-    for corners in &surface.triangles {
-        for k in 0..3 {
-            let (own, next) = (corners[k] as usize, corners[(k + 1) % 3] as usize);
-            smooth[own].0 += means[next];
-            smooth[own].1 += 1.0;
+    let mut means: Vec<f64> = around.iter().map(|(sum, n)| sum / n).collect();
+    for _ in 0..AVERAGINGS {
+        let mut smooth: Vec<(f64, f64)> = means.iter().map(|mean| (*mean, 1.0)).collect();
+        for corners in &surface.triangles {
+            for k in 0..3 {
+                let (own, next) = (corners[k] as usize, corners[(k + 1) % 3] as usize);
+                smooth[own].0 += means[next];
+                smooth[own].1 += 1.0;
+            }
         }
+        means = smooth.into_iter().map(|(sum, n)| sum / n).collect();
     }
-    smooth.into_iter().map(|(sum, n)| sum / n).collect()
+    means
 }
 
 impl Shape for Ball {
