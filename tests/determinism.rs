@@ -40,7 +40,9 @@ async fn without_a_server_too() {
     let directory = tempfile::tempdir().unwrap();
     for (request, expected) in requests().iter().zip(alone) {
         std::fs::write(directory.path().join("job.json"), request.to_string()).unwrap();
-        let run = packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "npy"]).await;
+        let run =
+            packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "npy", "--force"])
+                .await;
         assert_eq!(run.code, Some(0), "{run:?}");
         let written = std::fs::read(directory.path().join("out/result.npy")).unwrap();
         assert!(written == expected, "the command gives another packing than the server");

@@ -79,7 +79,11 @@ async fn the_largest_distance_that_was_reached_in_time_is_a_success() {
     assert_eq!(result["statistics"]["edmd"]["stop"], "time_limit");
     assert!(result["check"]["min_gap_mm"].as_f64() >= Some(reached));
     assert!(result["check"]["min_wall_gap_mm"].as_f64() >= Some(reached / 2.0));
-    let curve: Vec<[f64; 2]> = serde_json::from_value(result["distance_curve"].clone()).unwrap();
+    let points = result["growth_curve"].as_array().unwrap();
+    let curve: Vec<[f64; 2]> = points
+        .iter()
+        .map(|point| [point["packing_time_s"].as_f64().unwrap(), point["distance_mm"].as_f64().unwrap()])
+        .collect();
     assert!(curve.len() >= 2, "{curve:?}");
     assert!(curve.windows(2).all(|pair| pair[0][0] <= pair[1][0] && pair[0][1] <= pair[1][1]), "{curve:?}");
     assert!((curve.last().unwrap()[1] - reached).abs() < 1e-6 * reached, "{curve:?} ends not at {reached}");

@@ -210,7 +210,8 @@ async fn a_data_directory_of_revision_1_is_served() {
     assert!(result["check"]["min_gap_mm"].is_number() && result.get("verification").is_none(), "{result:#}");
     let summary = client.get(&format!("/v1/jobs/{FIRST}/result/summary")).send().await.expect(200).json();
     assert_eq!(summary["check"], result["check"]);
-    assert_eq!(&summary["request"], request);
+    let stored = client.get(&format!("/v1/jobs/{FIRST}/request")).send().await.expect(200).json();
+    assert_eq!(&stored, request);
 
     let listed = client.get("/v1/jobs?limit=50").send().await.expect(200).json();
     let failed =

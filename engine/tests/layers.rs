@@ -186,9 +186,9 @@ fn modules_of_a_folder_form_no_circle() {
         // Takes away modules that use none of those left; what remains has a circle.
         while let Some(free) = uses.iter().find(|(_, used)| used.is_empty()).map(|(name, _)| *name) {
             uses.remove(free);
-            uses.values_mut().for_each(|used| {
+            for used in uses.values_mut() {
                 used.remove(free);
-            });
+            }
         }
         assert!(uses.is_empty(), "{folder}: {uses:#?}");
     }

@@ -59,7 +59,15 @@ impl Exit {
             | ErrorKind::InvalidInput
             | ErrorKind::InvalidFilename
             | ErrorKind::UnexpectedEof => Self::BadInput,
-            ErrorKind::BrokenPipe | ErrorKind::Interrupted => Self::Unexpected,
+            // The other end of a connection is no fault of this machine.
+            ErrorKind::BrokenPipe
+            | ErrorKind::Interrupted
+            | ErrorKind::ConnectionRefused
+            | ErrorKind::ConnectionReset
+            | ErrorKind::ConnectionAborted
+            | ErrorKind::HostUnreachable
+            | ErrorKind::NetworkUnreachable
+            | ErrorKind::TimedOut => Self::Unexpected,
             _ => Self::Machine,
         }
     }

@@ -1,3 +1,5 @@
+#![allow(clippy::unwrap_used)]
+
 use super::scene::Hit;
 use super::*;
 
@@ -123,7 +125,9 @@ fn nearest(scene: &Scene, from: &scene::Vector, direction: &scene::Vector) -> Op
 fn shifted(spheres: &Spheres, by: f64) -> Spheres {
     let mut moved = spheres.clone();
     for column in [&mut moved.x_mm, &mut moved.y_mm, &mut moved.z_mm] {
-        column.iter_mut().for_each(|x| *x = (*x + by) % 40.0);
+        for x in column {
+            *x = (*x + by) % 40.0;
+        }
     }
     moved
 }

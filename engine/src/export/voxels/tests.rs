@@ -210,7 +210,7 @@ fn options_have_defaults_and_bounds() {
         [
             "/voxel_mm: cells and voxel_mm say the same: leave one of them out",
             "/label: unknown field: this object has format, cells, voxel_mm, samples",
-            "/fractions: unknown field: this object has format, cells, voxel_mm, samples",
+            "/fractions: unknown field",
         ]
     );
 }
