@@ -3,7 +3,7 @@
 //! Level `l` holds the grains whose cutoff (contact radius and skin) lies within a factor of two below `top / 2^l`, so
 //! that a search visits few cells whatever the ratio of sizes.
 //!
-//! This hot grid is not the common one of `geometry`: grains are entered and removed while the simulation runs.
+//! Grains are entered and removed while the simulation runs.
 
 use super::container::{Container, HOME, image_code};
 use crate::cpu::prefetch;

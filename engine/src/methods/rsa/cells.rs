@@ -5,7 +5,7 @@
 //! and short chains for those inserted since; the grid is rebuilt as grains get smaller. The cost per attempt
 //! therefore does not depend on the number of grains.
 //!
-//! This hot grid is not the common one of `geometry`: its cells hold touched spheres, not centres.
+//! The cells hold the spheres that touch them, not the centres inside them.
 
 use super::End;
 use crate::memory::filled;
