@@ -7,7 +7,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use jiff::Zoned;
+use jiff::Timestamp;
+use jiff::tz::TimeZone;
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
@@ -103,7 +104,7 @@ pub(crate) async fn sweep(
         move || artifacts.settled()
     })
     .await??;
-    let today = Zoned::now().date();
+    let today = Timestamp::now().to_zoned(TimeZone::UTC).date();
     for (path, complete) in settled {
         if path != complete {
             // Half of a file, of an attempt that was killed.

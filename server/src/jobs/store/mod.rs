@@ -26,6 +26,7 @@ mod upkeep;
 mod writer;
 
 use std::path::Path;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -352,9 +353,12 @@ impl Store {
 }
 
 /// Runs a write to its end whatever becomes of the caller.
+///
+/// The future is boxed, so that the code of a task is built once for each type of answer and not for each write.
 async fn detached<T: Send + 'static>(
     write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
 ) -> Result<T, StoreError> {
+    let write: Pin<Box<dyn Future<Output = _> + Send>> = Box::pin(write);
     tokio::spawn(write).await?
 }
 
