@@ -6,7 +6,7 @@ use axum::response::Response;
 
 use crate::http::app::App;
 use crate::http::conditional::Wait;
-use crate::http::params::{Query, StudyPath};
+use crate::http::params::{NoParameters, Query, StudyPath};
 use crate::http::problems::refused;
 use crate::http::problems::sets::StudyProblems;
 use crate::http::studies::view::{self, Study as StudyView};
@@ -22,7 +22,7 @@ use crate::problem::Problem;
 #[utoipa::path(
     get, path = "/v1/studies/{id}", tag = "studies", operation_id = "get_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        StudyPath,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the study as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
@@ -36,10 +36,9 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     StudyPath(id): StudyPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let asked = Asked::of(&headers);
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |study| asked.settles(study)).await?;

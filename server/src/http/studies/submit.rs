@@ -15,7 +15,7 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::observe::Caller;
-use crate::http::params::Query;
+use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
@@ -61,11 +61,10 @@ use crate::studies::Study;
 pub(crate) async fn submit(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
