@@ -331,7 +331,7 @@ impl Parameter for RetriedStates {
                 Some(state) if !states.contains(&state) => states.push(state),
                 Some(_) => note(format!("{} comes twice", shown(name))),
                 None => {
-                    note(format!("{} cannot be retried: must be failed, cancelled, or both", shown(name)))
+                    note(format!("{} cannot be retried: must be failed, cancelled, or both", shown(name)));
                 }
             }
         }
