@@ -52,6 +52,15 @@ async fn a_study_runs_to_its_table() {
 
     let finished = client.study_finished(&id).await;
     assert_eq!(count(&finished, "succeeded"), 8, "{finished:#}");
+    // What may be long is in no poll.
+    assert_eq!(finished.get("request"), None);
+    let whole = client.get(&format!("/v1/studies/{id}?include=request")).send().await;
+    assert_eq!((whole.json()["request"].clone(), whole.header("etag").len() > 2), (small(2), true));
+    let retried = client.post(&format!("/v1/studies/{id}/retry")).send().await.expect(200).json();
+    assert_eq!(retried.get("request"), None);
+    let unknown = client.get(&format!("/v1/studies/{id}?include=table")).send().await;
+    let problem = unknown.expect_problem(400, "validation-error");
+    assert_eq!(problem["errors"][0]["detail"], "\"table\" is unknown: must be request");
     assert_eq!(finished["progress"], json!({"fraction": 1.0, "done": 8, "total": 8, "eta_s": 0.0}));
     let rows = client.table(&id).await;
     let keys: Vec<(f64, &str)> = rows

@@ -44,7 +44,7 @@ pub(crate) async fn cancel(
         StudyState::Open => StatusCode::ACCEPTED,
     };
     tracing::info!(study_id = %id, "cancel asked for");
-    view::response(&app, status, &study).await.map_err(|error| refused(error, id))
+    view::response(&app, status, &study, false).await.map_err(|error| refused(error, id))
 }
 
 parameters! {
@@ -85,7 +85,7 @@ pub(crate) async fn retry(
     let until = retried.iter().map(|(job, attempt)| (job.to_string(), attempt - 1)).collect();
     remove_checkpoints(&app, until).await;
     tracing::info!(study_id = %id, jobs = retried.len(), "retried");
-    view::response(&app, StatusCode::OK, &study).await.map_err(|error| refused(error, id))
+    view::response(&app, StatusCode::OK, &study, false).await.map_err(|error| refused(error, id))
 }
 
 /// Delete a finished study with its jobs and their results

@@ -88,7 +88,7 @@ pub(crate) async fn submit(
         if let Some(wait) = wait {
             record = wait_until(&app, id, wait, |study| study.state() == StudyState::Finished).await?;
         }
-        view::response(&app, status, &record).await
+        view::response(&app, status, &record, true).await
     };
     let mut response = answered.await.map_err(|error| refused(error, id))?;
     set(&mut response, header::LOCATION, &view::path(id));
