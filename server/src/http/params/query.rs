@@ -132,8 +132,10 @@ impl<T: ParameterSet, S: Send + Sync> FromRequestParts<S> for Query<T> {
 impl<T: ParameterSet> Query<T> {
     fn parse(text: &str) -> Result<Self, Problem> {
         let mut query = RawQuery::parse(text);
-        match T::read(&mut query) {
-            Some(set) if query.no_faults() => Ok(Self(set)),
+        let set = T::read(&mut query);
+        query.refuse_unknown();
+        match set {
+            Some(set) if query.faults.is_empty() => Ok(Self(set)),
             _ => Err(Problem::parameters(query.faults)),
         }
     }
@@ -168,8 +170,8 @@ impl RawQuery {
         rest
     }
 
-    /// Notes the parameters that nobody asked for, and tells whether there were no faults.
-    fn no_faults(&mut self) -> bool {
+    /// Notes the parameters that nobody asked for.
+    fn refuse_unknown(&mut self) {
         let known = if self.known.is_empty() {
             ": this route has none".to_owned()
         } else {
@@ -186,7 +188,6 @@ impl RawQuery {
         if more > 0 {
             self.faults.push(FieldError::and_more(more).into());
         }
-        self.faults.is_empty()
     }
 }
 
