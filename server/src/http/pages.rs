@@ -12,11 +12,12 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 use crate::hex;
 use crate::http::params::values::{Value, WholeNumber};
 use crate::http::params::{ParameterSet, pairs, parameters, shown};
+use crate::jobs::store::Position;
 use crate::problem::{Fault, Problem};
 
 const CHECK_BYTES: usize = 8;
 /// Hexadecimal digits of a cursor.
-const CURSOR_DIGITS: usize = 2 * (size_of::<i64>() + CHECK_BYTES);
+const CURSOR_DIGITS: usize = 2 * (2 * size_of::<i64>() + CHECK_BYTES);
 
 parameters! {
     /// The page of a listing that a request is about.
@@ -30,11 +31,11 @@ parameters! {
 }
 
 impl PageParameters {
-    /// The number of the item before the page; `listing` says what is listed, its filters included.
+    /// The position of the item before the page; `listing` says what is listed, its filters included.
     ///
     /// # Errors
     /// `validation-error` for the cursor of another listing.
-    pub(crate) fn before(&self, listing: &impl Debug) -> Result<Option<i64>, Problem> {
+    pub(crate) fn after(&self, listing: &impl Debug) -> Result<Option<Position>, Problem> {
         let Some(cursor) = &self.cursor else { return Ok(None) };
         let foreign = || Problem::parameters(vec![Fault::parameter("cursor", no_cursor(&cursor.0))]);
         open_cursor(&cursor.0, listing).map(Some).ok_or_else(foreign)
@@ -78,23 +79,27 @@ pub(crate) fn link(path: &str, query: &impl ParameterSet) -> String {
     format!("<{path}?{query}>; rel=\"next\"")
 }
 
-/// The cursor of the page below an item.
-pub(crate) fn cursor(seq: i64, listing: &impl Debug) -> String {
-    let mut bytes = seq.to_be_bytes().to_vec();
-    bytes.extend(check(seq, listing));
+/// The cursor of the page that follows an item.
+pub(crate) fn cursor(item: impl Into<Position>, listing: &impl Debug) -> String {
+    let item = item.into();
+    let mut bytes = item.key.to_be_bytes().to_vec();
+    bytes.extend(item.seq.to_be_bytes());
+    bytes.extend(check(item, listing));
     hex::encode(&bytes)
 }
 
-fn open_cursor(text: &str, listing: &impl Debug) -> Option<i64> {
+fn open_cursor(text: &str, listing: &impl Debug) -> Option<Position> {
     let bytes = hex::decode(text)?;
-    let (seq, found) = bytes.split_first_chunk::<8>()?;
-    let seq = i64::from_be_bytes(*seq);
-    (found == check(seq, listing)).then_some(seq)
+    let (key, rest) = bytes.split_first_chunk::<8>()?;
+    let (seq, found) = rest.split_first_chunk::<8>()?;
+    let item = Position { key: i64::from_be_bytes(*key), seq: i64::from_be_bytes(*seq) };
+    (found == check(item, listing)).then_some(item)
 }
 
-fn check(seq: i64, listing: &impl Debug) -> Vec<u8> {
-    let mut digest = Sha256::new_with_prefix(b"packstone cursor 1");
-    digest.update(seq.to_be_bytes());
+fn check(item: Position, listing: &impl Debug) -> Vec<u8> {
+    let mut digest = Sha256::new_with_prefix(b"packstone cursor 2");
+    digest.update(item.key.to_be_bytes());
+    digest.update(item.seq.to_be_bytes());
     digest.update(format!("{listing:?}"));
     digest.finalize()[..CHECK_BYTES].to_vec()
 }
@@ -115,15 +120,15 @@ mod tests {
             labels: vec![("a".into(), "b".into())],
             ..Filter::default()
         };
-        let mine = cursor(42, &queued);
-        assert_eq!(open_cursor(&mine, &queued), Some(42));
+        let mine = cursor(Position { key: -7, seq: 42 }, &queued);
+        assert_eq!(open_cursor(&mine, &queued), Some(Position { key: -7, seq: 42 }));
         assert_eq!(open_cursor(&mine, &all), None);
         for bad in ["", "00", "nonsense", &mine[2..], &mine.to_uppercase(), &format!("{mine}00")] {
             assert!(Cursor::read(bad).is_err(), "{bad}");
         }
         assert_eq!(Cursor::read(&mine).map(|cursor| cursor.write()).as_ref(), Ok(&mine));
         let mut forged = mine.clone().into_bytes();
-        forged[15] = if forged[15] == b'0' { b'1' } else { b'0' };
+        forged[31] = if forged[31] == b'0' { b'1' } else { b'0' };
         assert_eq!(open_cursor(&String::from_utf8_lossy(&forged), &queued), None);
         assert_eq!(open_cursor(&cursor(42, &all), &StudyFilter::default()), None, "jobs are no studies");
     }

@@ -44,7 +44,7 @@ pub(crate) async fn list(
     Query(mut page): Query<PageParameters>,
 ) -> Result<Response, Problem> {
     let listing = ("exports", id);
-    let before = page.before(&listing)?;
+    let before = page.after(&listing)?.map(|item| item.seq);
     let store = &app.shared.store;
     let job = store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));
     let job = job.map_err(|error| refused(error, id))?;

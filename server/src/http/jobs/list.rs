@@ -1,4 +1,4 @@
-//! Listing jobs, newest first: all of them, or those of a study.
+//! Listing jobs: all of them, or those of a study.
 
 use axum::extract::State;
 use axum::http::header;
@@ -17,13 +17,13 @@ use crate::http::response::set;
 use crate::ids::StudyId;
 use crate::jobs;
 use crate::jobs::request::MAX_NAME_CHARS;
-use crate::jobs::store::{Filter, StoreError};
+use crate::jobs::store::{Filter, Order, SortKey, StoreError};
 use crate::problem::Problem;
 
 /// A page of jobs.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct JobPage {
-    /// The jobs, newest first, without their requests.
+    /// The jobs in the order of `sort`, without their requests.
     items: Vec<JobSummary>,
     /// Where the next page starts; `null` on the last.
     #[schema(required)]
@@ -53,6 +53,28 @@ choices! {
         NewestFirst "-created",
         /// Oldest first.
         OldestFirst "created",
+        /// Highest priority first.
+        HighestFirst "-priority",
+        /// Lowest priority first.
+        LowestFirst "priority",
+        /// Latest end first; jobs that have not ended come last.
+        LatestEndFirst "-finished",
+        /// Earliest end first; jobs that have not ended come before.
+        EarliestEndFirst "finished",
+    }
+}
+
+impl JobOrder {
+    fn order(self) -> Order {
+        let (key, descending) = match self {
+            Self::NewestFirst => (SortKey::Created, true),
+            Self::OldestFirst => (SortKey::Created, false),
+            Self::HighestFirst => (SortKey::Priority, true),
+            Self::LowestFirst => (SortKey::Priority, false),
+            Self::LatestEndFirst => (SortKey::Finished, true),
+            Self::EarliestEndFirst => (SortKey::Finished, false),
+        };
+        Order { key, descending }
     }
 }
 
@@ -72,7 +94,8 @@ parameters! {
         created_after: Option<Time>,
         /// RFC 3339 time; only jobs submitted before this time.
         created_before: Option<Time>,
-        /// `-created`: newest first; `created`: oldest first.
+        /// `created`: oldest first; `priority`: lowest first; `finished`: earliest end first, jobs that have not ended
+        /// before all others. Equal jobs are in the order of submission. `-` reverses the whole order.
         sort: OrDefault<JobOrder>,
         ..page: PageParameters,
     }
@@ -90,7 +113,7 @@ parameters! {
 
 /// List jobs
 ///
-/// Newest first. Items are jobs without their `request`.
+/// Newest first, unless `sort` says otherwise. Items are jobs without their `request`.
 #[utoipa::path(
     get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
     params(AllJobsParameters),
@@ -114,7 +137,7 @@ pub(crate) async fn list(
 
 /// List the jobs of a study
 ///
-/// As `GET /v1/jobs?study=`, newest first: the last replicates of all points come before the first.
+/// As `GET /v1/jobs?study=`. Newest first, unless `sort` says otherwise: the last replicates of all points come before the first.
 #[utoipa::path(
     get, path = "/v1/studies/{id}/jobs", tag = "studies", operation_id = "list_study_jobs",
     params(StudyPath, JobListParameters),
@@ -130,7 +153,7 @@ pub(crate) async fn list_of_study(
     Query(mut query): Query<JobListParameters>,
 ) -> Result<Response, Problem> {
     let filter = query.filter(Some(id));
-    query.page.before(&filter)?;
+    query.page.after(&filter)?;
     if app.shared.store.study(id).await?.is_none() {
         return Err(refused(StoreError::NoStudy, id));
     }
@@ -151,16 +174,16 @@ impl JobListParameters {
             method: self.method.map(|method| method.name().to_owned()),
             created_after: self.created_after.map(|time| time.0),
             created_before: self.created_before.map(|time| time.0),
-            oldest_first: self.sort.0 == JobOrder::OldestFirst,
+            order: self.sort.0.order(),
         }
     }
 }
 
 /// The page of a listing that was asked for.
 async fn page(app: &App, filter: &Filter, page: &PageParameters) -> Result<JobPage, Problem> {
-    let found = app.shared.store.list(filter, page.before(filter)?, page.limit.get()).await?;
+    let found = app.shared.store.list(filter, page.after(filter)?, page.limit.get()).await?;
     let items = found.jobs.iter().map(JobSummary::of).collect();
-    Ok(JobPage { items, next_cursor: found.next_before.map(|seq| pages::cursor(seq, filter)) })
+    Ok(JobPage { items, next_cursor: found.next_after.map(|item| pages::cursor(item, filter)) })
 }
 
 impl JobPage {

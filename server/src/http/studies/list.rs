@@ -59,7 +59,7 @@ pub(crate) async fn list(
     Query(mut query): Query<StudyListParameters>,
 ) -> Result<Response, Problem> {
     let filter = StudyFilter { state: query.state, labels: query.label.0.clone() };
-    let before = query.page.before(&filter)?;
+    let before = query.page.after(&filter)?.map(|item| item.seq);
     let found = app.shared.store.list_studies(&filter, before, query.page.limit.get()).await?;
     let next_cursor = found.next_before.map(|seq| pages::cursor(seq, &filter));
     let link = next_cursor.as_ref().map(|cursor| {
