@@ -99,6 +99,71 @@ async fn filters_by_state_and_labels() {
 }
 
 #[tokio::test]
+async fn jobs_are_sorted_by_priority_and_by_end_over_all_pages() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(1).start().await;
+    let client = server.client();
+    // Ends come in the order of priority, but for the job that comes first.
+    let blocker = client.submit(&jobs::endless()).await;
+    client.running(id_of(&blocker)).await;
+    let mut waiting = Vec::new();
+    for (seed, priority) in [5, -3, 0, 5, 0, 0, -3, 100, 5].into_iter().enumerate() {
+        let job = jobs::with(jobs::quick(seed as u64), "/priority", json!(priority));
+        let job = jobs::with(job, "/labels", json!({"parity": (seed % 2).to_string()}));
+        waiting.push((priority, id_of(&client.submit(&job).await).to_owned()));
+    }
+    let mut expected = vec![(0, id_of(&blocker).to_owned())];
+    expected.extend(waiting.iter().cloned());
+    // Stable: equal jobs stay in the order of submission.
+    expected.sort_by_key(|(priority, _)| *priority);
+    let by_priority: Vec<String> = expected.into_iter().map(|(_, id)| id).collect();
+    let reversed = |ids: &[String]| ids.iter().rev().cloned().collect::<Vec<_>>();
+    for limit in [1, 2, 3, 4, 9, 10, 100] {
+        assert_eq!(all(&client, "&sort=priority", limit).await, by_priority, "pages of {limit}");
+        assert_eq!(all(&client, "&sort=-priority", limit).await, reversed(&by_priority), "pages of {limit}");
+    }
+    let queued = all(&client, "&sort=priority&state=queued", 2).await;
+    let all_queued: Vec<_> = by_priority.iter().filter(|id| *id != id_of(&blocker)).cloned().collect();
+    assert_eq!(queued, all_queued);
+    let odd: HashSet<&String> =
+        waiting.iter().enumerate().filter(|(i, _)| i % 2 == 1).map(|(_, (_, id))| id).collect();
+    let all_odd: Vec<_> = by_priority.iter().filter(|id| odd.contains(id)).cloned().collect();
+    assert_eq!(all(&client, "&sort=priority&label=parity=1", 1).await, all_odd);
+
+    // None has ended: all are equal, in the order of submission.
+    let submitted = all(&client, "&sort=created", 100).await;
+    assert_eq!(all(&client, "&sort=finished", 3).await, submitted);
+    assert_eq!(all(&client, "&sort=-finished", 3).await, reversed(&submitted));
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&blocker))).send().await;
+    let mut ends = Vec::new();
+    for id in &submitted {
+        let ended = client.finished(id).await;
+        ends.push((ended["finished_at"].as_str().unwrap().to_owned(), id.clone()));
+    }
+    let held = client.submit(&jobs::endless()).await;
+    client.running(id_of(&held)).await;
+    ends.sort();
+    let mut by_end = vec![id_of(&held).to_owned()];
+    by_end.extend(ends.into_iter().map(|(_, id)| id));
+    assert_eq!(by_end[1], id_of(&blocker));
+    for limit in [1, 4, 11, 100] {
+        assert_eq!(all(&client, "&sort=finished", limit).await, by_end, "pages of {limit}");
+        assert_eq!(all(&client, "&sort=-finished", limit).await, reversed(&by_end), "pages of {limit}");
+    }
+    assert_eq!(all(&client, "&sort=-finished&state=succeeded", 2).await, reversed(&by_end[2..]));
+
+    // The link keeps the order, and a cursor is one of its order only.
+    let first = client.get("/v1/jobs?sort=-finished&limit=4").send().await;
+    let target = first.header("link").split(['<', '>']).nth(1).expect("a target").to_owned();
+    assert_eq!(ids(&client.get(&target).send().await.expect(200).json()), reversed(&by_end)[4..8]);
+    let cursor = first.json()["next_cursor"].as_str().unwrap().to_owned();
+    let other = client.get(&format!("/v1/jobs?sort=finished&limit=4&cursor={cursor}")).send().await;
+    let problem = other.expect_problem(400, "validation-error");
+    assert_eq!(problem["errors"][0]["parameter"], "cursor");
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn pages_lose_and_repeat_nothing_while_jobs_come_in() {
     let data_dir = DataDir::new();
     let server = Launch::new(&data_dir).workers(1).start().await;

@@ -52,6 +52,15 @@ async fn a_study_runs_to_its_table() {
 
     let finished = client.study_finished(&id).await;
     assert_eq!(count(&finished, "succeeded"), 8, "{finished:#}");
+    // What may be long is in no poll.
+    assert_eq!(finished.get("request"), None);
+    let whole = client.get(&format!("/v1/studies/{id}?include=request")).send().await;
+    assert_eq!((whole.json()["request"].clone(), whole.header("etag").len() > 2), (small(2), true));
+    let retried = client.post(&format!("/v1/studies/{id}/retry")).send().await.expect(200).json();
+    assert_eq!(retried.get("request"), None);
+    let unknown = client.get(&format!("/v1/studies/{id}?include=table")).send().await;
+    let problem = unknown.expect_problem(400, "validation-error");
+    assert_eq!(problem["errors"][0]["detail"], "\"table\" is unknown: must be request");
     assert_eq!(finished["progress"], json!({"fraction": 1.0, "done": 8, "total": 8, "eta_s": 0.0}));
     let rows = client.table(&id).await;
     let keys: Vec<(f64, &str)> = rows
@@ -135,6 +144,27 @@ async fn faults_point_to_the_job_and_the_field_and_nothing_is_taken_in() {
     let none = client.get("/v1/studies").send().await.expect(200).json();
     assert_eq!(none, json!({"items": [], "next_cursor": null}));
     assert_eq!(client.get("/v1/jobs").send().await.expect(200).json()["items"], json!([]));
+    server.stop().await;
+}
+
+/// A worker that packed the next job while it wrote the result of the one before had two running jobs.
+#[tokio::test]
+async fn no_more_jobs_run_than_there_are_workers() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(2).start().await;
+    let client = server.client();
+    let study = client.submit_study(&json!({"list": (0..200).map(jobs::quick).collect::<Vec<_>>()})).await;
+    let path = format!("/v1/studies/{}", id_of(&study));
+    let mut looks = 0;
+    loop {
+        let study = client.get(&path).send().await.expect(200).json();
+        assert!(count(&study, "running") <= 2, "{looks}: {study:#}");
+        if !study["finished_at"].is_null() {
+            break;
+        }
+        looks += 1;
+    }
+    assert!(looks > 20, "{looks} looks while it ran");
     server.stop().await;
 }
 

@@ -1,45 +1,20 @@
-//! What plots of jobs and of studies share: their path, their bound on concurrent work, their answers.
+//! What plots of jobs and of studies share: their bound on concurrent work, their answers.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{FromRequestParts, Path};
-use axum::http::request::Parts;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout;
 
 use crate::http::app::App;
-use crate::http::params::shown;
 use crate::http::response::set;
 use crate::plots;
 use crate::problem::{Kind, Problem};
 
 /// How long a plot waits for another before it is refused.
 const TURN: Duration = Duration::from_secs(10);
-
-/// The job or study and the kind of plot that a path names.
-pub(crate) struct PlotPath {
-    pub(crate) id: String,
-    pub(crate) kind: String,
-}
-
-impl<S: Send + Sync> FromRequestParts<S> for PlotPath {
-    type Rejection = Problem;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        match Path::<(String, String)>::from_request_parts(parts, state).await {
-            Ok(Path((id, kind))) => Ok(Self { id, kind }),
-            Err(_) => Err(Problem::new(Kind::NotFound, "there is no such plot")),
-        }
-    }
-}
-
-/// There is no such kind of plot; `known` names those that there are.
-pub(crate) fn no_kind(kind: &str, known: &str) -> Problem {
-    Problem::new(Kind::NotFound, format!("there is no plot {}: must be one of {known}", shown(kind)))
-}
 
 /// Waits to be one of the few that draw.
 pub(crate) async fn turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {

@@ -3,32 +3,26 @@
 use axum::http::{HeaderMap, header};
 use packstone_engine::export::ExportType;
 use packstone_engine::export::tables::Format;
-use utoipa::ToSchema;
 
-use crate::http::params::shown;
+use crate::http::params::values::Named;
+use crate::http::params::{Choice, choices, names, shown};
 use crate::problem::{Kind, Problem};
 
-/// A format of tables.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum TableFormat {
-    /// An object with `columns` and `rows`.
-    Json,
-    /// Comma-separated values under one header line.
-    Csv,
+choices! {
+    Format,
+}
+
+choices! {
+    /// A format of tables.
+    pub(crate) enum TableFormat {
+        /// An object with `columns` and `rows`.
+        Json "json",
+        /// Comma-separated values under one header line.
+        Csv "csv",
+    }
 }
 
 impl TableFormat {
-    const ALL: [Self; 2] = [Self::Json, Self::Csv];
-
-    /// Its name in `?format=`.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Json => "json",
-            Self::Csv => "csv",
-        }
-    }
-
     fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
@@ -38,14 +32,11 @@ impl TableFormat {
 }
 
 /// The format of a result, or the problem that none fits.
-pub(crate) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format, Problem> {
-    let known = Format::ALL.map(|f| (f, f.name(), f.media_type()));
-    negotiated(query, headers, &known).map_err(|what| {
-        let known = known.iter().map(|(_, name, media_type)| (*name, *media_type));
-        let mut problem = not_acceptable(&what, known);
-        let export =
-            ExportType::ALL.iter().find(|kind| query.is_some_and(|name| kind.formats().contains(&name)));
-        if let (Some(kind), Some(name)) = (export, query) {
+pub(crate) fn format(asked: Option<&Named<Format>>, headers: &HeaderMap) -> Result<Format, Problem> {
+    negotiated(asked, headers, Format::media_type).map_err(|mut problem| {
+        if let Some(Named::Unknown(name)) = asked
+            && let Some(kind) = ExportType::ALL.iter().find(|kind| kind.formats().contains(&name.as_str()))
+        {
             let hint =
                 format!("; {name} is a format of exports: GET .../exports/{}?format={name}", kind.name());
             problem.detail.push_str(&hint);
@@ -55,43 +46,42 @@ pub(crate) fn format(query: Option<&str>, headers: &HeaderMap) -> Result<Format,
 }
 
 /// The format of a table, or the problem that none fits.
-pub(crate) fn table_format(query: Option<&str>, headers: &HeaderMap) -> Result<TableFormat, Problem> {
-    let known = TableFormat::ALL.map(|f| (f, f.name(), f.media_type()));
-    negotiated(query, headers, &known)
-        .map_err(|what| not_acceptable(&what, known.iter().map(|(_, name, media_type)| (*name, *media_type))))
+pub(crate) fn table_format(
+    asked: Option<&Named<TableFormat>>,
+    headers: &HeaderMap,
+) -> Result<TableFormat, Problem> {
+    negotiated(asked, headers, TableFormat::media_type)
 }
 
-/// A format with its name and media type.
-type Known<F> = (F, &'static str, &'static str);
-
-/// The one that is wanted, or in words what is.
-fn negotiated<F: Copy>(query: Option<&str>, headers: &HeaderMap, known: &[Known<F>]) -> Result<F, String> {
-    if let Some(name) = query {
-        return known
-            .iter()
-            .find(|(_, known, _)| *known == name)
-            .map(|(format, ..)| *format)
-            .ok_or_else(|| format!("the format {} is unknown", shown(name)));
-    }
-    let accept: Vec<&str> =
-        headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
-    let accept = if accept.is_empty() { "*/*".to_owned() } else { accept.join(",") };
-    best(&accept, known).ok_or_else(|| format!("Accept asks for {}", shown(&accept)))
-}
-
-/// Refuses `what`, and tells the names and media types that there are.
-fn not_acceptable(what: &str, known: impl Iterator<Item = (&'static str, &'static str)>) -> Problem {
-    let (mut formats, mut names) = (Vec::new(), Vec::new());
-    for (name, media_type) in known {
-        formats.push(serde_json::json!({"format": name, "media_type": media_type}));
-        names.push(name);
-    }
-    Problem::new(Kind::NotAcceptable, format!("{what}: must be one of {}", names.join(", ")))
-        .with("formats", formats.into())
+/// The one that is wanted, or the problem that there is none.
+fn negotiated<F: Choice>(
+    asked: Option<&Named<F>>,
+    headers: &HeaderMap,
+    media_type: fn(F) -> &'static str,
+) -> Result<F, Problem> {
+    let refusal = match asked {
+        Some(Named::Known(format)) => return Ok(*format),
+        Some(Named::Unknown(name)) => format!("the format {} is unknown", shown(name)),
+        None => {
+            let accept: Vec<&str> =
+                headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
+            let accept = if accept.is_empty() { "*/*".to_owned() } else { accept.join(",") };
+            match best(&accept, F::all(), media_type) {
+                Some(format) => return Ok(format),
+                None => format!("Accept asks for {}", shown(&accept)),
+            }
+        }
+    };
+    let formats: Vec<_> = F::all()
+        .iter()
+        .map(|format| serde_json::json!({"format": format.name(), "media_type": media_type(*format)}))
+        .collect();
+    Err(Problem::new(Kind::NotAcceptable, format!("{refusal}: must be one of {}", names::<F>()))
+        .with("formats", formats.into()))
 }
 
 /// The format of highest quality; among equals the first.
-fn best<F: Copy>(accept: &str, known: &[Known<F>]) -> Option<F> {
+fn best<F: Copy>(accept: &str, known: &[F], media_type: fn(F) -> &'static str) -> Option<F> {
     let ranges: Vec<(&str, f32)> = accept.split(',').filter_map(media_range).collect();
     let quality = |media_type: &str| {
         let top = media_type.split('/').next().unwrap_or_default();
@@ -112,8 +102,8 @@ fn best<F: Copy>(accept: &str, known: &[Known<F>]) -> Option<F> {
             .map_or(0.0, |(_, q)| q)
     };
     let mut best = None;
-    for (format, _, media_type) in known {
-        let q = quality(media_type);
+    for format in known {
+        let q = quality(media_type(*format));
         if q > 0.0 && best.is_none_or(|(_, most)| q > most) {
             best = Some((*format, q));
         }
@@ -138,6 +128,7 @@ fn media_range(item: &str) -> Option<(&str, f32)> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::http::params::values::Value;
 
     #[test]
     fn accept_is_weighed() {
@@ -154,8 +145,7 @@ mod tests {
             ("application/json;q=0", None),
             ("text/csv;q=high", None),
         ] {
-            let known = Format::ALL.map(|f| (f, f.name(), f.media_type()));
-            assert_eq!(best(accept, &known), format, "{accept}");
+            assert_eq!(best(accept, &Format::ALL, Format::media_type), format, "{accept}");
         }
     }
 
@@ -165,12 +155,13 @@ mod tests {
         assert_eq!(format(None, &headers).unwrap(), Format::Json);
         headers.insert(header::ACCEPT, "text/csv".parse().unwrap());
         assert_eq!(format(None, &headers).unwrap(), Format::Csv);
-        assert_eq!(format(Some("npy"), &headers).unwrap(), Format::Npy);
-        let problem = format(Some("xlsx"), &headers).unwrap_err();
+        let named = |name: &str| <Named<Format> as Value>::read(name).unwrap();
+        assert_eq!(format(Some(&named("npy")), &headers).unwrap(), Format::Npy);
+        let problem = format(Some(&named("xlsx")), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
         assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
         assert_eq!(problem.document()["formats"][1]["media_type"], "text/csv");
-        let problem = format(Some("vti"), &headers).unwrap_err();
+        let problem = format(Some(&named("vti")), &headers).unwrap_err();
         assert!(problem.detail.ends_with("GET .../exports/voxels?format=vti"), "{}", problem.detail);
     }
 }

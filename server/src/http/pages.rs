@@ -7,95 +7,108 @@
 use std::fmt::Debug;
 
 use sha2::{Digest, Sha256};
+use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::hex;
-use crate::http::params::{Query, shown};
-use crate::jobs::request::MAX_LABELS;
+use crate::http::params::values::{Value, WholeNumber};
+use crate::http::params::{ParameterSet, pairs, parameters, shown};
+use crate::jobs::store::Position;
+use crate::problem::{Fault, Problem};
 
-const DEFAULT_LIMIT: i64 = 50;
-const MAX_LIMIT: i64 = 500;
 const CHECK_BYTES: usize = 8;
+/// Hexadecimal digits of a cursor.
+const CURSOR_DIGITS: usize = 2 * (2 * size_of::<i64>() + CHECK_BYTES);
 
-/// The page that a query asks for.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Page {
-    pub(crate) limit: u32,
-    pub(crate) before: Option<i64>,
-}
-
-impl Page {
-    /// Reads `limit` and `cursor`; `listing` says what is listed, its filters included.
-    pub(crate) fn read(query: &mut Query, listing: &impl Debug) -> Self {
-        let limit = query.integer("limit", 1, MAX_LIMIT).unwrap_or(DEFAULT_LIMIT) as u32;
-        let before = query.one("cursor").and_then(|cursor| {
-            let before = open_cursor(&cursor, listing);
-            if before.is_none() {
-                let shown = shown(&cursor);
-                query.fault("cursor", format!("{shown} is no cursor of this listing: must be the next_cursor of a page with the same filters"));
-            }
-            before
-        });
-        Self { limit, before }
-    }
-
-    /// The next page's address with its relation, for `Link`; `filters` are parameters with their values.
-    pub(crate) fn link(&self, path: &str, filters: &[(&str, String)], cursor: &str) -> String {
-        let mut query = form_urlencoded::Serializer::new(String::new());
-        query.extend_pairs(filters);
-        query.append_pair("limit", &self.limit.to_string()).append_pair("cursor", cursor);
-        format!("<{path}?{}>; rel=\"next\"", query.finish())
+parameters! {
+    /// The page of a listing that a request is about.
+    #[derive(Clone, Debug)]
+    pub(crate) struct PageParameters {
+        /// Most items on the page.
+        pub(crate) limit: WholeNumber<1, 500, 50>,
+        /// `next_cursor` of the page before, with the same filters.
+        pub(crate) cursor: Option<Cursor>,
     }
 }
 
-/// Reads `label`, which may be repeated.
-pub(crate) fn labels(query: &mut Query) -> Vec<(String, String)> {
-    let mut labels = Vec::new();
-    for label in query.many("label") {
-        match label.split_once('=') {
-            Some((key, value)) if !key.is_empty() => labels.push((key.into(), value.into())),
-            _ => query.fault("label", format!("{} has no key: must be key=value", shown(&label))),
-        }
+impl PageParameters {
+    /// The position of the item before the page; `listing` says what is listed, its filters included.
+    ///
+    /// # Errors
+    /// `validation-error` for the cursor of another listing.
+    pub(crate) fn after(&self, listing: &impl Debug) -> Result<Option<Position>, Problem> {
+        let Some(cursor) = &self.cursor else { return Ok(None) };
+        let foreign = || Problem::parameters(vec![Fault::parameter("cursor", no_cursor(&cursor.0))]);
+        open_cursor(&cursor.0, listing).map(Some).ok_or_else(foreign)
     }
-    if labels.len() > MAX_LABELS {
-        let found = labels.len();
-        query.fault("label", format!("is given {found} times: must be given at most {MAX_LABELS} times"));
+
+    /// Goes to the page that starts at that cursor.
+    pub(crate) fn turn_to(&mut self, cursor: &str) {
+        self.cursor = Some(Cursor(cursor.to_owned()));
     }
-    labels
 }
 
-/// Labels as parameters.
-pub(crate) fn label_filters(labels: &[(String, String)]) -> impl Iterator<Item = (&'static str, String)> {
-    labels.iter().map(|(key, value)| ("label", format!("{key}={value}")))
+/// Where a page starts. Whether it belongs to a listing is known once the filters of this are.
+#[derive(Clone, Debug)]
+pub(crate) struct Cursor(String);
+
+impl Value for Cursor {
+    fn schema() -> Object {
+        let pattern = format!("^[0-9a-f]{{{CURSOR_DIGITS}}}$");
+        ObjectBuilder::new().schema_type(Type::String).pattern(Some(pattern)).build()
+    }
+
+    fn read(text: &str) -> Result<Self, String> {
+        // One form of every cursor, so that equal ones look equal.
+        let digits = text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
+        if digits && text.len() == CURSOR_DIGITS { Ok(Self(text.to_owned())) } else { Err(no_cursor(text)) }
+    }
+
+    fn write(&self) -> String {
+        self.0.clone()
+    }
 }
 
-/// The cursor of the page below an item.
-pub(crate) fn cursor(seq: i64, listing: &impl Debug) -> String {
-    let mut bytes = seq.to_be_bytes().to_vec();
-    bytes.extend(check(seq, listing));
+fn no_cursor(text: &str) -> String {
+    let shown = shown(text);
+    format!("{shown} is no cursor of this listing: must be the next_cursor of a page with the same filters")
+}
+
+/// The next page's address with its relation, for `Link`; `query` are its parameters.
+pub(crate) fn link(path: &str, query: &impl ParameterSet) -> String {
+    let query = form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs(query)).finish();
+    format!("<{path}?{query}>; rel=\"next\"")
+}
+
+/// The cursor of the page that follows an item.
+pub(crate) fn cursor(item: impl Into<Position>, listing: &impl Debug) -> String {
+    let item = item.into();
+    let mut bytes = item.key.to_be_bytes().to_vec();
+    bytes.extend(item.seq.to_be_bytes());
+    bytes.extend(check(item, listing));
     hex::encode(&bytes)
 }
 
-fn open_cursor(text: &str, listing: &impl Debug) -> Option<i64> {
-    // One form of every cursor, so that equal ones look equal.
-    if text.bytes().any(|b| b.is_ascii_uppercase()) {
-        return None;
-    }
+fn open_cursor(text: &str, listing: &impl Debug) -> Option<Position> {
     let bytes = hex::decode(text)?;
-    let (seq, found) = bytes.split_first_chunk::<8>()?;
-    let seq = i64::from_be_bytes(*seq);
-    (found == check(seq, listing)).then_some(seq)
+    let (key, rest) = bytes.split_first_chunk::<8>()?;
+    let (seq, found) = rest.split_first_chunk::<8>()?;
+    let item = Position { key: i64::from_be_bytes(*key), seq: i64::from_be_bytes(*seq) };
+    (found == check(item, listing)).then_some(item)
 }
 
-fn check(seq: i64, listing: &impl Debug) -> Vec<u8> {
-    let mut digest = Sha256::new_with_prefix(b"packstone cursor 1");
-    digest.update(seq.to_be_bytes());
+fn check(item: Position, listing: &impl Debug) -> Vec<u8> {
+    let mut digest = Sha256::new_with_prefix(b"packstone cursor 2");
+    digest.update(item.key.to_be_bytes());
+    digest.update(item.seq.to_be_bytes());
     digest.update(format!("{listing:?}"));
     digest.finalize()[..CHECK_BYTES].to_vec()
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::http::params::values::Labels;
     use crate::jobs;
     use crate::jobs::store::{Filter, StudyFilter};
 
@@ -107,24 +120,34 @@ mod tests {
             labels: vec![("a".into(), "b".into())],
             ..Filter::default()
         };
-        let mine = cursor(42, &queued);
-        assert_eq!(open_cursor(&mine, &queued), Some(42));
+        let mine = cursor(Position { key: -7, seq: 42 }, &queued);
+        assert_eq!(open_cursor(&mine, &queued), Some(Position { key: -7, seq: 42 }));
         assert_eq!(open_cursor(&mine, &all), None);
         for bad in ["", "00", "nonsense", &mine[2..], &mine.to_uppercase(), &format!("{mine}00")] {
-            assert_eq!(open_cursor(bad, &queued), None, "{bad}");
+            assert!(Cursor::read(bad).is_err(), "{bad}");
         }
+        assert_eq!(Cursor::read(&mine).map(|cursor| cursor.write()).as_ref(), Ok(&mine));
         let mut forged = mine.clone().into_bytes();
-        forged[15] = if forged[15] == b'0' { b'1' } else { b'0' };
+        forged[31] = if forged[31] == b'0' { b'1' } else { b'0' };
         assert_eq!(open_cursor(&String::from_utf8_lossy(&forged), &queued), None);
         assert_eq!(open_cursor(&cursor(42, &all), &StudyFilter::default()), None, "jobs are no studies");
     }
 
     #[test]
     fn links_are_encoded() {
-        let labels = [("a b".to_owned(), "c&d>".to_owned())];
-        let page = Page { limit: 5, before: None };
+        parameters! {
+            struct Labelled {
+                /// Labels.
+                label: Labels,
+                ..page: PageParameters,
+            }
+        }
+        let label = Labels(vec![("a b".to_owned(), "c&d>".to_owned())]);
+        let page = PageParameters { limit: WholeNumber::read("5").unwrap(), cursor: None };
+        let mut query = Labelled { label, page };
+        query.page.turn_to("ff");
         assert_eq!(
-            page.link("/v1/jobs", &label_filters(&labels).collect::<Vec<_>>(), "ff"),
+            link("/v1/jobs", &query),
             "</v1/jobs?label=a+b%3Dc%26d%3E&limit=5&cursor=ff>; rel=\"next\""
         );
     }

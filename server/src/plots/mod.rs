@@ -19,27 +19,16 @@ pub(crate) const MEDIA_TYPE: &str = "image/svg+xml";
 macro_rules! kinds {
     ($(#[$meta:meta])* $type:ident { $($(#[$doc:meta])* $kind:ident $name:literal,)* }) => {
         $(#[$meta])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
-        #[serde(rename_all = "snake_case")]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(crate) enum $type { $($(#[$doc])* $kind,)* }
 
         impl $type {
             /// All kinds, in the order of the documentation.
             pub(crate) const ALL: &[Self] = &[$(Self::$kind,)*];
 
-            /// Name in `?kind=`, and in the name of a file.
+            /// Name in addresses, and in the name of a file.
             pub(crate) fn name(self) -> &'static str {
                 match self { $(Self::$kind => $name,)* }
-            }
-
-            /// The kind of that name.
-            pub(crate) fn from_name(name: &str) -> Option<Self> {
-                Self::ALL.iter().copied().find(|kind| kind.name() == name)
-            }
-
-            /// All names, for messages.
-            pub(crate) fn names() -> String {
-                Self::ALL.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(", ")
             }
         }
     };

@@ -214,10 +214,8 @@ class Study(Resource):
         return list(named.values()), found
 
     def _fetch_request(self) -> dict[str, Any]:
-        if "request" not in self.data:
-            # Listings leave it out.
-            self.refresh()
-        return dict(self.data["request"])
+        response = self._transport.request("GET", self.path, params={"include": "request"})
+        return dict(document(response)["request"])
 
     @property
     def _title(self) -> str:

@@ -78,7 +78,7 @@ pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Fo
 
 fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
     PossibleValuesParser::new(JobPlot::ALL.iter().map(|kind| kind.name()))
-        .try_map(|name| JobPlot::from_name(&name).ok_or("no such plot"))
+        .try_map(|name| JobPlot::ALL.iter().copied().find(|kind| kind.name() == name).ok_or("no such plot"))
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {

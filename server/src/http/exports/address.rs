@@ -1,20 +1,21 @@
 //! Addresses of exports: the type in the path, the options in the query.
 
-use std::collections::BTreeMap;
-
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 use packstone_engine::export::{ExportRequest, ExportType};
 use packstone_engine::request::Specimen;
-use serde::Serialize;
-use serde_json::{Map, Value};
-use utoipa::ToSchema;
+use serde_json::{Map, Value as Json};
+use utoipa::IntoParams;
+use utoipa::openapi::Required;
+use utoipa::openapi::path::{Parameter as Described, ParameterBuilder, ParameterIn, ParameterStyle};
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 
 use crate::exports::NewExport;
 use crate::failure::FailureCode;
 use crate::http::app::App;
 use crate::http::files::stem;
-use crate::http::params::{Query, shown};
+use crate::http::params::values::{Value, uuid_schema};
+use crate::http::params::{ParameterSet, RawQuery, choices, described_path, described_query, names, shown};
 use crate::http::problems::refused;
 use crate::http::results::finished;
 use crate::ids::JobId;
@@ -36,8 +37,8 @@ impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
             return Err(Problem::no_job(parts.uri.path()));
         };
         let job = JobId::parse(&job).ok_or_else(|| Problem::no_job(&job))?;
-        let kind = ExportType::from_name(&kind).ok_or_else(|| {
-            let known = ExportType::ALL.map(ExportType::name).join(", ");
+        let kind = <ExportType as Value>::read(&kind).map_err(|_| {
+            let known = names::<ExportType>();
             let detail = format!("there is no type of exports {}: must be one of {known}", shown(&kind));
             Problem::new(Kind::NotFound, detail)
         })?;
@@ -45,11 +46,65 @@ impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
     }
 }
 
-/// Options of an export by name, beside its `format`: those that the schema `ExportRequest` gives its type and format.
-/// A value that is an object or an array is written as JSON.
-#[derive(Serialize, ToSchema)]
-#[allow(dead_code)]
-pub(crate) struct ExportOptions(BTreeMap<String, String>);
+impl IntoParams for ExportPath {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
+        vec![
+            described_path("id", uuid_schema(), "ID of the job, which must have succeeded"),
+            described_path("type", <ExportType as Value>::schema(), "Type of the export"),
+        ]
+    }
+}
+
+choices! {
+    ExportType,
+}
+
+/// The format and the options of an export, as texts: the engine reads them, by the type that the path names.
+#[derive(Clone, Debug)]
+pub(crate) struct ExportOptions(Vec<(String, String)>);
+
+impl ParameterSet for ExportOptions {
+    fn describe(described: &mut Vec<Described>) {
+        let text = || ObjectBuilder::new().schema_type(Type::String).build();
+        let parameter = |name: &str, description: &str| {
+            ParameterBuilder::new()
+                .name(name)
+                .parameter_in(ParameterIn::Query)
+                .required(Required::False)
+                .description(Some(description))
+        };
+        described.push(
+            parameter(
+                "format",
+                "File format; the first of the type's formats in `/v1/capabilities` when absent.",
+            )
+            .schema(Some(text()))
+            .build(),
+        );
+        let options =
+            ObjectBuilder::new().schema_type(Type::Object).additional_properties(Some(Schema::from(text())));
+        described.push(
+            parameter(
+                "options",
+                "Options of an export by name, beside its `format`: those that the schema `ExportRequest` gives its \
+                 type and format. A value that is an object or an array is written as JSON.",
+            )
+            .schema(Some(options.build()))
+            .style(Some(ParameterStyle::Form))
+            .explode(Some(true))
+            .build(),
+        );
+    }
+
+    fn read(query: &mut RawQuery) -> Option<Self> {
+        Some(Self(query.rest()))
+    }
+
+    fn write(&self, pairs: &mut Vec<(String, String)>) {
+        pairs.extend(self.0.iter().cloned());
+    }
+}
+described_query!(ExportOptions);
 
 /// The export that a request names, of a job that has a result.
 #[derive(Debug)]
@@ -60,14 +115,12 @@ pub(crate) struct Target {
 }
 
 impl Target {
-    /// Reads the parameters that `query` was not asked for yet as the export's options, and finds the job.
+    /// Reads the options of an export, and finds the job.
     ///
     /// # Errors
     /// `validation-error`, `not-found`, `result-not-ready` or `job-failed`.
-    pub(crate) async fn read(app: &App, path: ExportPath, mut query: Query) -> Result<Self, Problem> {
-        let options = query.rest();
-        query.finish()?;
-        let pairs = options.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+    pub(crate) async fn read(app: &App, path: ExportPath, options: &ExportOptions) -> Result<Self, Problem> {
+        let pairs = options.0.iter().map(|(name, value)| (name.as_str(), value.as_str()));
         let export = ExportRequest::from_text(path.kind, pairs).map_err(|faults| {
             Problem::fields(FailureCode::ValidationError, faults).of_parameters(str::to_owned)
         })?;
@@ -96,7 +149,7 @@ impl Target {
     }
 
     /// Its options as JSON, with the `type` and the defaults.
-    pub(crate) fn options(&self) -> Value {
+    pub(crate) fn options(&self) -> Json {
         serde_json::to_value(&self.export).unwrap_or_default()
     }
 
@@ -107,16 +160,16 @@ impl Target {
 }
 
 /// The path of an export's file: `options` is its stored JSON.
-pub(crate) fn file_path(job: JobId, kind: ExportType, options: &Value) -> String {
+pub(crate) fn file_path(job: JobId, kind: ExportType, options: &Json) -> String {
     format!("/v1/jobs/{job}/exports/{}{}", kind.name(), query(kind, options))
 }
 
 /// The path of an export's document.
-pub(crate) fn status_path(job: JobId, kind: ExportType, options: &Value) -> String {
+pub(crate) fn status_path(job: JobId, kind: ExportType, options: &Json) -> String {
     format!("/v1/jobs/{job}/exports/{}/status{}", kind.name(), query(kind, options))
 }
 
-fn query(kind: ExportType, options: &Value) -> String {
+fn query(kind: ExportType, options: &Json) -> String {
     let mut query = form_urlencoded::Serializer::for_suffix("?".to_owned(), 1);
     for (name, value) in short_options(kind, options) {
         query.append_pair(&name, &text(&value));
@@ -125,7 +178,7 @@ fn query(kind: ExportType, options: &Value) -> String {
 }
 
 /// The format and the options that are not the defaults of it, where these read back as the same export; else all.
-fn short_options(kind: ExportType, options: &Value) -> Map<String, Value> {
+fn short_options(kind: ExportType, options: &Json) -> Map<String, Json> {
     let mut all = options.as_object().cloned().unwrap_or_default();
     all.retain(|name, value| name != "type" && !value.is_null());
     let format = all.get("format").map(text).unwrap_or_default();
@@ -136,7 +189,7 @@ fn short_options(kind: ExportType, options: &Value) -> Map<String, Value> {
     short.retain(|name, value| name == "format" || default.get(name.as_str()) != Some(value));
     let mut with_type = short.clone();
     with_type.insert("type".into(), kind.name().into());
-    let read_back = ExportRequest::from_json(&Value::Object(with_type)).ok();
+    let read_back = ExportRequest::from_json(&Json::Object(with_type)).ok();
     if read_back.and_then(|export| serde_json::to_value(export).ok()).as_ref() == Some(options) {
         short
     } else {
@@ -145,10 +198,10 @@ fn short_options(kind: ExportType, options: &Value) -> Map<String, Value> {
 }
 
 /// A value as a parameter: text as it is, numbers without a needless point, all else as JSON.
-fn text(value: &Value) -> String {
+fn text(value: &Json) -> String {
     match value {
-        Value::String(text) => text.clone(),
-        Value::Number(number) => match number.as_f64() {
+        Json::String(text) => text.clone(),
+        Json::Number(number) => match number.as_f64() {
             Some(float) if number.is_f64() => format!("{float}"),
             _ => number.to_string(),
         },

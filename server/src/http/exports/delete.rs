@@ -3,7 +3,6 @@
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::export::ExportType;
 
 use crate::http::app::App;
 use crate::http::exports::ExportOptions;
@@ -20,19 +19,17 @@ use crate::problem::Problem;
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "delete_export",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job, which must have succeeded"),
-        ("type" = ExportType, Path, description = "Type of the export"),
-        ("format" = Option<String>, Query, description = "File format; the first of the type's formats in `/v1/capabilities` when absent"),
-        ("options" = Option<ExportOptions>, Query, style = Form, explode, description = "Options of the type and format"),
+        ExportPath,
+        ExportOptions,
     ),
     responses((status = 204, description = "The export is removed"), ExportStatusProblems)
 )]
 pub(crate) async fn delete(
     State(app): State<App>,
     path: ExportPath,
-    query: Query,
+    Query(options): Query<ExportOptions>,
 ) -> Result<Response, Problem> {
-    let target = Target::read(&app, path, query).await?;
+    let target = Target::read(&app, path, &options).await?;
     let id = find(&app, &target).await?.id;
     let file =
         app.shared.store.delete_export(path.job, id).await.map_err(|error| refused(error, path.job))?;

@@ -3,7 +3,6 @@
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
-use packstone_engine::export::ExportType;
 
 use crate::failure::Failure;
 use crate::http::app::App;
@@ -32,10 +31,8 @@ const WAIT: Wait = Wait { s: 60 };
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "get_export",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job, which must have succeeded"),
-        ("type" = ExportType, Path, description = "Type of the export"),
-        ("format" = Option<String>, Query, description = "File format; the first of the type's formats in `/v1/capabilities` when absent"),
-        ("options" = Option<ExportOptions>, Query, style = Form, explode, description = "Options of the type and format"),
+        ExportPath,
+        ExportOptions,
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60: how long the answer may be held back"),
         ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
         ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
@@ -52,11 +49,11 @@ const WAIT: Wait = Wait { s: 60 };
 pub(crate) async fn get(
     State(app): State<App>,
     path: ExportPath,
-    query: Query,
+    Query(options): Query<ExportOptions>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let target = Target::read(&app, path, query).await?;
+    let target = Target::read(&app, path, &options).await?;
     target.check(&app).await?;
     let described = described(&target);
     if let Some(response) = described.not_modified(&headers) {

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::exports::view::Export;
-use crate::http::pages::{self, Page};
+use crate::http::pages::{self, PageParameters};
 use crate::http::params::{JobPath, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
@@ -31,11 +31,7 @@ pub(crate) struct ExportPage {
 /// Newest first: those that are kept, and those of the cache that are still there.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/exports", tag = "exports", operation_id = "list_exports",
-    params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
-        ("limit" = Option<i64>, Query, minimum = 1, maximum = 500, description = "Exports on a page; 50 when absent"),
-        ("cursor" = Option<String>, Query, pattern = "^[0-9a-f]{32}$", description = "`next_cursor` of the page before"),
-    ),
+    params(JobPath, PageParameters),
     responses(
         (status = 200, description = "A page", body = ExportPage,
             headers(("Link" = Option<String>, description = "`rel=\"next\"`: the next page, if there is one"))),
@@ -45,20 +41,20 @@ pub(crate) struct ExportPage {
 pub(crate) async fn list(
     State(app): State<App>,
     JobPath(id): JobPath,
-    mut query: Query,
+    Query(mut page): Query<PageParameters>,
 ) -> Result<Response, Problem> {
     let listing = ("exports", id);
-    let page = Page::read(&mut query, &listing);
-    query.finish()?;
+    let before = page.after(&listing)?.map(|item| item.seq);
     let store = &app.shared.store;
     let job = store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));
     let job = job.map_err(|error| refused(error, id))?;
-    let (records, next) = store.list_exports(job.seq, page.before, page.limit).await?;
+    let (records, next) = store.list_exports(job.seq, before, page.limit.get()).await?;
     let next_cursor = next.map(|seq| pages::cursor(seq, &listing));
     let items = records.iter().map(Export::of).collect();
     let mut response = axum::Json(ExportPage { items, next_cursor: next_cursor.clone() }).into_response();
     if let Some(cursor) = next_cursor {
-        set(&mut response, header::LINK, &page.link(&format!("/v1/jobs/{id}/exports"), &[], &cursor));
+        page.turn_to(&cursor);
+        set(&mut response, header::LINK, &pages::link(&format!("/v1/jobs/{id}/exports"), &page));
     }
     Ok(response)
 }

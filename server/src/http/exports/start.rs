@@ -3,7 +3,6 @@
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
-use packstone_engine::export::ExportType;
 
 use crate::http::app::App;
 use crate::http::body;
@@ -12,13 +11,24 @@ use crate::http::exports::ExportOptions;
 use crate::http::exports::address::{ExportPath, Target, file_path, status_path};
 use crate::http::exports::making::until_finished;
 use crate::http::exports::view::{self, Export};
-use crate::http::params::Query;
+use crate::http::params::values::Flag;
+use crate::http::params::{Query, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::ExportStartProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::Wish;
 use crate::problem::Problem;
+
+parameters! {
+    /// Which export is started, and whether it stays.
+    #[derive(Debug)]
+    pub(crate) struct StartParameters {
+        /// Whether the file stays with its job.
+        keep: Flag<true>,
+        ..export: ExportOptions,
+    }
+}
 
 /// Start an export
 ///
@@ -28,11 +38,8 @@ use crate::problem::Problem;
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "start_export",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job, which must have succeeded"),
-        ("type" = ExportType, Path, description = "Type of the export"),
-        ("keep" = Option<bool>, Query, description = "Whether the file stays with its job; true when absent"),
-        ("format" = Option<String>, Query, description = "File format; the first of the type's formats in `/v1/capabilities` when absent"),
-        ("options" = Option<ExportOptions>, Query, style = Form, explode, description = "Options of the type and format"),
+        ExportPath,
+        StartParameters,
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the export is finished, or after N s (at most 60)"),
     ),
     responses(
@@ -47,14 +54,13 @@ use crate::problem::Problem;
 pub(crate) async fn start(
     State(app): State<App>,
     path: ExportPath,
-    mut query: Query,
+    Query(query): Query<StartParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let keep = query.optional_flag("keep").unwrap_or(true);
     body::expect_none(&headers)?;
-    let target = Target::read(&app, path, query).await?;
+    let target = Target::read(&app, path, &query.export).await?;
     target.check(&app).await?;
-    let wish = if keep { Wish::Keep } else { Wish::Use };
+    let wish = if query.keep.get() { Wish::Keep } else { Wish::Use };
     let asked = app.shared.store.request_export(path.job, target.new.clone(), wish).await;
     let (mut record, created) = asked.map_err(|error| refused(error, path.job))?;
     if created {

@@ -3,7 +3,6 @@
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
-use packstone_engine::export::ExportType;
 
 use crate::exports::ExportRecord;
 use crate::http::app::App;
@@ -25,10 +24,8 @@ use crate::problem::Problem;
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}/status", tag = "exports", operation_id = "get_export_status",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job, which must have succeeded"),
-        ("type" = ExportType, Path, description = "Type of the export"),
-        ("format" = Option<String>, Query, description = "File format; the first of the type's formats in `/v1/capabilities` when absent"),
-        ("options" = Option<ExportOptions>, Query, style = Form, explode, description = "Options of the type and format"),
+        ExportPath,
+        ExportOptions,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the export's document as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
@@ -42,10 +39,10 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     path: ExportPath,
-    query: Query,
+    Query(options): Query<ExportOptions>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let target = Target::read(&app, path, query).await?;
+    let target = Target::read(&app, path, &options).await?;
     let asked = Asked::of(&headers);
     let (job, id) = (path.job, find(&app, &target).await?.id);
     let store = &app.shared.store;

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse as _, Response};
 use crate::http::app::App;
 use crate::http::conditional::target;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, Query};
+use crate::http::params::{JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::{ActionProblems, RetryProblems};
 use crate::jobs::store::Cancelled;
@@ -20,7 +20,7 @@ use crate::problem::Problem;
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancel_job",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
     responses(
@@ -32,10 +32,9 @@ use crate::problem::Problem;
 pub(crate) async fn cancel(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let cancelled =
         app.shared.store.cancel(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     let (job, status) = match cancelled {
@@ -56,7 +55,7 @@ pub(crate) async fn cancel(
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retry_job",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
     responses((status = 200, description = "The job waits again", body = Job), RetryProblems)
@@ -64,10 +63,9 @@ pub(crate) async fn cancel(
 pub(crate) async fn retry(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let job = app
         .shared
         .store
@@ -95,7 +93,7 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
     responses((status = 204, description = "The job is gone"), ActionProblems)
@@ -103,10 +101,9 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
 pub(crate) async fn delete(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let files = app.shared.store.delete(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     for path in files {
         if let Err(error) = app.shared.artifacts.remove(&path) {

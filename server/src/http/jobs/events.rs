@@ -18,7 +18,7 @@ use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
-use crate::http::params::{JobPath, Query};
+use crate::http::params::{JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::jobs::notifications::Subscription;
@@ -63,7 +63,7 @@ pub(crate) enum EventName {
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "get_job_events",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        JobPath,
         ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event seen"),
     ),
     responses(
@@ -74,10 +74,9 @@ pub(crate) enum EventName {
 pub(crate) async fn events(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let changes = app.shared.store.subscribe(id);
     // Known to exist before the stream begins: afterwards there is no status left to say so.
     let found = app.shared.store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));

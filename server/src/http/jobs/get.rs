@@ -3,19 +3,41 @@
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
-use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, Query, shown};
+use crate::http::params::{JobPath, NoParameters, Query, choices, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::http::waiting::{self, Asked};
 use crate::jobs::store::StoreError;
 use crate::jobs::{JobId, JobRecord, JobRequest};
 use crate::problem::Problem;
+
+choices! {
+    /// What a job or a study has besides, where it is asked for.
+    pub(crate) enum Include {
+        /// Its request, with the defaults filled in.
+        Request "request",
+    }
+}
+
+parameters! {
+    /// What the answer has besides.
+    #[derive(Debug)]
+    pub(crate) struct IncludeParameters {
+        /// What the answer has besides.
+        include: Option<Include>,
+    }
+}
+
+impl IncludeParameters {
+    /// Whether the request is asked for.
+    pub(crate) fn with_request(&self) -> bool {
+        self.include == Some(Include::Request)
+    }
+}
 
 /// Get a job
 ///
@@ -25,8 +47,8 @@ use crate::problem::Problem;
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "get_job",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
-        ("include" = Option<Include>, Query, description = "What the job has besides"),
+        JobPath,
+        IncludeParameters,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the job as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
@@ -40,16 +62,14 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     JobPath(id): JobPath,
-    mut query: Query,
+    Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let with_request = read_include(&mut query);
-    query.finish()?;
     let asked = Asked::of(&headers);
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
         let whole = async {
-            let job = view::whole(&app, &record, with_request).await?;
+            let job = view::whole(&app, &record, query.with_request()).await?;
             Ok(view::response(StatusCode::OK, &record, &job))
         };
         asked.answer(&record, whole).await
@@ -57,41 +77,19 @@ pub(crate) async fn get(
     answered.await.map_err(|error| refused(error, id))
 }
 
-/// What a job may have besides.
-#[derive(Serialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-#[allow(dead_code)]
-pub(crate) enum Include {
-    /// Its request, with the defaults filled in.
-    Request,
-}
-
-/// Whether `include` asks for the request.
-fn read_include(query: &mut Query) -> bool {
-    match query.one("include").as_deref() {
-        None => false,
-        Some("request") => true,
-        Some(other) => {
-            query.fault("include", format!("{} is unknown: must be request", shown(other)));
-            false
-        }
-    }
-}
-
 /// Get the request of a job
 ///
 /// As submitted, with its defaults and its seed filled in: submitted again, it gives the same packing.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/request", tag = "jobs", operation_id = "get_job_request",
-    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
+    params(JobPath),
     responses((status = 200, description = "The request", body = JobRequest), JobProblems)
 )]
 pub(crate) async fn request(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let store = &app.shared.store;
     let found = async {
         let record = store.get(id).await?.ok_or(StoreError::NoJob)?;

@@ -11,7 +11,7 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::target;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, Query};
+use crate::http::params::{JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::PatchProblems;
 use crate::jobs::request::JobPatch;
@@ -25,7 +25,7 @@ use crate::strict_json;
 #[utoipa::path(
     patch, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "patch_job",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
+        JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; the change is made only if the job still has it"),
     ),
     request_body(content = JobPatch, content_type = "application/merge-patch+json"),
@@ -38,11 +38,10 @@ use crate::strict_json;
 pub(crate) async fn patch(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let patch = JobPatch::read(&strict_json::parse(&bytes)?, Timestamp::now()).map_err(Failure::invalid)?;
     let changed = app.shared.store.patch(target(id, &headers), patch).await;

@@ -9,7 +9,7 @@ use packstone_engine::Plan;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::jobs::reading::{Proposal, read};
-use crate::http::params::Query;
+use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::PlanProblems;
 use crate::jobs::JobRequest;
 use crate::problem::Problem;
@@ -25,11 +25,10 @@ use crate::problem::Problem;
 )]
 pub(crate) async fn plan(
     State(app): State<App>,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let bytes = body::json_bytes(&app, &headers, body).await?;
     Ok(axum::Json(read(&app, bytes, Proposal::Made).await?.plan).into_response())
 }

@@ -8,12 +8,11 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use crate::http::app::App;
-use crate::http::drawing::{PlotPath, no_kind, not_modified, svg, turn};
-use crate::http::params::Query;
+use crate::http::drawing::{not_modified, svg, turn};
+use crate::http::params::{NoParameters, PlotPath, Query};
 use crate::http::problems::sets::PlotProblems;
 use crate::http::results::{blocking, finished};
 use crate::http::{conditional, files};
-use crate::jobs::JobId;
 use crate::plots::draw;
 use crate::plots::job::{self as job_plots, JobPlot, JobResult};
 use crate::problem::Problem;
@@ -27,8 +26,7 @@ use crate::problem::Problem;
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
-        ("kind" = JobPlot, Path, description = "What is shown"),
+        PlotPath<JobPlot>,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),
     responses(
@@ -40,13 +38,10 @@ use crate::problem::Problem;
 )]
 pub(crate) async fn get(
     State(app): State<App>,
-    PlotPath { id, kind }: PlotPath,
-    query: Query,
+    PlotPath { id, kind }: PlotPath<JobPlot>,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
-    let id = JobId::parse(&id).ok_or_else(|| Problem::no_job(&id))?;
-    let kind = JobPlot::from_name(&kind).ok_or_else(|| no_kind(&kind, &JobPlot::names()))?;
     let (job, artifact) = finished(&app, id).await?;
     let etag = format!(
         "\"{}-{}-{}\"",

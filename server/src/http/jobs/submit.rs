@@ -13,7 +13,7 @@ use crate::http::jobs::get::wait_until;
 use crate::http::jobs::reading::{Proposal, Submission, read};
 use crate::http::jobs::view::{self, Job};
 use crate::http::observe::Caller;
-use crate::http::params::Query;
+use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
@@ -46,11 +46,10 @@ use crate::storage::Storage;
 pub(crate) async fn submit(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;

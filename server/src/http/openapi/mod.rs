@@ -3,21 +3,13 @@
 //!
 //! `packstone openapi` prints it, `openapi.yaml` at the root of the repository equals it.
 
-use packstone_engine::export::{ExportRequest, ExportType, tables};
 use serde_json::{Map, Value, json};
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
 
-use crate::http::exports::ExportOptions;
 use crate::http::exports::media::SliceDocument;
-use crate::http::jobs::get::Include;
-use crate::http::negotiation::TableFormat;
 use crate::http::observe;
 use crate::http::problems::sets::problem_response;
-use crate::http::studies::list::StateParameter;
-use crate::jobs::JobRequest;
-use crate::plots::job::JobPlot;
-use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, ProblemDocument};
 
 pub(crate) mod request_schemas;
@@ -42,10 +34,9 @@ with a `Deprecation` header (RFC 9745) for at least one minor version before.";
         (name = "exports", description = "Meshes, voxel models, slices and lattice models of results"),
         (name = "service", description = "The service about itself"),
     ),
-    // What only parameters refer to is not found by itself.
+    // What responses that are made by hand refer to is not found by itself.
     components(schemas(
-        ProblemDocument, JobRequest, JobPlot, StudyPlot, StateParameter, TableFormat, tables::Format, ExportType,
-        ExportRequest, ExportOptions, Include, SliceDocument
+        ProblemDocument, SliceDocument
     ))
 )]
 struct Base;

@@ -22,7 +22,8 @@ use crate::disk::is_passing;
 use crate::http::app::App;
 use crate::http::files::{self, Described};
 use crate::http::negotiation;
-use crate::http::params::{JobPath, Query};
+use crate::http::params::values::Named;
+use crate::http::params::{JobPath, NoParameters, Query, parameters};
 use crate::http::problems::sets::{ResultProblems, SummaryProblems};
 use crate::http::problems::{of_fault, refused};
 use crate::jobs::store::{Fault, StoreError};
@@ -72,18 +73,26 @@ pub(crate) struct SphereTable {
 /// The figures of the result. The request is at `/v1/jobs/{id}/request`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result/summary", tag = "results", operation_id = "get_result_summary",
-    params(("id" = String, Path, format = "uuid", description = "ID of the job")),
+    params(JobPath),
     responses((status = 200, description = "The result without its spheres", body = ResultSummary), SummaryProblems)
 )]
 pub(crate) async fn summary(
     State(app): State<App>,
     JobPath(id): JobPath,
-    query: Query,
+    _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let (job, artifact) = finished(&app, id).await?;
     let summary = ResultSummary { job_id: id.to_string(), engine: job.engine, report: artifact.report };
     Ok(axum::Json(summary).into_response())
+}
+
+parameters! {
+    /// How a result is wanted.
+    #[derive(Debug)]
+    pub(crate) struct ResultParameters {
+        /// The format; wins over `Accept`.
+        format: Option<Named<Format>>,
+    }
 }
 
 /// Get a result
@@ -94,8 +103,8 @@ pub(crate) async fn summary(
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the job"),
-        ("format" = Option<Format>, Query, description = "The format; wins over `Accept`"),
+        JobPath,
+        ResultParameters,
         ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
         ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the result as known"),
@@ -126,14 +135,12 @@ pub(crate) async fn summary(
 pub(crate) async fn get(
     State(app): State<App>,
     JobPath(id): JobPath,
-    mut query: Query,
+    Query(query): Query<ResultParameters>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let asked_format = query.one("format");
-    query.finish()?;
     let (job, mut artifact) = finished(&app, id).await?;
-    let format = negotiation::format(asked_format.as_deref(), &headers)?;
+    let format = negotiation::format(query.format.as_ref(), &headers)?;
     let described = Described {
         etag: format!(
             "\"{}-{}-{}\"",

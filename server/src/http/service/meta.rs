@@ -16,7 +16,7 @@ use crate::exports;
 use crate::http::app::App;
 use crate::http::conditional::MAX_WAIT_S;
 use crate::http::exports::media::media_type;
-use crate::http::params::Query;
+use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::{OpenProblems, ReadyProblems};
 use crate::jobs::request;
 use crate::jobs::store::StoredKind;
@@ -148,8 +148,10 @@ pub(crate) struct LimitsInfo {
     get, path = "/v1/capabilities", tag = "service", operation_id = "get_capabilities",
     responses((status = 200, description = "What this server can do", body = Capabilities), OpenProblems)
 )]
-pub(crate) async fn capabilities(State(app): State<App>, query: Query) -> Result<Response, Problem> {
-    query.finish()?;
+pub(crate) async fn capabilities(
+    State(app): State<App>,
+    _: Query<NoParameters>,
+) -> Result<Response, Problem> {
     let shared = &app.shared;
     let capabilities = Capabilities {
         version: env!("CARGO_PKG_VERSION"),

@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::http::app::App;
-use crate::http::params::Query;
+use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::{OpenProblems, PageProblems};
 use crate::problem::{Kind, Problem};
 
@@ -43,8 +43,7 @@ pub(crate) struct ProblemKinds {
     get, path = "/problems", tag = "service", operation_id = "list_problems",
     responses((status = 200, description = "All kinds", body = ProblemKinds), OpenProblems)
 )]
-pub(crate) async fn list(State(_): State<App>, query: Query) -> Result<Response, Problem> {
-    query.finish()?;
+pub(crate) async fn list(State(_): State<App>, _: Query<NoParameters>) -> Result<Response, Problem> {
     let items = Kind::ALL.iter().map(|kind| ProblemKind::of(*kind)).collect();
     Ok(axum::Json(ProblemKinds { items }).into_response())
 }
@@ -58,9 +57,8 @@ pub(crate) async fn list(State(_): State<App>, query: Query) -> Result<Response,
 pub(crate) async fn get(
     State(_): State<App>,
     path: Result<Path<String>, axum::extract::rejection::PathRejection>,
-    query: Query,
+    _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let kind = path.ok().and_then(|Path(slug)| Kind::from_slug(&slug));
     let kind = kind.ok_or_else(|| Problem::new(Kind::NotFound, "there is no such kind of problem"))?;
     Ok(axum::Json(ProblemKind::of(kind)).into_response())

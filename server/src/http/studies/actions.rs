@@ -8,11 +8,11 @@ use axum::response::{IntoResponse as _, Response};
 
 use crate::http::app::App;
 use crate::http::conditional::target;
-use crate::http::params::{Query, StudyPath, shown};
+use crate::http::params::values::RetriedStates;
+use crate::http::params::{NoParameters, Query, StudyPath, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::{ActionProblems, StudyRetryProblems};
 use crate::http::studies::view::{self, Study};
-use crate::jobs;
 use crate::jobs::store::StudyState;
 use crate::problem::Problem;
 
@@ -22,7 +22,7 @@ use crate::problem::Problem;
 #[utoipa::path(
     post, path = "/v1/studies/{id}/cancel", tag = "studies", operation_id = "cancel_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
     ),
     responses(
@@ -34,10 +34,9 @@ use crate::problem::Problem;
 pub(crate) async fn cancel(
     State(app): State<App>,
     StudyPath(id): StudyPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let study =
         app.shared.store.cancel_study(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     let status = match study.state() {
@@ -45,7 +44,16 @@ pub(crate) async fn cancel(
         StudyState::Open => StatusCode::ACCEPTED,
     };
     tracing::info!(study_id = %id, "cancel asked for");
-    view::response(&app, status, &study).await.map_err(|error| refused(error, id))
+    view::response(&app, status, &study, false).await.map_err(|error| refused(error, id))
+}
+
+parameters! {
+    /// What of a study is retried.
+    #[derive(Debug)]
+    pub(crate) struct RetryParameters {
+        /// In which states: `failed`, `cancelled`, or both, separated by a comma.
+        state: RetriedStates,
+    }
 }
 
 /// Retry what failed of a study
@@ -55,20 +63,18 @@ pub(crate) async fn cancel(
 #[utoipa::path(
     post, path = "/v1/studies/{id}/retry", tag = "studies", operation_id = "retry_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
-        ("state" = Option<String>, Query, pattern = "^(failed|cancelled|failed,cancelled|cancelled,failed)$", description = "Which jobs: `failed` (when absent), `cancelled`, or both, separated by a comma"),
+        RetryParameters,
     ),
     responses((status = 200, description = "The study, whose jobs wait again", body = Study), StudyRetryProblems)
 )]
 pub(crate) async fn retry(
     State(app): State<App>,
     StudyPath(id): StudyPath,
-    mut query: Query,
+    Query(RetryParameters { state: RetriedStates(states) }): Query<RetryParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let states = read_states(&mut query);
-    query.finish()?;
     let (study, retried) = app
         .shared
         .store
@@ -79,23 +85,7 @@ pub(crate) async fn retry(
     let until = retried.iter().map(|(job, attempt)| (job.to_string(), attempt - 1)).collect();
     remove_checkpoints(&app, until).await;
     tracing::info!(study_id = %id, jobs = retried.len(), "retried");
-    view::response(&app, StatusCode::OK, &study).await.map_err(|error| refused(error, id))
-}
-
-fn read_states(query: &mut Query) -> Vec<jobs::State> {
-    let Some(names) = query.one("state") else { return vec![jobs::State::Failed] };
-    let mut states = Vec::new();
-    for name in names.split(',') {
-        match jobs::State::from_name(name).filter(|state| state.may_retry()) {
-            Some(state) if !states.contains(&state) => states.push(state),
-            Some(_) => query.fault("state", format!("{} comes twice", shown(name))),
-            None => query.fault(
-                "state",
-                format!("{} cannot be retried: must be failed, cancelled, or both", shown(name)),
-            ),
-        }
-    }
-    states
+    view::response(&app, StatusCode::OK, &study, false).await.map_err(|error| refused(error, id))
 }
 
 /// Delete a finished study with its jobs and their results
@@ -104,7 +94,7 @@ fn read_states(query: &mut Query) -> Vec<jobs::State> {
 #[utoipa::path(
     delete, path = "/v1/studies/{id}", tag = "studies", operation_id = "delete_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
     ),
     responses((status = 204, description = "The study and its jobs are gone"), ActionProblems)
@@ -112,10 +102,9 @@ fn read_states(query: &mut Query) -> Vec<jobs::State> {
 pub(crate) async fn delete(
     State(app): State<App>,
     StudyPath(id): StudyPath,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let removed =
         app.shared.store.delete_study(target(id, &headers)).await.map_err(|error| refused(error, id))?;
     tracing::info!(study_id = %id, jobs = removed.len(), "deleted");

@@ -6,6 +6,7 @@ use axum::response::Response;
 
 use crate::http::app::App;
 use crate::http::conditional::Wait;
+use crate::http::jobs::get::IncludeParameters;
 use crate::http::params::{Query, StudyPath};
 use crate::http::problems::refused;
 use crate::http::problems::sets::StudyProblems;
@@ -18,11 +19,13 @@ use crate::problem::Problem;
 /// Get a study
 ///
 /// With `Prefer: wait=N` the answer is held back for at most N s: until the study differs from
-/// `If-None-Match` (304 if it never does), or without that field until the study is finished.
+/// `If-None-Match` (304 if it never does), or without that field until the study is finished. The request, which may be
+/// long, is left out unless `include=request` asks for it.
 #[utoipa::path(
     get, path = "/v1/studies/{id}", tag = "studies", operation_id = "get_study",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
+        StudyPath,
+        IncludeParameters,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the study as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
@@ -36,14 +39,14 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     StudyPath(id): StudyPath,
-    query: Query,
+    Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let asked = Asked::of(&headers);
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |study| asked.settles(study)).await?;
-        asked.answer(&record, view::response(&app, StatusCode::OK, &record)).await
+        let whole = view::response(&app, StatusCode::OK, &record, query.with_request());
+        asked.answer(&record, whole).await
     };
     answered.await.map_err(|error| refused(error, id))
 }

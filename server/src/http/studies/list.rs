@@ -7,8 +7,9 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::http::app::App;
-use crate::http::pages::{self, Page};
-use crate::http::params::{Query, shown};
+use crate::http::pages::{self, PageParameters};
+use crate::http::params::values::Labels;
+use crate::http::params::{Query, choices, parameters};
 use crate::http::problems::sets::ListProblems;
 use crate::http::response::set;
 use crate::http::studies::view::StudySummary;
@@ -25,15 +26,20 @@ pub(crate) struct StudyPage {
     next_cursor: Option<String>,
 }
 
-/// Whether any job of a study is left to run.
-#[derive(ToSchema)]
-#[schema(as = StudyState, rename_all = "snake_case")]
-#[allow(dead_code)]
-pub(crate) enum StateParameter {
-    /// Some wait or run.
-    Open,
-    /// All have ended.
-    Finished,
+choices! {
+    StudyState,
+}
+
+parameters! {
+    /// The studies of a list.
+    #[derive(Clone, Debug)]
+    pub(crate) struct StudyListParameters {
+        /// Only studies with jobs left to run (`open`), or without (`finished`).
+        state: Option<StudyState>,
+        /// `key=value`; only studies with this label; may be repeated, and then all must fit.
+        label: Labels,
+        ..page: PageParameters,
+    }
 }
 
 /// List studies
@@ -41,35 +47,24 @@ pub(crate) enum StateParameter {
 /// Newest first. Items are studies without their `request`.
 #[utoipa::path(
     get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
-    params(
-        ("state" = Option<StateParameter>, Query, description = "Only studies with jobs left to run (`open`), or without (`finished`)"),
-        ("label" = Option<Vec<String>>, Query, explode, description = "`key=value`; only studies with this label; may be repeated, and then all must fit", example = json!(["series=TB-7"])),
-        ("limit" = Option<i64>, Query, minimum = 1, maximum = 500, description = "Studies on a page; 50 when absent"),
-        ("cursor" = Option<String>, Query, pattern = "^[0-9a-f]{32}$", description = "`next_cursor` of the page before, with the same filters"),
-    ),
+    params(StudyListParameters),
     responses(
         (status = 200, description = "A page", body = StudyPage,
             headers(("Link" = Option<String>, description = "`rel=\"next\"`: the next page, if there is one"))),
         ListProblems
     )
 )]
-pub(crate) async fn list(State(app): State<App>, mut query: Query) -> Result<Response, Problem> {
-    let mut filter = StudyFilter::default();
-    if let Some(name) = query.one("state") {
-        filter.state = StudyState::from_name(&name);
-        if filter.state.is_none() {
-            query.fault("state", format!("{} is unknown: must be one of open, finished", shown(&name)));
-        }
-    }
-    filter.labels = pages::labels(&mut query);
-    let page = Page::read(&mut query, &filter);
-    query.finish()?;
-    let found = app.shared.store.list_studies(&filter, page.before, page.limit).await?;
+pub(crate) async fn list(
+    State(app): State<App>,
+    Query(mut query): Query<StudyListParameters>,
+) -> Result<Response, Problem> {
+    let filter = StudyFilter { state: query.state, labels: query.label.0.clone() };
+    let before = query.page.after(&filter)?.map(|item| item.seq);
+    let found = app.shared.store.list_studies(&filter, before, query.page.limit.get()).await?;
     let next_cursor = found.next_before.map(|seq| pages::cursor(seq, &filter));
     let link = next_cursor.as_ref().map(|cursor| {
-        let state = filter.state.map(|state| ("state", state.name().to_owned()));
-        let parameters: Vec<_> = state.into_iter().chain(pages::label_filters(&filter.labels)).collect();
-        page.link("/v1/studies", &parameters, cursor)
+        query.page.turn_to(cursor);
+        pages::link("/v1/studies", &query)
     });
     let items = found.studies.iter().map(|study| StudySummary::of(&app, study)).collect();
     let mut response = axum::Json(StudyPage { items, next_cursor }).into_response();

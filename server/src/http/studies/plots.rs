@@ -7,19 +7,52 @@ use std::collections::BTreeMap;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use serde_json::json;
+use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::http::app::App;
 use crate::http::conditional;
-use crate::http::drawing::{PlotPath, no_kind, not_modified, svg, turn};
-use crate::http::params::Query;
+use crate::http::drawing::{not_modified, svg, turn};
+use crate::http::params::values::Value;
+use crate::http::params::{PlotPath, Query, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::StudyPlotProblems;
 use crate::http::results::blocking;
-use crate::ids::StudyId;
 use crate::jobs::store::StoreError;
 use crate::plots::draw;
 use crate::plots::study::{self as study_plots, RunCurve, StudyOptions, StudyPlot};
 use crate::problem::{Fault, Problem};
+
+parameters! {
+    /// What a plot of a study shows, and how.
+    #[derive(Debug)]
+    pub(crate) struct StudyPlotParameters {
+        /// The abscissa: a column of the table that has numbers only, or `grains`. When absent the first such pointer,
+        /// or `grains` where there is none and for `volume_fraction` and `event_time`. `curve` has none but the time.
+        x: Option<Abscissa>,
+        /// Whether the abscissa is logarithmic; decided by its values when absent.
+        log_x: Option<bool>,
+    }
+}
+
+/// The abscissa of a plot by its name, which the table of the study decides on.
+#[derive(Debug)]
+pub(crate) struct Abscissa(String);
+
+impl Value for Abscissa {
+    fn schema() -> Object {
+        let examples = [json!("/mix/volume_fraction"), json!(study_plots::GRAINS)];
+        ObjectBuilder::new().schema_type(Type::String).examples(examples).build()
+    }
+
+    fn read(text: &str) -> Result<Self, String> {
+        Ok(Self(text.to_owned()))
+    }
+
+    fn write(&self) -> String {
+        self.0.clone()
+    }
+}
 
 /// Get a plot of a study
 ///
@@ -30,10 +63,8 @@ use crate::problem::{Fault, Problem};
 #[utoipa::path(
     get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
-        ("kind" = StudyPlot, Path, description = "What is shown"),
-        ("x" = Option<String>, Query, example = "/mix/volume_fraction", description = "The abscissa: a column of the table that has numbers only, or `grains`. When absent the first such pointer, or `grains` where there is none and for `volume_fraction` and `event_time`. `curve` has none but the time"),
-        ("log_x" = Option<bool>, Query, description = "Whether the abscissa is logarithmic; decided by its values when absent"),
+        PlotPath<StudyPlot>,
+        StudyPlotParameters,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),
     responses(
@@ -45,15 +76,10 @@ use crate::problem::{Fault, Problem};
 )]
 pub(crate) async fn get(
     State(app): State<App>,
-    PlotPath { id, kind }: PlotPath,
-    mut query: Query,
+    PlotPath { id, kind }: PlotPath<StudyPlot>,
+    Query(query): Query<StudyPlotParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let x = query.one("x");
-    let log_x = query.optional_flag("log_x");
-    query.finish()?;
-    let id = StudyId::parse(&id).ok_or_else(|| Problem::no_study(&id))?;
-    let kind = StudyPlot::from_name(&kind).ok_or_else(|| no_kind(&kind, &StudyPlot::names()))?;
     let store = &app.shared.store;
     let record = store.study(id).await?.ok_or_else(|| refused(StoreError::NoStudy, id))?;
     // Read before its runs, as that of the table. The abscissa is part of the address.
@@ -67,7 +93,7 @@ pub(crate) async fn get(
         StudyPlot::Curve => store.study_reports(record.seq).await?,
         _ => BTreeMap::new(),
     };
-    let options = StudyOptions { x, log_x };
+    let options = StudyOptions { x: query.x.map(|x| x.0), log_x: query.log_x };
     let drawn = blocking(id, move || {
         let curves: Vec<RunCurve> =
             reports.iter().map(|(&point, report)| RunCurve::of_report(point, report)).collect();

@@ -15,7 +15,7 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::observe::Caller;
-use crate::http::params::Query;
+use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
@@ -61,11 +61,10 @@ use crate::studies::Study;
 pub(crate) async fn submit(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
-    query: Query,
+    _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    query.finish()?;
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
@@ -89,7 +88,7 @@ pub(crate) async fn submit(
         if let Some(wait) = wait {
             record = wait_until(&app, id, wait, |study| study.state() == StudyState::Finished).await?;
         }
-        view::response(&app, status, &record).await
+        view::response(&app, status, &record, true).await
     };
     let mut response = answered.await.map_err(|error| refused(error, id))?;
     set(&mut response, header::LOCATION, &view::path(id));

@@ -7,13 +7,23 @@ use axum::response::{IntoResponse as _, Response};
 use crate::http::app::App;
 use crate::http::conditional;
 use crate::http::negotiation::{self, TableFormat};
-use crate::http::params::{Query, StudyPath};
+use crate::http::params::values::Named;
+use crate::http::params::{Choice as _, Query, StudyPath, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::TableProblems;
 use crate::http::response::set;
 use crate::http::studies::schemas::StudyTable;
 use crate::jobs::store::StoreError;
 use crate::problem::Problem;
+
+parameters! {
+    /// How a table is wanted.
+    #[derive(Debug)]
+    pub(crate) struct TableParameters {
+        /// Format of the table; wins over `Accept`.
+        format: Option<Named<TableFormat>>,
+    }
+}
 
 /// Get the table of a study
 ///
@@ -22,8 +32,8 @@ use crate::problem::Problem;
 #[utoipa::path(
     get, path = "/v1/studies/{id}/table", tag = "studies", operation_id = "get_study_table",
     params(
-        ("id" = String, Path, format = "uuid", description = "ID of the study"),
-        ("format" = Option<TableFormat>, Query, description = "Format of the table; wins over `Accept`"),
+        StudyPath,
+        TableParameters,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the table as known"),
     ),
     responses(
@@ -36,12 +46,10 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     StudyPath(id): StudyPath,
-    mut query: Query,
+    Query(query): Query<TableParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let format = query.one("format");
-    query.finish()?;
-    let format = negotiation::table_format(format.as_deref(), &headers)?;
+    let format = negotiation::table_format(query.format.as_ref(), &headers)?;
     let store = &app.shared.store;
     let study = store.study(id).await?.ok_or_else(|| refused(StoreError::NoStudy, id))?;
     // Read before its runs: what ends meanwhile may be in the table already, and the tag is of before.

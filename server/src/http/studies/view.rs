@@ -69,9 +69,10 @@ pub(crate) struct StudySummary {
 pub(crate) struct Study {
     #[serde(flatten)]
     summary: StudySummary,
-    /// The request as submitted, with its seed.
-    #[schema(value_type = StudyRequest)]
-    request: Value,
+    /// The request as submitted, with its seed; in the answer to a submission, and where `include=request` asks for it.
+    #[schema(value_type = StudyRequest, required = false)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    request: Option<Value>,
 }
 
 /// Jobs by state.
@@ -171,13 +172,16 @@ impl StudyProgress {
     }
 }
 
-/// The study as a response with its tag, and a hint when to come back while it is not finished.
+/// The study as a response with its tag, and a hint when to come back while it is not finished. The store keeps the
+/// request apart: it is read where it is wanted.
 pub(crate) async fn response(
     app: &App,
     status: StatusCode,
     record: &StudyRecord,
+    with_request: bool,
 ) -> Result<Response, StoreError> {
-    let request = app.shared.store.study_request(record.seq).await?;
+    let store = &app.shared.store;
+    let request = if with_request { Some(store.study_request(record.seq).await?) } else { None };
     let study = Study { summary: StudySummary::of(app, record), request };
     let mut response = (status, axum::Json(study)).into_response();
     set(&mut response, header::ETAG, &record.etag());

@@ -17,6 +17,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (6, "failures", include_str!("../../../../migrations/0006_failures.sql")),
     (7, "methods", include_str!("../../../../migrations/0007_methods.sql")),
     (8, "warnings", include_str!("../../../../migrations/0008_warnings.sql")),
+    (9, "orders", include_str!("../../../../migrations/0009_orders.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.

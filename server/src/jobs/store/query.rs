@@ -11,6 +11,9 @@ use super::{Store, StoreError, detached, now_us, rows};
 use crate::ids::StudyId;
 use crate::jobs::{JobId, JobRecord, State};
 
+/// What stands for the end of a job that has not ended, before the end of every other.
+const NOT_FINISHED: i64 = 0;
+
 /// Which jobs a listing wants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Filter {
@@ -27,16 +30,58 @@ pub(crate) struct Filter {
     pub(crate) created_after: Option<i64>,
     /// Only jobs that were submitted before this time, in microseconds since the Unix epoch.
     pub(crate) created_before: Option<i64>,
-    /// Oldest job first instead of newest first.
-    pub(crate) oldest_first: bool,
+    /// In which order.
+    pub(crate) order: Order,
+}
+
+/// By what a listing is ordered. Jobs that are equal in it are in the order of their submission.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum SortKey {
+    /// When they were submitted.
+    #[default]
+    Created,
+    /// Their priority.
+    Priority,
+    /// When they ended; those that have not ended come before all others.
+    Finished,
+}
+
+/// The order of a listing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Order {
+    pub(crate) key: SortKey,
+    /// Backwards: the last job of the order comes first.
+    pub(crate) descending: bool,
+}
+
+/// Newest first.
+impl Default for Order {
+    fn default() -> Self {
+        Self { key: SortKey::Created, descending: true }
+    }
+}
+
+/// The place of an item in the order of a listing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Position {
+    /// What the listing is ordered by; 0 where that is the number alone.
+    pub(crate) key: i64,
+    /// Number of the item, which no other has.
+    pub(crate) seq: i64,
+}
+
+impl From<i64> for Position {
+    fn from(seq: i64) -> Self {
+        Self { key: 0, seq }
+    }
 }
 
 /// One page of a listing.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Page {
     pub(crate) jobs: Vec<JobRecord>,
-    /// Jobs beyond this number follow; `None` on the last page.
-    pub(crate) next_before: Option<i64>,
+    /// The jobs beyond this position follow; `None` on the last page.
+    pub(crate) next_after: Option<Position>,
 }
 
 impl Store {
@@ -62,24 +107,26 @@ impl Store {
         serde_json::from_str(row.try_get("body")?).map_err(|error| StoreError::Row(error.to_string()))
     }
 
-    /// A page of at most `limit` jobs beyond number `before` in the order of the filter.
+    /// A page of at most `limit` jobs beyond the position `after` in the order of the filter.
     ///
-    /// Every combination of state, study and labels is the range of one index, further labels are looked up in
-    /// another: such a page costs no more than its length. Name, method and time of submission are tested for each job
-    /// of that range.
+    /// In the order of submission every combination of state, study and labels is the range of one index, further
+    /// labels are looked up in another: such a page costs no more than its length. Each of the other orders has one
+    /// index, of which the filters are tested for each job; with a study, a label, or the states `queued` and `running`
+    /// the jobs that these leave are sorted. Name, method and time of submission are always tested for each job.
     pub(crate) async fn list(
         &self,
         filter: &Filter,
-        before: Option<i64>,
+        after: Option<Position>,
         limit: u32,
     ) -> Result<Page, StoreError> {
-        let mut query = list_query(filter, before.unwrap_or(filter.start()), i64::from(limit) + 1);
+        let after = after.unwrap_or(filter.order.start());
+        let mut query = list_query(filter, after, i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
         let mut jobs = rows.iter().map(rows::job).collect::<Result<Vec<_>, _>>()?;
         let more = jobs.len() > limit as usize;
         jobs.truncate(limit as usize);
-        let next_before = jobs.last().filter(|_| more).map(|job| job.seq);
-        Ok(Page { jobs, next_before })
+        let next_after = jobs.last().filter(|_| more).map(|job| filter.order.position(job));
+        Ok(Page { jobs, next_after })
     }
 
     /// How long the job that was taken in first has waited, of those that wait.
@@ -126,15 +173,67 @@ impl Store {
     }
 }
 
-impl Filter {
-    /// The number before the first page.
-    fn start(&self) -> i64 {
-        if self.oldest_first { i64::MIN } else { i64::MAX }
+impl Order {
+    /// The position before the first page.
+    fn start(self) -> Position {
+        let end = if self.descending { i64::MAX } else { i64::MIN };
+        Position { key: end, seq: end }
     }
 
-    /// Limits a query to the jobs beyond number `before`, which `column` holds, and adds the filters without an index.
-    fn push(&self, query: &mut QueryBuilder<Sqlite>, column: &str, before: i64) {
-        query.push(column).push(if self.oldest_first { " > " } else { " < " }).push_bind(before);
+    /// The position of a job.
+    fn position(self, job: &JobRecord) -> Position {
+        let key = match self.key {
+            SortKey::Created => 0,
+            SortKey::Priority => job.priority,
+            SortKey::Finished => job.finished_at.unwrap_or(NOT_FINISHED),
+        };
+        Position { key, seq: job.seq }
+    }
+
+    /// What comes before the number in the order: the expressions of the indices.
+    fn expression(self) -> Option<&'static str> {
+        match self.key {
+            SortKey::Created => None,
+            SortKey::Priority => Some("jobs.priority"),
+            SortKey::Finished => Some("ifnull(jobs.finished_at, 0)"),
+        }
+    }
+
+    /// Limits a query to the jobs beyond a position; `seq` is the column with their numbers.
+    fn push_after(self, query: &mut QueryBuilder<Sqlite>, seq: &str, after: Position) {
+        let beyond = if self.descending { " < " } else { " > " };
+        match self.expression() {
+            None => query.push(seq).push(beyond).push_bind(after.seq),
+            // The first of the two conditions is the range of the index.
+            Some(key) => query
+                .push(key)
+                .push(beyond.trim_end())
+                .push("= ")
+                .push_bind(after.key)
+                .push(format!(" and ({key}, {seq}){beyond}("))
+                .push_bind(after.key)
+                .push(", ")
+                .push_bind(after.seq)
+                .push(")"),
+        };
+    }
+
+    /// Adds order and length of the page.
+    fn push_end(self, query: &mut QueryBuilder<Sqlite>, seq: &str, limit: i64) {
+        let direction = if self.descending { " desc" } else { "" };
+        query.push(" order by ");
+        if let Some(key) = self.expression() {
+            query.push(key).push(direction).push(", ");
+        }
+        query.push(seq).push(direction).push(" limit ").push_bind(limit);
+    }
+}
+
+impl Filter {
+    /// Limits a query to the jobs beyond a position, and adds the filters without an index; `seq` is the column with the
+    /// numbers of the jobs.
+    fn push(&self, query: &mut QueryBuilder<Sqlite>, seq: &str, after: Position) {
+        self.order.push_after(query, seq, after);
         if let Some(name) = &self.name {
             query.push(" and instr(jobs.name, ").push_bind(name.clone()).push(") > 0");
         }
@@ -148,29 +247,22 @@ impl Filter {
             query.push(" and jobs.created_at < ").push_bind(until);
         }
     }
-
-    /// Adds order and length of the page.
-    fn push_end(&self, query: &mut QueryBuilder<Sqlite>, column: &str, limit: i64) {
-        query.push(" order by ").push(column).push(if self.oldest_first {
-            " limit "
-        } else {
-            " desc limit "
-        });
-        query.push_bind(limit);
-    }
 }
 
-fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
+fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
     if let Some(study) = filter.study {
-        return list_of_study(study, filter, before, limit);
+        return list_of_study(study, filter, after, limit);
     }
     let Some(((key, value), others)) = filter.labels.split_first() else {
         let mut query = QueryBuilder::new(select_jobs!("where "));
-        filter.push(&mut query, "jobs.seq", before);
+        filter.push(&mut query, "jobs.seq", after);
         if let Some(state) = filter.state {
-            query.push(" and jobs.state = ").push_bind(state.name());
+            // Jobs that have ended are many: they are walked in their order. The sign keeps the index by state out of it.
+            let walked = filter.order.expression().is_some() && state.is_finished();
+            query.push(if walked { " and +jobs.state = " } else { " and jobs.state = " });
+            query.push_bind(state.name());
         }
-        filter.push_end(&mut query, "jobs.seq", limit);
+        filter.order.push_end(&mut query, "jobs.seq", limit);
         return query;
     };
     // `cross join` keeps the planner from leaving the labels' index, which the order relies on.
@@ -183,7 +275,7 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
          where job_labels.key = ",
     );
     query.push_bind(key.clone()).push(" and job_labels.value = ").push_bind(value.clone());
-    filter.push(query.push(" and "), "job_labels.job", before);
+    filter.push(query.push(" and "), "job_labels.job", after);
     if let Some(state) = filter.state {
         query.push(" and job_labels.state = ").push_bind(state.name());
     }
@@ -192,17 +284,17 @@ fn list_query(filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> 
         query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
         query.push(" and other.job = job_labels.job)");
     }
-    filter.push_end(&mut query, "job_labels.job", limit);
+    filter.order.push_end(&mut query, "job_labels.job", limit);
     query
 }
 
 /// A study has its own index; labels are looked up for each of its jobs, of which there are not many.
-fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
+fn list_of_study(study: StudyId, filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(select_jobs!(
         "where jobs.study = (select known.seq from studies as known where known.id = "
     ));
     query.push_bind(study.to_string()).push(") and ");
-    filter.push(&mut query, "jobs.seq", before);
+    filter.push(&mut query, "jobs.seq", after);
     if let Some(state) = filter.state {
         query.push(" and jobs.state = ").push_bind(state.name());
     }
@@ -211,7 +303,7 @@ fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> Qu
         query.push_bind(key.clone()).push(" and other.value = ").push_bind(value.clone());
         query.push(" and other.job = jobs.seq)");
     }
-    filter.push_end(&mut query, "jobs.seq", limit);
+    filter.order.push_end(&mut query, "jobs.seq", limit);
     query
 }
 
@@ -219,5 +311,5 @@ fn list_of_study(study: StudyId, filter: &Filter, before: i64, limit: i64) -> Qu
 #[cfg(test)]
 pub(super) fn list_sql(filter: &Filter) -> String {
     use sqlx::Execute as _;
-    list_query(filter, filter.start(), 1).build().sql().as_str().to_owned()
+    list_query(filter, filter.order.start(), 1).build().sql().as_str().to_owned()
 }

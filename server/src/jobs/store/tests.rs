@@ -301,7 +301,7 @@ async fn pages_neither_repeat_nor_skip_while_jobs_come_in() {
         assert!(page.jobs.len() <= 5);
         seen.extend(page.jobs.iter().map(|job| job.id));
         submit(&store, json!({"labels": {"parity": "1", "all": "x"}})).await;
-        match page.next_before {
+        match page.next_after {
             Some(next) => before = Some(next),
             None => break,
         }
@@ -361,6 +361,19 @@ async fn every_listing_and_claim_uses_an_index() {
             plan.iter().all(|step| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE")),
             "{plan:?}"
         );
+    }
+    for (key, index) in [(SortKey::Priority, "jobs_by_priority"), (SortKey::Finished, "jobs_by_finished")] {
+        for (descending, state) in [(false, None), (true, None), (true, Some(State::Succeeded))] {
+            let filter = Filter { order: Order { key, descending }, state, ..Filter::default() };
+            let plan = plan_of(&store, &query::list_sql(&filter)).await;
+            assert!(plan[0].contains("SEARCH jobs") && plan[0].contains(index), "{plan:?}");
+            assert!(plan.iter().all(|step| !step.contains("TEMP B-TREE")), "{plan:?}");
+        }
+        // What a label leaves is sorted.
+        let order = Order { key, descending: true };
+        let filter = Filter { order, labels: vec![label("a")], ..Filter::default() };
+        let plan = plan_of(&store, &query::list_sql(&filter)).await;
+        assert!(plan.iter().all(|step| !step.starts_with("SCAN")), "{plan:?}");
     }
     let plan = plan_of(&store, lifecycle::next_in_queue!()).await;
     assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");

@@ -31,17 +31,15 @@ pub(crate) enum StudyState {
 }
 
 impl StudyState {
+    /// All states.
+    pub(crate) const ALL: [Self; 2] = [Self::Open, Self::Finished];
+
     /// Name in the interface.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Open => "open",
             Self::Finished => "finished",
         }
-    }
-
-    /// The state of that name.
-    pub(crate) fn from_name(name: &str) -> Option<Self> {
-        [Self::Open, Self::Finished].into_iter().find(|s| s.name() == name)
     }
 }
 

@@ -96,7 +96,7 @@ async fn a_study_comes_in_whole_and_its_points_run_in_turn() {
     assert_eq!(store.claim().await.unwrap(), None);
     assert_eq!(again(&store, &study).await.counts.running, 6);
     let page = store.list(&Filter { study: Some(study.id), ..Filter::default() }, None, 4).await.unwrap();
-    assert_eq!((page.jobs.len(), page.next_before.is_some()), (4, true));
+    assert_eq!((page.jobs.len(), page.next_after.is_some()), (4, true));
 }
 
 #[tokio::test]
