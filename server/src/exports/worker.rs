@@ -19,13 +19,13 @@ use tracing::Instrument as _;
 use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::is_passing;
-use crate::failure::{Failure, FailureCode};
+use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::jobs::control::{RunControl, Stop};
 use crate::jobs::runner::as_recorded;
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::pace::Pace;
-use crate::storage::{Bound, NoRoom, Storage};
+use crate::storage::{Bound, NoRoom, Storage, fits};
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -187,15 +187,17 @@ impl ExportWorker {
         let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
         let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.limits };
-        let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
         let model = Model { specimen: &specimen, spheres: &spheres };
+        if let Ok(estimate) = export.estimate(&model) {
+            fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
+        }
+        let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
         let written = self
             .artifacts
             .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))
             .map_err(|error| match error {
                 ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
-                    let no_room = NoRoom { needed: left.saturating_add(1), left, bound };
-                    NotMade::Lasting(Failure::new(FailureCode::InsufficientStorage, no_room.to_string()))
+                    no_room_left(&NoRoom { needed: left.saturating_add(1), left, bound })
                 }
                 other => failed(other),
             })?;
@@ -287,6 +289,16 @@ impl From<NotMade> for End {
             NotMade::Fault => Self::Faulted,
         }
     }
+}
+
+fn no_room_left(no_room: &NoRoom) -> NotMade {
+    let figures = FailureFacts {
+        needed_bytes: Some(no_room.needed),
+        free_bytes: Some(no_room.left),
+        ..FailureFacts::default()
+    };
+    let failure = Failure::new(FailureCode::InsufficientStorage, no_room.to_string()).with_facts(figures);
+    NotMade::Lasting(failure)
 }
 
 fn failed(error: ExportError) -> NotMade {
