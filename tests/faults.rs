@@ -103,6 +103,9 @@ async fn writes_come_back_after_a_full_disk() {
     client.get("/readyz").send().await.expect(200);
     disk.fill();
     submit_until_a_write_fails(&disk, &client).await;
+    for _ in 0..3 {
+        client.get("/readyz").send().await.expect_problem(503, "not-ready");
+    }
     client.get("/healthz").send().await.expect(200);
     // What is there can be read.
     assert_eq!(client.job(id_of(&before)).await["state"], "succeeded");
@@ -135,6 +138,19 @@ async fn readiness_fails_before_the_disk_is_full() {
     fs::write(disk.filler(), vec![7; 13 << 20]).unwrap();
     let problem = client.get("/readyz").send().await.expect_problem(503, "not-ready");
     assert!(problem["detail"].as_str().unwrap().contains("8000000"), "{problem}");
+    disk.clear();
+    client.get("/readyz").send().await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn readiness_fails_on_a_full_disk_before_any_write_does() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = start(&disk).await;
+    let client = server.client();
+    client.get("/readyz").send().await.expect(200);
+    disk.fill();
+    client.get("/readyz").send().await.expect_problem(503, "not-ready");
     disk.clear();
     client.get("/readyz").send().await.expect(200);
     server.stop().await;

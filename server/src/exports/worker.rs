@@ -18,7 +18,7 @@ use tracing::Instrument as _;
 
 use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
-use crate::disk::is_passing;
+use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::jobs::control::{RunControl, Stop};
 use crate::jobs::runner::as_recorded;
@@ -39,6 +39,7 @@ const SPHERE_BYTES: u64 = 32;
 pub(crate) struct ExportWorker {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
+    pub(crate) disk: Disk,
     pub(crate) storage: Storage,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
@@ -198,6 +199,10 @@ impl ExportWorker {
             .map_err(|error| match error {
                 ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
                     no_room_left(&NoRoom { needed: left.saturating_add(1), left, bound })
+                }
+                ExportError::Write(error) => {
+                    self.disk.note_failure(&error);
+                    NotMade::fault(&error)
                 }
                 other => failed(other),
             })?;

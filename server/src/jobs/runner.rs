@@ -320,6 +320,7 @@ impl Runner {
                 Ok(artifact) => return Some(artifact),
                 Err(error) => error,
             };
+            self.disk.note_failure(&error);
             let pause = pauses.next().filter(|_| control.stopped().is_none())?;
             tracing::warn!(%error, pause_s = pause.as_secs(), "the result was not written; trying again");
             let until = std::time::Instant::now() + *pause;

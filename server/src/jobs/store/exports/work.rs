@@ -4,7 +4,7 @@ use sqlx::Row as _;
 
 use super::super::submit::to_json;
 use super::super::writer::Writing;
-use super::super::{Store, StoreError, detached, fault_pause, micros, now_us, rows};
+use super::super::{Store, StoreError, fault_pause, micros, now_us, rows};
 use super::{by_seq, export_id};
 use crate::exports::{ExportRecord, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -40,7 +40,7 @@ impl Store {
     /// fails. Returns how many were running.
     pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let exhausted = Failure::new(
                 FailureCode::AttemptsExhausted,
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
@@ -67,7 +67,7 @@ impl Store {
     /// made in a moment.
     pub(crate) async fn claim_export(&self, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             // An export whose claim a power cut undoes waits as before.
             let mut writer = store.quick_writer().await?;
             let claimed = claim(&mut writer, quick).await?;
@@ -88,7 +88,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.quick_writer().await?;
             let moved = sqlx::query(
                 "update exports set progress = ?1, version = version + 1, updated_at = ?2
@@ -151,7 +151,7 @@ impl Store {
     pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
-        let pause = detached(async move {
+        let pause = self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let now = now_us();
@@ -188,7 +188,7 @@ impl Store {
     async fn end_export(&self, of: &ExportRecord, end: End) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let moved = sqlx::query(
                 "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,

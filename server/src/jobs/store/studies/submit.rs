@@ -7,7 +7,7 @@ use serde_json::Value;
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::submit::{IdempotencyKey, to_json};
-use super::super::{Store, StoreError, detached, now_us, turns};
+use super::super::{Store, StoreError, now_us, turns};
 use super::{StudyRecord, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::JobRequest;
@@ -53,7 +53,7 @@ impl Store {
     /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
     pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let submitted = store.insert_study(&new).await?;
             if let SubmittedStudy::Created(_) = submitted {
                 store.wake_worker();
