@@ -179,7 +179,8 @@ impl Service {
                 Instant::now()
             }
         });
-        http_server::serve(listener, router, connections, options.max_connections, shutdown.clone()).await;
+        let per_client = options.max_connections_per_client();
+        http_server::serve(listener, router, connections, per_client, shutdown.clone()).await;
         // The listener may end on its own only by a bug; the workers must not outlive it.
         shutdown.cancel();
         let stopped = stopped.await.unwrap_or_else(|_| Instant::now());
