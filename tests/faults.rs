@@ -274,3 +274,55 @@ async fn a_database_that_another_program_locks_is_not_ready() {
     client.succeed(&jobs::quick(2)).await;
     server.stop().await;
 }
+
+/// A job of some seconds that is failed at the end of its first attempt, if that counts.
+fn growth_with_one_attempt() -> Value {
+    jobs::with(jobs::growth(), "/max_attempts", json!(1))
+}
+
+#[tokio::test]
+async fn a_result_that_finds_no_descriptors_is_no_fault_of_its_job() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let before = client.succeed(&jobs::quick(1)).await;
+    let job = client.post("/v1/jobs").json(&growth_with_one_attempt()).send().await.expect(201).json();
+    client.running(id_of(&job)).await;
+    let exhausted = server.without_descriptors();
+    let refused = client.get(&format!("/v1/jobs/{}/result?format=npy", id_of(&before))).send().await;
+    assert!(!refused.header("retry-after").is_empty());
+    refused.expect_problem(503, "not-ready");
+    eventually("the job to be requeued", || server.log().contains("the job is requeued")).await;
+    assert!(server.log().contains("Too many open files"), "{}", server.log());
+    drop(exhausted);
+    let ended = client.finished(id_of(&job)).await;
+    assert_eq!(ended["state"], "succeeded", "{ended:#}");
+    client.result(id_of(&job)).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_result_that_finds_no_space_is_no_fault_of_its_job() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = Launch::new(&disk.data_dir).args(&["--min-free-bytes", "0"]).start().await;
+    let client = server.client();
+    let job = client.post("/v1/jobs").json(&growth_with_one_attempt()).send().await.expect(201).json();
+    client.job_when(id_of(&job), "growing", |job| job["progress"]["phase"] == "edmd").await;
+    disk.fill();
+    let tries = || server.log().matches("the result was not written").count();
+    eventually("the result to be tried four times", || tries() >= 4).await;
+    client.get("/readyz").send().await.expect_problem(503, "not-ready");
+    // After the fifth, the requeued job has to be recorded, which a full disk does not allow either.
+    eventually("the job to be given back", || {
+        let log = server.log();
+        log.contains("the end of the job was not recorded; trying again")
+            || log.contains("the job is requeued")
+    })
+    .await;
+    disk.clear();
+    let ended = client.finished(id_of(&job)).await;
+    assert_eq!(ended["state"], "succeeded", "{ended:#}");
+    assert!(server.log().contains("the job is requeued"), "{}", server.log());
+    client.get("/readyz").send().await.expect(200);
+    server.stop().await;
+}

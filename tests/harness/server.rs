@@ -1,5 +1,6 @@
 //! The real service as a process of its own: start it, talk to it, end it in every way there is.
 
+use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
 use std::os::fd::{AsFd, OwnedFd};
@@ -10,7 +11,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use rustix::process::{
-    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
+    Pid, PidfdFlags, Resource, Rlimit, Signal, WaitId, WaitIdOptions, getrlimit, pidfd_open,
+    pidfd_send_signal, prlimit, waitid,
 };
 use tokio::sync::{mpsc, watch};
 
@@ -268,6 +270,22 @@ impl Server {
         self.peak_bytes()
     }
 
+    /// Lets the server open no file and accept no connection beside those that are open, until what is returned is dropped.
+    pub(crate) fn without_descriptors(&self) -> NoDescriptors {
+        let pid = Pid::from_child(&self.child);
+        let folder = format!("/proc/{}/fd", self.child.id());
+        // Only numbers below the limit are given out: the limit is the lowest number that is free.
+        let open: BTreeSet<u64> = std::fs::read_dir(folder)
+            .expect("a running process")
+            .map(|entry| entry.unwrap().file_name().to_str().unwrap().parse().unwrap())
+            .collect();
+        let free = (0..).find(|number| !open.contains(number)).unwrap_or_default();
+        // The server has the hard limit of this process, and raises its soft one only.
+        let none = Rlimit { current: Some(free), ..getrlimit(Resource::Nofile) };
+        let before = prlimit(Some(pid), Resource::Nofile, none).expect("a process of this user");
+        NoDescriptors { pid, before }
+    }
+
     fn memory(&self, name: &str) -> u64 {
         let path = format!("/proc/{}/status", self.child.id());
         let status = std::fs::read_to_string(path).expect("a running process");
@@ -283,6 +301,19 @@ impl Server {
     async fn wait(&mut self) -> ExitStatus {
         self.exited.wait_for(|exited| *exited).await.expect("the thread that watches the process");
         self.child.wait().expect("the status of the process")
+    }
+}
+
+/// A server that may open no file; dropped, it may again.
+pub(crate) struct NoDescriptors {
+    pid: Pid,
+    before: Rlimit,
+}
+
+impl Drop for NoDescriptors {
+    fn drop(&mut self) {
+        // A server that has ended has no limits.
+        let _ = prlimit(Some(self.pid), Resource::Nofile, self.before);
     }
 }
 
