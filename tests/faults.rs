@@ -326,3 +326,28 @@ async fn a_result_that_finds_no_space_is_no_fault_of_its_job() {
     client.get("/readyz").send().await.expect(200);
     server.stop().await;
 }
+
+#[tokio::test]
+async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
+    const MEGABYTE: u64 = 1 << 20;
+    let data_dir = DataDir::new();
+    let limits = ["--max-grains", "100000000", "--max-memory-mib", "1000000", "--max-model-mib", "1000000"];
+    let server = Launch::new(&data_dir).args(&limits).start().await;
+    let client = server.client();
+    let small = client.succeed(&jobs::quick(1)).await;
+    server.limit_address_space(128 * MEGABYTE);
+    // 240 MB of diameters.
+    let large =
+        client.post("/v1/jobs").json(&jobs::equal_spheres(30_000_000, 1)).send().await.expect(201).json();
+    eventually("the job to find no memory", || server.log().contains("the run found no memory")).await;
+    assert!(server.log().contains("out of memory: the run needs 24"), "{}", server.log());
+    let exports = format!("/v1/jobs/{}/exports", id_of(&small));
+    client.post(&format!("{exports}/ldpm?format=tets&spacing=0.02")).send().await.expect(202);
+    eventually("the export to find no memory", || server.log().contains("the export found no memory")).await;
+    assert!(server.log().contains("out of memory: the export needs"), "{}", server.log());
+    client.succeed(&jobs::quick(2)).await;
+    client.get(&format!("{exports}/slice")).send().await.expect(200);
+    assert_eq!(client.job(id_of(&large)).await["error"], Value::Null);
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&large))).send().await;
+    server.stop().await;
+}

@@ -286,6 +286,12 @@ impl Server {
         NoDescriptors { pid, before }
     }
 
+    /// Lets the server have so many bytes of address space more than now.
+    pub(crate) fn limit_address_space(&self, more: u64) {
+        let most = Rlimit { current: Some(self.memory("VmSize:") + more), ..getrlimit(Resource::As) };
+        prlimit(Some(Pid::from_child(&self.child)), Resource::As, most).expect("a process of this user");
+    }
+
     fn memory(&self, name: &str) -> u64 {
         let path = format!("/proc/{}/status", self.child.id());
         let status = std::fs::read_to_string(path).expect("a running process");

@@ -22,7 +22,7 @@ macro_rules! next {
                  progress = null, error = null, not_before = null
              where seq = (select seq from exports ",
             $tail,
-            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1) returning seq"
+            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1) returning seq, faults"
         )
     };
 }
@@ -33,6 +33,8 @@ pub(crate) struct ClaimedExport {
     pub(crate) export: ExportRecord,
     /// The result that it is made of.
     pub(crate) result: ArtifactRecord,
+    /// Faults of the machine that it has met.
+    pub(crate) faults: i64,
 }
 
 impl Store {
@@ -280,9 +282,10 @@ async fn claim(writer: &mut Writing<'_>, quick: bool) -> Result<Option<ClaimedEx
         return Ok(None);
     };
     let export = by_seq(&mut tx, row.try_get("seq")?).await?;
+    let faults = row.try_get("faults")?;
     let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
     tx.commit().await?;
     // A row is there only for a job with a result, and leaves with it.
     let result = result.ok_or_else(|| StoreError::Row("an export of no result".into()))?;
-    Ok(Some(ClaimedExport { export, result }))
+    Ok(Some(ClaimedExport { export, result, faults }))
 }
