@@ -342,7 +342,11 @@ async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
     eventually("the job to find no memory", || server.log().contains("the run found no memory")).await;
     assert!(server.log().contains("out of memory: the run needs 24"), "{}", server.log());
     let exports = format!("/v1/jobs/{}/exports", id_of(&small));
-    client.post(&format!("{exports}/ldpm?format=tets&spacing=0.02")).send().await.expect(202);
+    client
+        .post(&format!("{exports}/mesh?size_mm=0.05&size_field=false&max_bytes=100000000000"))
+        .send()
+        .await
+        .expect(202);
     eventually("the export to find no memory", || server.log().contains("the export found no memory")).await;
     assert!(server.log().contains("out of memory: the export needs"), "{}", server.log());
     client.succeed(&jobs::quick(2)).await;

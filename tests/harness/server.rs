@@ -1,6 +1,5 @@
 //! The real service as a process of its own: start it, talk to it, end it in every way there is.
 
-use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
 use std::os::fd::{AsFd, OwnedFd};
@@ -273,15 +272,8 @@ impl Server {
     /// Lets the server open no file and accept no connection beside those that are open, until what is returned is dropped.
     pub(crate) fn without_descriptors(&self) -> NoDescriptors {
         let pid = Pid::from_child(&self.child);
-        let folder = format!("/proc/{}/fd", self.child.id());
-        // Only numbers below the limit are given out: the limit is the lowest number that is free.
-        let open: BTreeSet<u64> = std::fs::read_dir(folder)
-            .expect("a running process")
-            .map(|entry| entry.unwrap().file_name().to_str().unwrap().parse().unwrap())
-            .collect();
-        let free = (0..).find(|number| !open.contains(number)).unwrap_or_default();
         // The server has the hard limit of this process, and raises its soft one only.
-        let none = Rlimit { current: Some(free), ..getrlimit(Resource::Nofile) };
+        let none = Rlimit { current: Some(0), ..getrlimit(Resource::Nofile) };
         let before = prlimit(Some(pid), Resource::Nofile, none).expect("a process of this user");
         NoDescriptors { pid, before }
     }

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
-use crate::memory::{make_room, reserved};
+use crate::memory::{self, make_room, reserved};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
@@ -261,6 +261,8 @@ impl Mesh {
         if estimate.bytes > options.max_bytes.min(limits.max_memory_bytes) {
             return Err(too_large(model, options, Some(estimate), limits));
         }
+        // What comes in small pieces is asked for as one.
+        memory::probe(estimate.triangles.saturating_mul(BYTES_PER_TRIANGLE) as usize)?;
         let mut grains = Grains::new(model, options);
         let typical_mm = surface_mean_mm(model);
         let division = Division {
