@@ -1,10 +1,11 @@
 //! Clients that stop in the middle, dawdle or announce too much cost nobody else anything.
 
+use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use futures_util::future::join_all;
 
-use crate::harness::deadline::within;
+use crate::harness::deadline::{patiently, within};
 use crate::harness::{DataDir, Launch, RawConnection, Server, id_of, jobs};
 
 #[tokio::test]
@@ -147,4 +148,70 @@ async fn more_downloads_than_allowed_are_put_off() {
     drop(stopped);
     client.get(&path).send().await.expect(200);
     server.stop().await;
+}
+
+const FIRST: Ipv4Addr = Ipv4Addr::new(127, 0, 0, 1);
+const SECOND: Ipv4Addr = Ipv4Addr::new(127, 0, 0, 2);
+
+/// Asks once, on a connection that stays open, and returns the head of the answer with the connection.
+async fn ask(source: Ipv4Addr, address: SocketAddr, path: &str) -> (String, RawConnection) {
+    let mut connection = RawConnection::open_from(source, address).await;
+    connection.send(format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n")).await;
+    (connection.head().await, connection)
+}
+
+#[tokio::test]
+async fn one_client_takes_half_of_the_connections_at_most() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--max-connections", "8"]).start().await;
+    let address = server.address();
+    let mut open = Vec::new();
+    for _ in 0..4 {
+        let (head, connection) = ask(FIRST, address, "/v1/jobs").await;
+        assert!(head.starts_with("HTTP/1.1 200 "), "{head}");
+        open.push(connection);
+    }
+    for _ in 0..10 {
+        let (head, connection) = ask(FIRST, address, "/v1/jobs").await;
+        assert!(head.starts_with("HTTP/1.1 503 ") && head.contains("/problems/busy"), "{head}");
+        assert!(head.contains("retry-after: 5") && head.contains("connection: close"), "{head}");
+        connection.until_closed().await;
+        let (head, _) = ask(SECOND, address, "/v1/jobs").await;
+        assert!(head.starts_with("HTTP/1.1 200 "), "another client is served: {head}");
+        for probe in ["/healthz", "/readyz"] {
+            let (head, connection) = ask(FIRST, address, probe).await;
+            assert!(head.starts_with("HTTP/1.1 200 "), "{probe}: {head}");
+            connection.until_closed().await;
+        }
+    }
+    drop(open.pop());
+    patiently("a closed connection to make room", async {
+        while !ask(FIRST, address, "/v1/jobs").await.0.starts_with("HTTP/1.1 200 ") {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    drop(open);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn the_share_of_a_client_can_be_set_and_a_trusted_proxy_has_all() {
+    for (options, most) in [
+        (&["--max-connections", "6", "--max-connections-per-client", "2"][..], 2),
+        (&["--max-connections", "6", "--trust-proxy"], 6),
+    ] {
+        let data_dir = DataDir::new();
+        let server = Launch::new(&data_dir).args(options).start().await;
+        let mut open = Vec::new();
+        for _ in 0..most {
+            let (head, connection) = ask(FIRST, server.address(), "/v1/jobs").await;
+            assert!(head.starts_with("HTTP/1.1 200 "), "{options:?}: {head}");
+            open.push(connection);
+        }
+        let (head, _) = ask(FIRST, server.address(), "/v1/jobs").await;
+        assert!(head.starts_with("HTTP/1.1 503 "), "{options:?}: {head}");
+        drop(open);
+        server.stop().await;
+    }
 }

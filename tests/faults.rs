@@ -103,6 +103,9 @@ async fn writes_come_back_after_a_full_disk() {
     client.get("/readyz").send().await.expect(200);
     disk.fill();
     submit_until_a_write_fails(&disk, &client).await;
+    for _ in 0..3 {
+        client.get("/readyz").send().await.expect_problem(503, "not-ready");
+    }
     client.get("/healthz").send().await.expect(200);
     // What is there can be read.
     assert_eq!(client.job(id_of(&before)).await["state"], "succeeded");
@@ -135,6 +138,19 @@ async fn readiness_fails_before_the_disk_is_full() {
     fs::write(disk.filler(), vec![7; 13 << 20]).unwrap();
     let problem = client.get("/readyz").send().await.expect_problem(503, "not-ready");
     assert!(problem["detail"].as_str().unwrap().contains("8000000"), "{problem}");
+    disk.clear();
+    client.get("/readyz").send().await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn readiness_fails_on_a_full_disk_before_any_write_does() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = start(&disk).await;
+    let client = server.client();
+    client.get("/readyz").send().await.expect(200);
+    disk.fill();
+    client.get("/readyz").send().await.expect_problem(503, "not-ready");
     disk.clear();
     client.get("/readyz").send().await.expect(200);
     server.stop().await;
@@ -256,5 +272,86 @@ async fn a_database_that_another_program_locks_is_not_ready() {
     reply.expect_problem(503, "not-ready");
     drop(locked);
     client.succeed(&jobs::quick(2)).await;
+    server.stop().await;
+}
+
+/// A job of some seconds that is failed at the end of its first attempt, if that counts.
+fn growth_with_one_attempt() -> Value {
+    jobs::with(jobs::growth(), "/max_attempts", json!(1))
+}
+
+#[tokio::test]
+async fn a_result_that_finds_no_descriptors_is_no_fault_of_its_job() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let before = client.succeed(&jobs::quick(1)).await;
+    let job = client.post("/v1/jobs").json(&growth_with_one_attempt()).send().await.expect(201).json();
+    client.running(id_of(&job)).await;
+    let exhausted = server.without_descriptors();
+    let refused = client.get(&format!("/v1/jobs/{}/result?format=npy", id_of(&before))).send().await;
+    assert!(!refused.header("retry-after").is_empty());
+    refused.expect_problem(503, "not-ready");
+    eventually("the job to be requeued", || server.log().contains("the job is requeued")).await;
+    assert!(server.log().contains("Too many open files"), "{}", server.log());
+    drop(exhausted);
+    let ended = client.finished(id_of(&job)).await;
+    assert_eq!(ended["state"], "succeeded", "{ended:#}");
+    client.result(id_of(&job)).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_result_that_finds_no_space_is_no_fault_of_its_job() {
+    let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
+    let server = Launch::new(&disk.data_dir).args(&["--min-free-bytes", "0"]).start().await;
+    let client = server.client();
+    let job = client.post("/v1/jobs").json(&growth_with_one_attempt()).send().await.expect(201).json();
+    client.job_when(id_of(&job), "growing", |job| job["progress"]["phase"] == "edmd").await;
+    disk.fill();
+    let tries = || server.log().matches("the result was not written").count();
+    eventually("the result to be tried four times", || tries() >= 4).await;
+    client.get("/readyz").send().await.expect_problem(503, "not-ready");
+    // After the fifth, the requeued job has to be recorded, which a full disk does not allow either.
+    eventually("the job to be given back", || {
+        let log = server.log();
+        log.contains("the end of the job was not recorded; trying again")
+            || log.contains("the job is requeued")
+    })
+    .await;
+    disk.clear();
+    let ended = client.finished(id_of(&job)).await;
+    assert_eq!(ended["state"], "succeeded", "{ended:#}");
+    assert!(server.log().contains("the job is requeued"), "{}", server.log());
+    client.get("/readyz").send().await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
+    const MEGABYTE: u64 = 1 << 20;
+    let data_dir = DataDir::new();
+    let limits = ["--max-grains", "100000000", "--max-memory-mib", "1000000", "--max-model-mib", "1000000"];
+    let server = Launch::new(&data_dir).args(&limits).start().await;
+    let client = server.client();
+    let small = client.succeed(&jobs::quick(1)).await;
+    server.limit_address_space(128 * MEGABYTE);
+    // 240 MB of diameters.
+    let large =
+        client.post("/v1/jobs").json(&jobs::equal_spheres(30_000_000, 1)).send().await.expect(201).json();
+    eventually("the job to find no memory", || server.log().contains("the run found no memory")).await;
+    assert!(server.log().contains("out of memory: the run needs 24"), "{}", server.log());
+    let exports = format!("/v1/jobs/{}/exports", id_of(&small));
+    client
+        .post(&format!("{exports}/mesh?size_mm=0.05&size_field=false&max_bytes=100000000000"))
+        .send()
+        .await
+        .expect(202);
+    eventually("the export to find no memory", || server.log().contains("the export found no memory")).await;
+    assert!(server.log().contains("out of memory: the export needs"), "{}", server.log());
+    client.succeed(&jobs::quick(2)).await;
+    client.get(&format!("{exports}/slice")).send().await.expect(200);
+    assert_eq!(client.job(id_of(&large)).await["error"], Value::Null);
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&large))).send().await;
     server.stop().await;
 }

@@ -388,3 +388,30 @@ async fn remember(client: &Client, study: &str, ended: &mut HashMap<String, Valu
         assert_eq!(*before, job, "a finished job changed");
     }
 }
+
+#[tokio::test]
+async fn warnings_of_the_plans_are_shown_once_for_each_point() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let mut job = template(jobs::quick(1));
+    job["mix"]["allow_coarse"] = json!(true);
+    job["specimen"]["size_mm"] = json!([60, 60, 60]);
+    // So few grains that whole ones miss the volume.
+    let grid = json!({"/mix/volume_fraction": [0.35, 1e-6]});
+    let study = json!({"template": job, "grid": grid, "replicates": 3});
+    let accepted = client.submit_study(&study).await;
+    let warned = accepted["warnings"].as_array().unwrap();
+    assert_eq!(warned.len(), 1, "{accepted:#}");
+    assert_eq!(warned[0]["point"], 1);
+    let coarse = jobs::with(job, "/mix/volume_fraction", json!(1e-6));
+    let plan = client.post("/v1/plans").json(&coarse).send().await.expect(200).json();
+    assert_eq!(warned[0]["warnings"], plan["warnings"], "{accepted:#}");
+    assert!(!plan["warnings"].as_array().unwrap().is_empty());
+    let finished = client.study_finished(id_of(&accepted)).await;
+    assert_eq!(finished["warnings"], accepted["warnings"]);
+    for job in client.jobs_of(id_of(&accepted)).await {
+        assert!(job["point"] == 0 || !job["warnings"].as_array().unwrap().is_empty(), "{job:#}");
+    }
+    server.stop().await;
+}

@@ -1,5 +1,6 @@
 //! What can go wrong between a request and a packing.
 
+use crate::memory::OutOfMemory;
 use crate::packing::EdmdEnd;
 use crate::request::FieldError;
 
@@ -46,6 +47,12 @@ pub enum PackError {
     /// The independent check refused the packing: a defect of this program.
     #[error("the packing failed its check: {0}")]
     CheckFailed(String),
+}
+
+impl From<OutOfMemory> for PackError {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
 }
 
 /// How far a method came that did not reach its target.

@@ -9,6 +9,12 @@ pub(crate) struct OutOfMemory {
     pub(crate) bytes: u64,
 }
 
+impl From<OutOfMemory> for std::io::Error {
+    fn from(_: OutOfMemory) -> Self {
+        std::io::ErrorKind::OutOfMemory.into()
+    }
+}
+
 /// An empty vector with room for so many elements.
 pub(crate) fn reserved<T>(elements: usize) -> Result<Vec<T>, OutOfMemory> {
     let mut vector = Vec::new();
@@ -23,6 +29,32 @@ pub(crate) fn filled<T: Clone>(elements: usize, value: T) -> Result<Vec<T>, OutO
     let mut vector = reserved(elements)?;
     vector.resize(elements, value);
     Ok(vector)
+}
+
+/// The elements of an iterator whose length is known.
+pub(crate) fn collected<T>(elements: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>, OutOfMemory> {
+    let mut vector = reserved(elements.len())?;
+    vector.extend(elements);
+    Ok(vector)
+}
+
+/// A copy of a slice.
+pub(crate) fn copied<T: Copy>(elements: &[T]) -> Result<Vec<T>, OutOfMemory> {
+    collected(elements.iter().copied())
+}
+
+/// Gives a vector that is used again so many equal elements.
+pub(crate) fn refill<T: Clone>(vector: &mut Vec<T>, elements: usize, value: T) -> Result<(), OutOfMemory> {
+    vector.clear();
+    make_room(vector, elements)?;
+    vector.resize(elements, value);
+    Ok(())
+}
+
+/// Room for so many more elements, with some to spare as the vector grows.
+pub(crate) fn make_room<T>(vector: &mut Vec<T>, more: usize) -> Result<(), OutOfMemory> {
+    let bytes = (vector.len() as u64).saturating_add(more as u64).saturating_mul(size_of::<T>() as u64);
+    vector.try_reserve(more).map_err(|_| OutOfMemory { bytes })
 }
 
 /// Whether the system grants so many bytes at once; they are given back.
@@ -41,5 +73,10 @@ mod tests {
         assert_eq!(probe(bytes as usize), Err(OutOfMemory { bytes }));
         assert_eq!(reserved::<u64>(1 << 60), Err(OutOfMemory { bytes: 8 << 60 }));
         assert_eq!(filled(3, 7).unwrap(), [7, 7, 7]);
+        assert_eq!(make_room(&mut vec![0_u64; 2], 1 << 60), Err(OutOfMemory { bytes: (8 << 60) + 16 }));
+        let mut used = vec![1, 2];
+        assert_eq!(refill(&mut used, 1 << 61, 7), Err(OutOfMemory { bytes: 4 << 61 }));
+        refill(&mut used, 3, 7).unwrap();
+        assert_eq!((used, copied(&[1, 2]).unwrap()), (vec![7, 7, 7], vec![1, 2]));
     }
 }

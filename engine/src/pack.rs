@@ -8,6 +8,7 @@ use crate::checkpoint::Resume;
 use crate::control::{Control, Part, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
+use crate::memory::{self, OutOfMemory, collected};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, deviation, sampling::sample, sphere_volume};
@@ -22,6 +23,8 @@ const PACKING_SHARE: f64 = 0.98;
 /// Random sequential addition takes time as this power of the share of grains inserted: the last ones, small and in a
 /// crowded specimen, take longest.
 const RSA_TIME_EXPONENT: f64 = 1.5;
+/// Memory that the statistics of a gradient take for a grain, in bytes.
+const SEPARATION_BYTES_PER_GRAIN: usize = 64;
 
 /// Computes a packing.
 ///
@@ -58,9 +61,7 @@ pub fn pack_or_resume(
     });
     let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
     let mut sampling_rng = stream(request.seed, Stream::Sampling);
-    let Some(diameters) = sample(&mix, &mut sampling_rng, &|| control.should_stop()) else {
-        return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
-    };
+    let diameters = sample(&mix, &mut sampling_rng, &|| control.should_stop())?;
     let coarse = deviation::judge_total(&request.mix, &mix, &diameters).map_err(PlanError::Coarse)?;
     let sampling_s = start.elapsed().as_secs_f64();
 
@@ -86,7 +87,7 @@ pub fn pack_or_resume(
     }?;
 
     let grains = diameters.len() as u64;
-    let spheres = columns(&placed.centers_mm, diameters);
+    let spheres = columns(&placed.centers_mm, diameters)?;
     // What was found to be the largest distance is checked like one asked for.
     let mut checked = request.clone();
     if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (request.distance, placed.distance_mm) {
@@ -96,6 +97,7 @@ pub fn pack_or_resume(
     let share = Part::new(control, PACKING_SHARE, 1.0);
     let check = check::check_with(&spheres, &checked, &share).map_err(|fault| match fault {
         check::Fault::Stopped => PackError::Stopped { placed: grains, grains },
+        check::Fault::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
         fault => PackError::CheckFailed(fault.to_string()),
     })?;
     control.report(&Progress {
@@ -117,6 +119,7 @@ pub fn pack_or_resume(
     let summary = summary(&spheres, &mix, &rule, &placed, check.classes);
     let segregation = match &request.segregation {
         Segregation::Gradient { field, .. } => {
+            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(spheres.len()))?;
             Some(separation(&spheres, &request.specimen, &rule, *field, request.seed))
         }
         Segregation::None {} => None,
@@ -284,9 +287,9 @@ impl Job<'_> {
     }
 }
 
-fn columns(centers: &[[f64; 3]], d_mm: Vec<f64>) -> Spheres {
-    let column = |a: usize| centers.iter().map(|p| p[a]).collect();
-    Spheres { x_mm: column(0), y_mm: column(1), z_mm: column(2), d_mm }
+fn columns(centers: &[[f64; 3]], d_mm: Vec<f64>) -> Result<Spheres, OutOfMemory> {
+    let column = |a: usize| collected(centers.iter().map(|p| p[a]));
+    Ok(Spheres { x_mm: column(0)?, y_mm: column(1)?, z_mm: column(2)?, d_mm })
 }
 
 fn summary(

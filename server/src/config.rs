@@ -1,6 +1,7 @@
 //! What the operator decides: the options of `packstone serve`, each also an environment variable.
 
 use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -75,6 +76,9 @@ pub(crate) struct ServeOptions {
     /// Most open connections
     #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS", default_value_t = 1024)]
     pub(crate) max_connections: usize,
+    /// Most open connections of one client address [default: half of --max-connections; all of them with --trust-proxy]
+    #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS_PER_CLIENT")]
+    pub(crate) max_connections_per_client: Option<NonZeroUsize>,
     /// Most results being sent at once
     #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64)]
     pub(crate) max_downloads: usize,
@@ -109,6 +113,12 @@ impl ServeOptions {
     pub(crate) fn workers(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.workers.map_or_else(cores, usize::from)
+    }
+
+    /// Open connections that one client address may have. A trusted proxy brings all clients from one address.
+    pub(crate) fn max_connections_per_client(&self) -> usize {
+        let default = if self.trust_proxy { self.max_connections } else { self.max_connections.div_ceil(2) };
+        self.max_connections_per_client.map_or(default, NonZeroUsize::get)
     }
 
     /// What one packing may use.

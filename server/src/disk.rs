@@ -17,6 +17,8 @@ const DEFAULT_MIN_FREE_SHARE: f64 = 0.05;
 const RESERVE_BYTES: u64 = 4 << 20;
 /// Least length of the reserve: the write-ahead log of a deletion is some hundred kilobytes.
 const LEAST_RESERVE_BYTES: u64 = 256 << 10;
+/// Name of the file by which the end of a shortage is found out, in the data directory.
+const TRIAL: &str = "trial";
 /// Share of a small file system that the reserve takes.
 const RESERVE_SHARE: f64 = 0.02;
 
@@ -40,6 +42,26 @@ pub(crate) fn is_passing(error: &io::Error) -> bool {
     )
 }
 
+/// Whether a write failed for want of space and none has succeeded since. Clones share it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Shortage(Arc<AtomicBool>);
+
+impl Shortage {
+    /// Notes a write that failed for want of space.
+    pub(crate) fn note(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    /// Whether such a failure was noted and no trial has succeeded since.
+    pub(crate) fn is_noted(&self) -> bool {
+        self.0.load(Ordering::Acquire)
+    }
+
+    fn clear(&self) {
+        self.0.store(false, Ordering::Release);
+    }
+}
+
 /// Size of a file system, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Space {
@@ -54,12 +76,47 @@ pub(crate) struct Space {
 pub(crate) struct Disk {
     root: PathBuf,
     min_free_bytes: Option<u64>,
+    shortage: Shortage,
 }
 
 impl Disk {
-    /// The file system below `root`, of which `min_free_bytes` stay free; by default 1 GiB, at most 5 %.
-    pub(crate) fn new(root: PathBuf, min_free_bytes: Option<u64>) -> Self {
-        Self { root, min_free_bytes }
+    /// The file system below `root`, of which `min_free_bytes` stay free; by default 1 GiB, at most 5 %. Failures for want
+    /// of space are noted in `shortage`.
+    pub(crate) fn new(root: PathBuf, min_free_bytes: Option<u64>, shortage: Shortage) -> Self {
+        Self { root, min_free_bytes, shortage }
+    }
+
+    /// Notes a write that failed, if it failed for want of space.
+    pub(crate) fn note_failure(&self, error: &io::Error) {
+        if is_full(error) {
+            self.shortage.note();
+        }
+    }
+
+    /// Whether writes fail for want of space. After a failure this writes a trial file of 256 KiB, which is what a
+    /// transaction may need; a trial that succeeds ends the shortage. Blocks the thread.
+    pub(crate) fn is_short(&self) -> bool {
+        if !self.shortage.is_noted() {
+            return false;
+        }
+        let file = self.root.join(TRIAL);
+        let tried = write_zeros(&file, LEAST_RESERVE_BYTES);
+        if let Err(error) = std::fs::remove_file(&file)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            tracing::warn!(%error, "the trial file could not be removed");
+        }
+        match tried {
+            Ok(()) => {
+                tracing::info!("there is space on the disk again");
+                self.shortage.clear();
+                false
+            }
+            Err(error) => {
+                tracing::warn!(%error, "the disk is still full");
+                true
+            }
+        }
     }
 
     /// How large it is and how much of it is free.
@@ -81,6 +138,13 @@ impl Disk {
     pub(crate) fn room(&self) -> u64 {
         self.space().map_or(u64::MAX, |space| space.free.saturating_sub(self.min_free_bytes(space)))
     }
+}
+
+/// Writes a file of zeros, down to the disk.
+fn write_zeros(file: &Path, bytes: u64) -> io::Result<()> {
+    let file = File::create(file)?;
+    io::copy(&mut io::Read::take(io::repeat(0), bytes), &mut &file)?;
+    file.sync_all()
 }
 
 fn space(folder: &Path) -> io::Result<Space> {
@@ -171,11 +235,26 @@ mod tests {
 
     #[test]
     fn what_must_stay_free_is_a_gibibyte_or_a_twentieth() {
-        let disk = |min| Disk::new(PathBuf::from("/"), min);
+        let disk = |min| Disk::new(PathBuf::from("/"), min, Shortage::default());
         let of = |total| Space { free: 0, total };
         assert_eq!(disk(None).min_free_bytes(of(1 << 40)), 1 << 30);
         assert_eq!(disk(None).min_free_bytes(of(20_000_000)), 1_000_000);
         assert_eq!(disk(Some(7)).min_free_bytes(of(1 << 40)), 7);
+    }
+
+    #[test]
+    fn a_shortage_ends_with_a_write_that_succeeds() {
+        let folder = tempfile::tempdir().unwrap();
+        let data = folder.path().join("data");
+        let disk = Disk::new(data.clone(), Some(0), Shortage::default());
+        disk.note_failure(&io::ErrorKind::PermissionDenied.into());
+        assert!(!disk.is_short(), "another failure is no shortage");
+        disk.note_failure(&io::ErrorKind::StorageFull.into());
+        // The folder is missing: no write can succeed.
+        assert!(disk.is_short() && disk.is_short());
+        std::fs::create_dir(&data).unwrap();
+        assert!(!disk.is_short() && !disk.is_short());
+        assert_eq!(std::fs::read_dir(&data).unwrap().count(), 0, "the trial file is removed");
     }
 
     #[test]

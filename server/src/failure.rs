@@ -62,6 +62,8 @@ codes! {
     ResultDamaged "result-damaged";
     /// The machine failed (file system, file handles, memory): a later attempt can succeed.
     MachineFault "machine-fault";
+    /// The system refused memory that a job or an export needs: a later attempt can succeed.
+    OutOfMemory "out-of-memory";
     /// A defect of the program, described in its log.
     InternalError "internal-error";
 }
@@ -85,7 +87,11 @@ impl FailureCode {
     pub(crate) fn is_transient(self) -> bool {
         matches!(
             self,
-            Self::InternalError | Self::AttemptsExhausted | Self::InsufficientStorage | Self::MachineFault
+            Self::InternalError
+                | Self::AttemptsExhausted
+                | Self::InsufficientStorage
+                | Self::MachineFault
+                | Self::OutOfMemory
         )
     }
 }
@@ -160,7 +166,7 @@ pub(crate) struct FailureFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     pub(crate) attempts: Option<u64>,
-    /// Free space that is needed, in bytes.
+    /// Free space or memory that is needed, in bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     pub(crate) needed_bytes: Option<u64>,
@@ -198,6 +204,11 @@ impl Failure {
     /// The same failure with figures.
     pub(crate) fn with_facts(self, facts: FailureFacts) -> Self {
         Self { facts: Box::new(facts), ..self }
+    }
+
+    /// The same failure with the bytes that were refused.
+    fn with_needed(self, bytes: u64) -> Self {
+        self.with_facts(FailureFacts { needed_bytes: Some(bytes), ..FailureFacts::default() })
     }
 
     /// The same failure of a document that lies at `place` in another document.
@@ -248,7 +259,9 @@ impl From<PackError> for Failure {
                 Self::new(FailureCode::TargetNotReached, detail).with_facts(reached.into())
             }
             PackError::CheckFailed(_) => Self::new(FailureCode::CheckFailed, detail),
-            PackError::OutOfMemory { .. } => Self::new(FailureCode::MachineFault, detail),
+            PackError::OutOfMemory { bytes } => {
+                Self::new(FailureCode::OutOfMemory, detail).with_needed(bytes)
+            }
             PackError::Stopped { .. } => Self::new(FailureCode::InternalError, detail),
         }
     }
@@ -294,6 +307,9 @@ impl From<ExportError> for Failure {
             ExportError::TooLarge(field) => Self::fields(FailureCode::TooLarge, vec![field]),
             ExportError::CheckFailed(_) => Self::new(FailureCode::CheckFailed, detail),
             ExportError::Stopped => Self::new(FailureCode::InternalError, detail),
+            ExportError::OutOfMemory { bytes } => {
+                Self::new(FailureCode::OutOfMemory, detail).with_needed(bytes)
+            }
             ExportError::Write(error) => {
                 Self::new(FailureCode::InternalError, format!("it could not be written: {}", error.kind()))
             }
@@ -326,8 +342,28 @@ mod tests {
     #[test]
     fn only_failures_of_machine_and_program_are_transient() {
         for code in FailureCode::ALL {
-            let transient = ["internal-error", "attempts-exhausted", "insufficient-storage", "machine-fault"];
+            let transient = [
+                "internal-error",
+                "attempts-exhausted",
+                "insufficient-storage",
+                "machine-fault",
+                "out-of-memory",
+            ];
             assert_eq!(code.is_transient(), transient.contains(&code.name()), "{}", code.name());
+        }
+    }
+
+    #[test]
+    fn refused_memory_has_a_code_and_a_figure() {
+        for failure in [
+            Failure::from(PackError::OutOfMemory { bytes: 7_000_000 }),
+            Failure::from(ExportError::OutOfMemory { bytes: 7_000_000 }),
+        ] {
+            assert_eq!(
+                (failure.code, failure.facts.needed_bytes),
+                (FailureCode::OutOfMemory, Some(7_000_000))
+            );
+            assert!(failure.detail.contains("7 MB"), "{}", failure.detail);
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! `axum::serve` waits for slow heads forever and for open event streams at the end; this loop gives a head ten seconds,
 //! bounds the number of connections, in all and of one client, and after the signal to stop lets requests finish until a
-//! deadline. Connections beyond the bound are answered with 503. Each request carries the address of its client.
+//! deadline. Connections beyond a bound are answered with 503, but for those of probes. Each request carries the address of its client.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
@@ -10,19 +10,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
+use axum::body::{Body, to_bytes};
 use axum::extract::ConnectInfo;
-use hyper::Request;
 use hyper::body::Incoming;
+use hyper::header::{CONTENT_TYPE, HeaderValue, RETRY_AFTER};
 use hyper::server::conn::http1;
 use hyper::service::{Service as _, service_fn};
+use hyper::{Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+
+use crate::http::{OPEN_ROUTES, PROBLEM_JSON};
 
 /// Time that the head of a request may take, and that an idle connection is kept.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
@@ -32,15 +35,18 @@ const DRAIN: Duration = Duration::from_secs(5);
 const REFUSALS: usize = 16;
 /// Time that such a connection may take.
 const REFUSAL_TIMEOUT: Duration = Duration::from_secs(2);
+/// Most bytes of a refused request's body that are read.
+const REFUSED_BODY_BYTES: usize = 1 << 16;
 /// Pause after the system refused a connection, for want of file descriptors for example.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 
-/// Serves until `shutdown`, then drains; returns when all connections are closed.
+/// Serves until `shutdown`, then drains; returns when all connections are closed. `connections` has a permit for each that
+/// may be open, of which one address may hold `max_per_client`.
 pub(crate) async fn serve(
     listener: TcpListener,
     router: Router,
     connections: Arc<Semaphore>,
-    max_connections: usize,
+    max_per_client: usize,
     shutdown: CancellationToken,
 ) {
     let tracker = TaskTracker::new();
@@ -60,14 +66,15 @@ pub(crate) async fn serve(
                 continue;
             }
         };
-        let admitted = counts.admit(peer.ip(), share_of(peer.ip(), max_connections));
+        let admitted = counts.admit(peer.ip(), max_per_client);
         let permit =
             admitted.and_then(|place| Some((place, Arc::clone(&connections).try_acquire_owned().ok()?)));
         let Some(permit) = permit else {
             // Beyond the bound of refusals, connections are closed without a word.
             if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
+                let router = router.clone();
                 tracker.spawn(async move {
-                    let _ = timeout(REFUSAL_TIMEOUT, refuse(stream)).await;
+                    refuse(stream, peer, router).await;
                     drop(turn);
                 });
             }
@@ -123,27 +130,42 @@ impl Drop for Admitted {
     }
 }
 
-/// How many of the connections one address may have: half of them; from this machine all, for a reverse proxy brings all
-/// its clients from there.
-fn share_of(peer: IpAddr, max_connections: usize) -> usize {
-    if peer.is_loopback() { max_connections } else { max_connections.div_ceil(2) }
+/// Serves one request of a connection for which there is no place: probes are answered as ever, so that a client that
+/// takes all its connections does not make the service look dead; all else is answered with `503`.
+async fn refuse(stream: TcpStream, client: SocketAddr, router: Router) {
+    let _ = stream.set_nodelay(true);
+    let router = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        let router = router.clone();
+        async move {
+            if OPEN_ROUTES.contains(&request.uri().path()) {
+                request.extensions_mut().insert(ConnectInfo(client));
+                return router.call(request).await;
+            }
+            // Closed with bytes unread, the connection would be reset, and the answer lost with it.
+            let body = to_bytes(Body::new(request.into_body()), REFUSED_BODY_BYTES);
+            let _ = timeout(REFUSAL_TIMEOUT / 2, body).await;
+            Ok(busy())
+        }
+    });
+    let served = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(REFUSAL_TIMEOUT)
+        .keep_alive(false)
+        .serve_connection(TokioIo::new(stream), service);
+    // Clients hang up all the time.
+    let _ = timeout(REFUSAL_TIMEOUT, served).await;
 }
 
-/// Answers `503` to a connection for which there is no place, whatever it asks.
-async fn refuse(mut stream: TcpStream) -> std::io::Result<()> {
-    const BODY: &str = r#"{"type":"/problems/busy","title":"Busy","status":503,"detail":"as many connections are open as may be"}"#;
-    let head = format!(
-        "HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\ncontent-length: {}\r\n\
-         retry-after: 5\r\nconnection: close\r\n\r\n",
-        BODY.len()
-    );
-    stream.write_all(head.as_bytes()).await?;
-    stream.write_all(BODY.as_bytes()).await?;
-    stream.shutdown().await?;
-    // Closed with bytes unread, the connection would be reset, and the answer lost with it.
-    let mut rest = [0; 4096];
-    while stream.read(&mut rest).await? > 0 {}
-    Ok(())
+/// The answer for which no place is needed.
+fn busy() -> Response<Body> {
+    const BODY: &str = r#"{"type":"/problems/busy","title":"Busy","status":503,"detail":"as many connections are open as may be, in all or of this address"}"#;
+    let mut response = Response::new(Body::from(BODY));
+    *response.status_mut() = StatusCode::SERVICE_UNAVAILABLE;
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+    headers.insert(RETRY_AFTER, HeaderValue::from_static("5"));
+    response
 }
 
 async fn connection(
@@ -189,7 +211,7 @@ mod tests {
     fn a_client_gets_its_share_and_no_more() {
         let counts = Counts::default();
         let peer = IpAddr::from([192, 0, 2, 1]);
-        let most = share_of(peer, 4);
+        let most = 2;
         let first = counts.admit(peer, most);
         let second = counts.admit(peer, most);
         assert!(first.is_some() && second.is_some() && counts.admit(peer, most).is_none());
@@ -198,6 +220,5 @@ mod tests {
         assert!(counts.admit(peer, most).is_some());
         drop(first);
         assert!(counts.0.lock().is_ok_and(|counts| counts.is_empty()));
-        assert_eq!(share_of(IpAddr::from([127, 0, 0, 1]), 4), 4);
     }
 }

@@ -1,4 +1,5 @@
-//! Memory of the machine, or of the control group that this process runs in, whichever is less.
+//! Memory of the machine, of the control group that this process runs in, or of its own address space (`ulimit -v`),
+//! whichever is least.
 //!
 //! Containers limit memory by Linux control groups: version 2 writes the limit to `memory.max`, version 1 to
 //! `memory.limit_in_bytes`, each for a group and all groups above it
@@ -6,9 +7,12 @@
 
 use std::path::{Path, PathBuf};
 
+use rustix::process::{Resource, getrlimit};
+
 /// Bytes of memory that this process may use; `None` where the system does not say.
 pub(crate) fn total_bytes() -> Option<u64> {
-    total_bytes_by(&|path| std::fs::read_to_string(path).ok())
+    let address_space = getrlimit(Resource::As).current;
+    total_bytes_by(&|path| std::fs::read_to_string(path).ok()).into_iter().chain(address_space).min()
 }
 
 /// The same with the files as `read` gives them.

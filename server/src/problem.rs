@@ -97,6 +97,8 @@ kinds! {
         "The disk of the server, or a quota, has no space for what this needs; `detail` has the figures. Delete jobs, studies or exports, or ask again after `Retry-After`."
     MachineFault "machine-fault" 503 "A fault of the machine"
         "The file system, the database or another resource of the machine failed. Jobs wait and are tried again; repeat the request after `Retry-After`."
+    OutOfMemory "out-of-memory" 503 "Out of memory"
+        "The end of a job or of an export: the system refused memory that it needs, in each of six attempts. Take fewer grains or a coarser export, give the server more memory, or lower `--workers`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     ResultDamaged "result-damaged" 410 "The stored result is damaged"
@@ -315,6 +317,7 @@ impl From<FailureCode> for Kind {
             FailureCode::InsufficientStorage => Self::InsufficientStorage,
             FailureCode::ResultDamaged => Self::ResultDamaged,
             FailureCode::MachineFault => Self::MachineFault,
+            FailureCode::OutOfMemory => Self::OutOfMemory,
             FailureCode::InternalError => Self::InternalError,
         }
     }
@@ -327,7 +330,7 @@ impl From<Failure> for Problem {
         if let Ok(Value::Object(facts)) = serde_json::to_value(&failure.facts) {
             problem.members.extend(facts);
         }
-        if matches!(problem.kind, Kind::InsufficientStorage | Kind::MachineFault) {
+        if matches!(problem.kind, Kind::InsufficientStorage | Kind::MachineFault | Kind::OutOfMemory) {
             problem.headers.push(("retry-after", "30".into()));
         }
         problem

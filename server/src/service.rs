@@ -113,8 +113,8 @@ impl Service {
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
-        let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes);
         let store = Store::open(&database, limits).await?;
+        let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
             for (job, path) in artifacts.results().map_err(data_dir)? {
@@ -179,7 +179,8 @@ impl Service {
                 Instant::now()
             }
         });
-        http_server::serve(listener, router, connections, options.max_connections, shutdown.clone()).await;
+        let per_client = options.max_connections_per_client();
+        http_server::serve(listener, router, connections, per_client, shutdown.clone()).await;
         // The listener may end on its own only by a bug; the workers must not outlive it.
         shutdown.cancel();
         let stopped = stopped.await.unwrap_or_else(|_| Instant::now());
@@ -214,6 +215,7 @@ async fn work(runner: Runner, options: ServeOptions) {
     let export_worker = ExportWorker {
         store: runner.store.clone(),
         artifacts: runner.artifacts.clone(),
+        disk: runner.disk.clone(),
         storage: runner.storage.clone(),
         limits: runner.limits,
         metrics: Arc::clone(&runner.metrics),

@@ -1,9 +1,9 @@
 //! A connection below HTTP: for clients that stop in the middle, lie or dawdle.
 
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
+use tokio::net::{TcpSocket, TcpStream};
 
 use super::deadline::patiently;
 
@@ -13,6 +13,13 @@ pub(crate) struct RawConnection(TcpStream);
 impl RawConnection {
     pub(crate) async fn open(address: SocketAddr) -> Self {
         Self(patiently("a connection", TcpStream::connect(address)).await.expect("a connection"))
+    }
+
+    /// One from another address of this machine, as another client would have.
+    pub(crate) async fn open_from(source: Ipv4Addr, address: SocketAddr) -> Self {
+        let socket = TcpSocket::new_v4().expect("a socket");
+        socket.bind((source, 0).into()).expect("an address of this machine");
+        Self(patiently("a connection", socket.connect(address)).await.expect("a connection"))
     }
 
     /// Sends these bytes; a server that has closed already is no fault of the sender's.

@@ -10,7 +10,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use rustix::process::{
-    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
+    Pid, PidfdFlags, Resource, Rlimit, Signal, WaitId, WaitIdOptions, getrlimit, pidfd_open,
+    pidfd_send_signal, prlimit, waitid,
 };
 use tokio::sync::{mpsc, watch};
 
@@ -268,6 +269,21 @@ impl Server {
         self.peak_bytes()
     }
 
+    /// Lets the server open no file and accept no connection beside those that are open, until what is returned is dropped.
+    pub(crate) fn without_descriptors(&self) -> NoDescriptors {
+        let pid = Pid::from_child(&self.child);
+        // The server has the hard limit of this process, and raises its soft one only.
+        let none = Rlimit { current: Some(0), ..getrlimit(Resource::Nofile) };
+        let before = prlimit(Some(pid), Resource::Nofile, none).expect("a process of this user");
+        NoDescriptors { pid, before }
+    }
+
+    /// Lets the server have so many bytes of address space more than now.
+    pub(crate) fn limit_address_space(&self, more: u64) {
+        let most = Rlimit { current: Some(self.memory("VmSize:") + more), ..getrlimit(Resource::As) };
+        prlimit(Some(Pid::from_child(&self.child)), Resource::As, most).expect("a process of this user");
+    }
+
     fn memory(&self, name: &str) -> u64 {
         let path = format!("/proc/{}/status", self.child.id());
         let status = std::fs::read_to_string(path).expect("a running process");
@@ -283,6 +299,19 @@ impl Server {
     async fn wait(&mut self) -> ExitStatus {
         self.exited.wait_for(|exited| *exited).await.expect("the thread that watches the process");
         self.child.wait().expect("the status of the process")
+    }
+}
+
+/// A server that may open no file; dropped, it may again.
+pub(crate) struct NoDescriptors {
+    pid: Pid,
+    before: Rlimit,
+}
+
+impl Drop for NoDescriptors {
+    fn drop(&mut self) {
+        // A server that has ended has no limits.
+        let _ = prlimit(Some(self.pid), Resource::Nofile, self.before);
     }
 }
 

@@ -36,6 +36,7 @@ use nalgebra::Vector3;
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::cpu::Cpu;
+use crate::memory::OutOfMemory;
 use crate::packing::{CheckReport, ClassReport, Spheres};
 use crate::request::PackingRequest;
 use required::Required;
@@ -89,9 +90,21 @@ pub enum Fault {
     /// The control asked to stop; nothing is said of the packing.
     #[error("the check was stopped on request")]
     Stopped,
+    /// The system refused memory that the check needs; nothing is said of the packing.
+    #[error("out of memory: the check needs {} MB more", .bytes.div_ceil(1_000_000))]
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
     /// The grains are not those of the mix.
     #[error("the grains are not those of the mix: {0}")]
     Grading(String),
+}
+
+impl From<OutOfMemory> for Fault {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
 }
 
 /// Checks a packing against its request.
@@ -184,7 +197,7 @@ fn check_pairs(spheres: &Spheres, required: &Required, control: &dyn Control) ->
             period.is_some(),
             #[inline(always)]
             |d_i, d_j| required.gap_mm(d_i, d_j) + look,
-        );
+        )?;
         let mut nearest = (f64::INFINITY, f64::INFINITY);
         let mut fault = None;
         let go_on = |done: usize| {

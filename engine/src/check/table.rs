@@ -4,6 +4,7 @@
 //! looks for partners in its own octave and in the finer ones: coarse grains are few, and meet the
 //! fine ones around them in long runs, for grains lie in memory in the order of their cells.
 
+use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
 /// Grains between two looks at whether to go on: about a millisecond.
@@ -42,22 +43,35 @@ pub(crate) struct Table<G> {
 impl<G: Fn(f64, f64) -> f64> Table<G> {
     /// Sorts the grains. `reach_beyond(d_i, d_j)` is the clear distance up to which a pair is seen;
     /// it must not fall with either diameter.
-    pub(crate) fn build(spheres: &Spheres, bounds: [f64; 3], periodic: bool, reach_beyond: G) -> Self {
+    pub(crate) fn build(
+        spheres: &Spheres,
+        bounds: [f64; 3],
+        periodic: bool,
+        reach_beyond: G,
+    ) -> Result<Self, OutOfMemory> {
         let largest = spheres.d_mm.iter().copied().fold(0.0, f64::max);
-        let mut rows_of: Vec<Vec<u32>> = Vec::new();
-        for (row, &d) in spheres.d_mm.iter().enumerate() {
-            let octave = (largest / d).log2() as usize;
-            if rows_of.len() <= octave {
-                rows_of.resize_with(octave + 1, Vec::new);
+        let octave_of = |d: f64| (largest / d).log2() as usize;
+        let mut grains_of: Vec<usize> = Vec::new();
+        for &d in &spheres.d_mm {
+            let octave = octave_of(d);
+            if grains_of.len() <= octave {
+                grains_of.resize(octave + 1, 0);
             }
-            rows_of[octave].push(row as u32);
+            grains_of[octave] += 1;
+        }
+        let mut rows_of: Vec<Vec<u32>> = Vec::new();
+        for &grains in &grains_of {
+            rows_of.push(reserved(grains)?);
+        }
+        for (row, &d) in spheres.d_mm.iter().enumerate() {
+            rows_of[octave_of(d)].push(row as u32);
         }
         let octaves = rows_of
             .into_iter()
             .filter(|rows| !rows.is_empty())
             .map(|rows| Octave::build(spheres, &rows, bounds, &reach_beyond))
-            .collect();
-        Self { octaves, periodic, reach_beyond }
+            .collect::<Result<_, _>>()?;
+        Ok(Self { octaves, periodic, reach_beyond })
     }
 
     /// Calls `visit(row_i, row_j, grain_i, grain_j)` once for every pair in reach, and for some
@@ -112,7 +126,7 @@ impl Octave {
         rows: &[u32],
         bounds: [f64; 3],
         reach_beyond: &impl Fn(f64, f64) -> f64,
-    ) -> Self {
+    ) -> Result<Self, OutOfMemory> {
         let top = rows.iter().map(|&row| spheres.d_mm[row as usize]).fold(0.0, f64::max);
         // Few grains in much space need few cells.
         let volume: f64 = bounds.iter().product();
@@ -122,24 +136,22 @@ impl Octave {
         let width = std::array::from_fn(|a| bounds[a] / counts[a] as f64);
         let mut octave =
             Self { top, counts, per_mm, width, starts: Vec::new(), grains: Vec::new(), rows: Vec::new() };
-        let cells: Vec<u32> = rows
-            .iter()
-            .map(|&row| {
-                let center = spheres.center(row as usize);
-                let [x, y, z] = std::array::from_fn(|a| octave.index(a, center[a]));
-                octave.cell(x, y, z) as u32
-            })
-            .collect();
-        let mut starts = vec![0_u32; counts.iter().product::<usize>() + 1];
+        let cell_of = |row: &u32| {
+            let center = spheres.center(*row as usize);
+            let [x, y, z] = std::array::from_fn(|a| octave.index(a, center[a]));
+            octave.cell(x, y, z) as u32
+        };
+        let cells = collected(rows.iter().map(cell_of))?;
+        let mut starts = filled(counts.iter().product::<usize>() + 1, 0_u32)?;
         for &cell in &cells {
             starts[cell as usize + 1] += 1;
         }
         for i in 1..starts.len() {
             starts[i] += starts[i - 1];
         }
-        let mut next = starts.clone();
-        octave.grains = vec![Grain { center: [0.0; 3], diameter: 0.0 }; rows.len()];
-        octave.rows = vec![0; rows.len()];
+        let mut next = copied(&starts)?;
+        octave.grains = filled(rows.len(), Grain { center: [0.0; 3], diameter: 0.0 })?;
+        octave.rows = filled(rows.len(), 0)?;
         for (&row, &cell) in rows.iter().zip(&cells) {
             let at = next[cell as usize] as usize;
             next[cell as usize] += 1;
@@ -148,7 +160,7 @@ impl Octave {
             octave.rows[at] = row;
         }
         octave.starts = starts;
-        octave
+        Ok(octave)
     }
 
     #[inline(always)]

@@ -15,6 +15,7 @@ use std::io;
 use thiserror::Error;
 
 use crate::control::Control;
+use crate::memory::OutOfMemory;
 use crate::packing::Spheres;
 use crate::request::{FieldError, Specimen};
 
@@ -50,9 +51,21 @@ pub enum ExportError {
     /// It was told to stop.
     #[error("stopped")]
     Stopped,
+    /// The system refused memory that the export needs.
+    #[error("out of memory: the export needs {} MB more", .bytes.div_ceil(1_000_000))]
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
     /// What was made could not be written.
     #[error("{0}")]
     Write(#[from] io::Error),
+}
+
+impl From<OutOfMemory> for ExportError {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
 }
 
 fn listed(faults: &[FieldError]) -> String {

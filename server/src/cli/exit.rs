@@ -91,6 +91,7 @@ impl Exit {
             }
             ExportError::CheckFailed(_) => Self::CheckFailed,
             ExportError::Stopped => Self::Interrupted,
+            ExportError::OutOfMemory { .. } => Self::Machine,
             ExportError::Write(error) => Self::of_io(error),
         }
     }

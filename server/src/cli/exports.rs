@@ -7,16 +7,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use packstone_engine::export::picture::{self, PictureOptions};
-use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model};
-use packstone_engine::{Control, FieldError, Limits, Progress};
+use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, ExportType, Model};
+use packstone_engine::request::Specimen;
+use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
 
 use super::bar::Bar;
 use super::exit::{Exit, Failure, cannot_be};
 use super::outputs::{Names, beside, write_whole};
 use super::print;
 
-/// Files of this length are announced before they are made.
-const LARGE_BYTES: u64 = 100_000_000;
+/// The size of a file of this length is announced before the file is made.
+const LARGE_BYTES: u64 = 50_000_000;
 /// Name of the picture of a packing.
 pub(super) const PICTURE: &str = "result.png";
 
@@ -72,16 +73,17 @@ impl Output {
     }
 
     /// Judges what can be judged before there are grains.
-    pub(super) fn check(
-        &self,
-        specimen: &packstone_engine::request::Specimen,
-        limits: &Limits,
-    ) -> Result<(), Failure> {
-        let name = self.export.export_type().name();
-        self.export.check(specimen, limits).map_err(|error| {
-            Exit::of_export(&error).because(format_args!("{name} is refused:\n  {}", explained(error)))
-        })
+    pub(super) fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
+        check(&self.export, specimen, limits)
     }
+}
+
+/// Judges what can be judged of an export before there are grains.
+pub(super) fn check(export: &ExportRequest, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
+    let name = export.export_type().name();
+    export.check(specimen, limits).map_err(|error| {
+        Exit::of_export(&error).because(format_args!("{name} is refused:\n  {}", explained(error)))
+    })
 }
 
 /// Makes each of these in a folder that exists, and prints the names of its files.
@@ -92,7 +94,10 @@ pub(super) fn write_all(
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
     for output in outputs {
-        announce(output, model);
+        // An export that cannot be estimated cannot be made either; `write` gives the reason.
+        if let Ok(estimate) = output.export.estimate(model) {
+            announce(&output.file.display().to_string(), &estimate);
+        }
         let watch = Watch { bar: Bar::new(), what: output.export.export_type().name(), stop };
         let written = write(&output.export, model, limits, &watch, &output.file);
         watch.bar.finish();
@@ -107,15 +112,24 @@ pub(super) fn write_all(
     Ok(())
 }
 
-/// Says how long a large file will be before it is made, and what is likely to go wrong with it.
-fn announce(output: &Output, model: &Model<'_>) {
-    // An export that cannot be estimated cannot be made either, and that says why.
-    let Ok(estimate) = output.export.estimate(model) else { return };
+/// Prints the sizes of large files from the plan of their packing, before the packing is computed.
+pub(super) fn announce_planned(outputs: &[Output], request: &PackingRequest, plan: &Plan) {
+    for output in outputs {
+        if let Ok(estimate) = output.export.estimate_from_plan(request, plan) {
+            announce(&output.file.display().to_string(), &estimate);
+        }
+    }
+}
+
+/// Prints the size of a large file before it is made, and warnings.
+pub(super) fn announce(name: &str, estimate: &ExportEstimate) {
     for warning in &estimate.warnings {
-        eprintln!("warning: {}: {warning}", output.file.display());
+        eprintln!("warning: {name}: {warning}");
     }
     if estimate.bytes >= LARGE_BYTES {
-        eprintln!("{}: about {} MB", output.file.display(), estimate.bytes / 1_000_000);
+        let triangles =
+            estimate.mesh.map(|mesh| format!(", {} triangles", mesh.triangles)).unwrap_or_default();
+        eprintln!("{name}: about {} MB{triangles}", estimate.bytes / 1_000_000);
     }
 }
 

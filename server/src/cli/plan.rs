@@ -1,13 +1,16 @@
-//! `packstone plan`: what a job amounts to, as `POST /v1/plans` says it.
+//! `packstone plan`: what a job amounts to, with the sizes of its exports, as `POST /v1/plans` says it.
 
 use std::path::PathBuf;
 
 use clap::Args;
+use packstone_engine::export::ExportRequest;
 use packstone_engine::{Limits, Plan};
 
 use super::exit::Failure;
+use super::exports;
 use super::run::{read_job, refused, stated_limits};
 use super::{print, run};
+use crate::exports::estimates::{JobPlan, PlannedExport, planned};
 use crate::jobs::request;
 
 /// Options of `packstone plan`.
@@ -15,6 +18,10 @@ use crate::jobs::request;
 pub(super) struct Options {
     /// The job as JSON, as it would be submitted; `-` reads standard input
     job: PathBuf,
+    /// Exports to estimate beside those that the job names: mesh, voxels, slice or ldpm, with options, as
+    /// `voxels:format=raw,cells=200`
+    #[arg(value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
+    exports: Vec<ExportRequest>,
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
@@ -26,6 +33,14 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let limits = stated_limits(options.max_grains);
     let plan = Plan::new(&packing, &limits).map_err(|error| refused(&options.job, &error))?;
     run::warn(&plan.warnings);
-    let plan = plan.with_proposal(&packing);
+    let named: Vec<&ExportRequest> = job.exports().chain(&options.exports).collect();
+    for export in &named {
+        exports::check(export, &job.specimen, &limits)?;
+    }
+    let planned = planned(named, &packing, &plan);
+    for PlannedExport { export, estimate } in &planned {
+        exports::announce(&format!("{} {}", export.export_type().name(), export.format()), estimate);
+    }
+    let plan = JobPlan { plan: plan.with_proposal(&packing), exports: planned };
     print(&format!("{}\n", serde_json::to_string_pretty(&plan)?))
 }

@@ -4,6 +4,7 @@
 //! beforehand in a job, asks the store; [`export_worker`] makes what waits there, each thing once. What was asked for by a
 //! format only is a cache. What is made, and how, is the engine's secret; nothing here knows HTTP.
 
+pub(crate) mod estimates;
 pub(crate) mod worker;
 
 use packstone_engine::export::{ExportRequest, ExportType, REVISION};

@@ -9,23 +9,24 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use packstone_engine::Limits;
+use packstone_engine::export::tables::{self, SphereSource as _};
 use packstone_engine::export::{ExportError, ExportRequest, Model};
 use packstone_engine::request::Specimen;
-use packstone_engine::{Limits, export::tables};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
 use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
-use crate::disk::is_passing;
-use crate::failure::{Failure, FailureCode};
+use crate::disk::{Disk, is_passing};
+use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::jobs::control::{RunControl, Stop};
-use crate::jobs::runner::as_recorded;
+use crate::jobs::runner::{MEMORY_FAULTS, as_recorded};
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::pace::Pace;
-use crate::storage::{Bound, NoRoom, Storage};
+use crate::storage::{Bound, NoRoom, Storage, fits};
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -39,6 +40,7 @@ const SPHERE_BYTES: u64 = 32;
 pub(crate) struct ExportWorker {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
+    pub(crate) disk: Disk,
     pub(crate) storage: Storage,
     pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
@@ -156,7 +158,7 @@ impl ExportWorker {
     fn make(&self, claimed: &ClaimedExport, room: (u64, Bound), control: &RunControl) -> End {
         match self.try_make(claimed, room, control) {
             Ok(end) => end,
-            Err(failure) => control.stopped().map_or_else(|| failure.into(), End::Stopped),
+            Err(failure) => control.stopped().map_or_else(|| failure.end(claimed.faults), End::Stopped),
         }
     }
 
@@ -182,20 +184,32 @@ impl ExportWorker {
             .map_err(|error| if is_passing(&error) { NotMade::fault(&error) } else { unreadable(&error) })?;
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
-        let spheres = tables::load(&stored).map_err(|error| unreadable(&error))?;
+        let spheres = tables::load(&stored).map_err(|error| match error.kind() {
+            io::ErrorKind::OutOfMemory => {
+                failed(ExportError::OutOfMemory { bytes: SPHERE_BYTES * stored.len() as u64 })
+            }
+            _ if is_passing(&error) => NotMade::fault(&error),
+            _ => unreadable(&error),
+        })?;
         drop(stored);
         let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
         let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.limits };
-        let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
         let model = Model { specimen: &specimen, spheres: &spheres };
+        if let Ok(estimate) = export.estimate(&model) {
+            fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
+        }
+        let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
         let written = self
             .artifacts
             .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))
             .map_err(|error| match error {
                 ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
-                    let no_room = NoRoom { needed: left.saturating_add(1), left, bound };
-                    NotMade::Lasting(Failure::new(FailureCode::InsufficientStorage, no_room.to_string()))
+                    no_room_left(&NoRoom { needed: left.saturating_add(1), left, bound })
+                }
+                ExportError::Write(error) => {
+                    self.disk.note_failure(&error);
+                    NotMade::fault(&error)
                 }
                 other => failed(other),
             })?;
@@ -271,6 +285,8 @@ enum NotMade {
     Lasting(Failure),
     /// By a fault of the machine.
     Fault,
+    /// By memory that the system refused.
+    NoMemory(Failure),
 }
 
 impl NotMade {
@@ -278,15 +294,30 @@ impl NotMade {
         tracing::warn!(%error, "a file could not be read or written");
         Self::Fault
     }
-}
 
-impl From<NotMade> for End {
-    fn from(failure: NotMade) -> Self {
-        match failure {
-            NotMade::Lasting(failure) => Self::Failed(failure),
-            NotMade::Fault => Self::Faulted,
+    /// How an export ends that was not made, and has met so many faults of the machine before. Another run may have
+    /// taken the memory; an export that never finds any fails.
+    fn end(self, faults: i64) -> End {
+        match self {
+            Self::Lasting(failure) => End::Failed(failure),
+            Self::NoMemory(failure) if faults >= MEMORY_FAULTS => End::Failed(failure),
+            Self::NoMemory(failure) => {
+                tracing::warn!(error = failure.detail, "the export found no memory");
+                End::Faulted
+            }
+            Self::Fault => End::Faulted,
         }
     }
+}
+
+fn no_room_left(no_room: &NoRoom) -> NotMade {
+    let figures = FailureFacts {
+        needed_bytes: Some(no_room.needed),
+        free_bytes: Some(no_room.left),
+        ..FailureFacts::default()
+    };
+    let failure = Failure::new(FailureCode::InsufficientStorage, no_room.to_string()).with_facts(figures);
+    NotMade::Lasting(failure)
 }
 
 fn failed(error: ExportError) -> NotMade {
@@ -296,6 +327,22 @@ fn failed(error: ExportError) -> NotMade {
             tracing::error!(%what, "what was made failed its check");
             NotMade::Lasting(ExportError::CheckFailed(what).into())
         }
+        error @ ExportError::OutOfMemory { .. } => NotMade::NoMemory(error.into()),
         other => NotMade::Lasting(other.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_export_that_never_finds_memory_fails() {
+        let refused = || failed(ExportError::OutOfMemory { bytes: 1 << 40 });
+        assert!(matches!(refused().end(MEMORY_FAULTS - 1), End::Faulted));
+        let End::Failed(failure) = refused().end(MEMORY_FAULTS) else { panic!("it goes on for ever") };
+        assert_eq!(failure.code, FailureCode::OutOfMemory);
+        let full = failed(ExportError::Write(io::ErrorKind::StorageFull.into()));
+        assert!(matches!(full.end(100), End::Faulted));
     }
 }

@@ -31,4 +31,6 @@ mod waiting;
 
 pub(crate) use app::App;
 pub(crate) use contract::yaml;
+pub(crate) use observe::OPEN_ROUTES;
+pub(crate) use problems::PROBLEM_JSON;
 pub(crate) use router::router;

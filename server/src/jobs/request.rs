@@ -158,6 +158,11 @@ impl JobRequest {
         Ok(())
     }
 
+    /// The exports that `postprocess` names, in its order.
+    pub(crate) fn exports(&self) -> impl Iterator<Item = &ExportRequest> {
+        self.postprocess.items().into_iter().map(|(_, export)| export)
+    }
+
     /// `expires_at` in microseconds since the Unix epoch.
     pub(crate) fn expires_at_us(&self) -> Option<i64> {
         self.expires_at.as_deref().and_then(time_us)

@@ -41,8 +41,8 @@ const END_TRIES_AT_STOP: u32 = 3;
 /// Pauses before a result is written once more that a fault of the machine kept from the disk; it stays in memory.
 const WRITE_PAUSES: [Duration; 4] =
     [Duration::from_secs(1), Duration::from_secs(2), Duration::from_secs(4), Duration::from_secs(8)];
-/// How often a job is requeued that finds no memory.
-const MEMORY_FAULTS: i64 = 5;
+/// How often a job or an export is requeued that finds no memory.
+pub(crate) const MEMORY_FAULTS: i64 = 5;
 /// Time for a last checkpoint after the server was asked to stop.
 const LAST_CHECKPOINT: Duration = Duration::from_secs(5);
 
@@ -307,6 +307,7 @@ impl Runner {
                 Ok(artifact) => return Some(artifact),
                 Err(error) => error,
             };
+            self.disk.note_failure(&error);
             let pause = pauses.next().filter(|_| control.stopped().is_none())?;
             tracing::warn!(%error, pause_s = pause.as_secs(), "the result was not written; trying again");
             let until = std::time::Instant::now() + *pause;

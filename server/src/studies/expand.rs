@@ -108,11 +108,11 @@ fn read_point(
     conditions: &Conditions<'_>,
 ) -> Result<Point, Failure> {
     let job = JobRequest::read(job, seeds.replicate(0), conditions.now).map_err(Failure::invalid)?;
-    Plan::new(&job.packing(), conditions.limits)?;
+    let plan = Plan::new(&job.packing(), conditions.limits)?;
     job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();
-    Ok(Point { values, job, seeds })
+    Ok(Point { values, job, seeds, warnings: plan.warnings })
 }
 
 /// The axes of a template.

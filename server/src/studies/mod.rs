@@ -68,6 +68,8 @@ pub(crate) struct Point {
     pub(crate) job: JobRequest,
     /// Seeds of its jobs, one per replicate.
     pub(crate) seeds: Vec<u64>,
+    /// Warnings of the plan, which its jobs have in common.
+    pub(crate) warnings: Vec<String>,
 }
 
 impl Point {

@@ -10,6 +10,7 @@ use super::topology::{self, NONE, Topology, has_first};
 use super::work::Work;
 use crate::export::ExportError;
 use crate::geometry::delaunay::inside_circumsphere;
+use crate::memory::filled;
 
 /// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
 /// nodes.
@@ -66,8 +67,8 @@ pub(super) fn check(
     topology: &Topology,
     work: &Work<'_>,
 ) -> Result<Checked, ExportError> {
-    let mut cells = vec![Cell::default(); nodes.len()];
-    let mut closures = vec![Closure::default(); nodes.len()];
+    let mut cells = filled(nodes.len(), Cell::default())?;
+    let mut closures = filled(nodes.len(), Closure::default())?;
     let mut checks = Checks { edge_share_min: f64::INFINITY, ..Checks::default() };
     let mut sums = Sums::default();
     for (t, &tet) in tets.iter().enumerate() {

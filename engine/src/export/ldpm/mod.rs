@@ -36,6 +36,7 @@ pub use report::{Checks, LatticeReport, NodeReport};
 use crate::control::Control;
 use crate::export::{ExportError, Model};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
+use crate::memory;
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
 use topology::Topology;
@@ -266,7 +267,8 @@ fn check_memory(model: &Model<'_>, options: &LatticeOptions, limits: &Limits) ->
     let grains = model.spheres.len() as f64;
     let bytes = (boundary + grains) * BYTES_PER_NODE;
     if bytes <= limits.max_memory_bytes as f64 {
-        return Ok(());
+        // What comes in small pieces is asked for as one.
+        return Ok(memory::probe(bytes as usize)?);
     }
     let (pointer, advice) =
         if boundary > grains { ("/spacing", "choose a larger spacing") } else { ("", "pack fewer grains") };
@@ -284,6 +286,7 @@ impl From<DelaunayError> for ExportError {
     fn from(error: DelaunayError) -> Self {
         match error {
             DelaunayError::Stopped => ExportError::Stopped,
+            DelaunayError::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
             other => ExportError::Unavailable(other.to_string()),
         }
     }

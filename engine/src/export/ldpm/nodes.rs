@@ -11,6 +11,7 @@ use super::sample;
 use super::surface::{Edge, Face, Mantle, Surface};
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
+use crate::memory::{make_room, reserved};
 use crate::request::Specimen;
 use crate::rng::uniform;
 
@@ -225,7 +226,9 @@ pub(super) fn lay(
     }
     let Layer { mut points, complete, .. } = layer;
     let boundary = points.len();
-    let mut radii_mm = vec![options.surface_radius * d_min; boundary];
+    let mut radii_mm = reserved(boundary + grains.len())?;
+    radii_mm.resize(boundary, options.surface_radius * d_min);
+    make_room(&mut points, grains.len())?;
     points.extend((0..grains.len()).map(|i| grains.center(i)));
     radii_mm.extend(grains.d_mm.iter().map(|d| d / 2.0));
     Ok(Nodes { points_mm: points, radii_mm, boundary, on_vertices, on_edges, complete, d_min_mm: d_min })

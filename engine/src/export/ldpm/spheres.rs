@@ -29,7 +29,7 @@ pub(super) fn check(
     }
     // Far enough to see the next node on the surface, too.
     let beyond = (clear + spacing).max(nodes.d_min_mm);
-    let table = Table::build(&all, model.specimen.bounds_mm(), false, |_, _| beyond);
+    let table = Table::build(&all, model.specimen.bounds_mm(), false, |_, _| beyond)?;
     let mut least_spacing = f64::INFINITY;
     let mut least_clearance = f64::INFINITY;
     let walked = table.for_each_pair(

@@ -3,6 +3,7 @@
 use super::tessellation::FACES;
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
+use crate::memory::{copied, filled, reserved};
 
 /// No neighbour: the face lies on the surface.
 pub(super) const NONE: u32 = u32::MAX;
@@ -46,15 +47,15 @@ impl Topology {
         neighbors: &[[u32; 4]],
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
-        let mut tet_starts = vec![0_u32; nodes + 1];
+        let mut tet_starts = filled(nodes + 1, 0_u32)?;
         for &node in tets.as_flattened() {
             tet_starts[node as usize + 1] += 1;
         }
         for i in 0..nodes {
             tet_starts[i + 1] += tet_starts[i];
         }
-        let mut next = tet_starts.clone();
-        let mut tets_at = vec![0_u32; 4 * tets.len()];
+        let mut next = copied(&tet_starts)?;
+        let mut tets_at = filled(4 * tets.len(), 0_u32)?;
         for (t, tet) in tets.iter().enumerate() {
             for &node in tet {
                 tets_at[next[node as usize] as usize] = t as u32;
@@ -62,14 +63,14 @@ impl Topology {
             }
         }
         drop(next);
-        let mut face_starts = Vec::with_capacity(tets.len());
+        let mut face_starts = reserved(tets.len())?;
         let mut faces = 0;
         for (t, across) in neighbors.iter().enumerate() {
             face_starts.push(faces);
             faces += across.iter().filter(|&&other| has_first(t as u32, other)).count() as u32;
         }
-        let mut edge_starts = vec![0_u32; nodes + 1];
-        let mut edge_ends = Vec::with_capacity(tets.len() * 6 / 5 + nodes);
+        let mut edge_starts = filled(nodes + 1, 0_u32)?;
+        let mut edge_ends = reserved(tets.len() * 6 / 5 + nodes)?;
         let mut rings = Rings::default();
         let mut around: Vec<[u32; 2]> = Vec::new();
         for node in 0..nodes {

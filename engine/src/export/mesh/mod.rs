@@ -28,6 +28,7 @@ use serde::{Deserialize, Serialize};
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
+use crate::memory::{self, make_room, reserved};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
@@ -260,6 +261,8 @@ impl Mesh {
         if estimate.bytes > options.max_bytes.min(limits.max_memory_bytes) {
             return Err(too_large(model, options, Some(estimate), limits));
         }
+        // What comes in small pieces is asked for as one.
+        memory::probe(estimate.triangles.saturating_mul(BYTES_PER_TRIANGLE) as usize)?;
         let mut grains = Grains::new(model, options);
         let typical_mm = surface_mean_mm(model);
         let division = Division {
@@ -270,7 +273,10 @@ impl Mesh {
         let most = (limits.max_memory_bytes / BYTES_PER_TRIANGLE) as usize;
         let shell = Shell::new(model.specimen, spheres, division, most)
             .ok_or_else(|| too_large(model, options, None, limits))?;
-        let mut mesh = Self { shell, points: Vec::new(), triangles: Vec::new(), ends: Vec::new() };
+        // A closed surface has half as many points as triangles.
+        let triangles = estimate.triangles as usize;
+        let (points, triangles) = (reserved(triangles / 2)?, reserved(triangles)?);
+        let mut mesh = Self { shell, points, triangles, ends: reserved(spheres.len())? };
         let mut report = report_of(model, &mesh.shell.surface);
         for row in 0..spheres.len() {
             if row % GRAINS_PER_LOOK == 0 {
@@ -282,6 +288,8 @@ impl Mesh {
                 grains.surface(row, left).ok_or_else(|| too_large(model, options, None, limits))?;
             report.add(&grain, full);
             let center = spheres.center(row);
+            make_room(&mut mesh.points, grain.points.len())?;
+            make_room(&mut mesh.triangles, grain.triangles.len())?;
             mesh.points.extend(grain.points.iter().map(|p| [0, 1, 2].map(|a| center[a] + p[a])));
             mesh.triangles.extend_from_slice(&grain.triangles);
             mesh.ends.push((mesh.points.len(), mesh.triangles.len()));

@@ -13,6 +13,7 @@ use std::io::{self, Write};
 
 use serde::{Deserialize, Serialize};
 
+use crate::memory::filled;
 use crate::packing::{Report, Spheres};
 
 /// Counts the changes of any format's bytes; part of an ETag.
@@ -154,10 +155,10 @@ impl SphereSource for Spheres {
 /// Reads all columns of a result into memory: 32 bytes a sphere.
 ///
 /// # Errors
-/// Those of the source.
+/// Those of the source, and [`io::ErrorKind::OutOfMemory`].
 pub fn load(source: &dyn SphereSource) -> io::Result<Spheres> {
     let column = |column| -> io::Result<Vec<f64>> {
-        let mut values = vec![0.0; source.len()];
+        let mut values = filled(source.len(), 0.0)?;
         source.read(column, 0, &mut values)?;
         Ok(values)
     };

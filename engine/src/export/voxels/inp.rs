@@ -11,6 +11,7 @@ use std::io::{self, Write};
 use super::layers::Layers;
 use super::{Found, Grid, Watch};
 use crate::export::{ExportError, Model};
+use crate::memory::{OutOfMemory, copied, filled};
 
 /// Passes over the layers: matrix, aggregates, interface.
 pub(super) const PASSES: usize = 3;
@@ -59,7 +60,7 @@ pub(super) fn write(
     for (phase, name) in [(MATRIX, "matrix"), (AGGREGATE, "aggregates")] {
         // A set without elements is no set, and a keyword without lines a fault.
         let mut header = Some(format!("*ELEMENT, TYPE=C3D8, ELSET={name}\n"));
-        let mut layers = Phases::new(model, grid);
+        let mut layers = Phases::new(model, grid)?;
         for k in 0..nz {
             let layer = layers.next(k);
             for (j, row) in layer.chunks_exact(nx).enumerate() {
@@ -89,9 +90,9 @@ struct Phases<'a> {
 }
 
 impl<'a> Phases<'a> {
-    fn new(model: &Model<'a>, grid: &'a Grid) -> Self {
-        let layer = vec![MATRIX; grid.shape[0] * grid.shape[1]];
-        Self { grid, layers: Layers::new(model, grid), layer }
+    fn new(model: &Model<'a>, grid: &'a Grid) -> Result<Self, OutOfMemory> {
+        let layer = filled(grid.shape[0] * grid.shape[1], MATRIX)?;
+        Ok(Self { grid, layers: Layers::new(model, grid)?, layer })
     }
 
     /// Layer `k`; they come in rising order.
@@ -274,10 +275,10 @@ fn write_interface(
 ) -> Result<(), ExportError> {
     let [nx, ny, nz] = lattice.grid.shape;
     let mut header = Some("*SURFACE, TYPE=ELEMENT, NAME=itz\n");
-    let mut phases = Phases::new(model, lattice.grid);
-    let mut below = vec![OUTSIDE; nx * ny];
-    let mut layer = phases.next(0).to_vec();
-    let mut above = vec![OUTSIDE; nx * ny];
+    let mut phases = Phases::new(model, lattice.grid)?;
+    let mut below = filled(nx * ny, OUTSIDE)?;
+    let mut layer = copied(phases.next(0))?;
+    let mut above = filled(nx * ny, OUTSIDE)?;
     for k in 0..nz {
         if k + 1 < nz {
             above.copy_from_slice(phases.next(k + 1));

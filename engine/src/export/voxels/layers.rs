@@ -1,6 +1,7 @@
 //! Grains as voxels, layer by layer in z, from the lowest up.
 
 use crate::export::Model;
+use crate::memory::{OutOfMemory, filled, reserved};
 use crate::packing::Spheres;
 
 use super::Grid;
@@ -29,10 +30,14 @@ pub(super) struct Layers<'a> {
 }
 
 impl<'a> Layers<'a> {
-    pub(super) fn new(model: &Model<'a>, grid: &'a Grid) -> Self {
+    /// The bodies of a packing.
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(super) fn new(model: &Model<'a>, grid: &'a Grid) -> Result<Self, OutOfMemory> {
         let spheres = model.spheres;
         let bounds = model.specimen.bounds_mm();
-        let mut waiting = Vec::with_capacity(spheres.len());
+        let mut waiting = reserved(spheres.len())?;
         let shifts: &[i8] = if model.specimen.is_periodic() { &[-1, 0, 1] } else { &[0] };
         for grain in 0..spheres.len() {
             let (center, radius) = (spheres.center(grain), spheres.d_mm[grain] / 2.0);
@@ -51,8 +56,8 @@ impl<'a> Layers<'a> {
         }
         // Stable, so that the order is that of the grains where heights are equal.
         waiting.sort_by(|a, b| b.low.total_cmp(&a.low));
-        let seen = vec![0; spheres.len().div_ceil(64)];
-        Self { spheres, grid, bounds, waiting, active: Vec::new(), seen }
+        let seen = filled(spheres.len().div_ceil(64), 0)?;
+        Ok(Self { spheres, grid, bounds, waiting, active: Vec::new(), seen })
     }
 
     /// Calls `visit` with grain, centre and radius of each body at a height, which must rise from call to call.

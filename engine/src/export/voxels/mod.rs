@@ -25,6 +25,7 @@ pub use options::{
 use self::layers::Layers;
 use crate::control::{Control, Phase, Progress};
 use crate::export::{ExportError, Model, go_on};
+use crate::memory::filled;
 use crate::plan::Limits;
 use crate::request::Specimen;
 
@@ -187,8 +188,8 @@ fn labels_as<const BYTES: usize>(
     outside: [u8; BYTES],
 ) -> Result<Found, ExportError> {
     const MATRIX: u8 = 0;
-    let mut layers = Layers::new(model, grid);
-    let mut layer = vec![[MATRIX; BYTES]; grid.shape[0] * grid.shape[1]];
+    let mut layers = Layers::new(model, grid)?;
+    let mut layer = filled(grid.shape[0] * grid.shape[1], [MATRIX; BYTES])?;
     let mut found = Found { inside: grid.inside_per_layer() * grid.shape[2] as u64, ..Found::default() };
     for k in 0..grid.shape[2] {
         layer.fill([MATRIX; BYTES]);

@@ -5,6 +5,7 @@ use std::io::Write;
 use super::layers::Layers;
 use super::{Found, Grid, Label, VoxelOptions, Watch, labels};
 use crate::export::{ExportError, Model};
+use crate::memory::filled;
 
 /// Bytes of all arrays per voxel.
 pub(super) fn bytes_per_voxel(options: &VoxelOptions) -> u64 {
@@ -69,9 +70,9 @@ fn fractions(
     watch: &Watch<'_>,
     out: &mut dyn Write,
 ) -> Result<f64, ExportError> {
-    let mut layers = Layers::new(model, grid);
-    let mut layer = vec![0.0_f32; grid.shape[0] * grid.shape[1]];
-    let mut bytes = vec![[0; 4]; layer.len()];
+    let mut layers = Layers::new(model, grid)?;
+    let mut layer = filled(grid.shape[0] * grid.shape[1], 0.0_f32)?;
+    let mut bytes = filled(layer.len(), [0; 4])?;
     let mut sum = 0.0;
     for k in 0..grid.shape[2] {
         layer.fill(0.0);

@@ -7,6 +7,7 @@
 use super::predicates::{self, Bounds};
 use super::{DelaunayError, FACES};
 use crate::control::Control;
+use crate::memory::{self, OutOfMemory, collected, filled, reserved};
 
 /// The node at infinity; always the last of its tetrahedron.
 pub(super) const GHOST: u32 = u32::MAX;
@@ -18,6 +19,8 @@ const STRIDE: usize = 1024;
 pub(super) const SHARE: f64 = 0.7;
 /// Slots of tetrahedra a point, with some to spare: in space 6.8 and few ghosts.
 const SLOTS_PER_POINT: usize = 7;
+/// Slots that so many points take between two looks, with some to spare.
+const SLOTS_PER_STRIDE: usize = 16 * STRIDE;
 /// Cavities with no more nodes than this are joined by a table of pairs of nodes.
 const MOST_IN_TABLE: usize = 256;
 
@@ -70,13 +73,14 @@ pub(super) fn build(
     control: &dyn Control,
 ) -> Result<Raw, DelaunayError> {
     lead_with_a_tetrahedron(points_mm, &mut order)?;
-    let points: Vec<[f64; 3]> = order.iter().map(|&number| points_mm[number as usize]).collect();
-    let mut builder = Builder::new(points);
+    let points = collected(order.iter().map(|&number| points_mm[number as usize]))?;
+    let mut builder = Builder::new(points)?;
     let total = builder.points.len();
     for next in 4..total {
         if next % STRIDE == 0 {
             super::go_on(control)?;
             super::report(control, SHARE * next as f64 / total as f64, next, total);
+            builder.make_room()?;
         }
         builder.insert(next as u32).map_err(|refused| match refused {
             Refused::Same(other) => {
@@ -127,10 +131,10 @@ enum Refused {
 
 impl Builder {
     /// The first four points, which are positively oriented, and four ghosts around them.
-    fn new(points: Vec<[f64; 3]>) -> Self {
-        let slots = points.len() * SLOTS_PER_POINT + 16;
-        let mut nodes = Vec::with_capacity(slots);
-        let mut links = Vec::with_capacity(slots);
+    fn new(points: Vec<[f64; 3]>) -> Result<Self, OutOfMemory> {
+        let slots = points.len() * SLOTS_PER_POINT + SLOTS_PER_STRIDE;
+        let mut nodes = reserved(slots)?;
+        let mut links = reserved(slots)?;
         nodes.push([0, 1, 2, 3]);
         links.push([1, 2, 3, 4].map(|ghost| ghost * 4 + 3));
         for face in FACES {
@@ -147,11 +151,11 @@ impl Builder {
             }
             links.push(link);
         }
-        let mut marks = Vec::with_capacity(slots);
+        let mut marks = reserved(slots)?;
         marks.resize(nodes.len(), Mark::Unknown);
-        Builder {
+        Ok(Builder {
             bounds: Bounds::of(&points),
-            joints: Joints::new(points.len()),
+            joints: Joints::new(points.len())?,
             points,
             nodes,
             links,
@@ -160,7 +164,14 @@ impl Builder {
             last: 0,
             cavity: Vec::new(),
             faces: Vec::new(),
-        }
+        })
+    }
+
+    /// Room for the tetrahedra of the points to come before the next look at the control.
+    fn make_room(&mut self) -> Result<(), OutOfMemory> {
+        memory::make_room(&mut self.nodes, SLOTS_PER_STRIDE)?;
+        memory::make_room(&mut self.links, SLOTS_PER_STRIDE)?;
+        memory::make_room(&mut self.marks, SLOTS_PER_STRIDE)
     }
 
     fn insert(&mut self, new: u32) -> Result<(), Refused> {
@@ -310,15 +321,15 @@ struct Joints {
 }
 
 impl Joints {
-    fn new(points: usize) -> Self {
+    fn new(points: usize) -> Result<Self, OutOfMemory> {
         // The last entry is the ghost's.
-        Joints {
-            local: vec![0; points + 1],
+        Ok(Joints {
+            local: filled(points + 1, 0)?,
             base: 1,
             table: Vec::new(),
             locals: Vec::new(),
             edges: Vec::new(),
-        }
+        })
     }
 
     fn join(&mut self, faces: &[Face], slots: &[u32], links: &mut [[u32; 4]]) {

@@ -5,6 +5,7 @@
 use super::build::{self, GHOST, Raw};
 use super::{Delaunay, DelaunayError, NONE};
 use crate::control::Control;
+use crate::memory::{OutOfMemory, copied, filled};
 
 /// Tetrahedra between two looks at the control.
 const STRIDE: usize = 1 << 16;
@@ -17,12 +18,12 @@ pub(super) fn canonical(raw: Raw, control: &dyn Control) -> Result<Delaunay, Del
         super::go_on(control)
     };
     step(0.0)?;
-    let (mut nodes, mut neighbors) = compact(raw);
+    let (mut nodes, mut neighbors) = compact(raw)?;
     for (nodes, neighbors) in nodes.iter_mut().zip(&mut neighbors) {
         sort_nodes(nodes, neighbors);
     }
     step(0.2)?;
-    let mut place = places(&nodes, points);
+    let mut place = places(&nodes, points)?;
     step(0.5)?;
     for link in neighbors.iter_mut().flatten() {
         if *link != NONE {
@@ -44,10 +45,13 @@ pub(super) fn canonical(raw: Raw, control: &dyn Control) -> Result<Delaunay, Del
     Ok(Delaunay { nodes, neighbors })
 }
 
+/// Nodes and neighbours.
+type Tetrahedra = (Vec<[u32; 4]>, Vec<[u32; 4]>);
+
 /// The finite tetrahedra, close together, with numbers for links.
-fn compact(raw: Raw) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
+fn compact(raw: Raw) -> Result<Tetrahedra, OutOfMemory> {
     let Raw { numbers, mut nodes, mut links, finite } = raw;
-    let mut place = vec![NONE; nodes.len()];
+    let mut place = filled(nodes.len(), NONE)?;
     let mut next = 0;
     for (place, nodes) in place.iter_mut().zip(&nodes) {
         if nodes[3] != GHOST {
@@ -66,7 +70,7 @@ fn compact(raw: Raw) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
     links.truncate(finite);
     nodes.shrink_to_fit();
     links.shrink_to_fit();
-    (nodes, links)
+    Ok((nodes, links))
 }
 
 /// Sorts the nodes, but for the last two where that would turn the tetrahedron inside out.
@@ -86,22 +90,22 @@ fn sort_nodes(nodes: &mut [u32; 4], neighbors: &mut [u32; 4]) {
 }
 
 /// Where each tetrahedron comes in the lexicographic order of nodes.
-fn places(nodes: &[[u32; 4]], points: usize) -> Vec<u32> {
-    let mut starts = vec![0_u32; points + 1];
+fn places(nodes: &[[u32; 4]], points: usize) -> Result<Vec<u32>, OutOfMemory> {
+    let mut starts = filled(points + 1, 0_u32)?;
     for nodes in nodes {
         starts[nodes[0] as usize + 1] += 1;
     }
     for node in 0..points {
         starts[node + 1] += starts[node];
     }
-    let mut order = vec![0_u32; nodes.len()];
-    let mut next = starts.clone();
+    let mut order = filled(nodes.len(), 0_u32)?;
+    let mut next = copied(&starts)?;
     for (number, nodes) in nodes.iter().enumerate() {
         let next = &mut next[nodes[0] as usize];
         order[*next as usize] = number as u32;
         *next += 1;
     }
-    let mut place = vec![0_u32; nodes.len()];
+    let mut place = filled(nodes.len(), 0_u32)?;
     let mut bucket: Vec<([u32; 3], u32)> = Vec::new();
     for range in starts.windows(2) {
         bucket.clear();
@@ -114,5 +118,5 @@ fn places(nodes: &[[u32; 4]], points: usize) -> Vec<u32> {
             place[number as usize] = at;
         }
     }
-    place
+    Ok(place)
 }

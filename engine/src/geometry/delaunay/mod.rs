@@ -27,6 +27,7 @@ mod tests;
 use thiserror::Error;
 
 use crate::control::{Control, Phase, Progress};
+use crate::memory::OutOfMemory;
 
 pub use predicates::{inside_circumsphere, orientation};
 
@@ -90,6 +91,18 @@ pub enum DelaunayError {
     /// [`Control::should_stop`] said so.
     #[error("stopped")]
     Stopped,
+    /// The system refused memory.
+    #[error("out of memory: the tetrahedra need {} MB more", .bytes.div_ceil(1_000_000))]
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
+}
+
+impl From<OutOfMemory> for DelaunayError {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
 }
 
 /// Memory that [`delaunay`] takes for so many points at its peak, what it returns included, where they are
@@ -104,7 +117,7 @@ pub fn memory_bytes(points: u64) -> u64 {
 /// [`DelaunayError`].
 pub fn delaunay(points_mm: &[[f64; 3]], control: &dyn Control) -> Result<Delaunay, DelaunayError> {
     check(points_mm)?;
-    let order = order::insertion_order(points_mm);
+    let order = order::insertion_order(points_mm)?;
     go_on(control)?;
     let raw = build::build(points_mm, order, control)?;
     let made = canonical::canonical(raw, control)?;

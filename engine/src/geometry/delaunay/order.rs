@@ -3,6 +3,8 @@
 //!
 //! It decides how long insertion takes, never what comes out.
 
+use crate::memory::{OutOfMemory, collected};
+
 /// Bits of a coordinate on the curve.
 const BITS: u32 = 19;
 /// Every round but the first holds 2^3 - 1 times the points of all before.
@@ -11,7 +13,7 @@ const ROUND_SHIFT: u32 = 3;
 const MOST_ROUNDS: u32 = 1 << (64 - 3 * BITS - 1);
 
 /// The numbers of all points, in the order to insert them.
-pub(super) fn insertion_order(points: &[[f64; 3]]) -> Vec<u32> {
+pub(super) fn insertion_order(points: &[[f64; 3]]) -> Result<Vec<u32>, OutOfMemory> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for point in points {
@@ -25,17 +27,14 @@ pub(super) fn insertion_order(points: &[[f64; 3]]) -> Vec<u32> {
     let cells = f64::from((1_u32 << BITS) - 1);
     let scale = if extent > 0.0 { cells / extent } else { 0.0 };
     let rounds = rounds(points.len());
-    let mut keyed: Vec<(u64, u32)> = points
-        .iter()
-        .enumerate()
-        .map(|(number, point)| {
-            let cell = [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale) as u32);
-            let round = u64::from(round(number as u64, rounds));
-            (round << (3 * BITS) | hilbert(cell), number as u32)
-        })
-        .collect();
+    let key = |(number, point): (usize, &[f64; 3])| {
+        let cell = [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale) as u32);
+        let round = u64::from(round(number as u64, rounds));
+        (round << (3 * BITS) | hilbert(cell), number as u32)
+    };
+    let mut keyed = collected(points.iter().enumerate().map(key))?;
     keyed.sort_unstable();
-    keyed.into_iter().map(|(_, number)| number).collect()
+    collected(keyed.iter().map(|&(_, number)| number))
 }
 
 /// So many that the first holds some dozens of points.
@@ -118,7 +117,7 @@ mod tests {
     fn every_point_comes_once_and_rounds_grow() {
         let points: Vec<[f64; 3]> =
             (0..10_000).map(|i| [f64::from(i % 17), f64::from(i % 101), f64::from(i)]).collect();
-        let mut order = insertion_order(&points);
+        let mut order = insertion_order(&points).unwrap();
         order.sort_unstable();
         assert!(order.iter().enumerate().all(|(i, &number)| i as u32 == number));
         let rounds = rounds(points.len());

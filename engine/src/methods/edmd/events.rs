@@ -10,6 +10,7 @@ use super::growth::Growth;
 use super::queue::{Entry, READ_AHEAD};
 use super::system::{Hot, Next, System, unpack};
 use crate::cpu::{InstructionSet, Lanes, prefetch, with_instruction_set};
+use crate::memory::{OutOfMemory, refill};
 
 /// Codes of events that are no meeting of grains, above every list entry of image 0..125.
 const LEAVES_SPHERE: u32 = u32::MAX;
@@ -25,11 +26,13 @@ const CONTACT_TOLERANCE: f64 = 1e-7;
 
 impl System {
     /// Predicts every grain's next event at the start of an epoch.
-    pub(crate) fn predict_all(&mut self, events_per_time: f64) {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn predict_all(&mut self, events_per_time: f64) -> Result<(), OutOfMemory> {
         let n = self.len();
-        self.queue.reset(n, events_per_time);
-        self.next.clear();
-        self.next.resize(n, Next { time: f64::INFINITY, with: NOTHING });
+        self.queue.reset(n, events_per_time)?;
+        refill(&mut self.next, n, Next { time: f64::INFINITY, with: NOTHING })?;
         with_instruction_set!(self.cpu, set => set.call(#[inline(always)] || {
             if self.container.is_periodic() {
                 (0..n).for_each(#[inline(always)] |i| self.predict::<_, true>(set, i, 0.0));
@@ -37,6 +40,7 @@ impl System {
                 (0..n).for_each(#[inline(always)] |i| self.predict::<_, false>(set, i, 0.0));
             }
         }));
+        Ok(())
     }
 
     /// Processes events until the epoch ends, `collisions` have taken place or `looked_at` events of

@@ -9,6 +9,7 @@ use super::growth::Growth;
 use super::system::System;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
+use crate::memory::OutOfMemory;
 use crate::methods::rsa::Rsa;
 use crate::request::{Boundary, Distance, Specimen};
 use crate::rng::{Stream, epoch_stream, stream};
@@ -37,11 +38,16 @@ pub struct FluidFigures {
     pub reduced_pressure: f64,
 }
 
+/// What the system grants: a benchmark has no use for less.
+fn granted<T>(asked: Result<T, OutOfMemory>) -> T {
+    asked.unwrap_or_else(|OutOfMemory { bytes }| panic!("the system refuses {bytes} bytes"))
+}
+
 impl Fluid {
     /// So many spheres at a volume fraction below freezing (0.49), from a seed.
     ///
     /// # Panics
-    /// When there is no sphere, or the volume fraction can't be reached.
+    /// When there is no sphere, the volume fraction can't be reached, or the system refuses memory.
     pub fn new(spheres: usize, volume_fraction: f64, seed: u64) -> Self {
         assert!(spheres > 0 && volume_fraction > 0.0 && volume_fraction < 0.6, "no such fluid");
         let edge = (spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction).cbrt();
@@ -57,10 +63,11 @@ impl Fluid {
         let centers = placing.run(&mut stream(seed, Stream::Rsa), &Unattended).centers_mm;
         assert_eq!(centers.len(), spheres, "random placing reaches the start");
         let radii = vec![scale / 2.0; spheres];
-        let mut system = System::new(Container::new(&specimen), &centers, &radii, &vec![1.0; spheres]);
+        let system = System::new(Container::new(&specimen), &centers, &radii, &vec![1.0; spheres]);
+        let mut system = granted(system);
         system.set_in_motion(1.0, &mut epoch_stream(seed, 0));
         let mut fluid = Self { system, events_per_time: spheres as f64 };
-        fluid.system.sort_along_curve();
+        granted(fluid.system.sort_along_curve());
         while scale < 1.0 {
             let alpha = PACE * fluid.system.thermal_velocity() / (scale / 2.0);
             let end = (0.01_f64).min(1.0 / scale - 1.0) / alpha;
@@ -75,8 +82,8 @@ impl Fluid {
 
     fn epoch(&mut self, growth: Growth, end: f64, most: u64) -> f64 {
         let before = self.system.counts.collisions();
-        self.system.rebuild_all_lists(growth, end);
-        self.system.predict_all(self.events_per_time);
+        granted(self.system.rebuild_all_lists(growth, end));
+        granted(self.system.predict_all(self.events_per_time));
         let reached = self.system.run(most, u64::MAX);
         self.system.synchronise(reached);
         self.events_per_time = 3.0 * (self.system.counts.collisions() - before) as f64 / reached;
@@ -84,6 +91,9 @@ impl Fluid {
     }
 
     /// Lets so many collisions happen, and measures.
+    ///
+    /// # Panics
+    /// When the system refuses memory.
     pub fn run(&mut self, collisions: u64) -> FluidFigures {
         let start = Instant::now();
         let before = self.system.counts.collisions();

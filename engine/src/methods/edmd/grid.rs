@@ -7,6 +7,7 @@
 
 use super::container::{Container, HOME, image_code};
 use crate::cpu::prefetch;
+use crate::memory::{OutOfMemory, refill};
 
 const NIL: u32 = u32::MAX;
 /// Edge of a cell in largest cutoffs of its level.
@@ -37,7 +38,16 @@ pub(crate) struct Grid {
 
 impl Grid {
     /// Empties the grid and lays it out for cutoffs between two bounds.
-    pub(crate) fn reset(&mut self, container: &Container, grains: usize, least_mm: f64, top_mm: f64) {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn reset(
+        &mut self,
+        container: &Container,
+        grains: usize,
+        least_mm: f64,
+        top_mm: f64,
+    ) -> Result<(), OutOfMemory> {
         let count = ((top_mm / least_mm).log2().floor().max(0.0) as usize + 1).min(40);
         let size = container.bounds_mm();
         let most_cells = (CELLS_PER_GRAIN * grains as f64 / count as f64).max(64.0);
@@ -53,10 +63,8 @@ impl Grid {
             self.levels.push(Level { cutoff_mm, cells, per_edge, first_cell, grains: 0 });
             first_cell += cells.iter().product::<i32>() as u32;
         }
-        self.heads.clear();
-        self.heads.resize(first_cell as usize, NIL);
-        self.next.clear();
-        self.next.resize(grains, NIL);
+        refill(&mut self.heads, first_cell as usize, NIL)?;
+        refill(&mut self.next, grains, NIL)
     }
 
     /// The largest cutoff it was laid out for, in mm.

@@ -33,6 +33,7 @@ mod system;
 mod tests;
 mod tolerances;
 
+use std::io;
 use std::time::Instant;
 
 pub use fluid::{Fluid, FluidFigures};
@@ -40,7 +41,7 @@ pub use fluid::{Fluid, FluidFigures};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
-use crate::memory::{self, OutOfMemory};
+use crate::memory::{self, OutOfMemory, collected};
 use crate::methods::rsa::{self, Rsa};
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
@@ -135,7 +136,14 @@ impl Edmd<'_> {
         };
         let laws =
             [Law::scaled(self.diameters_mm, &rule), Law::lengthened(self.diameters_mm, maximize.flatten())];
-        let earlier = resume.and_then(|resume| Run::read(&frame, &laws, &resume.body).ok());
+        let earlier = match resume.map(|resume| Run::read(&frame, &laws, &resume.body)) {
+            Some(Err(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
+                return Err(Interrupted::OutOfMemory {
+                    bytes: (BYTES_PER_GRAIN * self.diameters_mm.len()) as u64,
+                });
+            }
+            read => read.and_then(Result::ok),
+        };
         let mut run = if let Some(run) = earlier {
             run
         } else {
@@ -148,7 +156,7 @@ impl Edmd<'_> {
         let mut ended = Ended::As(EdmdEnd::Target);
         if run.stage == Stage::Scale {
             ended = run.grow(&frame, &laws[0]);
-            if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &laws[0], &rule) {
+            if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &laws[0], &rule)? {
                 ended = Ended::As(EdmdEnd::Target);
             }
             if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
@@ -158,12 +166,16 @@ impl Edmd<'_> {
         if run.stage == Stage::Length {
             ended = run.grow(&frame, &laws[1]);
         }
-        let Ended::As(end) = ended else { return Err(Interrupted::Stopped) };
+        let end = match ended {
+            Ended::As(end) => end,
+            Ended::Stopped => return Err(Interrupted::Stopped),
+            Ended::OutOfMemory(refused) => return Err(refused.into()),
+        };
         // With the time before a checkpoint.
         let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
         let growth_curve = std::mem::take(&mut run.curve);
         Ok(Outcome {
-            centers_mm: run.centers(),
+            centers_mm: run.centers()?,
             rsa: run.rsa,
             statistics: run.statistics(end, edmd_s),
             distance_mm: run.distance_mm(&frame),
@@ -175,15 +187,15 @@ impl Edmd<'_> {
     }
 
     /// Lets grains that jammed just before their target settle where they fit exactly; says whether they do.
-    fn settle_exactly(&self, run: &mut Run, law: &Law, rule: &DistanceRule) -> bool {
+    fn settle_exactly(&self, run: &mut Run, law: &Law, rule: &DistanceRule) -> Result<bool, OutOfMemory> {
         if run.size >= BEYOND_TARGET || run.size < 1.0 - EXACT_FIT {
-            return false;
+            return Ok(false);
         }
-        let settled = exact_fit::settle(&run.centers(), self.diameters_mm, &self.request.specimen, rule);
+        let settled = exact_fit::settle(&run.centers()?, self.diameters_mm, &self.request.specimen, rule);
         if let Some(centers) = &settled {
             run.settle(law, centers);
         }
-        settled.is_some()
+        Ok(settled.is_some())
     }
 
     /// Random placing to grow from.
@@ -211,7 +223,7 @@ impl Edmd<'_> {
         let control = Part::new(frame.control, 0.0, share);
         for _ in 0..STARTS {
             let placing = Rsa {
-                diameters_mm: &self.diameters_mm.iter().map(|d| scale * d).collect::<Vec<_>>(),
+                diameters_mm: &collected(self.diameters_mm.iter().map(|d| scale * d))?,
                 specimen: &self.request.specimen,
                 rule: rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
@@ -228,7 +240,7 @@ impl Edmd<'_> {
                     } else {
                         Run::new(frame, law, Stage::Scale, scale, &outcome.centers_mm)
                     };
-                    return Ok((run, statistics));
+                    return Ok((run?, statistics));
                 }
                 rsa::End::Stopped => return Err(Interrupted::Stopped),
                 rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),

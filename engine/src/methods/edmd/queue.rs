@@ -6,10 +6,13 @@
 //! events does not depend on the order of pushes.
 
 use crate::cpu::prefetch;
+use crate::memory::{OutOfMemory, make_room, probe};
 
 /// Events per bin aimed at, and with so many grains that memory must be asked some events ahead.
 const PER_BIN: f64 = 4.0;
 const PER_BIN_AHEAD: f64 = 32.0;
+/// Entries of the queue for each grain, those that are stale included.
+const ENTRIES_PER_GRAIN: usize = 4;
 /// Entries in a cache line.
 const PER_LINE: usize = 64 / size_of::<Entry>();
 /// Grains from which reading ahead pays: fewer stay in the cache.
@@ -39,10 +42,17 @@ pub(crate) struct Queue {
 impl Queue {
     /// Empties the queue and sets it up from time 0 for so many grains that have about
     /// `events_per_time` events in all.
-    pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) -> Result<(), OutOfMemory> {
         let per_bin = if grains < READ_AHEAD { PER_BIN } else { PER_BIN_AHEAD };
         let bins = ((grains as f64 / per_bin) as usize).next_power_of_two().clamp(64, 1 << 22);
-        // Bins keep their room from one epoch to the next.
+        // Bins keep their room from one epoch to the next. Entries come to them in small pieces: they are asked for as
+        // one.
+        let missing = bins.saturating_sub(self.bins.len());
+        make_room(&mut self.bins, missing)?;
+        probe(ENTRIES_PER_GRAIN.saturating_mul(size_of::<Entry>()).saturating_mul(grains))?;
         self.bins.resize_with(bins, Vec::new);
         self.bins.iter_mut().for_each(Vec::clear);
         self.beyond.clear();
@@ -50,6 +60,7 @@ impl Queue {
         self.cursor = 0;
         self.start = 0.0;
         self.set_width(per_bin, events_per_time);
+        Ok(())
     }
 
     fn set_width(&mut self, per_bin: f64, events_per_time: f64) {
@@ -176,7 +187,7 @@ mod tests {
     #[test]
     fn pops_in_order_of_time_then_grain() {
         let mut queue = Queue::default();
-        queue.reset(100, 10.0);
+        assert_eq!(queue.reset(100, 10.0), Ok(()));
         let mut next = std::collections::HashMap::new();
         let mut x = 1_u64;
         for grain in 0..1000_u32 {

@@ -4,6 +4,8 @@
 
 use std::io::{self, Read, Write};
 
+use crate::memory::reserved;
+
 /// Writes numbers.
 pub(crate) struct Encoder<'a>(pub(crate) &'a mut dyn Write);
 
@@ -58,12 +60,20 @@ impl Decoder<'_> {
 
     pub(crate) fn f64s(&mut self) -> io::Result<Vec<f64>> {
         let count = self.count(8)?;
-        (0..count).map(|_| self.f64()).collect()
+        let mut values = reserved(count)?;
+        for _ in 0..count {
+            values.push(self.f64()?);
+        }
+        Ok(values)
     }
 
     pub(crate) fn u32s(&mut self) -> io::Result<Vec<u32>> {
         let count = self.count(4)?;
-        (0..count).map(|_| self.bytes().map(u32::from_le_bytes)).collect()
+        let mut values = reserved(count)?;
+        for _ in 0..count {
+            values.push(u32::from_le_bytes(self.bytes()?));
+        }
+        Ok(values)
     }
 
     /// Fails unless everything was read.

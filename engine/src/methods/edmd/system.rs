@@ -12,6 +12,7 @@ use super::grid::Grid;
 use super::growth::Growth;
 use super::queue::Queue;
 use crate::cpu::{Cpu, InstructionSet, prefetch};
+use crate::memory::{OutOfMemory, collected, copied, filled, make_room, refill, reserved};
 use crate::rng::uniform;
 
 /// Bits of a list entry that hold the grain; the rest is the code of the image.
@@ -33,6 +34,10 @@ const MORE: f64 = 1.15;
 const LESS: f64 = 0.87;
 /// Cache lines of a list that are asked for ahead.
 const LIST_LINES: u32 = 3;
+/// Grains between two reservations of room for pairs while lists are built, and the pairs of a grain that room is reserved
+/// for: on average there are fewer than twenty.
+const GRAINS_PER_RESERVATION: usize = 256;
+const HALF_PER_GRAIN: usize = 64;
 /// Free places of a new list.
 const SPARE: u32 = 3;
 
@@ -163,6 +168,8 @@ pub(crate) struct System {
     grid: Grid,
     slab: Vec<u32>,
     slab_at_start: usize,
+    /// Memory that a list was refused; lists are incomplete from then on.
+    refused: Option<OutOfMemory>,
     /// Room for the candidates of a rebuild.
     found: Vec<u32>,
 }
@@ -170,20 +177,24 @@ pub(crate) struct System {
 impl System {
     /// Grains at rest with a skin of 0, meaning that none is known yet; centres, contact radii and masses
     /// in the order of the ranks.
-    pub(crate) fn new(container: Container, centers: &[[f64; 3]], radii: &[f64], masses: &[f64]) -> Self {
-        let hot = centers
-            .iter()
-            .zip(radii)
-            .map(|(&position, &radius)| Hot { position, radius, ..Hot::default() })
-            .collect();
-        Self {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn new(
+        container: Container,
+        centers: &[[f64; 3]],
+        radii: &[f64],
+        masses: &[f64],
+    ) -> Result<Self, OutOfMemory> {
+        let at_rest = |(&position, &radius)| Hot { position, radius, ..Hot::default() };
+        Ok(Self {
             cpu: Cpu::detect(),
             container,
-            hot,
-            cold: vec![Cold::default(); radii.len()],
-            mass: masses.to_vec(),
+            hot: collected(centers.iter().zip(radii).map(at_rest))?,
+            cold: filled(radii.len(), Cold::default())?,
+            mass: copied(masses)?,
             next: Vec::new(),
-            rank: (0..radii.len() as u32).collect(),
+            rank: collected(0..radii.len() as u32)?,
             growth: Growth::default(),
             most_skin: f64::INFINITY,
             end: 0.0,
@@ -194,8 +205,9 @@ impl System {
             grid: Grid::default(),
             slab: Vec::new(),
             slab_at_start: 0,
+            refused: None,
             found: Vec::new(),
-        }
+        })
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -249,9 +261,17 @@ impl System {
         self.slab.len() > 2 * self.slab_at_start + 4096
     }
 
+    /// The memory that a list was refused in the epoch, if one was: the run cannot go on.
+    pub(crate) fn refused(&self) -> Option<OutOfMemory> {
+        self.refused
+    }
+
     /// Starts an epoch of `end` s with all times at 0: NNL spheres around every grain,
     /// and new lists.
-    pub(crate) fn rebuild_all_lists(&mut self, growth: Growth, end: f64) {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn rebuild_all_lists(&mut self, growth: Growth, end: f64) -> Result<(), OutOfMemory> {
         self.growth = growth;
         self.end = end;
         self.virial = 0.0;
@@ -273,7 +293,7 @@ impl System {
         let least = self.cold.iter().map(|cold| cold.cutoff).fold(f64::INFINITY, f64::min);
         let top = (0..n).map(|i| self.last_radius(i)).fold(0.0, f64::max) * 1.5;
         let top = self.cold.iter().map(|cold| cold.cutoff).fold(top, f64::max);
-        self.grid.reset(&self.container, n, least.max(1e-9 * top), top);
+        self.grid.reset(&self.container, n, least.max(1e-9 * top), top)?;
         for i in 0..n {
             self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].cutoff);
         }
@@ -283,12 +303,12 @@ impl System {
             cpu.call(
                 #[inline(always)]
                 || self.fill_lists::<true>(),
-            );
+            )
         } else {
             cpu.call(
                 #[inline(always)]
                 || self.fill_lists::<false>(),
-            );
+            )
         }
     }
 
@@ -323,13 +343,16 @@ impl System {
     }
 
     #[inline(always)]
-    fn fill_lists<const PERIODIC: bool>(&mut self) {
+    fn fill_lists<const PERIODIC: bool>(&mut self) -> Result<(), OutOfMemory> {
         let n = self.len();
         // Every pair once, at the finer of the two or the later in memory.
-        let mut half: Vec<u32> = Vec::with_capacity(n * 8);
-        let mut ends: Vec<u32> = Vec::with_capacity(n);
-        let mut degree = vec![0_u32; n];
+        let mut half: Vec<u32> = reserved(n * 8)?;
+        let mut ends: Vec<u32> = reserved(n)?;
+        let mut degree = filled(n, 0_u32)?;
         for i in 0..n {
+            if i % GRAINS_PER_RESERVATION == 0 {
+                make_room(&mut half, HALF_PER_GRAIN * GRAINS_PER_RESERVATION.min(n))?;
+            }
             let cutoff = self.cold[i].cutoff;
             let from = half.len();
             let center = self.cold[i].center;
@@ -365,8 +388,7 @@ impl System {
             cold.capacity = degree + SPARE;
             offset += cold.capacity;
         }
-        self.slab.clear();
-        self.slab.resize(offset as usize, 0);
+        refill(&mut self.slab, offset as usize, 0)?;
         self.slab_at_start = offset as usize;
         let mut from = 0;
         for i in 0..n {
@@ -377,6 +399,7 @@ impl System {
             }
             from = to;
         }
+        Ok(())
     }
 
     #[inline(always)]
@@ -385,8 +408,15 @@ impl System {
         if cold.len == cold.capacity {
             // A new place at the end of the slab; the old one stays empty until the next epoch.
             let (from, len) = (cold.offset as usize, cold.len as usize);
+            let capacity = 2 * cold.capacity + SPARE;
+            if let Err(refused) = make_room(&mut self.slab, capacity as usize) {
+                self.refused = Some(refused);
+                // Ends the epoch.
+                self.slab_at_start = 0;
+                return;
+            }
             cold.offset = self.slab.len() as u32;
-            cold.capacity = 2 * cold.capacity + SPARE;
+            cold.capacity = capacity;
             let capacity = cold.capacity as usize;
             self.slab.extend_from_within(from..from + len);
             self.slab.resize(cold.offset as usize + capacity, 0);
@@ -521,18 +551,20 @@ impl System {
 
     /// Sorts the grains in memory along a space-filling curve, between two epochs, so that neighbours
     /// in space are neighbours in memory.
-    pub(crate) fn sort_along_curve(&mut self) {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn sort_along_curve(&mut self) -> Result<(), OutOfMemory> {
         let size = self.container.bounds_mm();
         let longest = size.into_iter().fold(0.0, f64::max);
-        let mut order: Vec<(u32, u32)> = (0_u32..)
-            .zip(&self.hot)
-            .map(|(i, hot)| (morton(self.container.wrap(hot.position).map(|x| x / longest)), i))
-            .collect();
+        let place = |hot: &Hot| morton(self.container.wrap(hot.position).map(|x| x / longest));
+        let mut order = collected(self.hot.iter().enumerate().map(|(i, hot)| (place(hot), i as u32)))?;
         order.sort_unstable();
-        self.hot = order.iter().map(|&(_, i)| self.hot[i as usize]).collect();
-        self.cold = order.iter().map(|&(_, i)| self.cold[i as usize]).collect();
-        self.mass = order.iter().map(|&(_, i)| self.mass[i as usize]).collect();
-        self.rank = order.iter().map(|&(_, i)| self.rank[i as usize]).collect();
+        self.hot = collected(order.iter().map(|&(_, i)| self.hot[i as usize]))?;
+        self.cold = collected(order.iter().map(|&(_, i)| self.cold[i as usize]))?;
+        self.mass = collected(order.iter().map(|&(_, i)| self.mass[i as usize]))?;
+        self.rank = collected(order.iter().map(|&(_, i)| self.rank[i as usize]))?;
+        Ok(())
     }
 
     /// Kinetic energy of all grains.

@@ -23,7 +23,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::control::{Control, Phase, Progress};
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
-use crate::memory::{OutOfMemory, reserved};
+use crate::memory::{OutOfMemory, collected, reserved};
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -130,10 +130,10 @@ impl Rsa<'_> {
             control,
         };
         let end = run.place_all(rng);
-        Outcome {
-            centers_mm: run.placed.iter().map(|&[x, y, z, _]| [x, y, z]).collect(),
-            statistics: run.statistics,
-            end,
+        let statistics = run.statistics;
+        match collected(run.placed.iter().map(|&[x, y, z, _]| [x, y, z])) {
+            Ok(centers_mm) => Outcome { centers_mm, statistics, end },
+            Err(error) => Outcome { centers_mm: Vec::new(), statistics, end: error.into() },
         }
     }
 

@@ -99,6 +99,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     for output in &files.exports {
         output.check(&request.specimen, &limits)?;
     }
+    exports::announce_planned(&files.exports, &packing_request, &plan);
     let resume = stored
         .map(|stored| resume::state(&checkpoint, &options.job, &packing_request, &stored))
         .transpose()?;

@@ -10,7 +10,7 @@ use utoipa::openapi::Required;
 use utoipa::openapi::path::{Parameter as Described, ParameterBuilder, ParameterIn, ParameterStyle};
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 
-use crate::exports::NewExport;
+use crate::exports::{NewExport, estimates};
 use crate::failure::FailureCode;
 use crate::http::app::App;
 use crate::http::files::stem;
@@ -18,6 +18,7 @@ use crate::http::params::values::{Value, uuid_schema};
 use crate::http::params::{ParameterSet, RawQuery, choices, described_path, described_query, names, shown};
 use crate::http::problems::refused;
 use crate::http::results::finished;
+use crate::http::storage::check_room;
 use crate::ids::JobId;
 use crate::jobs::JobRecord;
 use crate::problem::{Kind, Problem};
@@ -129,10 +130,11 @@ impl Target {
         Ok(Self { job, export, new })
     }
 
-    /// Refuses what cannot be made of the job's specimen. What was accepted before is not judged again.
+    /// Refuses what cannot be made of the job's specimen, and a file that would not fit on the disk or into a quota. What
+    /// was accepted before is not judged again.
     ///
     /// # Errors
-    /// `format-not-available`, `too-large` or `validation-error`.
+    /// `format-not-available`, `too-large`, `validation-error` or `insufficient-storage`.
     pub(crate) async fn check(&self, app: &App) -> Result<(), Problem> {
         let store = &app.shared.store;
         if store.knows_export(self.job.seq, &self.new.key).await? {
@@ -145,7 +147,14 @@ impl Target {
         })?;
         self.export
             .check(&specimen, &app.shared.limits)
-            .map_err(|error| Problem::from(error).of_parameters(str::to_owned))
+            .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
+        let (export, limits) = (self.export.clone(), app.shared.limits);
+        let estimated = tokio::task::spawn_blocking(move || estimates::of_stored(&export, &request, &limits));
+        // Without an estimate the export worker decides, which has the packing.
+        match estimated.await {
+            Ok(Some(estimate)) => check_room(app, &self.job.owner, estimate.bytes).await,
+            _ => Ok(()),
+        }
     }
 
     /// Its options as JSON, with the `type` and the defaults.

@@ -4,11 +4,11 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::Plan;
 
+use crate::exports::estimates::{JobPlan, planned};
 use crate::http::app::App;
 use crate::http::body;
-use crate::http::jobs::reading::{Proposal, read};
+use crate::http::jobs::reading::{Proposal, Submission, read};
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::PlanProblems;
 use crate::jobs::JobRequest;
@@ -16,12 +16,12 @@ use crate::problem::Problem;
 
 /// Plan a job
 ///
-/// What the job in the body amounts to: expected grains, volume fractions, memory, time, and whether the mix can fit at
-/// all. Nothing is stored. What a submission refuses, this refuses with the same problem.
+/// What the job in the body amounts to: expected grains, volume fractions, memory, time, whether the mix can fit at all,
+/// and the sizes of the exports that `postprocess` names. Nothing is stored. What a submission refuses, this refuses with the same problem.
 #[utoipa::path(
     post, path = "/v1/plans", tag = "jobs", operation_id = "plan_job",
     request_body(content = JobRequest, content_type = "application/json"),
-    responses((status = 200, description = "The plan", body = Plan), PlanProblems)
+    responses((status = 200, description = "The plan", body = JobPlan), PlanProblems)
 )]
 pub(crate) async fn plan(
     State(app): State<App>,
@@ -30,5 +30,14 @@ pub(crate) async fn plan(
     body: Body,
 ) -> Result<Response, Problem> {
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    Ok(axum::Json(read(&app, bytes, Proposal::Made).await?.plan).into_response())
+    let Submission { request, plan, .. } = read(&app, bytes, Proposal::Made).await?;
+    let estimated = tokio::task::spawn_blocking(move || {
+        let exports = planned(request.exports(), &request.packing(), &plan);
+        JobPlan { plan, exports }
+    });
+    let job_plan = estimated.await.map_err(|error| {
+        tracing::error!(%error, "the exports could not be estimated");
+        Problem::internal()
+    })?;
+    Ok(axum::Json(job_plan).into_response())
 }

@@ -6,6 +6,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
 
+use crate::exports::estimates;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
@@ -55,7 +56,8 @@ pub(crate) async fn submit(
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let Submission { request, plan, body_sha256 } = read(&app, bytes, Proposal::None).await?;
     let owner = caller.0;
-    check_room(&app, &owner, Storage::bytes_of_result(plan.grains)).await?;
+    let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
+    check_room(&app, &owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: owner.clone(), key, body_sha256 });
     let submitted =
         app.shared.store.submit(NewJob { request, warnings: plan.warnings, owner, idempotency_key }).await?;

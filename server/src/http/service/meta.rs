@@ -219,7 +219,8 @@ pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> 
 
 /// Whether the service takes jobs
 ///
-/// False while it starts or stops, and while it cannot write to its data directory.
+/// False while it starts or stops, and while it cannot write to its data directory: while less space is free than must
+/// stay free, and after a write failed on a full disk until a write succeeds.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "get_readiness",
     responses((status = 200, description = "It takes jobs", body = Health), ReadyProblems)
@@ -239,6 +240,10 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
         }
         Ok(_) => {}
         Err(error) => tracing::warn!(%error, "the free space of the data directory is not known"),
+    }
+    let trial = disk.clone();
+    if tokio::task::spawn_blocking(move || trial.is_short()).await.unwrap_or(true) {
+        return Err(not_ready("a write failed because the disk is full, and it is still full"));
     }
     app.shared.store.check_writable().await.map_err(|error| {
         tracing::error!(%error, "the store cannot be written");

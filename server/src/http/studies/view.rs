@@ -17,6 +17,9 @@ use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
 use crate::plots::study::StudyPlot;
 use crate::studies::StopWhen;
 
+/// Points of a study whose warnings are shown.
+const MAX_WARNED_POINTS: u32 = 100;
+
 /// A study without its request, as listings show it.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct StudySummary {
@@ -73,6 +76,17 @@ pub(crate) struct Study {
     #[schema(value_type = StudyRequest, required = false)]
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<Value>,
+    /// What is likely to go wrong, by the plans of its points, once for each; at most 100 points.
+    warnings: Vec<PointWarnings>,
+}
+
+/// Warnings of a point of a study.
+#[derive(Debug, Serialize, ToSchema)]
+pub(crate) struct PointWarnings {
+    /// Number of the point, from 0, in the order of the request.
+    point: u32,
+    /// Warnings of the plan of its jobs, as `POST /v1/plans` gives them.
+    warnings: Vec<String>,
 }
 
 /// Jobs by state.
@@ -182,7 +196,9 @@ pub(crate) async fn response(
 ) -> Result<Response, StoreError> {
     let store = &app.shared.store;
     let request = if with_request { Some(store.study_request(record.seq).await?) } else { None };
-    let study = Study { summary: StudySummary::of(app, record), request };
+    let warnings = store.study_warnings(record.seq, MAX_WARNED_POINTS).await?;
+    let warnings = warnings.into_iter().map(|(point, warnings)| PointWarnings { point, warnings }).collect();
+    let study = Study { summary: StudySummary::of(app, record), request, warnings };
     let mut response = (status, axum::Json(study)).into_response();
     set(&mut response, header::ETAG, &record.etag());
     if record.state() == StudyState::Open {

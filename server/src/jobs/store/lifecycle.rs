@@ -11,7 +11,7 @@ use super::exports::{files_of_job, insert_beforehand};
 use super::studies::runs;
 use super::submit::to_json;
 use super::writer::Writing;
-use super::{Store, StoreError, Target, detached, fault_pause, micros, now_us, rows, turns};
+use super::{Store, StoreError, Target, fault_pause, micros, now_us, rows, turns};
 use crate::exports::NewExport;
 use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
@@ -63,7 +63,7 @@ impl Store {
     /// what its attempt left is swept. What is written next takes the claim to the disk with it.
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.quick_writer().await?;
             let claimed = claim(&mut writer, store.limits().lease).await?;
             drop(writer);
@@ -85,7 +85,7 @@ impl Store {
         progress: Option<JobProgress>,
     ) -> Result<Heartbeat, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let news = progress.as_ref().map(to_json).transpose()?;
             let mut writer = store.writer().await?;
             let now = now_us();
@@ -126,7 +126,7 @@ impl Store {
         postprocess: Vec<NewExport>,
     ) -> Result<(), StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let now = now_us();
@@ -207,7 +207,7 @@ impl Store {
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn requeue_after_fault(&self, lease: Lease) -> Result<(), StoreError> {
         let store = self.clone();
-        let pause = detached(async move {
+        let pause = self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let now = now_us();
@@ -251,7 +251,7 @@ impl Store {
         run: Option<(Outcome, Facts)>,
     ) -> Result<(), StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let now = now_us();
@@ -335,7 +335,7 @@ impl Store {
         damaged: Option<String>,
     ) -> Result<JobRecord, StoreError> {
         let (store, target) = (self.clone(), job.into());
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let before = rows::by_id(&mut tx, target.id).await?;

@@ -37,7 +37,7 @@ use tokio::sync::Notify;
 
 use super::notifications::{Notifications, Subscription};
 use super::{JobId, JobRecord, Lease, State};
-use crate::disk::Reserve;
+use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
 use writer::{Durability, Writer, Writing};
@@ -136,6 +136,7 @@ struct Shared {
     writer: Writer,
     readers: SqlitePool,
     reserve: Reserve,
+    shortage: Shortage,
     changes: Notifications<JobId>,
     study_changes: Notifications<StudyId>,
     export_changes: Notifications<ExportId>,
@@ -180,6 +181,7 @@ impl Store {
                 writer,
                 readers,
                 reserve: Reserve::open(file.with_file_name(RESERVE)),
+                shortage: Shortage::default(),
                 changes: Notifications::default(),
                 study_changes: Notifications::default(),
                 export_changes: Notifications::default(),
@@ -257,6 +259,11 @@ impl Store {
         let _ = tokio::task::spawn_blocking(move || reserve.refill()).await;
     }
 
+    /// Tells whether a write of the store, or of those who share this, failed for want of space.
+    pub(crate) fn shortage(&self) -> Shortage {
+        self.shared.shortage.clone()
+    }
+
     /// Faults after which the database was opened anew.
     pub(crate) fn faults(&self) -> u64 {
         self.shared.writer.replaced()
@@ -283,12 +290,27 @@ impl Store {
         T: Send + 'static,
         W: Future<Output = Result<T, StoreError>> + Send + 'static,
     {
-        match detached(write(self.clone())).await {
+        match self.detached(write(self.clone())).await {
             Err(error) if error.is_full() && self.shared.reserve.release() => {
-                detached(write(self.clone())).await
+                self.detached(write(self.clone())).await
             }
             ended => ended,
         }
+    }
+
+    /// Runs a write to its end whatever becomes of the caller.
+    ///
+    /// The future is boxed, so that the code of a task is built once for each type of answer and not for each write.
+    async fn detached<T: Send + 'static>(
+        &self,
+        write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        let write: Pin<Box<dyn Future<Output = _> + Send>> = Box::pin(write);
+        let ended = tokio::spawn(write).await?;
+        if ended.as_ref().is_err_and(StoreError::is_full) {
+            self.shared.shortage.note();
+        }
+        ended
     }
 
     fn readers(&self) -> &SqlitePool {
@@ -350,16 +372,6 @@ impl Store {
     fn wake_worker(&self) {
         self.shared.queue.notify_one();
     }
-}
-
-/// Runs a write to its end whatever becomes of the caller.
-///
-/// The future is boxed, so that the code of a task is built once for each type of answer and not for each write.
-async fn detached<T: Send + 'static>(
-    write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
-) -> Result<T, StoreError> {
-    let write: Pin<Box<dyn Future<Output = _> + Send>> = Box::pin(write);
-    tokio::spawn(write).await?
 }
 
 /// The store's clock, in microseconds since the Unix epoch.

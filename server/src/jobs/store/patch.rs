@@ -6,7 +6,7 @@ use sqlx::SqliteConnection;
 
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, Target, detached, now_us, rows, turns};
+use super::{Store, StoreError, Target, now_us, rows, turns};
 use crate::jobs::request::{JobPatch, MAX_LABELS};
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -22,7 +22,7 @@ impl Store {
         patch: JobPatch,
     ) -> Result<JobRecord, StoreError> {
         let (store, target) = (self.clone(), job.into());
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let before = rows::by_id(&mut tx, target.id).await?;

@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row as _, Sqlite};
 
 use super::rows::select_jobs;
 use super::submit::to_json;
-use super::{Store, StoreError, detached, now_us, rows};
+use super::{Store, StoreError, now_us, rows};
 use crate::ids::StudyId;
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -159,7 +159,7 @@ impl Store {
         lengths: BTreeMap<String, u64>,
     ) -> Result<(), StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             sqlx::query("update artifacts set format_revision = ?, format_lengths = ? where job = ?")
                 .bind(revision)

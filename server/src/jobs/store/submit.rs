@@ -6,7 +6,7 @@
 use packstone_engine::export::tables::EngineInfo;
 use sqlx::{Row as _, SqliteConnection};
 
-use super::{Store, StoreError, detached, now_us, rows, turns};
+use super::{Store, StoreError, now_us, rows, turns};
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
 /// A key that makes a repeated submission harmless.
@@ -47,7 +47,7 @@ impl Store {
     /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's.
     pub(crate) async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let id = JobId::new();
             let submitted = store.insert(id, &new).await?;
             if let Submitted::Created(_) = submitted {

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use sqlx::sqlite::SqliteRow;
 
 use super::submit::to_json;
-use super::{Store, StoreError, detached, now_us, rows};
+use super::{Store, StoreError, now_us, rows};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
 
@@ -76,7 +76,7 @@ impl Store {
     /// An attempt that has kept a checkpoint has come further than the one before: it does not count.
     async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let exhausted = Failure::new(
                 FailureCode::AttemptsExhausted,
                 "the server stopped during every attempt that max_attempts allows",
@@ -248,7 +248,7 @@ impl Store {
     /// Fails where the file cannot be written; changes nothing.
     pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             sqlx::query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut *tx).await?;

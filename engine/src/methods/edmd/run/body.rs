@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use super::{CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
+use crate::memory::{collected, filled};
 use crate::methods::edmd::law::Law;
 use crate::methods::edmd::state::{Decoder, Encoder};
 use crate::methods::edmd::system::{Cold, Counts};
@@ -74,7 +75,7 @@ impl Run {
     /// The run that a body was written by.
     ///
     /// # Errors
-    /// When it cannot be one of this request.
+    /// When it cannot be one of this request; [`io::ErrorKind::OutOfMemory`].
     pub(crate) fn read(frame: &Frame<'_>, laws: &[Law; 2], body: &[u8]) -> io::Result<Self> {
         let mut input = Decoder(body);
         let mut whole = || input.u64();
@@ -94,7 +95,7 @@ impl Run {
         let size = input.f64()?;
         let law = &laws[usize::from(stage == Stage::Length)];
         let n = law.radii_mm.len();
-        let mut run = Self::new(frame, law, stage, size, &vec![[0.0; 3]; n]);
+        let mut run = Self::new(frame, law, stage, size, &filled(n, [0.0; 3])?)?;
         let started_with = run.energy;
         run.first_size = input.f64()?;
         run.pressure = input.f64()?;
@@ -122,7 +123,7 @@ impl Run {
         let skin = same(input.f64s()?)?;
         let collisions = input.u32s()?;
         let rank = input.u32s()?;
-        let mut seen = vec![false; n];
+        let mut seen = filled(n, false)?;
         if collisions.len() != n || rank.len() != n {
             return Err(invalid());
         }
@@ -131,12 +132,12 @@ impl Run {
                 return Err(invalid());
             }
         }
-        let masses = frame.masses();
+        let masses = frame.masses()?;
         for (i, cold) in run.system.cold.iter_mut().enumerate() {
             cold.skin = skin[i];
             (cold.collisions, cold.rebuilds) = (collisions[i] as u16, (collisions[i] >> 16) as u16);
         }
-        run.system.mass = rank.iter().map(|&rank| masses[rank as usize]).collect();
+        run.system.mass = collected(rank.iter().map(|&rank| masses[rank as usize]))?;
         run.system.rank = rank;
         run.set_radii(law);
         for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {

@@ -20,6 +20,7 @@ use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
 use crate::checkpoint::Checkpoint;
 use crate::control::Control;
+use crate::memory::{OutOfMemory, collected, filled};
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
 use crate::request::{EdmdOptions, PackingRequest};
@@ -75,6 +76,8 @@ pub(crate) enum Ended {
     As(EdmdEnd),
     /// The control said so.
     Stopped,
+    /// The system refused memory.
+    OutOfMemory(OutOfMemory),
 }
 
 /// What stays the same in a run.
@@ -97,12 +100,12 @@ impl Frame<'_> {
         self.diameters_mm.first() == self.diameters_mm.last()
     }
 
-    fn masses(&self) -> Vec<f64> {
+    fn masses(&self) -> Result<Vec<f64>, OutOfMemory> {
         if self.options.equal_mass == Some(true) {
-            return vec![1.0; self.diameters_mm.len()];
+            return filled(self.diameters_mm.len(), 1.0);
         }
         let least = self.diameters_mm.last().copied().unwrap_or(1.0);
-        self.diameters_mm.iter().map(|d| (d / least).powi(3)).collect()
+        collected(self.diameters_mm.iter().map(|d| (d / least).powi(3)))
     }
 
     /// Half the distance beyond which a grain of a periodic box would meet its own image, which moves
@@ -158,10 +161,19 @@ pub(crate) struct Run {
 
 impl Run {
     /// A run from centres by rank at a size of the law.
-    pub(crate) fn new(frame: &Frame<'_>, law: &Law, stage: Stage, size: f64, centers: &[[f64; 3]]) -> Self {
-        let radii = radii(law, stage, size);
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn new(
+        frame: &Frame<'_>,
+        law: &Law,
+        stage: Stage,
+        size: f64,
+        centers: &[[f64; 3]],
+    ) -> Result<Self, OutOfMemory> {
+        let radii = radii(law, stage, size)?;
         let container = Container::new(&frame.request.specimen);
-        let mut system = System::new(container, centers, &radii, &frame.masses());
+        let mut system = System::new(container, centers, &radii, &frame.masses()?)?;
         let velocity = frame.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S);
         system.set_in_motion(velocity, &mut epoch_stream(frame.request.seed, 0));
         let energy = system.energy();
@@ -175,7 +187,7 @@ impl Run {
             pace = pace.without_target(radii.len(), frame.of_equal_grains());
         }
         let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
-        Self {
+        Ok(Self {
             system,
             stage,
             size,
@@ -200,7 +212,7 @@ impl Run {
             forecast: Forecast::new(frame.expected_events_per_grain),
             curve: Vec::new(),
             curve_stride: 1,
-        }
+        })
     }
 
     /// Goes over from growth by scale, done, to growth by length.
@@ -225,16 +237,18 @@ impl Run {
                 let write = |out: &mut dyn Write| self.write(frame, out);
                 frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
             }
-            if let Some(ended) = self.epoch(frame, law) {
-                return ended;
+            match self.epoch(frame, law) {
+                Ok(None) => {}
+                Ok(Some(ended)) => return ended,
+                Err(refused) => return Ended::OutOfMemory(refused),
             }
         }
     }
 
-    fn epoch(&mut self, frame: &Frame<'_>, law: &Law) -> Option<Ended> {
+    fn epoch(&mut self, frame: &Frame<'_>, law: &Law) -> Result<Option<Ended>, OutOfMemory> {
         self.compression_cycles += 1;
         if self.compression_cycles % EPOCHS_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
-            self.system.sort_along_curve();
+            self.system.sort_along_curve()?;
         }
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
@@ -253,7 +267,7 @@ impl Run {
             Stage::Length => {
                 let left = frame.most_half_distance_mm() - self.size;
                 if left <= 0.0 {
-                    return Some(Ended::As(EdmdEnd::Stalled));
+                    return Ok(Some(Ended::As(EdmdEnd::Stalled)));
                 }
                 (law.by_length(self.size, speed), speed, left)
             }
@@ -261,7 +275,7 @@ impl Run {
         let most = if self.stage == Stage::Scale { EPOCH_GROWTH } else { EPOCH_GROWTH * mean };
         let end = left.min(most) / rate;
         let pinned = self.pinned_grain();
-        self.system.rebuild_all_lists(growth, end);
+        self.system.rebuild_all_lists(growth, end)?;
         let mut rng = epoch_stream(frame.request.seed, self.compression_cycles);
         if let Some(grain) = pinned {
             self.pinned_grains += 1;
@@ -271,7 +285,7 @@ impl Run {
             let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
             self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng);
         }
-        self.system.predict_all(self.events_per_time);
+        self.system.predict_all(self.events_per_time)?;
 
         let before = self.system.counts;
         let most_events = EPOCH_EVENTS_PER_GRAIN * (n as u64).max(LEAST_EPOCH_GRAINS);
@@ -281,8 +295,11 @@ impl Run {
         loop {
             let done = self.system.counts.collisions() - before.collisions();
             reached = self.system.run(most_events - done, EVENTS_PER_LOOK);
+            if let Some(refused) = self.system.refused() {
+                return Err(refused);
+            }
             if frame.control.should_stop() {
-                return Some(Ended::Stopped);
+                return Ok(Some(Ended::Stopped));
             }
             let done = self.system.counts.collisions() - before.collisions();
             if reached >= end || done >= most_events || self.system.is_crowded() || self.out_of_time(frame) {
@@ -310,7 +327,7 @@ impl Run {
         });
         let stalled = events >= n as f64 && reached / events * (n as f64) < least_dt;
         let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
-        (stalled && !finished).then_some(Ended::As(EdmdEnd::Stalled))
+        Ok((stalled && !finished).then_some(Ended::As(EdmdEnd::Stalled)))
     }
 
     fn set_radii(&mut self, law: &Law) {
@@ -372,12 +389,15 @@ impl Run {
     }
 
     /// Centres by rank.
-    pub(crate) fn centers(&self) -> Vec<[f64; 3]> {
-        let mut centers = vec![[0.0; 3]; self.system.len()];
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(crate) fn centers(&self) -> Result<Vec<[f64; 3]>, OutOfMemory> {
+        let mut centers = filled(self.system.len(), [0.0; 3])?;
         for (hot, &rank) in self.system.hot.iter().zip(&self.system.rank) {
             centers[rank as usize] = self.system.container.wrap(hot.position);
         }
-        centers
+        Ok(centers)
     }
 }
 
@@ -388,6 +408,6 @@ fn radius(of_law: f64, stage: Stage, size: f64) -> f64 {
     }
 }
 
-fn radii(law: &Law, stage: Stage, size: f64) -> Vec<f64> {
-    law.radii_mm.iter().map(|&r| radius(r, stage, size)).collect()
+fn radii(law: &Law, stage: Stage, size: f64) -> Result<Vec<f64>, OutOfMemory> {
+    collected(law.radii_mm.iter().map(|&r| radius(r, stage, size)))
 }

@@ -36,12 +36,12 @@ impl Scene {
         let positions: Vec<_> = grains.iter().map(|grain| grain.position).collect();
         let radii: Vec<_> = grains.iter().map(|grain| grain.radius).collect();
         let masses: Vec<_> = grains.iter().map(|grain| grain.mass).collect();
-        let mut system = System::new(container, &positions, &radii, &masses);
+        let mut system = System::new(container, &positions, &radii, &masses).unwrap();
         for (hot, grain) in system.hot.iter_mut().zip(grains) {
             hot.velocity = grain.velocity;
         }
-        system.rebuild_all_lists(growth, end_s);
-        system.predict_all(1.0);
+        system.rebuild_all_lists(growth, end_s).unwrap();
+        system.predict_all(1.0).unwrap();
         Self { system }
     }
 

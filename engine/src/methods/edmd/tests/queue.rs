@@ -82,7 +82,7 @@ impl Both {
     }
 
     fn reset(&mut self, grains: usize, events_per_time: f64) {
-        self.queue.reset(grains, events_per_time);
+        self.queue.reset(grains, events_per_time).unwrap();
         self.heap.clear();
         self.next = vec![None; GRAINS as usize];
         self.now = 0.0;

@@ -29,7 +29,7 @@ fn in_motion(specimen: &Specimen) -> System {
     assert_eq!(centers.len(), GRAINS);
     let radii: Vec<f64> = diameters.iter().map(|d| d / 2.0).collect();
     let masses: Vec<f64> = diameters.iter().map(|d| d.powi(3)).collect();
-    let mut system = System::new(Container::new(specimen), &centers, &radii, &masses);
+    let mut system = System::new(Container::new(specimen), &centers, &radii, &masses).unwrap();
     system.set_in_motion(1.0, &mut epoch_stream(2, 0));
     system
 }
@@ -39,8 +39,8 @@ const NO_GROWTH: Growth =
 
 /// One epoch of at most so much time and so many events; how long it was.
 fn epoch(system: &mut System, time_s: f64, most: u64) -> f64 {
-    system.rebuild_all_lists(NO_GROWTH, time_s);
-    system.predict_all(1e5);
+    system.rebuild_all_lists(NO_GROWTH, time_s).unwrap();
+    system.predict_all(1e5).unwrap();
     let reached = system.run(most, u64::MAX);
     system.synchronise(reached);
     reached

@@ -3,7 +3,7 @@
 use sqlx::{Row as _, SqliteConnection};
 
 use super::super::writer::Writing;
-use super::super::{Store, StoreError, detached, now_us};
+use super::super::{Store, StoreError, now_us};
 use super::{by_seq, export, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport};
 use crate::ids::{ExportId, JobId};
@@ -31,7 +31,7 @@ impl Store {
         wish: Wish,
     ) -> Result<(ExportRecord, bool), StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = match wish {
                 Wish::Keep => store.writer().await?,
                 Wish::Use => store.quick_writer().await?,
@@ -54,7 +54,7 @@ impl Store {
     /// made again already, are left alone.
     pub(crate) async fn requeue_export(&self, seq: i64, path: String) -> Result<(), StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             sqlx::query(
                 "update exports set state = 'queued', attempt = attempt + 1, version = version + 1, rank = 0,

@@ -4,7 +4,7 @@ use sqlx::Row as _;
 
 use super::super::submit::to_json;
 use super::super::writer::Writing;
-use super::super::{Store, StoreError, detached, fault_pause, micros, now_us, rows};
+use super::super::{Store, StoreError, fault_pause, micros, now_us, rows};
 use super::{by_seq, export_id};
 use crate::exports::{ExportRecord, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -22,7 +22,7 @@ macro_rules! next {
                  progress = null, error = null, not_before = null
              where seq = (select seq from exports ",
             $tail,
-            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1) returning seq"
+            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1) returning seq, faults"
         )
     };
 }
@@ -33,6 +33,8 @@ pub(crate) struct ClaimedExport {
     pub(crate) export: ExportRecord,
     /// The result that it is made of.
     pub(crate) result: ArtifactRecord,
+    /// Faults of the machine that it has met.
+    pub(crate) faults: i64,
 }
 
 impl Store {
@@ -40,7 +42,7 @@ impl Store {
     /// fails. Returns how many were running.
     pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let exhausted = Failure::new(
                 FailureCode::AttemptsExhausted,
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
@@ -67,7 +69,7 @@ impl Store {
     /// made in a moment.
     pub(crate) async fn claim_export(&self, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             // An export whose claim a power cut undoes waits as before.
             let mut writer = store.quick_writer().await?;
             let claimed = claim(&mut writer, quick).await?;
@@ -88,7 +90,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.quick_writer().await?;
             let moved = sqlx::query(
                 "update exports set progress = ?1, version = version + 1, updated_at = ?2
@@ -151,7 +153,7 @@ impl Store {
     pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
-        let pause = detached(async move {
+        let pause = self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let now = now_us();
@@ -188,7 +190,7 @@ impl Store {
     async fn end_export(&self, of: &ExportRecord, end: End) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let moved = sqlx::query(
                 "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,
@@ -280,9 +282,10 @@ async fn claim(writer: &mut Writing<'_>, quick: bool) -> Result<Option<ClaimedEx
         return Ok(None);
     };
     let export = by_seq(&mut tx, row.try_get("seq")?).await?;
+    let faults = row.try_get("faults")?;
     let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
     tx.commit().await?;
     // A row is there only for a job with a result, and leaves with it.
     let result = result.ok_or_else(|| StoreError::Row("an export of no result".into()))?;
-    Ok(Some(ClaimedExport { export, result }))
+    Ok(Some(ClaimedExport { export, result, faults }))
 }

@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::super::upkeep::Removed;
-use super::super::{Store, StoreError, Target, detached, now_us, rows, turns};
+use super::super::{Store, StoreError, Target, now_us, rows, turns};
 use super::{StudyRecord, StudyState, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::State;
@@ -64,7 +64,7 @@ impl Store {
     ) -> Result<(StudyRecord, Vec<(JobId, i64)>), StoreError> {
         let (store, target) = (self.clone(), study.into());
         let id = target.id;
-        detached(async move {
+        self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let before = query::by_id(&mut tx, id).await?;

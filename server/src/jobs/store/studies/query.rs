@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
+use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::{Store, StoreError, rows};
@@ -48,6 +49,30 @@ impl Store {
             .await?
             .ok_or(StoreError::NoStudy)?;
         rows::json(row.try_get("body")?)
+    }
+
+    /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first replicate,
+    /// for all have the same. They leave with that job.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn study_warnings(
+        &self,
+        seq: i64,
+        limit: u32,
+    ) -> Result<Vec<(u32, Vec<String>)>, StoreError> {
+        let found = sqlx::query(
+            "select point, warnings from jobs where study = ? and replicate = 0 and warnings <> '[]' order by point
+             limit ?",
+        )
+        .bind(seq)
+        .bind(limit)
+        .fetch_all(self.readers())
+        .await?;
+        let of_point = |row: &SqliteRow| {
+            Ok((row.try_get("point")?, rows::json(&row.try_get::<String, _>("warnings")?)?))
+        };
+        found.iter().map(of_point).collect()
     }
 
     /// A page of at most `limit` studies below number `before`.
@@ -127,7 +152,7 @@ impl Store {
     }
 }
 
-fn run(row: &sqlx::sqlite::SqliteRow) -> Result<Run, StoreError> {
+fn run(row: &SqliteRow) -> Result<Run, StoreError> {
     Ok(Run {
         point: row.try_get::<u32, _>("point")? as usize,
         replicate: row.try_get::<u32, _>("replicate")? as usize,

@@ -7,7 +7,7 @@ use serde_json::Value;
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::submit::{IdempotencyKey, to_json};
-use super::super::{Store, StoreError, detached, now_us, turns};
+use super::super::{Store, StoreError, now_us, turns};
 use super::{StudyRecord, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::JobRequest;
@@ -44,6 +44,7 @@ struct Row<'a> {
     turn: i64,
     job: &'a JobRequest,
     seed: u64,
+    warnings: &'a [String],
 }
 
 impl Store {
@@ -53,7 +54,7 @@ impl Store {
     /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
     pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
         let store = self.clone();
-        detached(async move {
+        self.detached(async move {
             let submitted = store.insert_study(&new).await?;
             if let SubmittedStudy::Created(_) = submitted {
                 store.wake_worker();
@@ -193,11 +194,11 @@ async fn rows_of<'a>(
         next_turn.insert(priority, turns::take(connection, study, priority, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
-        let Point { job, seeds, .. } = &of.points[point];
+        let Point { job, seeds, warnings, .. } = &of.points[point];
         let next = next_turn.entry(job.priority).or_insert(0);
         let turn = *next;
         *next += 1;
-        Row { seq, point, replicate, turn, job, seed: seeds[replicate] }
+        Row { seq, point, replicate, turn, job, seed: seeds[replicate], warnings }
     });
     Ok(rows.collect())
 }
@@ -211,12 +212,14 @@ async fn insert_jobs(
 ) -> Result<(), StoreError> {
     let engine = to_json(&EngineInfo::current())?;
     for chunk in rows.chunks(ROWS_AT_ONCE) {
-        let labels = chunk.iter().map(|row| to_json(&row.job.labels)).collect::<Result<Vec<_>, _>>()?;
+        let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
+        let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner) ",
+                 attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
+                 warnings) ",
         );
-        query.push_values(chunk.iter().zip(labels), |mut values, (row, labels)| {
+        query.push_values(chunk.iter().zip(texts), |mut values, (row, (labels, warnings))| {
             let job = row.job;
             values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
             values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
@@ -224,7 +227,7 @@ async fn insert_jobs(
             values.push_bind(job.max_attempts).push_bind(job.max_attempts);
             values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
             values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
-            values.push_bind(row.turn).push_bind(owner.to_owned());
+            values.push_bind(row.turn).push_bind(owner.to_owned()).push_bind(warnings);
         });
         query.build().execute(&mut *connection).await?;
     }
