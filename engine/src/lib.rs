@@ -34,6 +34,8 @@ pub mod geometry;
 mod memory;
 pub mod methods;
 pub mod mix;
+#[cfg(feature = "openapi")]
+mod openapi;
 mod pack;
 pub mod packing;
 pub mod plan;

@@ -7,7 +7,6 @@
 use packstone_engine::export::ExportError;
 use packstone_engine::{FieldError, PlanError};
 use serde::Serialize;
-use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
 use crate::failure::{Failure, FailureCode, FailureFacts, first_of};
@@ -172,6 +171,32 @@ impl From<FieldError> for Fault {
     }
 }
 
+/// What problems of some kinds tell besides.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Members {
+    /// State of the job or study that forbids the request.
+    pub(crate) state: Option<&'static str>,
+    /// Formats that there are, with `not-acceptable`.
+    pub(crate) formats: Option<Vec<KnownFormat>>,
+    /// Longest body in bytes, with `payload-too-large`.
+    pub(crate) max_bytes: Option<u64>,
+    /// Why the job failed, with `job-failed`.
+    pub(crate) job_error: Option<FailureDocument>,
+    /// Why the export failed, with `export-failed`.
+    pub(crate) export_error: Option<FailureDocument>,
+    /// Figures.
+    pub(crate) facts: FailureFacts,
+}
+
+/// A format that a result or a table has.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub(crate) struct KnownFormat {
+    /// Its name in `?format=`.
+    pub(crate) format: &'static str,
+    /// Its media type, for `Accept`.
+    pub(crate) media_type: &'static str,
+}
+
 /// A problem that occurred.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Problem {
@@ -179,8 +204,8 @@ pub(crate) struct Problem {
     pub(crate) status: u16,
     pub(crate) detail: String,
     pub(crate) errors: Vec<Fault>,
-    /// Members of this kind only, as `job_error`.
-    pub(crate) members: Box<Map<String, Value>>,
+    /// What problems of some kinds tell besides.
+    pub(crate) members: Box<Members>,
     /// Header fields that the response needs, as `Allow`.
     pub(crate) headers: Vec<(&'static str, String)>,
 }
@@ -264,9 +289,9 @@ impl Problem {
         if faults.is_empty() { self } else { self.with_errors(faults) }
     }
 
-    /// Adds a member.
-    pub(crate) fn with(mut self, name: &'static str, value: Value) -> Self {
-        self.members.insert(name.into(), value);
+    /// Tells more than the kind and the detail.
+    pub(crate) fn with(mut self, tell: impl FnOnce(&mut Members)) -> Self {
+        tell(&mut self.members);
         self
     }
 
@@ -276,29 +301,24 @@ impl Problem {
         self
     }
 
-    /// The document of a response.
-    pub(crate) fn document(&self) -> Map<String, Value> {
-        self.rendered(Some(self.status))
-    }
-
-    fn rendered(&self, status: Option<u16>) -> Map<String, Value> {
-        let mut document = Map::new();
-        document.insert("type".into(), self.kind.type_uri().into());
-        document.insert("title".into(), self.kind.title().into());
-        document.extend(status.map(|status| ("status".to_owned(), status.into())));
-        document.insert("detail".into(), self.detail.clone().into());
-        if !self.errors.is_empty() {
-            document.insert("errors".into(), json!(self.errors));
+    /// The document of a response to the request `instance`.
+    pub(crate) fn document(&self, instance: Option<String>) -> ProblemDocument {
+        let Members { state, formats, max_bytes, job_error, export_error, facts } = (*self.members).clone();
+        ProblemDocument {
+            r#type: self.kind.type_uri(),
+            title: self.kind.title(),
+            status: self.status,
+            detail: self.detail.clone(),
+            instance,
+            errors: self.errors.clone(),
+            state,
+            formats,
+            max_bytes,
+            job_error,
+            export_error,
+            facts,
         }
-        document.extend((*self.members).clone());
-        document
     }
-}
-
-/// The failure that ended a job or an export, as the document of the job or the export shows it: a problem document
-/// without `status`, because it is no response.
-pub(crate) fn failure_document(failure: &Failure) -> Value {
-    Value::Object(Problem::from(failure.clone()).rendered(None))
 }
 
 impl From<FailureCode> for Kind {
@@ -327,9 +347,7 @@ impl From<Failure> for Problem {
     fn from(failure: Failure) -> Self {
         let mut problem = Self::new(failure.code.into(), failure.detail);
         problem.errors = failure.fields.into_iter().map(Fault::from).collect();
-        if let Ok(Value::Object(facts)) = serde_json::to_value(&failure.facts) {
-            problem.members.extend(facts);
-        }
+        problem.members.facts = *failure.facts;
         if matches!(problem.kind, Kind::InsufficientStorage | Kind::MachineFault | Kind::OutOfMemory) {
             problem.headers.push(("retry-after", "30".into()));
         }
@@ -350,39 +368,45 @@ impl From<ExportError> for Problem {
 }
 
 /// The problem document as clients see it (RFC 9457).
-#[derive(Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 #[schema(as = Problem)]
-#[allow(dead_code)]
 pub(crate) struct ProblemDocument {
     /// Which kind of problem; a reference that this server answers with an explanation.
     #[schema(format = "uri-reference", example = "/problems/validation-error")]
     r#type: String,
     /// What the kind is called.
-    title: String,
+    title: &'static str,
     /// HTTP status.
     #[schema(minimum = 400, maximum = 599)]
     status: u16,
     /// This occurrence, in one sentence.
     detail: String,
     /// The request in which it occurred; the server's log knows it by this id.
-    #[schema(format = "uri-reference", required = false)]
-    instance: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(format = "uri-reference", required = false, nullable = false)]
+    instance: Option<String>,
     /// Every fault, each at its place; at most 100, and one more entry that counts the others.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     errors: Vec<Fault>,
     /// State of the job or study that forbids the request.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
-    state: Option<String>,
+    state: Option<&'static str>,
     /// Formats that there are, with `not-acceptable`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
-    formats: Option<Vec<Value>>,
+    formats: Option<Vec<KnownFormat>>,
     /// Longest body in bytes, with `payload-too-large`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     max_bytes: Option<u64>,
     /// Why the job failed, with `job-failed`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     job_error: Option<FailureDocument>,
     /// Why the export failed, with `export-failed`.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     export_error: Option<FailureDocument>,
     #[serde(flatten)]
@@ -390,27 +414,42 @@ pub(crate) struct ProblemDocument {
 }
 
 /// Why a job or an export failed: a problem document (RFC 9457) without `status`, because it is no response.
-#[derive(Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 #[schema(as = Failure)]
-#[allow(dead_code)]
 pub(crate) struct FailureDocument {
     /// The kind of failure; a reference that this server answers with an explanation.
     #[schema(format = "uri-reference", example = "/problems/target-not-reached")]
     r#type: String,
     /// What the kind is called.
-    title: String,
+    title: &'static str,
     /// This occurrence, in one sentence.
     detail: String,
     /// Every fault of the request, each at its place.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     errors: Vec<Fault>,
     #[serde(flatten)]
     facts: FailureFacts,
 }
 
+impl From<&Failure> for FailureDocument {
+    fn from(failure: &Failure) -> Self {
+        let kind = Kind::from(failure.code);
+        Self {
+            r#type: kind.type_uri(),
+            title: kind.title(),
+            detail: failure.detail.clone(),
+            errors: failure.fields.iter().cloned().map(Fault::from).collect(),
+            facts: (*failure.facts).clone(),
+        }
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -430,7 +469,8 @@ mod tests {
             FieldError { pointer: "/mix/d_min_mm".into(), detail: "-1 is out of range".into() },
             FieldError { pointer: String::new(), detail: "no".into() },
         ];
-        let document = Problem::fields(FailureCode::ValidationError, faults).document();
+        let document = Problem::fields(FailureCode::ValidationError, faults).document(None);
+        let document = serde_json::to_value(document).unwrap();
         assert_eq!(document["type"], "/problems/validation-error");
         assert_eq!(document["status"], 422);
         assert_eq!(document["detail"], "/mix/d_min_mm: -1 is out of range (and 1 more)");
@@ -444,7 +484,7 @@ mod tests {
         }
         let facts = FailureFacts { grains: Some(7), ..FailureFacts::default() };
         let failure = Failure::new(FailureCode::TargetNotReached, "stopped").with_facts(facts);
-        let shown = failure_document(&failure);
+        let shown = serde_json::to_value(FailureDocument::from(&failure)).unwrap();
         assert_eq!(
             shown,
             json!({"type": "/problems/target-not-reached", "title": Kind::TargetNotReached.title(),
@@ -466,7 +506,9 @@ mod tests {
 
     #[test]
     fn faulty_parameters_are_bad_requests() {
-        let document = Problem::parameters(vec![Fault::parameter("limit", "0 is out of range")]).document();
+        let document =
+            Problem::parameters(vec![Fault::parameter("limit", "0 is out of range")]).document(None);
+        let document = serde_json::to_value(document).unwrap();
         assert_eq!(document["status"], 400);
         assert_eq!(document["errors"], json!([{"parameter": "limit", "detail": "0 is out of range"}]));
     }

@@ -73,7 +73,7 @@ pub enum Specimen {
     /// A box that spans 0..size on every axis.
     Box {
         /// Edge lengths in x, y, z.
-        #[cfg_attr(feature = "openapi", schema(example = json!([150.0, 150.0, 150.0])))]
+        #[cfg_attr(feature = "openapi", schema(schema_with = crate::openapi::size_mm))]
         size_mm: [f64; 3],
         /// What the six faces are; rigid walls when absent.
         #[cfg_attr(feature = "openapi", schema(default = "walls", required = false))]
@@ -184,7 +184,7 @@ pub enum Grading {
     /// Between two sieves the passing is linear in the logarithm of the diameter.
     Sieves {
         /// The points of the curve, at least two.
-        #[cfg_attr(feature = "openapi", schema(min_items = 2, max_items = 1000, example = json!([[2.0, 0.0], [8.0, 0.6], [16.0, 1.0]])))]
+        #[cfg_attr(feature = "openapi", schema(schema_with = crate::openapi::points))]
         points: Vec<[f64; 2]>,
     },
     /// Size classes with their share of the mass; what they leave to 1 is finer than all of them.
@@ -202,7 +202,7 @@ pub enum Grading {
     /// An explicit list; its volume is the mix's.
     Diameters {
         /// Diameter of every grain, in any order.
-        #[cfg_attr(feature = "openapi", schema(min_items = 1, example = json!([12.0, 10.0, 8.0])))]
+        #[cfg_attr(feature = "openapi", schema(schema_with = crate::openapi::diameters_mm))]
         diameters_mm: Vec<f64>,
     },
 }

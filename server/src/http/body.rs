@@ -90,7 +90,7 @@ pub(crate) fn expect_none(headers: &HeaderMap) -> Result<(), Problem> {
 
 fn too_large(found: &str, max_bytes: u64) -> Problem {
     Problem::new(Kind::PayloadTooLarge, format!("the body has {found}: must have at most {max_bytes} bytes"))
-        .with("max_bytes", max_bytes.into())
+        .with(|members| members.max_bytes = Some(max_bytes))
         .with_header("connection", "close")
 }
 

@@ -28,7 +28,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::http::openapi::request_schemas::{REQUEST_SCHEMAS, objects_of};
+    use crate::http::openapi::strict::objects_of;
     use crate::http::problems::PROBLEM_JSON;
 
     #[test]
@@ -104,7 +104,25 @@ mod tests {
             let found = gradings.iter().find_map(|g| g["properties"].get(bounded));
             assert!(found.is_some_and(|p| p["items"] != Value::Null), "{bounded}");
         }
-        for name in REQUEST_SCHEMAS {
+        let closed = [
+            "StopWhen",
+            "JobRequest",
+            "Mix",
+            "MixProportions",
+            "MixAddition",
+            "SizeClass",
+            "Specimen",
+            "Grading",
+            "Distance",
+            "Method",
+            "EdmdStop",
+            "ExportRequest",
+            "Segregation",
+            "GradientField",
+        ];
+        assert_eq!(schemas["StudyRequest"]["allOf"][0]["additionalProperties"], false);
+        assert_eq!(schemas["AxisValues"]["oneOf"][1]["additionalProperties"], false);
+        for name in closed {
             let mut schema = schemas[name].clone();
             for object in objects_of(&mut schema) {
                 assert_eq!(object["additionalProperties"], false, "{name}");

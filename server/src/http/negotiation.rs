@@ -6,7 +6,7 @@ use packstone_engine::export::tables::Format;
 
 use crate::http::params::values::Named;
 use crate::http::params::{Choice, choices, names, shown};
-use crate::problem::{Kind, Problem};
+use crate::problem::{Kind, KnownFormat, Problem};
 
 choices! {
     Format,
@@ -72,12 +72,12 @@ fn negotiated<F: Choice>(
             }
         }
     };
-    let formats: Vec<_> = F::all()
+    let formats = F::all()
         .iter()
-        .map(|format| serde_json::json!({"format": format.name(), "media_type": media_type(*format)}))
+        .map(|format| KnownFormat { format: format.name(), media_type: media_type(*format) })
         .collect();
     Err(Problem::new(Kind::NotAcceptable, format!("{refusal}: must be one of {}", names::<F>()))
-        .with("formats", formats.into()))
+        .with(|members| members.formats = Some(formats)))
 }
 
 /// The format of highest quality; among equals the first.
@@ -160,7 +160,7 @@ mod tests {
         let problem = format(Some(&named("xlsx")), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
         assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
-        assert_eq!(problem.document()["formats"][1]["media_type"], "text/csv");
+        assert_eq!(problem.members.formats.unwrap()[1].media_type, "text/csv");
         let problem = format(Some(&named("vti")), &headers).unwrap_err();
         assert!(problem.detail.ends_with("GET .../exports/voxels?format=vti"), "{}", problem.detail);
     }

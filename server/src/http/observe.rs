@@ -139,9 +139,8 @@ fn write_problem(mut response: Response, request_id: &str) -> Response {
         Some(Unwritten(problem)) => *problem,
         None => of_framework(response.status()),
     };
-    let mut document = problem.document();
-    document.insert("instance".into(), format!("urn:packstone:request:{request_id}").into());
-    let body = serde_json::Value::Object(document).to_string();
+    let document = problem.document(Some(format!("urn:packstone:request:{request_id}")));
+    let body = serde_json::to_string(&document).unwrap_or_default();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
     headers.insert(header::CONTENT_LENGTH, HeaderValue::from(body.len()));

@@ -12,8 +12,10 @@ pub(crate) async fn check_room(app: &App, owner: &str, bytes: u64) -> Result<(),
     let room = app.shared.storage.room(owner).await?;
     fits(bytes, room).map_err(|no_room| {
         Problem::new(Kind::InsufficientStorage, no_room.to_string())
-            .with("needed_bytes", no_room.needed.into())
-            .with("free_bytes", no_room.left.into())
+            .with(|members| {
+                members.facts.needed_bytes = Some(no_room.needed);
+                members.facts.free_bytes = Some(no_room.left);
+            })
             .with_header("retry-after", "60")
     })
 }

@@ -9,6 +9,7 @@ pub(crate) mod control;
 pub(crate) mod notifications;
 pub(crate) mod request;
 pub(crate) mod runner;
+pub(crate) mod schema;
 pub(crate) mod store;
 pub(crate) mod sweeper;
 

@@ -16,6 +16,7 @@ use utoipa::ToSchema;
 
 use crate::exports::MAX_POSTPROCESS;
 use crate::failure::Failure;
+use crate::jobs::schema;
 
 /// Longest name of a job, in characters.
 pub(crate) const MAX_NAME_CHARS: usize = 200;
@@ -36,14 +37,15 @@ const DEFAULT_ATTEMPTS: i64 = 3;
 /// A job to run: what to pack, and how to treat it.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(examples(schema::example))]
 pub(crate) struct JobRequest {
     /// A name for people.
-    #[schema(required = false, nullable, min_length = 1, max_length = 200)]
+    #[schema(required = false, schema_with = schema::name)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) name: Option<String>,
     /// Keys and values to find the job by: at most 32; a key has 1 to 64 characters and no equals sign, a value at most
     /// 256 characters.
-    #[schema(required = false, example = json!({"series": "TB-7"}))]
+    #[schema(required = false, schema_with = schema::job_labels)]
     pub(crate) labels: BTreeMap<String, String>,
     /// Seed of the random generator; drawn at submission and recorded when absent.
     #[schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64)]
@@ -85,7 +87,7 @@ pub(crate) struct JobRequest {
 }
 
 /// What to make of a packing once it is there, in the form in which it was asked for.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub(crate) enum Postprocess {
     /// One thing.

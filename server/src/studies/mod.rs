@@ -12,6 +12,7 @@ mod facts;
 mod interval;
 mod pointer;
 mod request;
+mod schema;
 mod seeds;
 pub(crate) mod stop;
 pub(crate) mod table;

@@ -31,12 +31,14 @@ pub(crate) struct Rest {
     pub(crate) stopped_early: u64,
 }
 
-/// All rows.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// What the runs of a study came to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
+#[schema(as = StudyTable)]
 pub(crate) struct Table {
-    /// Names of the columns that tell the points apart: the keys of [`Row::values`].
+    /// Names of the columns that tell the points apart: JSON pointers, or `point` and `name` for a list.
     pub(crate) columns: Vec<String>,
-    /// One per point, in the order of the study.
+    /// One per point, in the order of the study: the values of these columns, and the figures.
+    #[schema(value_type = Vec<Cells>)]
     pub(crate) rows: Vec<Row>,
 }
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .builders import JobFields
 
 S = TypeVar("S", Job, Study)
-JobOrder = Literal["created", "-created"]
+JobOrder = Literal["created", "-created", "priority", "-priority", "finished", "-finished"]
 
 DEFAULT_URL = "http://127.0.0.1:8080"
 
@@ -119,8 +119,8 @@ class Client:
     ) -> Iterator[Job]:
         """Yields the jobs that match all arguments.
 
-        `name` is a part of the name. `sort` is ``-created``, newest first, or ``created``. They are fetched page by
-        page.
+        `name` is a part of the name. `sort` is ``-created``, newest first, if it is not given; ``priority`` and
+        ``finished`` sort by the priority and by the end, and ``-`` reverses the order. They are fetched page by page.
         """
         params = {
             "state": state,

@@ -16,6 +16,7 @@ use std::io::{BufWriter, Write};
 use serde::{Deserialize, Serialize};
 
 pub use cut::{Circle, Cut, Outline};
+pub use json::SliceDocument;
 
 use crate::control::{Control, Phase, Progress};
 use crate::export::{ExportError, Model, go_on};
@@ -272,7 +273,7 @@ pub fn write(
             report.image = Some(image);
             png::write(&cut, &image, &mut out, &progress)?;
         }
-        SliceFormat::Json => json::write(&cut, &report, &mut out)?,
+        SliceFormat::Json => SliceDocument { report: &report, cut: &cut }.write(&mut out)?,
         SliceFormat::Geo => geo::write(&cut, &mut out)?,
     }
     out.flush()?;

@@ -13,6 +13,8 @@ use std::io::{self, Write};
 
 use serde::{Deserialize, Serialize};
 
+pub use text::SphereTable;
+
 use crate::memory::filled;
 use crate::packing::{Report, Spheres};
 
@@ -70,8 +72,10 @@ impl Format {
 
 /// All of a result but its spheres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = ResultHead))]
 pub struct Head {
     /// The job, where there is one.
+    #[cfg_attr(feature = "openapi", schema(format = "uuid", required = false, nullable = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub job_id: Option<String>,
     /// The request as submitted, with its defaults filled in.
@@ -179,7 +183,7 @@ const BLOCK_ROWS: usize = 4096;
 /// Those of the writer and of the source.
 pub fn write(format: Format, head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
     match format {
-        Format::Json => text::write_json(head, spheres, out),
+        Format::Json => text::write_json(head, SphereTable(spheres), out),
         Format::Csv => text::write_csv(spheres, out),
         Format::Vtk => vtk::write_legacy(head, spheres, out),
         Format::Vtp => vtk::write_xml(head, spheres, out),

@@ -17,7 +17,7 @@ use crate::http::params::Query;
 use crate::http::problems::sets::ExportFileProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::problem::{Kind, Problem, failure_document};
+use crate::problem::{Kind, Problem};
 
 /// How long an answer is held back while its file is made, if the request does not say.
 const WAIT: Wait = Wait { s: 60 };
@@ -66,7 +66,7 @@ pub(crate) async fn get(
             let failure = record.error.unwrap_or_else(Failure::internal);
             let why = &failure.detail;
             return Err(Problem::new(Kind::ExportFailed, format!("the export failed: {why}"))
-                .with("export_error", failure_document(&failure)));
+                .with(|members| members.export_error = Some((&failure).into())));
         }
         Made::NotYet(record) => {
             let mut response = view::not_yet(&record);

@@ -3,16 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use packstone_engine::export::{ExportRequest, ExportType, slice};
-use serde::Serialize;
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::response::{Response, ResponseBuilder};
-use utoipa::openapi::schema::{ArrayBuilder, ArrayItems, ObjectBuilder, Schema, Type};
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{IntoResponses, ToSchema};
 
 const JSON: &str = "application/json";
-const CIRCLE_COLUMNS: [&str; 6] = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
 
 /// The media type of a format with its default options.
 pub(crate) fn media_type(kind: ExportType, format: &str) -> &'static str {
@@ -44,7 +42,7 @@ fn with_files(description: &str) -> ResponseBuilder {
     let mut response = ResponseBuilder::new().description(description);
     for media_type in media_types {
         let schema = if media_type == JSON {
-            RefOr::from(Ref::from_schema_name("SliceDocument"))
+            RefOr::from(Ref::from_schema_name(slice::SliceDocument::name()))
         } else {
             let file = ObjectBuilder::new().schema_type(Type::String).content_media_type(media_type);
             RefOr::from(Schema::from(file.build()))
@@ -52,39 +50,4 @@ fn with_files(description: &str) -> ResponseBuilder {
         response = response.content(media_type, ContentBuilder::new().schema(Some(schema)).build());
     }
     response
-}
-
-/// A slice in JSON.
-#[derive(Serialize, ToSchema)]
-#[allow(dead_code)]
-pub(crate) struct SliceDocument {
-    #[serde(flatten)]
-    report: slice::SliceReport,
-    circles: CircleTable,
-}
-
-/// The circles of a slice.
-#[derive(Serialize, ToSchema)]
-#[allow(dead_code)]
-pub(crate) struct CircleTable {
-    /// Names of the columns.
-    #[schema(schema_with = circle_columns)]
-    columns: [String; 6],
-    /// One row a circle.
-    #[schema(schema_with = circle_rows)]
-    rows: Vec<[f64; 6]>,
-}
-
-fn circle_columns() -> Schema {
-    let name = |name: &str| {
-        Schema::from(ObjectBuilder::new().schema_type(Type::String).enum_values(Some([name])).build())
-    };
-    let columns = ArrayBuilder::new().prefix_items(CIRCLE_COLUMNS.map(name)).items(ArrayItems::False);
-    columns.min_items(Some(6)).max_items(Some(6)).build().into()
-}
-
-fn circle_rows() -> Schema {
-    let number = Schema::from(ObjectBuilder::new().schema_type(Type::Number).build());
-    let row = ArrayBuilder::new().items(RefOr::from(number)).min_items(Some(6)).max_items(Some(6)).build();
-    ArrayBuilder::new().items(RefOr::from(Schema::from(row))).build().into()
 }

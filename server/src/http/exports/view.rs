@@ -14,7 +14,6 @@ use crate::http::waiting::Changing;
 use crate::ids::JobId;
 use crate::jobs::JobProgress;
 use crate::problem::FailureDocument;
-use crate::problem::failure_document;
 
 /// An export: a file that is made, or to be made, of a result.
 #[derive(Debug, Serialize, ToSchema)]
@@ -50,8 +49,8 @@ pub(crate) struct Export {
     #[schema(value_type = Option<ExportReport>, required)]
     report: Option<Value>,
     /// Why it failed.
-    #[schema(value_type = Option<FailureDocument>, required)]
-    error: Option<Value>,
+    #[schema(required)]
+    error: Option<FailureDocument>,
     /// When it was requested first (RFC 3339, UTC).
     #[schema(format = DateTime)]
     created_at: String,
@@ -125,7 +124,7 @@ impl Export {
             bytes: record.file.as_ref().map(|file| file.bytes),
             sha256: record.file.as_ref().map(|file| file.sha256.clone()),
             report: record.report.clone(),
-            error: record.error.as_ref().map(failure_document),
+            error: record.error.as_ref().map(FailureDocument::from),
             created_at: time(record.created_at),
             started_at: record.started_at.map(time),
             finished_at: record.finished_at.map(time),

@@ -13,6 +13,7 @@ use axum::http::HeaderMap;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse as _, Response};
 use futures_util::stream::{self, Stream};
+use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
@@ -30,8 +31,7 @@ use crate::problem::Problem;
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// One event of the stream.
-#[derive(ToSchema)]
-#[allow(dead_code)]
+#[derive(Debug, ToSchema)]
 pub(crate) struct JobEvent {
     /// What the event tells.
     event: EventName,
@@ -44,9 +44,8 @@ pub(crate) struct JobEvent {
 }
 
 /// What an event tells.
-#[derive(serde::Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-#[allow(dead_code)]
 pub(crate) enum EventName {
     /// The job moved.
     State,
@@ -54,6 +53,22 @@ pub(crate) enum EventName {
     Progress,
     /// The job ended; the stream closes.
     End,
+}
+
+impl EventName {
+    fn name(self) -> &'static str {
+        match self {
+            Self::State => "state",
+            Self::Progress => "progress",
+            Self::End => "end",
+        }
+    }
+}
+
+impl From<JobEvent> for Event {
+    fn from(event: JobEvent) -> Self {
+        Self::default().event(event.event.name()).id(event.id).data(event.data)
+    }
 }
 
 /// Follow a job
@@ -154,22 +169,23 @@ impl Told {
     /// The events that tell a client what it does not know yet.
     fn news(&mut self, job: &JobRecord) -> Vec<Event> {
         let mut events = Vec::new();
-        let mut tell = |name: &str, data: &Value| {
-            events.push(Event::default().event(name).id(job.version.to_string()).data(data.to_string()));
+        let mut tell = |event, data: &Value| {
+            let event = JobEvent { event, id: job.version.to_string(), data: data.to_string() };
+            events.push(event.into());
         };
         if job.version > self.version {
             let whole = summary(job);
             let state = (job.state, job.attempt, job.cancel_requested);
             if self.state != Some(state) {
-                tell("state", &whole);
+                tell(EventName::State, &whole);
             }
             if job.progress.is_some() && job.progress != self.progress {
-                tell("progress", job.progress.as_ref().unwrap_or(&Value::Null));
+                tell(EventName::Progress, job.progress.as_ref().unwrap_or(&Value::Null));
             }
         }
         // A client that missed the end must see it, whatever it saw before.
         if job.state.is_finished() {
-            tell("end", &summary(job));
+            tell(EventName::End, &summary(job));
         }
         self.version = self.version.max(job.version);
         self.state = Some((job.state, job.attempt, job.cancel_requested));

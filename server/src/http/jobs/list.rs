@@ -50,29 +50,29 @@ choices! {
     pub(crate) enum JobOrder {
         /// Newest first.
         #[default]
-        NewestFirst "-created",
+        Newest "-created",
         /// Oldest first.
-        OldestFirst "created",
+        Oldest "created",
         /// Highest priority first.
-        HighestFirst "-priority",
+        HighestPriority "-priority",
         /// Lowest priority first.
-        LowestFirst "priority",
+        LowestPriority "priority",
         /// Latest end first; jobs that have not ended come last.
-        LatestEndFirst "-finished",
+        LatestEnd "-finished",
         /// Earliest end first; jobs that have not ended come before.
-        EarliestEndFirst "finished",
+        EarliestEnd "finished",
     }
 }
 
 impl JobOrder {
     fn order(self) -> Order {
         let (key, descending) = match self {
-            Self::NewestFirst => (SortKey::Created, true),
-            Self::OldestFirst => (SortKey::Created, false),
-            Self::HighestFirst => (SortKey::Priority, true),
-            Self::LowestFirst => (SortKey::Priority, false),
-            Self::LatestEndFirst => (SortKey::Finished, true),
-            Self::EarliestEndFirst => (SortKey::Finished, false),
+            Self::Newest => (SortKey::Created, true),
+            Self::Oldest => (SortKey::Created, false),
+            Self::HighestPriority => (SortKey::Priority, true),
+            Self::LowestPriority => (SortKey::Priority, false),
+            Self::LatestEnd => (SortKey::Finished, true),
+            Self::EarliestEnd => (SortKey::Finished, false),
         };
         Order { key, descending }
     }

@@ -18,7 +18,6 @@ use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
 use crate::plots::job::JobPlot;
 use crate::problem::FailureDocument;
-use crate::problem::failure_document;
 
 /// A job without its request, as listings show it.
 #[derive(Debug, Serialize, ToSchema)]
@@ -72,8 +71,8 @@ pub(crate) struct JobSummary {
     #[schema(value_type = Option<JobProgress>, required)]
     progress: Option<Value>,
     /// Why the job failed.
-    #[schema(value_type = Option<FailureDocument>, required)]
-    error: Option<Value>,
+    #[schema(required)]
+    error: Option<FailureDocument>,
     /// What came out.
     #[schema(required)]
     result: Option<ResultView>,
@@ -172,7 +171,7 @@ impl JobSummary {
             updated_at: time(job.updated_at),
             expires_at: job.expires_at.map(time),
             progress: job.progress.clone(),
-            error: job.error.as_ref().map(failure_document),
+            error: job.error.as_ref().map(FailureDocument::from),
             result: job.artifact.as_ref().map(ResultView::of),
             warnings: job.warnings(),
             engine: job.engine.clone(),

@@ -3,16 +3,18 @@
 //!
 //! `packstone openapi` prints it, `openapi.yaml` at the root of the repository equals it.
 
+use packstone_engine::export::slice::SliceDocument;
 use serde_json::{Map, Value, json};
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
 
-use crate::http::exports::media::SliceDocument;
 use crate::http::observe;
 use crate::http::problems::sets::problem_response;
+use crate::jobs::JobRequest;
 use crate::problem::{Kind, ProblemDocument};
+use crate::studies::Study;
 
-pub(crate) mod request_schemas;
+pub(crate) mod strict;
 
 const DESCRIPTION: &str = "Packstone turns a concrete mix design into a dense, checked packing of spheres.\n\n\
 Submit a job, wait for its end (`Prefer: wait=N`, long polls by tag, or server-sent events), fetch the result and the \
@@ -36,7 +38,7 @@ with a `Deprecation` header (RFC 9745) for at least one minor version before.";
     ),
     // What responses that are made by hand refer to is not found by itself.
     components(schemas(
-        ProblemDocument, SliceDocument
+        ProblemDocument, SliceDocument<'static>
     ))
 )]
 struct Base;
@@ -48,12 +50,16 @@ pub(crate) fn base() -> OpenApi {
     document
 }
 
-/// Adds what holds for every route, and what the derives cannot say.
+/// Adds what holds for every route and every request.
 pub(crate) fn finished(document: &OpenApi) -> Value {
     let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
     add_links(&mut value);
-    request_schemas::polish(&mut value);
+    if let Some(schemas) = value["components"]["schemas"].as_object_mut() {
+        strict::apply::<JobRequest>(schemas);
+        strict::apply::<Study>(schemas);
+        schemas.sort_keys();
+    }
     value
 }
 

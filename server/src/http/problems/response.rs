@@ -41,13 +41,13 @@ pub(crate) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem 
         StoreError::NoExport => Problem::no_export(&id.to_string()),
         StoreError::StudyForbidden(state) => {
             Problem::new(Kind::Conflict, format!("the study {id} is {}, which forbids this", state.name()))
-                .with("state", state.name().into())
+                .with(|members| members.state = Some(state.name()))
         }
         StoreError::Forbidden(state) => Problem::new(
             Kind::Conflict,
             format!("the state of job {id} is {}, which forbids this", state.name()),
         )
-        .with("state", state.name().into()),
+        .with(|members| members.state = Some(state.name())),
         other => other.into(),
     }
 }

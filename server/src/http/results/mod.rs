@@ -4,6 +4,8 @@
 //! formats, which together decide every byte. Lengths were counted when the job ended, so that an
 //! answer can say its length before its first byte is made.
 
+mod document;
+
 use std::io;
 
 use axum::body::Body;
@@ -26,9 +28,10 @@ use crate::http::params::values::Named;
 use crate::http::params::{JobPath, NoParameters, Query, parameters};
 use crate::http::problems::sets::{ResultProblems, SummaryProblems};
 use crate::http::problems::{of_fault, refused};
+use crate::http::results::document::ResultDocument;
 use crate::jobs::store::{Fault, StoreError};
-use crate::jobs::{ArtifactRecord, JobId, JobRecord, JobRequest, State as JobState};
-use crate::problem::{Kind, Problem, failure_document};
+use crate::jobs::{ArtifactRecord, JobId, JobRecord, State as JobState};
+use crate::problem::{FailureDocument, Kind, Problem};
 
 /// A result without its request and its spheres.
 #[derive(Serialize, ToSchema)]
@@ -43,29 +46,6 @@ pub(crate) struct ResultSummary {
     #[serde(flatten)]
     #[schema(value_type = Report)]
     report: Map<String, Value>,
-}
-
-/// A result in JSON: its summary, its request and its spheres.
-#[derive(Serialize, ToSchema)]
-#[allow(dead_code)]
-pub(crate) struct ResultDocument {
-    #[serde(flatten)]
-    summary: ResultSummary,
-    /// The request as submitted, with its defaults filled in.
-    request: JobRequest,
-    /// The grains.
-    spheres: SphereTable,
-}
-
-/// The grains of a result, largest first; the row number is the grain's id.
-#[derive(Serialize, ToSchema)]
-#[allow(dead_code)]
-pub(crate) struct SphereTable {
-    /// Names of the columns.
-    #[schema(example = json!(["x_mm", "y_mm", "z_mm", "d_mm"]))]
-    columns: [String; 4],
-    /// One row a grain.
-    rows: Vec<[f64; 4]>,
 }
 
 /// Get a result without its spheres
@@ -189,16 +169,14 @@ pub(crate) async fn finished(app: &App, id: JobId) -> Result<(JobRecord, Artifac
         }
         (JobState::Queued | JobState::Running, _) => {
             Err(Problem::new(Kind::ResultNotReady, format!("job {id} is {}", job.state.name()))
-                .with("state", job.state.name().into())
+                .with(|members| members.state = Some(job.state.name()))
                 .with_header("retry-after", "1"))
         }
         (JobState::Failed | JobState::Cancelled, _) => {
-            let problem = Problem::new(Kind::JobFailed, format!("job {id} {}", ended(&job)))
-                .with("state", job.state.name().into());
-            Err(match job.error {
-                Some(error) => problem.with("job_error", failure_document(&error)),
-                None => problem,
-            })
+            Err(Problem::new(Kind::JobFailed, format!("job {id} {}", ended(&job))).with(|members| {
+                members.state = Some(job.state.name());
+                members.job_error = job.error.as_ref().map(FailureDocument::from);
+            }))
         }
     }
 }

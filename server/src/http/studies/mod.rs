@@ -4,7 +4,6 @@ pub(crate) mod actions;
 pub(crate) mod get;
 pub(crate) mod list;
 pub(crate) mod plots;
-pub(crate) mod schemas;
 pub(crate) mod submit;
 pub(crate) mod table;
 pub(crate) mod view;

@@ -21,7 +21,6 @@ use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
 use crate::http::storage::check_room;
 use crate::http::studies::get::wait_until;
-use crate::http::studies::schemas::StudyRequest;
 use crate::http::studies::view::{self, Study as StudyView};
 use crate::http::submission::{content_sha256, idempotency_key, read_apart};
 use crate::http::waiting::PREFERENCE_APPLIED;
@@ -50,7 +49,7 @@ use crate::studies::Study;
         ("Idempotency-Key" = Option<String>, Header, pattern = "^[!-~]{1,255}$", description = "1 to 255 visible ASCII characters. The same key and body give the same study, however often they are sent; the key lives as long as its study. Keys of jobs are others"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the study is finished, or after N s (at most 60)"),
     ),
-    request_body(content = StudyRequest, content_type = "application/json"),
+    request_body(content = Study, content_type = "application/json"),
     responses(
         (status = 201, description = "The study was accepted; or, after a wait, it is finished", body = StudyView,
             headers(("Location" = String, description = "Path of the study"), ("ETag" = String, description = "Tag of the study"))),

@@ -12,9 +12,9 @@ use crate::http::params::{Choice as _, Query, StudyPath, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::TableProblems;
 use crate::http::response::set;
-use crate::http::studies::schemas::StudyTable;
 use crate::jobs::store::StoreError;
 use crate::problem::Problem;
+use crate::studies::table::Table;
 
 parameters! {
     /// How a table is wanted.
@@ -38,7 +38,7 @@ parameters! {
     ),
     responses(
         (status = 200, description = "The table", headers(("ETag" = String, description = "Tag of the table")),
-            content((StudyTable = "application/json"), (String = "text/csv"))),
+            content((Table = "application/json"), (String = "text/csv"))),
         (status = 304, description = "The table is as known"),
         TableProblems
     )

@@ -10,12 +10,11 @@ use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::response::{set, time};
-use crate::http::studies::schemas::StudyRequest;
 use crate::http::waiting::Changing;
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
 use crate::plots::study::StudyPlot;
-use crate::studies::StopWhen;
+use crate::studies::{self, StopWhen};
 
 /// Points of a study whose warnings are shown.
 const MAX_WARNED_POINTS: u32 = 100;
@@ -73,7 +72,7 @@ pub(crate) struct Study {
     #[serde(flatten)]
     summary: StudySummary,
     /// The request as submitted, with its seed; in the answer to a submission, and where `include=request` asks for it.
-    #[schema(value_type = StudyRequest, required = false)]
+    #[schema(value_type = studies::Study, required = false)]
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<Value>,
     /// What is likely to go wrong, by the plans of its points, once for each; at most 100 points.

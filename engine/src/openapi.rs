@@ -1,0 +1,83 @@
+//! Schemas for interface documents that no derive makes: of tables that are written row by row, and of bounded items.
+
+use serde_json::json;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, Object, ObjectBuilder, Schema, Type};
+
+use crate::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
+
+/// A length in mm.
+fn length() -> RefOr<Schema> {
+    let number = ObjectBuilder::new().schema_type(Type::Number);
+    Schema::from(number.minimum(Some(MIN_LENGTH_MM)).maximum(Some(MAX_LENGTH_MM)).build()).into()
+}
+
+/// The edge lengths of a box.
+pub(crate) fn size_mm() -> Array {
+    ArrayBuilder::new()
+        .items(length())
+        .min_items(Some(3))
+        .max_items(Some(3))
+        .description(Some("Edge lengths in x, y, z."))
+        .examples([json!([150.0, 150.0, 150.0])])
+        .build()
+}
+
+/// The points of a grading curve by sieves.
+pub(crate) fn points() -> Array {
+    let passing = ObjectBuilder::new().schema_type(Type::Number).minimum(Some(0)).maximum(Some(1)).build();
+    let point = ArrayBuilder::new()
+        .prefix_items([length(), Schema::from(passing).into()])
+        .items(ArrayItems::False)
+        .min_items(Some(2))
+        .max_items(Some(2))
+        .build();
+    ArrayBuilder::new()
+        .items(RefOr::from(Schema::from(point)))
+        .min_items(Some(2))
+        .max_items(Some(1000))
+        .description(Some("The points of the curve, at least two."))
+        .examples([json!([[2.0, 0.0], [8.0, 0.6], [16.0, 1.0]])])
+        .build()
+}
+
+/// An explicit list of diameters.
+pub(crate) fn diameters_mm() -> Array {
+    ArrayBuilder::new()
+        .items(length())
+        .min_items(Some(1))
+        .description(Some("Diameter of every grain, in any order."))
+        .examples([json!([12.0, 10.0, 8.0])])
+        .build()
+}
+
+/// The schema of a table: an object with the names of its `columns` and with `rows` of numbers.
+pub(crate) fn table(description: &str, columns: &[&str], row: &str) -> Object {
+    ObjectBuilder::new()
+        .schema_type(Type::Object)
+        .description(Some(description))
+        .property("columns", names(columns))
+        .required("columns")
+        .property("rows", rows(columns.len(), row))
+        .required("rows")
+        .build()
+}
+
+fn names(columns: &[&str]) -> Array {
+    let name = |name: &&str| {
+        Schema::from(ObjectBuilder::new().schema_type(Type::String).enum_values(Some([*name])).build())
+    };
+    ArrayBuilder::new()
+        .prefix_items(columns.iter().map(name))
+        .items(ArrayItems::False)
+        .min_items(Some(columns.len()))
+        .max_items(Some(columns.len()))
+        .description(Some("Names of the columns."))
+        .build()
+}
+
+fn rows(width: usize, description: &str) -> Array {
+    let number = ObjectBuilder::new().schema_type(Type::Number).build();
+    let row = ArrayBuilder::new().items(number).min_items(Some(width)).max_items(Some(width)).build();
+    ArrayBuilder::new().items(RefOr::from(Schema::from(row))).description(Some(description)).build()
+}
