@@ -11,7 +11,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::harness::deadline::{eventually, patiently, within};
-use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs};
+use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs, run};
 
 /// A data directory on a small file system of its own.
 struct SmallDisk {
@@ -354,4 +354,31 @@ async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
     assert_eq!(client.job(id_of(&large)).await["error"], Value::Null);
     client.post(&format!("/v1/jobs/{}/cancel", id_of(&large))).send().await;
     server.stop().await;
+}
+
+#[tokio::test]
+async fn a_command_that_finds_no_memory_ends_with_its_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = jobs::with(jobs::equal_spheres(150_000, 1), "/mix/volume_fraction", json!(0.45));
+    let edge_mm = (150_000.0 * std::f64::consts::PI / 6.0 / 0.45_f64).cbrt();
+    let job = jobs::with(job, "/specimen/size_mm", json!([edge_mm, edge_mm, edge_mm]));
+    let job = jobs::with(job, "/method", json!({"type": "edmd", "stop": {"events": 1}}));
+    fs::write(folder.path().join("job.json"), job.to_string()).unwrap();
+    let mut codes = Vec::new();
+    // From a limit that the plan refuses to one that suffices: wherever memory ends, no signal ends the process.
+    for mib in (70..200).step_by(10) {
+        let mut command = Command::new("sh");
+        let script =
+            format!("ulimit -v {}; exec {} run job.json", mib << 10, env!("CARGO_BIN_EXE_packstone"));
+        command.args(["-c", &script]).current_dir(folder.path());
+        let ended = run(command).await;
+        let code = ended.code.unwrap_or_else(|| panic!("{mib} MiB: {}", ended.stderr));
+        assert!([3, 4, 6].contains(&code), "{mib} MiB: {code}: {}", ended.stderr);
+        assert_eq!(code == 6, ended.stderr.contains("out of memory: the run needs"), "{}", ended.stderr);
+        codes.push(code);
+        if code == 4 {
+            break;
+        }
+    }
+    assert!(codes.contains(&6) && codes.last() == Some(&4), "{codes:?}");
 }

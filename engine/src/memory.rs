@@ -57,6 +57,18 @@ pub(crate) fn make_room<T>(vector: &mut Vec<T>, more: usize) -> Result<(), OutOf
     vector.try_reserve(more).map_err(|_| OutOfMemory { bytes })
 }
 
+/// Appends an element. Where the system refuses memory for more, it is left out and the refusal is noted.
+#[inline]
+pub(crate) fn push<T>(vector: &mut Vec<T>, element: T, refused: &mut Option<OutOfMemory>) {
+    if vector.len() == vector.capacity()
+        && let Err(error) = make_room(vector, 1)
+    {
+        *refused = Some(error);
+        return;
+    }
+    vector.push(element);
+}
+
 /// Whether the system grants so many bytes at once; they are given back.
 pub(crate) fn probe(bytes: usize) -> Result<(), OutOfMemory> {
     reserved::<u8>(bytes).map(drop)

@@ -8,6 +8,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::system::{System, unpack};
+use crate::memory::{OutOfMemory, make_room, refill};
 use crate::rng::uniform;
 use crate::segregation::Preference;
 
@@ -37,6 +38,9 @@ impl Swaps {
     /// Tries so many swaps in a system whose lists were just rebuilt. `sizes` are contact radii
     /// by rank, falling, in any unit. With a preference swaps are as Metropolis and others (1953) have it: those
     /// that go against it happen the more rarely the more they do, so that the gradient is kept and not levelled.
+    ///
+    /// # Errors
+    /// When the system refuses memory.
     pub(crate) fn sweep(
         &mut self,
         system: &mut System,
@@ -44,16 +48,17 @@ impl Swaps {
         preference: Option<&Preference>,
         tries: u64,
         rng: &mut Xoshiro256PlusPlus,
-    ) {
+    ) -> Result<(), OutOfMemory> {
         let n = system.len();
         if n < 2 || sizes[0] <= sizes[n - 1] {
-            return;
+            return Ok(());
         }
-        self.site.resize(n, 0);
+        refill(&mut self.site, n, 0)?;
         for (site, &rank) in system.rank.iter().enumerate() {
             self.site[rank as usize] = site as u32;
         }
         self.limit.clear();
+        make_room(&mut self.limit, n)?;
         let mut largest = 0;
         for &size in sizes {
             while sizes[largest] > size * (1.0 + self.window) {
@@ -73,6 +78,7 @@ impl Swaps {
             let factor = if share < ACCEPTED_AIM { 0.7 } else { 1.3 };
             self.window = (self.window * factor).clamp(LEAST_WINDOW, MOST_WINDOW);
         }
+        Ok(())
     }
 
     /// Tries so many pairs; returns how many had different sizes, and how many of these were exchanged.

@@ -8,7 +8,7 @@
 //! The cells hold the spheres that touch them, not the centres inside them.
 
 use super::End;
-use crate::memory::filled;
+use crate::memory::{OutOfMemory, filled, push};
 use crate::specimen::Region;
 
 /// A placed grain: its centre, and its part of every exclusion radius.
@@ -90,7 +90,7 @@ impl Cells {
             spheres: Vec::new(),
             images: images(periodic, size),
         };
-        cells.spheres = cells.ordered(placed);
+        cells.spheres = cells.ordered(placed)?;
         let mut starts = filled(number + 1, 0)?;
         for (id, grain) in cells.spheres.iter().enumerate() {
             if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
@@ -121,15 +121,15 @@ impl Cells {
 
     /// The grains in a few groups from large to small, each in the order of cells: neighbours are
     /// neighbours in memory, and in a cell's list the grains most likely to block come first.
-    fn ordered(&self, placed: &[Placed]) -> Vec<Placed> {
+    fn ordered(&self, placed: &[Placed]) -> Result<Vec<Placed>, OutOfMemory> {
         let cell_of = |grain: &Placed| {
             let at: [usize; 3] = std::array::from_fn(|a| self.index(a, grain[a]));
             (at[2] * self.counts[1] + at[1]) * self.counts[0] + at[0]
         };
-        let mut ordered = vec![[0.0; 4]; placed.len()];
+        let mut ordered = filled(placed.len(), [0.0; 4])?;
         let n = placed.len();
         for (from, to) in [(0, n / 8), (n / 8, n / 4), (n / 4, n / 2), (n / 2, n)] {
-            let mut next = vec![0_u32; self.len() + 1];
+            let mut next = filled(self.len() + 1, 0_u32)?;
             for grain in &placed[from..to] {
                 next[cell_of(grain) + 1] += 1;
             }
@@ -142,7 +142,7 @@ impl Cells {
                 *next += 1;
             }
         }
-        ordered
+        Ok(ordered)
     }
 
     /// Index along an axis of the cell that holds a coordinate, or of the nearest.
@@ -157,17 +157,22 @@ impl Cells {
     }
 
     /// Enters a grain just placed, for new grains whose part is at most `part_mm`.
-    pub(super) fn insert(&mut self, grain: &Placed, part_mm: f64) {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(super) fn insert(&mut self, grain: &Placed, part_mm: f64) -> Result<(), OutOfMemory> {
         let id = self.spheres.len() as u32;
-        self.spheres.push(*grain);
+        let mut refused = None;
+        push(&mut self.spheres, *grain, &mut refused);
         let mut heads = std::mem::take(&mut self.heads);
         let mut links = std::mem::take(&mut self.links);
         self.for_each_touched(id, grain, part_mm, |cell, entry| {
             let next = std::mem::replace(&mut heads[cell], links.len() as u32);
-            links.push(Link { entry, next });
+            push(&mut links, Link { entry, next }, &mut refused);
         });
         self.heads = heads;
         self.links = links;
+        refused.map_or(Ok(()), Err)
     }
 
     /// Lower corner of a cell, by its index.

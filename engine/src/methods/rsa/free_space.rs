@@ -17,6 +17,7 @@ use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::cells::{Cells, Placed};
+use crate::memory::{OutOfMemory, push, reserved};
 use crate::request::Specimen;
 use crate::rng::uniform;
 
@@ -129,21 +130,26 @@ pub(super) struct FreeSpace<'a> {
     /// Voxels tested against exclusion spheres.
     pub(super) tested: u64,
     spheres: Vec<Placed>,
+    /// Memory that a voxel was refused.
+    refused: Option<OutOfMemory>,
 }
 
 impl<'a> FreeSpace<'a> {
     /// All of the region, in cells.
-    pub(super) fn whole(cells: &Cells, served: Served<'a>) -> Self {
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(super) fn whole(cells: &Cells, served: Served<'a>) -> Result<Self, OutOfMemory> {
         let half = cells.edge.map(|e| e / 2.0);
-        let voxels = (0..cells.len())
-            .filter(|&cell| {
-                let corner = cells.corner(cell);
-                let center = std::array::from_fn(|a| corner[a] + half[a]);
-                !cells.region.misses_cuboid(center, half)
-            })
-            .map(|cell| Voxel { cell: cell as u32, at: [0; 3] })
-            .collect();
-        Self {
+        let is_inside = |cell: &usize| {
+            let corner = cells.corner(*cell);
+            let center = std::array::from_fn(|a| corner[a] + half[a]);
+            !cells.region.misses_cuboid(center, half)
+        };
+        let mut voxels = reserved(cells.len())?;
+        let inside = (0..cells.len()).filter(is_inside);
+        voxels.extend(inside.map(|cell| Voxel { cell: cell as u32, at: [0; 3] }));
+        Ok(Self {
             active: vec![voxels],
             size_bins: vec![Vec::new(); SIZE_BINS],
             bin: 0,
@@ -153,7 +159,13 @@ impl<'a> FreeSpace<'a> {
             batch: Batch::empty(),
             tested: 0,
             spheres: Vec::new(),
-        }
+            refused: None,
+        })
+    }
+
+    /// The memory that a voxel was refused, if one was: voxels are missing since then.
+    pub(super) fn refused(&self) -> Option<OutOfMemory> {
+        self.refused
     }
 
     /// Activates the voxels that may hold a place for a grain of `part_mm`; parts must not rise from
@@ -162,7 +174,10 @@ impl<'a> FreeSpace<'a> {
     pub(super) fn activate(&mut self, part_mm: f64, exactly: bool) {
         let bin = self.served.bin_of(part_mm);
         while self.bin <= bin {
-            self.due.extend(std::mem::take(&mut self.size_bins[self.bin]));
+            let deferred = std::mem::take(&mut self.size_bins[self.bin]);
+            if self.make_room_due(deferred.len()) {
+                self.due.extend(deferred);
+            }
             self.bin += 1;
         }
         self.threshold_mm = if exactly { part_mm } else { self.served.least_of(bin) };
@@ -170,7 +185,7 @@ impl<'a> FreeSpace<'a> {
             // The points drawn ahead do not know this voxel.
             self.batch.next = BATCH;
             if let Some(Deferred { level, voxel, .. }) = self.due.pop() {
-                self.active[usize::from(level)].push(voxel);
+                push(&mut self.active[usize::from(level)], voxel, &mut self.refused);
             }
         }
     }
@@ -315,12 +330,27 @@ impl<'a> FreeSpace<'a> {
     #[inline(always)]
     fn keep(&mut self, voxel: Voxel, level: usize, covered_above: f64) {
         if covered_above >= self.threshold_mm {
-            self.active[level].push(voxel);
+            push(&mut self.active[level], voxel, &mut self.refused);
         } else if covered_above >= self.served.least_part {
             let deferred = Deferred { covered_above, level: level as u8, voxel };
             let bin = self.served.bin_of(covered_above);
-            if bin < self.bin { self.due.push(deferred) } else { self.size_bins[bin].push(deferred) }
+            if bin >= self.bin {
+                push(&mut self.size_bins[bin], deferred, &mut self.refused);
+            } else if self.make_room_due(1) {
+                self.due.push(deferred);
+            }
         }
+    }
+
+    /// Makes room for so many voxels that are due; says whether there is.
+    #[inline]
+    fn make_room_due(&mut self, more: usize) -> bool {
+        let granted = self.due.try_reserve(more).is_ok();
+        if !granted {
+            let bytes = (self.due.len() + more) * size_of::<Deferred>();
+            self.refused = Some(OutOfMemory { bytes: bytes as u64 });
+        }
+        granted
     }
 }
 

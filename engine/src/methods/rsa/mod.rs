@@ -247,7 +247,10 @@ impl Run<'_> {
             largest_clearance: rsa.clearance(first),
             least_clearance: rsa.clearance(end - 1),
         };
-        let mut free = FreeSpace::whole(&cells, served);
+        let mut free = match FreeSpace::whole(&cells, served) {
+            Ok(free) => free,
+            Err(refused) => return refused.into(),
+        };
         let mut exactly = false;
         for grain in first..end {
             let Some(region) = rsa.region(grain) else { return no_place };
@@ -265,6 +268,9 @@ impl Run<'_> {
                 #[inline(always)]
                 || self.search(&mut search, &mut free, &cells, rng),
             );
+            if let Some(refused) = free.refused() {
+                return refused.into();
+            }
             exactly |= search.failed > EXACT_AFTER;
             self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
             self.statistics.attempts += search.attempts;
@@ -274,7 +280,9 @@ impl Run<'_> {
                     let own = rsa.rule.exclusion(d).placed_factor * d / 2.0 * ROUNDING_MARGIN;
                     let [x, y, z] = draw.point;
                     let placed = [x, y, z, own];
-                    cells.insert(&placed, search.part);
+                    if let Err(refused) = cells.insert(&placed, search.part) {
+                        return refused.into();
+                    }
                     self.placed.push(placed);
                 }
                 Found::Stopped => return End::Stopped,
@@ -362,7 +370,7 @@ impl Run<'_> {
         self.looks += 1;
         if self.looks.is_multiple_of(DRAWS_PER_LOOK) {
             self.report();
-            if self.control.should_stop() {
+            if self.control.should_stop() || free.refused().is_some() {
                 return Found::Stopped;
             }
         }

@@ -283,7 +283,7 @@ impl Run {
         }
         if frame.options.swap != Some(false) {
             let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
-            self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng);
+            self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng)?;
         }
         self.system.predict_all(self.events_per_time)?;
 
