@@ -31,7 +31,7 @@ fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
     let request = PackingRequest::from_json(job, 1).unwrap();
     let limits = Limits::default();
     let packing = pack(&request, &limits, &Unattended).unwrap();
-    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+    let model = Model::new(&request.specimen, &packing.spheres);
     std::fs::create_dir(folder).unwrap();
     let file = |name: &str| File::create(folder.join(name)).unwrap();
     let report = msh::write(&model, options, &limits, &Unattended, &mut file("packing.msh")).unwrap();

@@ -9,7 +9,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use packstone_engine::export::{ExportError, ExportRequest, Model};
+use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
 use packstone_engine::{Limits, export::tables};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
@@ -183,12 +183,16 @@ impl ExportWorker {
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
         let spheres = tables::load(&stored).map_err(|error| unreadable(&error))?;
+        let provenance = Provenance {
+            result_sha256: Some(claimed.result.sha256.clone()),
+            ..Provenance::from(stored.head())
+        };
         drop(stored);
         let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
         let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.limits };
         let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres).with_provenance(&provenance);
         let written = self
             .artifacts
             .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))

@@ -10,7 +10,6 @@
 mod balls;
 mod checks;
 mod chrono;
-mod grid;
 mod nodes;
 mod options;
 mod report;
@@ -34,11 +33,12 @@ pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
 pub use report::{Checks, LatticeReport, NodeReport};
 
 use crate::control::Control;
-use crate::export::{ExportError, Model};
+use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
 use topology::Topology;
+use vtu::Vtu;
 use work::{Part, Work};
 
 /// Memory per node at the peak, in bytes: tetrahedra and their neighbours, lists of what meets at nodes, cells.
@@ -87,7 +87,7 @@ pub fn write(
         LatticeFormat::Tets => 0.9,
     };
     let lattice = Lattice::make(model, options, limits, &Part { control, from: 0.0, to: made })?;
-    lattice.write(options, &Part { control, from: made, to: 1.0 }, out)?;
+    lattice.write(options, model.provenance, &Part { control, from: made, to: 1.0 }, out)?;
     Ok(lattice.report)
 }
 
@@ -136,7 +136,7 @@ impl Lattice {
         Ok(lattice)
     }
 
-    /// Writes the file that is asked for.
+    /// Writes the file that is asked for; VTK files state the provenance.
     ///
     /// # Errors
     /// [`ExportError::Stopped`] and [`ExportError::Write`]; [`ExportError::Unavailable`] for a grid of more points
@@ -144,16 +144,18 @@ impl Lattice {
     pub fn write(
         &self,
         options: &LatticeOptions,
+        provenance: Option<&Provenance>,
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<(), ExportError> {
         let (total, message) = (self.tets.len(), "writing the lattice");
         let work = Work { control, from: 0.0, to: 1.0, total, unit: "tetrahedra", message };
+        let vtu = Vtu { lattice: self, provenance, work: &work };
         match options.format {
             LatticeFormat::Chrono => chrono::write(self, options, &work, out),
-            LatticeFormat::Tets => vtu::write_tets(self, &work, out),
-            LatticeFormat::Facets => vtu::write_facets(self, &work, out),
-            LatticeFormat::Cells => vtu::write_cells(self, &work, out),
+            LatticeFormat::Tets => vtu.write_tets(out),
+            LatticeFormat::Facets => vtu.write_facets(out),
+            LatticeFormat::Cells => vtu.write_cells(out),
         }
     }
 

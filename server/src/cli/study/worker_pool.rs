@@ -16,8 +16,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::{EngineInfo, Format, Head};
-use packstone_engine::export::{ExportError, Model};
-use packstone_engine::{Checkpoint, Control, Limits, PackError, Packing, Progress};
+use packstone_engine::export::{ExportError, Model, Provenance};
+use packstone_engine::{Checkpoint, Control, Limits, PackError, Progress, Spheres};
 
 use super::super::exports;
 use super::super::outputs::Names;
@@ -168,13 +168,19 @@ impl WorkerPool<'_> {
             if replicate == 0 {
                 distance_curve = packing.report.distance_curve();
             }
-            match self.export(&id, &job, &packing, &control) {
+            let head = Head {
+                job_id: None,
+                request: serde_json::to_value(&job)?,
+                engine: EngineInfo::current(),
+                report: packing.report,
+            };
+            match self.export(&id, &job, &head, &packing.spheres, &control) {
                 Ok(()) => {}
                 Err(ExportError::Stopped) => return Ok(None),
                 Err(ExportError::Write(error)) => return Err(named(&self.results, &error)),
                 Err(error) => unmade = Some(exports::explained(error)),
             }
-            self.keep(&id, &job, packing)?;
+            self.keep(&id, &head, &packing.spheres)?;
         }
         self.checkpoints.remove(&id, ATTEMPT);
         let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, distance_curve };
@@ -186,7 +192,8 @@ impl WorkerPool<'_> {
         &self,
         id: &str,
         job: &JobRequest,
-        packing: &Packing,
+        head: &Head,
+        spheres: &Spheres,
         control: &Watch<'_>,
     ) -> Result<(), ExportError> {
         let items = job.postprocess.items();
@@ -196,7 +203,8 @@ impl WorkerPool<'_> {
         // The time limit is the packing's.
         let control = Unhurried(control);
         let mut names = Names::of(id);
-        let model = Model { specimen: &job.specimen, spheres: &packing.spheres };
+        let provenance = Provenance::from(head);
+        let model = Model::new(&job.specimen, spheres).with_provenance(&provenance);
         for (_, export) in items {
             let file = self.results.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;
@@ -205,19 +213,10 @@ impl WorkerPool<'_> {
     }
 
     /// Writes a packing in the formats asked for.
-    fn keep(&self, id: &str, job: &JobRequest, packing: Packing) -> io::Result<()> {
-        if self.formats.is_empty() {
-            return Ok(());
-        }
-        let head = Head {
-            job_id: None,
-            request: serde_json::to_value(job)?,
-            engine: EngineInfo::current(),
-            report: packing.report,
-        };
+    fn keep(&self, id: &str, head: &Head, spheres: &Spheres) -> io::Result<()> {
         for format in self.formats {
             let file = self.results.join(format!("{id}.{}", format.name()));
-            run::write(&file, *format, &head, &packing.spheres).map_err(|error| named(&file, &error))?;
+            run::write(&file, *format, head, spheres).map_err(|error| named(&file, &error))?;
         }
         Ok(())
     }

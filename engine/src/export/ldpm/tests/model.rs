@@ -13,7 +13,7 @@ use crate::request::decode::{At, Faults};
 use crate::request::{Boundary, Specimen};
 
 fn lattice(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Result<Lattice, ExportError> {
-    Lattice::make(&Model { specimen, spheres }, options, &Limits::default(), &Unattended)
+    Lattice::make(&Model::new(specimen, spheres), options, &Limits::default(), &Unattended)
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn few_grains_are_enough() {
 }
 
 fn refused(specimen: &Specimen, spheres: &Spheres, limits: &Limits) -> ExportError {
-    Lattice::make(&Model { specimen, spheres }, &LatticeOptions::default(), limits, &Unattended).unwrap_err()
+    Lattice::make(&Model::new(specimen, spheres), &LatticeOptions::default(), limits, &Unattended).unwrap_err()
 }
 
 #[test]
@@ -174,14 +174,14 @@ impl Control for Impatient {
 #[test]
 fn it_stops_when_told_to() {
     let (specimen, spheres) = in_box();
-    let model = Model { specimen: &specimen, spheres: &spheres };
+    let model = Model::new(&specimen, &spheres);
     let made = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap();
     let error =
         Lattice::make(&model, &LatticeOptions::default(), &Limits::default(), &Impatient).unwrap_err();
     assert!(matches!(error, ExportError::Stopped), "{error}");
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
-        let error = made.write(&options, &Impatient, &mut std::io::sink()).unwrap_err();
+        let error = made.write(&options, None, &Impatient, &mut std::io::sink()).unwrap_err();
         assert!(matches!(error, ExportError::Stopped), "{error}");
     }
 }
@@ -205,7 +205,7 @@ fn progress_rises_from_0_to_1() {
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let heard = Listening::default();
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         write(&model, &options, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
         let heard = heard.0.into_inner();
         assert!(heard.len() >= 3 && heard.is_sorted(), "{heard:?}");
