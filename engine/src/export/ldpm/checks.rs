@@ -5,11 +5,13 @@ use std::cmp::Ordering;
 
 use super::nodes::Nodes;
 use super::report::Checks;
-use super::tessellation::{self, Facet, Point, Tet, edge_share, face_point, point, triangle_area};
-use super::topology::{self, NONE, Topology, has_first};
+use super::tessellation::{
+    EDGES, Facet, Point, Tet, boundary_facets, edge_share, face_point, point, triangle_area,
+};
+use super::topology::{self, Topology, has_first};
 use super::work::Work;
 use crate::export::ExportError;
-use crate::geometry::delaunay::inside_circumsphere;
+use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
 
 /// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
 /// nodes.
@@ -96,7 +98,7 @@ pub(super) fn check(
                 continue;
             }
             let across = neighbors[other as usize].iter().position(|&back| back as usize == t);
-            let seen = across.map(|k| tessellation::FACES[k].map(|i| tets[other as usize][i]));
+            let seen = across.map(|k| FACES[k].map(|i| tets[other as usize][i]));
             let point = seen.map(|face| face_point(nodes, face));
             checks.nonconforming_faces += u64::from(point != Some(tet.faces[k]));
             checks.delaunay_violations += u64::from(across.is_some_and(|k| {
@@ -169,7 +171,7 @@ impl Sums {
         for (sum, part) in self.moment.iter_mut().zip((corners * (volume / 4.0)).iter()) {
             sum.add(*part);
         }
-        let longest2 = tessellation::EDGES
+        let longest2 = EDGES
             .map(|[i, j]| (tet.corners[j] - tet.corners[i]).norm_squared())
             .into_iter()
             .fold(0.0, f64::max);
@@ -223,7 +225,7 @@ impl Surface {
             }
             let corners = face.map(|node| point(nodes.points_mm[node as usize]));
             volume.add(triangle_area(corners).dot(&(corners[0] - apex)) / 3.0);
-            for (node, part) in tessellation::boundary_facets(nodes, face) {
+            for (node, part) in boundary_facets(nodes, face) {
                 let vector = triangle_area(part);
                 closures[node as usize].add(vector, vector.norm());
             }

@@ -8,14 +8,12 @@
 use nalgebra::Vector3;
 
 use super::nodes::Nodes;
+use crate::geometry::delaunay::FACES;
 
 pub(super) type Point = Vector3<f64>;
 
 /// Nodes of each edge, as positions in the tetrahedron.
 pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-
-/// Nodes of the face opposite each node, seen counter-clockwise from outside.
-pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// Edge and face of each facet. The facet's corners are the tetrahedron's point, the face's and the edge's.
 pub(super) const FACETS: [[usize; 2]; 12] =

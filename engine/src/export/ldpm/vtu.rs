@@ -6,11 +6,12 @@
 use std::io::Write;
 
 use super::Lattice;
-use super::tessellation::{EDGES, FACES, FACETS, Tet, edge_point, face_point, is_even, point};
-use super::topology::{self, NONE, has_first};
+use super::tessellation::{EDGES, FACETS, Tet, edge_point, face_point, is_even, point};
+use super::topology::{self, has_first};
 use super::work::{LOOKS_PER_REPORT, Work};
 use crate::export::vtk_xml::VtkXml;
 use crate::export::{ExportError, Provenance, go_on};
+use crate::geometry::delaunay::{FACES, NONE};
 
 const TETRA: u8 = 10;
 const TRIANGLE: u8 = 5;

@@ -137,7 +137,7 @@ fn no_circle_of_a_periodic_slice_is_a_ghost() {
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
     let model = Model::new(&request.specimen, &packing.spheres);
-    for axis in [Axis::X, Axis::Y, Axis::Z] {
+    for axis in Axis::ALL {
         for at_mm in (0..10).map(|i| 4.0 * f64::from(i)) {
             for circle in Cut::new(&model, axis, at_mm).circles {
                 let outside = circle.center_mm.map(|x| (-x).max(x - 40.0).max(0.0));
@@ -171,7 +171,7 @@ fn cuts_add_up_to_the_volume() {
         let (specimen, spheres) = packed(specimen, 0.45);
         let model = Model::new(&specimen, &spheres);
         let volume: f64 = spheres.d_mm.iter().map(|d| PI / 6.0 * d * d * d).sum();
-        for axis in [Axis::X, Axis::Y, Axis::Z] {
+        for axis in Axis::ALL {
             const CUTS: usize = 400;
             let length = specimen.bounds_mm()[axis.index()];
             let step = length / CUTS as f64;

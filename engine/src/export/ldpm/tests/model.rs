@@ -1,12 +1,13 @@
 use serde_json::json;
 
 use super::super::checks;
-use super::super::topology::{NONE, Topology};
+use super::super::topology::Topology;
 use super::super::work::Work;
 use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check, write};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::control::{Control, Progress, Unattended};
 use crate::export::{ExportError, Model};
+use crate::geometry::delaunay::NONE;
 use crate::packing::Spheres;
 use crate::plan::Limits;
 use crate::request::decode::{At, Faults};
@@ -80,7 +81,8 @@ fn few_grains_are_enough() {
 }
 
 fn refused(specimen: &Specimen, spheres: &Spheres, limits: &Limits) -> ExportError {
-    Lattice::make(&Model::new(specimen, spheres), &LatticeOptions::default(), limits, &Unattended).unwrap_err()
+    Lattice::make(&Model::new(specimen, spheres), &LatticeOptions::default(), limits, &Unattended)
+        .unwrap_err()
 }
 
 #[test]
