@@ -178,7 +178,7 @@ struct Volumes {
 /// The radius that a grain's sphere gets so that Gmsh's polyhedron has its volume, as far as gaps leave room.
 fn radius_mm(
     model: &Model<'_>,
-    near: &Near<'_>,
+    near: &Near,
     row: usize,
     edge_mm: f64,
     options: &GeoOptions,

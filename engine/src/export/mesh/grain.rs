@@ -34,7 +34,7 @@ const MOST_STEPS: usize = 60;
 pub(super) struct Grains<'a> {
     model: &'a Model<'a>,
     options: &'a SurfaceOptions,
-    near: Near<'a>,
+    near: Near,
     finenesses: Finenesses,
     /// Polyhedra of the unit sphere that were needed so far.
     templates: HashMap<Fineness, Surface>,
