@@ -8,6 +8,7 @@ pub mod mesh;
 pub mod picture;
 mod provenance;
 pub mod slice;
+mod steps;
 pub mod tables;
 pub mod voxels;
 mod vtk_xml;

@@ -9,8 +9,8 @@ use super::tessellation::{
     EDGES, Facet, Point, Tet, boundary_facets, edge_share, face_point, point, triangle_area,
 };
 use super::topology::{self, Topology, has_first};
-use super::work::Work;
 use crate::export::ExportError;
+use crate::export::steps::Steps;
 use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
 
 /// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
@@ -66,14 +66,14 @@ pub(super) fn check(
     tets: &[[u32; 4]],
     neighbors: &[[u32; 4]],
     topology: &Topology,
-    work: &Work<'_>,
+    steps: &Steps<'_>,
 ) -> Result<Checked, ExportError> {
     let mut cells = vec![Cell::default(); nodes.len()];
     let mut closures = vec![Closure::default(); nodes.len()];
     let mut checks = Checks { edge_share_min: f64::INFINITY, ..Checks::default() };
     let mut sums = Sums::default();
     for (t, &tet) in tets.iter().enumerate() {
-        work.look(t)?;
+        steps.look(t)?;
         let tet = Tet::new(nodes, tet);
         let facets: [Facet; 12] = std::array::from_fn(|facet| tet.facet(facet));
         sums.add(&tet, &facets, &mut checks);

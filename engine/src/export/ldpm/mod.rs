@@ -20,7 +20,6 @@ mod tessellation;
 mod text;
 mod topology;
 mod vtu;
-mod work;
 
 #[cfg(test)]
 mod tests;
@@ -32,14 +31,14 @@ pub use nodes::Nodes;
 pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
 pub use report::{Checks, LatticeReport, NodeReport};
 
-use crate::control::Control;
+use crate::control::{Control, Part};
+use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
 use topology::Topology;
 use vtu::Vtu;
-use work::{Part, Work};
 
 /// Memory per node at the peak, in bytes: tetrahedra and their neighbours, lists of what meets at nodes, cells.
 const BYTES_PER_NODE: f64 = 600.0;
@@ -86,8 +85,8 @@ pub fn write(
         LatticeFormat::Facets | LatticeFormat::Cells => 0.4,
         LatticeFormat::Tets => 0.9,
     };
-    let lattice = Lattice::make(model, options, limits, &Part { control, from: 0.0, to: made })?;
-    lattice.write(options, model.provenance, &Part { control, from: made, to: 1.0 }, out)?;
+    let lattice = Lattice::make(model, options, limits, &Part::new(control, 0.0, made))?;
+    lattice.write(options, model.provenance, &Part::new(control, made, 1.0), out)?;
     Ok(lattice.report)
 }
 
@@ -110,13 +109,12 @@ impl Lattice {
         check_spacing(model, options)?;
         check_memory(model, options, limits)?;
         let nodes = nodes::lay(model, options, control)?;
-        let Delaunay { nodes: tets, neighbors } =
-            delaunay(&nodes.points_mm, &Part { control, from: 0.02, to: 0.4 })?;
+        let Delaunay { nodes: tets, neighbors } = delaunay(&nodes.points_mm, &Part::new(control, 0.02, 0.4))?;
         let topology = Topology::new(nodes.len(), &tets, &neighbors, control)?;
         check_radii(&nodes, &topology)?;
         let (total, message) = (tets.len(), "cells, facets and their checks");
-        let work = Work { control, from: 0.5, to: 1.0, total, unit: "tetrahedra", message };
-        let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &work)?;
+        let steps = Steps { control: &Part::new(control, 0.5, 1.0), total, unit: "tetrahedra", message };
+        let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &steps)?;
         let mut node_report = NodeReport::new(&nodes, options);
         let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
         let spans = [clear, node_report.spacing_mm];
@@ -149,10 +147,10 @@ impl Lattice {
         out: &mut dyn Write,
     ) -> Result<(), ExportError> {
         let (total, message) = (self.tets.len(), "writing the lattice");
-        let work = Work { control, from: 0.0, to: 1.0, total, unit: "tetrahedra", message };
-        let vtu = Vtu { lattice: self, provenance, work: &work };
+        let steps = Steps { control, total, unit: "tetrahedra", message };
+        let vtu = Vtu { lattice: self, provenance, steps: &steps };
         match options.format {
-            LatticeFormat::Chrono => chrono::write(self, options, &work, out),
+            LatticeFormat::Chrono => chrono::write(self, options, &steps, out),
             LatticeFormat::Tets => vtu.write_tets(out),
             LatticeFormat::Facets => vtu.write_facets(out),
             LatticeFormat::Cells => vtu.write_cells(out),

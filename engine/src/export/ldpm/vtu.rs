@@ -8,7 +8,7 @@ use std::io::Write;
 use super::Lattice;
 use super::tessellation::{EDGES, FACETS, Tet, edge_point, face_point, is_even, point};
 use super::topology::{self, has_first};
-use super::work::{LOOKS_PER_REPORT, Work};
+use crate::export::steps::{LOOKS_PER_REPORT, Steps};
 use crate::export::vtk_xml::VtkXml;
 use crate::export::{ExportError, Provenance, go_on};
 use crate::geometry::delaunay::{FACES, NONE};
@@ -21,7 +21,7 @@ const POLYHEDRON: u8 = 42;
 pub(super) struct Vtu<'a> {
     pub(super) lattice: &'a Lattice,
     pub(super) provenance: Option<&'a Provenance>,
-    pub(super) work: &'a Work<'a>,
+    pub(super) steps: &'a Steps<'a>,
 }
 
 impl Vtu<'_> {
@@ -31,14 +31,14 @@ impl Vtu<'_> {
     }
 
     fn write(&self, file: VtkXml<'_>, out: &mut dyn Write) -> Result<(), ExportError> {
-        let work = Work { total: file.bytes() as usize, unit: "bytes", ..*self.work };
+        let steps = Steps { total: file.bytes() as usize, unit: "bytes", ..*self.steps };
         let mut blocks: usize = 0;
         file.write(out, &mut |written| {
             if blocks.is_multiple_of(LOOKS_PER_REPORT) {
-                work.report(written as usize);
+                steps.report(written as usize);
             }
             blocks += 1;
-            go_on(work.control)
+            go_on(steps.control)
         })
     }
 

@@ -9,7 +9,7 @@
 use std::io::{self, Write};
 
 use super::layers::Layers;
-use super::{Found, Grid, Watch};
+use super::{Found, Grid, LayerSteps};
 use crate::export::{ExportError, Model};
 
 /// Passes over the layers: matrix, aggregates, interface.
@@ -46,7 +46,7 @@ const OUTSIDE: u8 = 2;
 pub(super) fn write(
     model: &Model<'_>,
     grid: &Grid,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     let lattice = Lattice { grid };
@@ -71,13 +71,13 @@ pub(super) fn write(
                     found.aggregate += u64::from(phase);
                 }
             }
-            watch.layer()?;
+            layers_done.next()?;
         }
         found.grains_without_voxel = layers.layers.grains_without_voxel();
     }
     lattice.write_node_sets(out)?;
     lattice.write_surfaces(out)?;
-    write_interface(model, &lattice, watch, out)?;
+    write_interface(model, &lattice, layers_done, out)?;
     Ok(found)
 }
 
@@ -269,7 +269,7 @@ fn write_set(numbers: &[usize], out: &mut dyn Write) -> io::Result<()> {
 fn write_interface(
     model: &Model<'_>,
     lattice: &Lattice<'_>,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<(), ExportError> {
     let [nx, ny, nz] = lattice.grid.shape;
@@ -308,7 +308,7 @@ fn write_interface(
         }
         std::mem::swap(&mut below, &mut layer);
         std::mem::swap(&mut layer, &mut above);
-        watch.layer()?;
+        layers_done.next()?;
     }
     Ok(())
 }

@@ -1,11 +1,14 @@
 #![allow(clippy::unwrap_used)]
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
 
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::control::Progress;
 use crate::export::Provenance;
 use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
@@ -408,20 +411,20 @@ fn the_mantle_of_a_cylinder_is_one_closed_surface() {
 
 #[test]
 fn a_run_stops_when_it_is_told_to() {
-    struct After(std::cell::Cell<u32>);
+    struct After(AtomicU32);
     impl Control for After {
         fn report(&self, progress: &Progress) {
             assert!((0.0..=1.0).contains(&progress.fraction));
-            self.0.set(self.0.get() - 1);
+            self.0.fetch_sub(1, Relaxed);
         }
         fn should_stop(&self) -> bool {
-            self.0.get() == 0
+            self.0.load(Relaxed) == 0
         }
     }
     let (specimen, spheres) = packed(&specimens()[0]);
     let model = Model::new(&specimen, &spheres);
     for format in VoxelFormat::ALL {
-        let control = After(std::cell::Cell::new(5));
+        let control = After(AtomicU32::new(5));
         let options = read(format, &json!({"cells": 20})).unwrap();
         let mut out = Vec::new();
         let stopped = write(&model, &options, &Limits::default(), &control, &mut out);

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::layers::Layers;
-use super::{Found, Grid, Label, VoxelOptions, Watch, labels};
+use super::{Found, Grid, Label, LayerSteps, VoxelOptions, labels};
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Model};
 
@@ -16,7 +16,7 @@ pub(super) fn write(
     model: &Model<'_>,
     grid: &Grid,
     options: &VoxelOptions,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     let [nx, ny, nz] = grid.shape;
@@ -32,7 +32,7 @@ pub(super) fn write(
     let mut file = VtkXml::new("ImageData", &attributes, &[("Extent", extent)], model.provenance);
     file.section("CellData", Some("label"));
     let fill_labels = |sink: &mut Sink<'_>| {
-        found = labels(model, grid, options.label, watch, sink)?;
+        found = labels(model, grid, options.label, layers_done, sink)?;
         Ok(())
     };
     match options.label {
@@ -41,7 +41,7 @@ pub(super) fn write(
     }
     if options.fractions {
         file.fill::<f32>("fraction", voxels, |sink| {
-            sampled_mm3 = fractions(model, grid, options.samples, watch, sink)?;
+            sampled_mm3 = fractions(model, grid, options.samples, layers_done, sink)?;
             Ok(())
         });
     }
@@ -55,7 +55,7 @@ fn fractions(
     model: &Model<'_>,
     grid: &Grid,
     samples: u32,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<f64, ExportError> {
     let mut layers = Layers::new(model, grid);
@@ -72,7 +72,7 @@ fn fractions(
         }
         sum += layer.iter().map(|share| f64::from(*share)).sum::<f64>();
         out.write_all(bytes.as_flattened())?;
-        watch.layer()?;
+        layers_done.next()?;
     }
     Ok(sum * grid.voxel_mm3())
 }

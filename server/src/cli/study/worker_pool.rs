@@ -4,7 +4,6 @@
 //! They know jobs, files of results, and which points need no more runs; what is kept of a run that ended is for
 //! whoever receives it.
 
-use std::cell::Cell;
 use std::collections::VecDeque;
 use std::fs;
 use std::io;
@@ -139,7 +138,7 @@ impl WorkerPool<'_> {
             pool: self,
             thread,
             deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
-            timed_out: Cell::new(false),
+            timed_out: AtomicBool::new(false),
             writer: self.checkpoints.writer(&id, ATTEMPT),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
@@ -148,7 +147,9 @@ impl WorkerPool<'_> {
         let time_s = start.elapsed().as_secs_f64();
         let (outcome, facts, fault) = match &packed {
             Ok(Ok(packing)) => (Outcome::Succeeded, Facts::of_packing(&packing.report), None),
-            Ok(Err(PackError::Stopped { .. })) if !control.timed_out.get() => return Ok(None),
+            Ok(Err(PackError::Stopped { .. })) if !control.timed_out.load(Ordering::Relaxed) => {
+                return Ok(None);
+            }
             Ok(Err(error @ PackError::Stopped { .. })) => {
                 (Outcome::TargetNotReached, Facts::of_failure(error, time_s), None)
             }
@@ -247,7 +248,7 @@ struct Watch<'a> {
     pool: &'a WorkerPool<'a>,
     thread: usize,
     deadline: Option<Instant>,
-    timed_out: Cell<bool>,
+    timed_out: AtomicBool,
     writer: CheckpointWriter,
 }
 
@@ -261,9 +262,9 @@ impl Control for Watch<'_> {
             return true;
         }
         if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
-            self.timed_out.set(true);
+            self.timed_out.store(true, Ordering::Relaxed);
         }
-        self.timed_out.get()
+        self.timed_out.load(Ordering::Relaxed)
     }
 
     fn wants_checkpoint(&self) -> bool {

@@ -1,11 +1,13 @@
+use std::sync::Mutex;
+
 use serde_json::json;
 
 use super::super::checks;
 use super::super::topology::Topology;
-use super::super::work::Work;
 use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check, write};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::control::{Control, Progress, Unattended};
+use crate::export::steps::Steps;
 use crate::export::{ExportError, Model};
 use crate::geometry::delaunay::NONE;
 use crate::packing::Spheres;
@@ -131,8 +133,8 @@ fn a_lattice_with_a_fault_does_not_pass() {
     let Lattice { nodes, tets, neighbors, .. } = made;
     let judged = |tets: &[[u32; 4]], neighbors: &[[u32; 4]]| {
         let topology = Topology::new(nodes.len(), tets, neighbors, &Unattended).unwrap();
-        let work = Work { control: &Unattended, from: 0.0, to: 1.0, total: 0, unit: "", message: "" };
-        checks::check(&nodes, tets, neighbors, &topology, &work).map(|_| ()).map_err(|e| e.to_string())
+        let steps = Steps { control: &Unattended, total: 0, unit: "", message: "" };
+        checks::check(&nodes, tets, neighbors, &topology, &steps).map(|_| ()).map_err(|e| e.to_string())
     };
     judged(&tets, &neighbors).unwrap();
 
@@ -190,11 +192,11 @@ fn it_stops_when_told_to() {
 
 /// Keeps the fractions that it is told.
 #[derive(Default)]
-struct Listening(std::cell::RefCell<Vec<f64>>);
+struct Listening(Mutex<Vec<f64>>);
 
 impl Control for Listening {
     fn report(&self, progress: &Progress) {
-        self.0.borrow_mut().push(progress.fraction);
+        self.0.lock().unwrap().push(progress.fraction);
     }
     fn should_stop(&self) -> bool {
         false
@@ -209,7 +211,7 @@ fn progress_rises_from_0_to_1() {
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
         let model = Model::new(&specimen, &spheres);
         write(&model, &options, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
-        let heard = heard.0.into_inner();
+        let heard = heard.0.into_inner().unwrap();
         assert!(heard.len() >= 3 && heard.is_sorted(), "{heard:?}");
         assert!(heard.iter().all(|fraction| (0.0..=1.0).contains(fraction)), "{heard:?}");
     }
