@@ -83,7 +83,7 @@ fn coarse_grains_lie_where_the_field_says() {
 }
 
 #[test]
-fn a_mantle_draws_coarse_grains_in_a_cylinder() {
+fn a_lateral_surface_draws_coarse_grains_in_a_cylinder() {
     let side = json!({"type": "face", "face": "side"});
     let strong = with_gradient(job(&cylinder(), 0.35, &json!({"type": "rsa"})), &side, 30.0);
     assert_along_and_not_across(&strong, 0.15);

@@ -186,8 +186,8 @@ impl<'a> VtkXml<'a> {
     /// Writes the file. `watch` is told after each block how many bytes of arrays are written.
     ///
     /// # Errors
-    /// [`ExportError::Write`], [`ExportError::CheckFailed`] for an array of another length than was stated, and those of
-    /// `watch` and of what fills the arrays.
+    /// [`ExportError::Write`], [`ExportError::CheckFailed`] for an array of another length than was stated, and those
+    /// of `watch` and of what fills the arrays.
     pub(super) fn write(
         mut self,
         out: &mut dyn Write,
@@ -214,8 +214,8 @@ impl<'a> VtkXml<'a> {
     }
 }
 
-/// Where a packing comes from, as arrays of numbers and of text. Grids have the UTF-8 codes of a text as numbers: meshio,
-/// which reads grids, refuses a file with arrays of the type `String`.
+/// Where a packing comes from, as arrays of numbers and of text. Grids have the UTF-8 codes of a text as numbers:
+/// meshio, which reads grids, refuses a file with arrays of the type `String`.
 fn field_data(provenance: &Provenance, data_set: &str) -> String {
     let array = |kind: &str, name: &str, tuples: usize, values: &str| {
         format!(

@@ -213,8 +213,8 @@ impl Octaves {
         Self { octaves: octaves.into_iter().map(octave).collect() }
     }
 
-    /// Calls `visit` with every sphere whose gap to the sphere of that centre and radius is at most `reach_mm`, and with
-    /// some beyond.
+    /// Calls `visit` with every sphere whose gap to the sphere of that centre and radius is at most `reach_mm`, and
+    /// with some beyond.
     #[inline]
     pub fn for_each_near(
         &self,
@@ -229,8 +229,8 @@ impl Octaves {
         }
     }
 
-    /// Calls `visit` once with every pair whose gap is at most `reach_mm`, and with some beyond. `go_on` is asked now and
-    /// then, and ends the walk where it says no; returns whether the walk was completed.
+    /// Calls `visit` once with every pair whose gap is at most `reach_mm`, and with some beyond. `go_on` is asked now
+    /// and then, and ends the walk where it says no; returns whether the walk was completed.
     pub fn for_each_pair(
         &self,
         reach_mm: f64,

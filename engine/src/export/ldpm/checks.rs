@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 use super::nodes::Nodes;
 use super::report::Checks;
 use super::tessellation::{
-    EDGES, Facet, Point, Tet, boundary_facets, edge_share, face_point, point, triangle_area,
+    EDGES, Facet, Point, Tet, boundary_facets, edge_parameter, face_point, point, triangle_area,
 };
 use super::topology::{self, Topology, has_first};
 use crate::export::ExportError;
@@ -22,7 +22,7 @@ pub(super) const TOLERANCE: f64 = 1.0e-12;
 pub struct Cell {
     /// Signed volume.
     pub volume_mm3: f64,
-    /// Volume times the way from the node to the centre of mass.
+    /// Volume times the vector from the node to the centre of mass.
     pub first_moment_mm4: [f64; 3],
 }
 
@@ -70,7 +70,7 @@ pub(super) fn check(
 ) -> Result<Checked, ExportError> {
     let mut cells = vec![Cell::default(); nodes.len()];
     let mut closures = vec![Closure::default(); nodes.len()];
-    let mut checks = Checks { edge_share_min: f64::INFINITY, ..Checks::default() };
+    let mut checks = Checks { edge_parameter_min: f64::INFINITY, ..Checks::default() };
     let mut sums = Sums::default();
     for (t, &tet) in tets.iter().enumerate() {
         steps.look(t)?;
@@ -115,7 +115,7 @@ pub(super) fn check(
     checks.smallest_cell_mm3 = cells.iter().map(|cell| cell.volume_mm3).fold(f64::INFINITY, f64::min);
     sums.conclude(nodes, &cells, surface.volume_mm3, &mut checks);
     count(nodes, tets.len(), topology, &surface, &mut checks);
-    shares(nodes, topology, &mut checks);
+    edge_parameters(nodes, topology, &mut checks);
     judge(&checks)?;
     Ok(Checked { cells, checks, volume_mm3: surface.volume_mm3, surface_triangles: surface.triangles })
 }
@@ -247,14 +247,14 @@ fn count(nodes: &Nodes, tets: usize, topology: &Topology, surface: &Surface, che
     checks.euler_surface = surface.nodes as i64 - rings.open as i64 + surface.triangles as i64;
 }
 
-fn shares(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
+fn edge_parameters(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
     for [a, b] in topology.edges() {
         let [a, b] = [a as usize, b as usize];
         let length = (point(nodes.points_mm[b]) - point(nodes.points_mm[a])).norm();
         let (r, s) = (nodes.radii_mm[a], nodes.radii_mm[b]);
-        let share = edge_share(length, r, s);
-        checks.edge_share_min = checks.edge_share_min.min(share);
-        checks.edge_share_max = checks.edge_share_max.max(share);
+        let parameter = edge_parameter(length, r, s);
+        checks.edge_parameter_min = checks.edge_parameter_min.min(parameter);
+        checks.edge_parameter_max = checks.edge_parameter_max.max(parameter);
         checks.overlapping_edges += u64::from(length < (r + s) * (1.0 - TOLERANCE));
     }
 }
@@ -307,10 +307,10 @@ fn judge(checks: &Checks) -> Result<(), ExportError> {
             checks.euler_volume, checks.euler_surface
         )));
     }
-    if !(checks.edge_share_min > 0.0 && checks.edge_share_max < 1.0) {
+    if !(checks.edge_parameter_min > 0.0 && checks.edge_parameter_max < 1.0) {
         return Err(ExportError::CheckFailed(format!(
-            "points of edges lie at the shares {} to {} of the edges, not between 0 and 1 (check T7)",
-            checks.edge_share_min, checks.edge_share_max
+            "points of edges lie at parameters from {} to {}, not between 0 and 1 (check T7)",
+            checks.edge_parameter_min, checks.edge_parameter_max
         )));
     }
     Ok(())

@@ -57,9 +57,9 @@ pub(super) fn point(p: [f64; 3]) -> Point {
     Point::from(p)
 }
 
-/// Where the point of an edge lies, as a share of the way from its first node: in the middle of the gap
-/// between the spheres.
-pub(super) fn edge_share(length: f64, first_radius: f64, second_radius: f64) -> f64 {
+/// Where the point of an edge lies, as a parameter from 0 at its first node to 1 at its
+/// second: in the middle of the gap between the spheres.
+pub(super) fn edge_parameter(length: f64, first_radius: f64, second_radius: f64) -> f64 {
     (length + first_radius - second_radius) / (2.0 * length)
 }
 
@@ -68,7 +68,7 @@ pub(super) fn edge_point(nodes: &Nodes, a: u32, b: u32) -> Point {
     let (i, j) = (a.min(b) as usize, a.max(b) as usize);
     let (from, to) = (point(nodes.points_mm[i]), point(nodes.points_mm[j]));
     let along = to - from;
-    from + along * edge_share(along.norm(), nodes.radii_mm[i], nodes.radii_mm[j])
+    from + along * edge_parameter(along.norm(), nodes.radii_mm[i], nodes.radii_mm[j])
 }
 
 /// Half way from `from` to the surface of the sphere of `node`.

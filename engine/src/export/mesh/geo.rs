@@ -202,10 +202,10 @@ fn radius_mm(
 /// The polyhedra that Gmsh makes of spheres.
 ///
 /// Gmsh divides the half circle between the poles of a sphere first, into the whole number of segments next above what
-/// the sizes ask for, and the rest of the sphere has triangles of the same edges. So the circumference has an even number
-/// `n` of segments, and the polyhedron lacks `c / n^2` of the volume of the sphere, with a `c` near the `(3/8) (2 pi)^2 =
-/// 14.8` of equilateral triangles: 14.4 - 6 / n. Measured with Gmsh 4.15.2, 5 to 12 spheres for each `n` from 10 to 64:
-/// within 3 % of `c`, from sphere to sphere within 3 % for `n` of 16 and 1 % from 24 on.
+/// the sizes ask for, and the rest of the sphere has triangles of the same edges. So the circumference has an even
+/// number `n` of segments, and the polyhedron lacks `c / n^2` of the volume of the sphere, with a `c` near the `(3/8)
+/// (2 pi)^2 = 14.8` of equilateral triangles: 14.4 - 6 / n. Measured with Gmsh 4.15.2, 5 to 12 spheres for each `n`
+/// from 10 to 64: within 3 % of `c`, from sphere to sphere within 3 % for `n` of 16 and 1 % from 24 on.
 #[derive(Clone, Copy, Debug)]
 struct Polyhedra {
     segments: u32,

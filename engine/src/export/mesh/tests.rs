@@ -212,7 +212,7 @@ fn a_box_has_twelve_edges_and_a_cylinder_two_rims() {
 }
 
 #[test]
-fn the_facets_of_a_mantle_cut_into_no_grain_that_touches_it() {
+fn the_facets_of_a_lateral_surface_cut_into_no_grain_that_touches_it() {
     let packing = spheres(&[([10.0 + 7.0, 10.0, 7.0], 6.0)]);
     for segments in [6, 16] {
         let options = SurfaceOptions::default().with_segments(segments);

@@ -83,7 +83,7 @@ fn a_cut_outside_of_the_specimen_is_refused() {
         refused(&cube(Boundary::Walls), json!({"at_mm": 10.5})),
         "/at_mm: 10.5 is out of range: a cut along z must be at least 0 and at most 10 mm, inside the specimen"
     );
-    // A plane that touches the mantle has no area.
+    // A plane that touches the lateral surface has no area.
     assert_eq!(
         refused(&cylinder, json!({"axis": "x", "at_mm": 0})),
         "/at_mm: 0 is out of range: a cut along x must be greater than 0 and less than 10 mm, inside the specimen"

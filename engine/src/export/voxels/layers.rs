@@ -3,7 +3,7 @@
 use crate::export::Model;
 use crate::packing::Spheres;
 
-use super::Grid;
+use super::VoxelGrid;
 
 /// A grain, or the image of one that a periodic box repeats.
 #[derive(Clone, Copy, Debug)]
@@ -18,7 +18,7 @@ struct Body {
 /// The bodies that have a part in the layers to come.
 pub(super) struct Layers<'a> {
     spheres: &'a Spheres,
-    grid: &'a Grid,
+    grid: &'a VoxelGrid,
     bounds: [f64; 3],
     /// Those that no layer has reached, the lowest last.
     waiting: Vec<Body>,
@@ -29,7 +29,7 @@ pub(super) struct Layers<'a> {
 }
 
 impl<'a> Layers<'a> {
-    pub(super) fn new(model: &Model<'a>, grid: &'a Grid) -> Self {
+    pub(super) fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Self {
         let spheres = model.spheres;
         let bounds = model.specimen.bounds_mm();
         let mut waiting = Vec::with_capacity(spheres.len());

@@ -17,7 +17,7 @@ use std::io::{BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
-pub use grid::Grid;
+pub use grid::VoxelGrid;
 pub use options::{
     DEFAULT_CELLS, DEFAULT_SAMPLES, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, VoxelFormat,
     VoxelOptions,
@@ -65,12 +65,12 @@ pub struct VoxelReport {
 /// # Errors
 /// [`ExportError::TooLarge`] with what the grid would take.
 pub fn check(specimen: &Specimen, options: &VoxelOptions, limits: &Limits) -> Result<(), ExportError> {
-    options.check(&Grid::new(specimen, options), limits)
+    options.check(&VoxelGrid::new(specimen, options), limits)
 }
 
 /// Length of the file of a grid.
 pub(super) fn expected_bytes(specimen: &Specimen, options: &VoxelOptions) -> u64 {
-    options.bytes(&Grid::new(specimen, options))
+    options.bytes(&VoxelGrid::new(specimen, options))
 }
 
 /// Makes the grid and writes it.
@@ -84,7 +84,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<VoxelReport, ExportError> {
-    let grid = Grid::new(model.specimen, options);
+    let grid = VoxelGrid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let passes = match options.format {
@@ -157,7 +157,7 @@ impl<'a> LayerSteps<'a> {
 /// Writes the labels, x fastest, little-endian, and nothing else.
 fn labels(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     label: Label,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
@@ -173,7 +173,7 @@ fn labels(
 
 fn labels_as<const BYTES: usize>(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
     encode: impl Fn(usize) -> [u8; BYTES],

@@ -298,7 +298,7 @@ fn hexahedra_sets_and_surfaces_are_those_of_the_voxels() {
         let options = json!({"cells": 13});
         let (report, bytes) = written(&model, VoxelFormat::Inp, &options);
         let (_, labels) = written(&model, VoxelFormat::Raw, &options);
-        let most = inp::most_bytes(&Grid::new(&specimen, &read(VoxelFormat::Inp, &options).unwrap()));
+        let most = inp::most_bytes(&VoxelGrid::new(&specimen, &read(VoxelFormat::Inp, &options).unwrap()));
         assert!((bytes.len() as u64) < most && most < 4 * bytes.len() as u64, "{} {most}", bytes.len());
         let text = String::from_utf8(bytes).unwrap();
         let keywords = keywords(&text);
@@ -391,7 +391,7 @@ fn hexahedra_sets_and_surfaces_are_those_of_the_voxels() {
 }
 
 #[test]
-fn the_mantle_of_a_cylinder_is_one_closed_surface() {
+fn the_lateral_surface_of_a_cylinder_is_one_closed_surface() {
     let (specimen, spheres) = packed(&specimens()[2]);
     let model = Model::new(&specimen, &spheres);
     let (report, bytes) = written(&model, VoxelFormat::Inp, &json!({"cells": 12}));

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::layers::Layers;
-use super::{Found, Grid, Label, LayerSteps, VoxelOptions, labels};
+use super::{Found, Label, LayerSteps, VoxelGrid, VoxelOptions, labels};
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Model};
 
@@ -14,7 +14,7 @@ pub(super) fn bytes_per_voxel(options: &VoxelOptions) -> u64 {
 
 pub(super) fn write(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     options: &VoxelOptions,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
@@ -53,7 +53,7 @@ pub(super) fn write(
 /// Writes the voxels' shares of aggregate, and returns their volume.
 fn fractions(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     samples: u32,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
