@@ -37,6 +37,7 @@ use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
+use tessellation::point;
 use topology::Topology;
 use vtu::Vtu;
 
@@ -246,8 +247,8 @@ fn check_spacing(model: &Model<'_>, options: &LatticeOptions) -> Result<(), Expo
 fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
     let of_surface = |node: u32| (node as usize) < nodes.boundary;
     for [a, b] in topology.edges() {
-        let (p, q) = (nodes.points_mm[a as usize], nodes.points_mm[b as usize]);
-        let length_mm = (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>().sqrt();
+        let [p, q] = [a, b].map(|node| point(nodes.points_mm[node as usize]));
+        let length_mm = (p - q).norm();
         let (first, second) = (nodes.radii_mm[a as usize], nodes.radii_mm[b as usize]);
         let reach_mm = if of_surface(a) && of_surface(b) { first } else { (first - second).abs() };
         if reach_mm >= length_mm && (of_surface(a) || of_surface(b)) {

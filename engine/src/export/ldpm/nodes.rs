@@ -9,6 +9,7 @@ use super::balls::Balls;
 use super::options::{BoundaryNodes, LatticeOptions};
 use super::sample;
 use super::surface::{Edge, Face, LateralSurface, Surface};
+use super::tessellation::point;
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
 use crate::request::Specimen;
@@ -169,7 +170,7 @@ impl Layer<'_> {
 }
 
 fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
-    (0..3).map(|a| (p[a] - center[a]).powi(2)).sum::<f64>() < radius * radius
+    (point(p) - point(center)).norm_squared() < radius * radius
 }
 
 /// Lays nodes on the surface of a model, and appends its grains.

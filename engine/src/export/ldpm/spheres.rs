@@ -3,6 +3,7 @@
 
 use super::nodes::Nodes;
 use super::report::{Checks, NodeReport};
+use super::tessellation::point;
 use crate::control::Control;
 use crate::export::{ExportError, Model};
 use crate::geometry::cells::{Octaves, Sphere};
@@ -36,8 +37,7 @@ pub(super) fn check(
     let completed = sorted.for_each_pair(
         beyond,
         |a, b| {
-            let distance2: f64 = (0..3).map(|axis| (a.center_mm[axis] - b.center_mm[axis]).powi(2)).sum();
-            let distance = distance2.sqrt();
+            let distance = (point(a.center_mm) - point(b.center_mm)).norm();
             match (of_surface(a), of_surface(b)) {
                 (true, true) => least_spacing = least_spacing.min(distance),
                 (false, false) => {
