@@ -86,7 +86,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{what:<20} {clock_s:7.2} s, {:6.2} s of a processor  {more}", now.1 - since.1);
         since = now;
     };
-    let model = Model { specimen: &request.specimen, spheres: &spheres };
+    let model = Model::new(&request.specimen, &spheres);
     let lattice = Lattice::make(&model, &options, &Limits::default(), &Unattended)?;
     lap("lattice with checks", "");
     let nodes = lattice.nodes().points_mm.clone();
@@ -105,7 +105,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             None => Box::new(io::sink()),
         };
         let mut out = Counted { out, bytes: 0 };
-        lattice.write(&LatticeOptions { format: file, ..options.clone() }, &Unattended, &mut out)?;
+        lattice.write(&LatticeOptions { format: file, ..options.clone() }, None, &Unattended, &mut out)?;
         lap(&format!("{file:?}"), &format!("{:.1} MB", out.bytes as f64 / 1e6));
     }
     println!("{}", serde_json::to_string_pretty(lattice.report())?);

@@ -7,11 +7,11 @@
 //! `/proc` (Linux), so other programs on the machine do not disturb the measurement. With `--samples`, all samples
 //! of each run are written as CSV.
 
-use std::cell::RefCell;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use packstone_engine::{Checkpoint, Control, Limits, PackError, PackingRequest, Progress, pack};
 use serde_json::{Value, json};
@@ -121,13 +121,13 @@ struct Sample {
 
 #[derive(Default)]
 struct Recorder {
-    samples: RefCell<Vec<Sample>>,
+    samples: Mutex<Vec<Sample>>,
 }
 
 impl Control for Recorder {
     fn report(&self, progress: &Progress) {
         let growth = progress.growth;
-        self.samples.borrow_mut().push(Sample {
+        self.samples.lock().unwrap_or_else(PoisonError::into_inner).push(Sample {
             cpu_s: cpu_s(),
             fraction: progress.fraction,
             phase: format!("{:?}", progress.phase).to_lowercase(),
@@ -161,7 +161,7 @@ fn run(request: &Value, seed: u64) -> Result<Run, Box<dyn Error>> {
         Err(other) => return Err(other.into()),
     };
     let seconds = cpu_s() - start;
-    let mut samples = recorder.samples.into_inner();
+    let mut samples = recorder.samples.into_inner().unwrap_or_else(PoisonError::into_inner);
     for sample in &mut samples {
         sample.cpu_s -= start;
     }

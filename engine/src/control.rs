@@ -3,7 +3,7 @@
 //! The engine knows nothing of clocks, stores or users; it reports often and cheaply, and the
 //! receiver decides what to keep and how to count time.
 
-use std::cell::Cell;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::Serialize;
 
@@ -69,9 +69,9 @@ pub struct Growth {
     pub predictable: bool,
 }
 
-/// Receives progress and answers whether to go on. Called every few milliseconds from the thread
-/// that packs, so all but [`Control::keep_checkpoint`] must be cheap.
-pub trait Control {
+/// Receives progress and answers whether to go on. Called every few milliseconds from the threads
+/// that work, so all but [`Control::keep_checkpoint`] must be cheap.
+pub trait Control: Sync {
     /// Takes notice of the progress.
     fn report(&self, progress: &Progress);
     /// Whether the run should stop; it then ends with [`crate::PackError::Stopped`].
@@ -94,13 +94,14 @@ pub struct Part<'a> {
     from: f64,
     to: f64,
     exponent: f64,
-    largest: Cell<f64>,
+    /// The largest fraction of the part that was reported, as the bits of a float.
+    largest: AtomicU64,
 }
 
 impl<'a> Part<'a> {
     /// The part of a whole from one fraction to another.
     pub fn new(whole: &'a dyn Control, from: f64, to: f64) -> Self {
-        Self { whole, from, to, exponent: 1.0, largest: Cell::new(0.0) }
+        Self { whole, from, to, exponent: 1.0, largest: AtomicU64::new(0) }
     }
 
     /// The same part, where the time grows as this power of the reported fraction.
@@ -111,13 +112,15 @@ impl<'a> Part<'a> {
 
     /// The largest fraction of the whole that was reported.
     pub fn reached(&self) -> f64 {
-        self.from + (self.to - self.from) * self.largest.get()
+        self.from + (self.to - self.from) * f64::from_bits(self.largest.load(Ordering::Relaxed))
     }
 }
 
 impl Control for Part<'_> {
     fn report(&self, progress: &Progress) {
-        self.largest.set(self.largest.get().max(progress.fraction.powf(self.exponent)));
+        // Bits of floats that are not negative have the order of the floats.
+        let fraction = progress.fraction.max(0.0).powf(self.exponent);
+        self.largest.fetch_max(fraction.to_bits(), Ordering::Relaxed);
         self.whole.report(&Progress { fraction: self.reached(), ..progress.clone() });
     }
 
@@ -142,5 +145,64 @@ impl Control for Unattended {
     fn report(&self, _: &Progress) {}
     fn should_stop(&self) -> bool {
         false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use super::*;
+
+    #[derive(Default)]
+    struct Heard(Mutex<Vec<f64>>);
+
+    impl Control for Heard {
+        fn report(&self, progress: &Progress) {
+            if let Ok(mut heard) = self.0.lock() {
+                heard.push(progress.fraction);
+            }
+        }
+        fn should_stop(&self) -> bool {
+            true
+        }
+        fn wants_checkpoint(&self) -> bool {
+            true
+        }
+    }
+
+    fn at(fraction: f64) -> Progress {
+        let (phase, message) = (Phase::Export, String::new());
+        Progress { phase, fraction, done: 0, total: 0, unit: "", message, growth: None }
+    }
+
+    #[test]
+    fn a_part_maps_its_fraction_and_never_falls() {
+        let heard = Heard::default();
+        let part = Part::new(&heard, 0.5, 1.0);
+        for fraction in [0.0, 0.5, 0.25, -1.0, f64::NAN, 1.0] {
+            part.report(&at(fraction));
+        }
+        assert!(part.should_stop() && part.wants_checkpoint());
+        assert_eq!(part.reached(), 1.0);
+        let squared = Part::new(&heard, 0.0, 1.0).with_exponent(2.0);
+        squared.report(&at(0.5));
+        let heard = heard.0.into_inner().unwrap_or_default();
+        assert_eq!(heard, [0.5, 0.75, 0.75, 0.75, 0.75, 1.0, 0.25]);
+    }
+
+    #[test]
+    fn threads_share_a_part() {
+        let heard = Heard::default();
+        let part = Part::new(&heard, 0.0, 1.0);
+        std::thread::scope(|scope| {
+            for thread in 0..4 {
+                let part = &part;
+                scope.spawn(move || {
+                    (0..100).for_each(|i| part.report(&at(f64::from(4 * i + thread) / 400.0)))
+                });
+            }
+        });
+        assert_eq!(part.reached(), 399.0 / 400.0);
     }
 }

@@ -29,7 +29,7 @@ pub(crate) fn share_of_field(field: GradientField, region: &Region, p: [f64; 3])
             SpecimenFace::Side => return region.share_within(p),
         },
     };
-    let below = region.share_below(axis as usize, p[axis as usize]);
+    let below = region.share_below(axis.index(), p[axis.index()]);
     if rises { below } else { 1.0 - below }
 }
 

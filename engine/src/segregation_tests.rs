@@ -12,7 +12,7 @@ const CYLINDER: Specimen = Specimen::Cylinder { diameter_mm: 30.0, height_mm: 50
 
 fn fields(specimen: &Specimen) -> Vec<GradientField> {
     let mut fields = Vec::new();
-    for axis in [Axis::X, Axis::Y, Axis::Z] {
+    for axis in Axis::ALL {
         for direction in [FieldDirection::Up, FieldDirection::Down] {
             fields.push(GradientField::Linear { axis, direction });
         }

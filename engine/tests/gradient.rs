@@ -1,7 +1,7 @@
 //! Gradients through the public interface: they are there where they were asked for, and nowhere else.
 #![allow(clippy::unwrap_used)]
 
-use std::cell::RefCell;
+use std::sync::Mutex;
 
 use packstone_engine::packing::{SegregationReport, Separation};
 use packstone_engine::{
@@ -83,7 +83,7 @@ fn coarse_grains_lie_where_the_field_says() {
 }
 
 #[test]
-fn a_mantle_draws_coarse_grains_in_a_cylinder() {
+fn a_lateral_surface_draws_coarse_grains_in_a_cylinder() {
     let side = json!({"type": "face", "face": "side"});
     let strong = with_gradient(job(&cylinder(), 0.35, &json!({"type": "rsa"})), &side, 30.0);
     assert_along_and_not_across(&strong, 0.15);
@@ -179,7 +179,7 @@ fn a_gradient_leaves_the_diameters_alone_and_is_reproducible() {
 }
 
 /// Keeps the checkpoint of each epoch.
-struct Keeping(RefCell<Vec<Vec<u8>>>);
+struct Keeping(Mutex<Vec<Vec<u8>>>);
 
 impl Control for Keeping {
     fn report(&self, _: &Progress) {}
@@ -192,7 +192,7 @@ impl Control for Keeping {
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
         let mut bytes = Vec::new();
         checkpoint.write_to(&mut bytes).unwrap();
-        self.0.borrow_mut().push(bytes);
+        self.0.lock().unwrap().push(bytes);
     }
 }
 
@@ -200,9 +200,9 @@ impl Control for Keeping {
 fn a_run_that_was_interrupted_ends_as_it_would_have() {
     let value = with_gradient(job(&cube(), 0.6, &json!({"type": "edmd"})), &linear(), 30.0);
     let request = PackingRequest::from_json(&value, 3).unwrap();
-    let keeping = Keeping(RefCell::new(Vec::new()));
+    let keeping = Keeping(Mutex::new(Vec::new()));
     let whole = pack(&request, &Limits::default(), &keeping).unwrap();
-    let kept = keeping.0.into_inner();
+    let kept = keeping.0.into_inner().unwrap();
     assert!(kept.len() > 2);
     let resume = Resume::read_from(&mut &kept[kept.len() / 2][..], &request).unwrap();
     let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();

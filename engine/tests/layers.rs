@@ -160,6 +160,31 @@ fn the_check_uses_nothing_of_what_makes_packings() {
 }
 
 #[test]
+fn the_check_shares_its_internals_with_nothing() {
+    let check = module_path("check");
+    let head = code(&check.join("mod.rs"));
+    let modules: Vec<&str> = head
+        .lines()
+        .filter_map(|line| line.strip_suffix(';')?.split_once("mod "))
+        .map(|(visibility, module)| {
+            assert_eq!(visibility, "", "the module {module} of the check is not private");
+            module
+        })
+        .collect();
+    assert!(modules.contains(&"table"), "{modules:?}");
+    for file in files(&check).iter().filter(|file| !file.ends_with("check/mod.rs")) {
+        for visibility in ["pub(crate)", "pub fn", "pub struct"] {
+            assert!(!code(file).contains(visibility), "{}: {visibility}", file.display());
+        }
+    }
+    for file in files(&source()).iter().filter(|file| !file.starts_with(&check)) {
+        for path in named_after(&code(file), "crate::check::") {
+            assert!(!modules.contains(&first(&path)), "{}: crate::check::{path}", file.display());
+        }
+    }
+}
+
+#[test]
 fn modules_of_a_folder_form_no_circle() {
     for folder in WITHOUT_CIRCLES {
         let modules: BTreeMap<String, PathBuf> = std::fs::read_dir(source().join(folder))

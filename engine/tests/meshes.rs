@@ -1,6 +1,7 @@
 //! Meshes as the programs they are for see them: Gmsh fills them, VTK and meshio read them.
 #![allow(clippy::unwrap_used)]
 
+use std::f64::consts::PI;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -31,21 +32,22 @@ fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
     let request = PackingRequest::from_json(job, 1).unwrap();
     let limits = Limits::default();
     let packing = pack(&request, &limits, &Unattended).unwrap();
-    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+    let model = Model::new(&request.specimen, &packing.spheres);
     std::fs::create_dir(folder).unwrap();
     let file = |name: &str| File::create(folder.join(name)).unwrap();
     let report = msh::write(&model, options, &limits, &Unattended, &mut file("packing.msh")).unwrap();
     write!(file("script.geo"), "{}", msh::script("packing.msh")).unwrap();
     let of_stl = stl::write(&model, options, &limits, &Unattended, &mut file("packing.zip")).unwrap();
     assert_eq!(report, of_stl);
-    geo::write(
+    let of_geo = geo::write(
         &model,
-        &geo::GeoOptions { segments: 10, ..geo::GeoOptions::default() },
+        &geo::GeoOptions { segments: 16, ..geo::GeoOptions::default() },
         &limits,
         &Unattended,
         &mut file("packing.geo"),
     )
     .unwrap();
+    let spheres_mm3: f64 = packing.spheres.d_mm.iter().map(|d| PI / 6.0 * d.powi(3)).sum();
     let [x, y, z] = request.specimen.bounds_mm();
     let planes = match request.specimen {
         Specimen::Box { .. } => {
@@ -60,6 +62,7 @@ fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
     };
     let expected = json!({
         "grains": report.grains, "faces": faces, "planes": planes,
+        "aggregates_of_geo_mm3": spheres_mm3 * (1.0 + of_geo.expected_volume_error),
         "aggregates_mm3": report.aggregate_volume_mm3, "specimen_mm3": report.specimen_volume_mm3,
     });
     write!(file("expected.json"), "{expected}").unwrap();

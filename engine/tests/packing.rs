@@ -2,6 +2,9 @@
 //! seed gives the same packing.
 #![allow(clippy::unwrap_used)]
 
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use packstone_engine::packing::EdmdEnd;
 use packstone_engine::{
     Control, Limits, PackError, PackingRequest, Phase, Progress, TargetNotReached, Unattended, check, pack,
@@ -120,16 +123,16 @@ fn the_stream_behind_a_seed_is_pinned() {
 }
 
 /// Stops at a phase: every loop of the engine must listen.
-struct StopIn(Phase, std::cell::Cell<bool>);
+struct StopIn(Phase, AtomicBool);
 
 impl Control for StopIn {
     fn report(&self, progress: &Progress) {
         if progress.phase == self.0 {
-            self.1.set(true);
+            self.1.store(true, Ordering::Relaxed);
         }
     }
     fn should_stop(&self) -> bool {
-        self.1.get()
+        self.1.load(Ordering::Relaxed)
     }
 }
 
@@ -140,7 +143,7 @@ fn a_run_can_be_stopped_in_every_phase() {
         "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
     });
     for phase in [Phase::Sampling, Phase::Rsa, Phase::Check] {
-        let control = StopIn(phase, std::cell::Cell::new(false));
+        let control = StopIn(phase, AtomicBool::new(false));
         let ended =
             pack(&request(&value, 1), &Limits::default(), &control).map(|packing| packing.spheres.len());
         assert!(matches!(ended, Err(PackError::Stopped { .. })), "{phase:?}: {ended:?}");
@@ -148,17 +151,14 @@ fn a_run_can_be_stopped_in_every_phase() {
 }
 
 /// Progress never falls within a run and ends at 1.
-struct Rising(std::cell::Cell<f64>);
+struct Rising(Mutex<f64>);
 
 impl Control for Rising {
     fn report(&self, progress: &Progress) {
-        assert!(
-            progress.fraction >= self.0.get() && progress.fraction <= 1.0,
-            "{progress:?} after {}",
-            self.0.get()
-        );
+        let mut last = self.0.lock().unwrap();
+        assert!(progress.fraction >= *last && progress.fraction <= 1.0, "{progress:?} after {last}");
         assert!(progress.done <= progress.total, "{progress:?}");
-        self.0.set(progress.fraction);
+        *last = progress.fraction;
     }
     fn should_stop(&self) -> bool {
         false
@@ -171,9 +171,9 @@ fn progress_rises_to_one() {
         "specimen": {"type": "box", "size_mm": [70, 70, 70]},
         "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
     });
-    let control = Rising(std::cell::Cell::new(0.0));
+    let control = Rising(Mutex::new(0.0));
     pack(&request(&value, 1), &Limits::default(), &control).unwrap();
-    assert_eq!(control.0.get(), 1.0);
+    assert_eq!(*control.0.lock().unwrap(), 1.0);
 }
 
 /// Grains that leave no room at all: there is one place for them, and it is found at the first attempt.

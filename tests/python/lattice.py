@@ -14,6 +14,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray, vtk_to_numpy
+from vtkmodules.util.vtkConstants import VTK_UNSIGNED_CHAR
 from vtkmodules.vtkCommonCore import vtkIdList, vtkOutputWindow, vtkStringOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkMultiObjectMassProperties
@@ -23,6 +24,16 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 # The workbench's order: face (opposite that node) and edge of each of the twelve facets.
 FACETS = [(2, 0), (3, 0), (1, 1), (3, 1), (1, 2), (2, 2), (0, 3), (3, 3), (0, 4), (2, 4), (0, 5), (1, 5)]
+# The provenance that the test states.
+PROVENANCE = {
+    "job_id": "a job",
+    "name": "a < b",
+    "engine_version": "test",
+    "result_sha256": "ab",
+    "seed": 17,
+    "volume_fraction_mixture": 0.5,
+    "volume_fraction_effective": 0.25,
+}
 
 
 def near(what, found, expected, tolerance):
@@ -144,7 +155,22 @@ def read_vtu(path):
     reader.Update()
     if messages.GetOutput():
         sys.exit(f"{path.name}: the reader complains: {messages.GetOutput()}")
-    return reader.GetOutput()
+    grid = reader.GetOutput()
+    if fields_of(grid) != PROVENANCE:
+        sys.exit(f"{path.name}: field data {fields_of(grid)}")
+    return grid
+
+
+def field(array):
+    """A value of field data; text is written as its codes."""
+    codes = array.GetDataType() == VTK_UNSIGNED_CHAR
+    return bytes(vtk_to_numpy(array)).decode() if codes else array.GetValue(0)
+
+
+def fields_of(data_set):
+    """Field data by name."""
+    data = data_set.GetFieldData()
+    return {data.GetArrayName(i): field(data.GetArray(i)) for i in range(data.GetNumberOfArrays())}
 
 
 def arrays(data):

@@ -35,6 +35,26 @@ def read_vtk(reader, path):
     return vtk_to_numpy(data.GetPoints().GetData()), arrays, data.GetNumberOfVerts()
 
 
+def check_fields(path, result):
+    """VTK finds in the field data of an XML file where the packing comes from."""
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    data = reader.GetOutput().GetFieldData()
+    names = [data.GetArrayName(i) for i in range(data.GetNumberOfArrays())]
+    found = {name: data.GetAbstractArray(name).GetValue(0) for name in names}
+    expected = {
+        "engine_version": result["engine"]["version"],
+        "seed": result["request"]["seed"],
+        "volume_fraction_mixture": result["summary"]["volume_fraction_mixture"],
+        "volume_fraction_effective": result["summary"]["volume_fraction_effective"],
+    }
+    if "name" in result["request"]:
+        expected["name"] = result["request"]["name"]
+    if found != expected:
+        sys.exit(f"{path.name}: field data {found}, expected {expected}")
+
+
 def equal(what, found, expected):
     """Ends the program unless two arrays are of one shape and equal in every number."""
     if found.shape != expected.shape:
@@ -82,6 +102,7 @@ def main(directory):
         # Without a vertex per point ParaView shows nothing until a glyph filter is applied.
         if vertices != len(spheres):
             sys.exit(f"{name}: {vertices} vertices for {len(spheres)} points")
+    check_fields(directory / "result.vtp", result)
     print(f"{len(spheres)} spheres agree in json, csv, npy, vtp and vtk")
 
 

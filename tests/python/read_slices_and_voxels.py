@@ -23,6 +23,16 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 SEGMENTS = 24
 SVG = "{http://www.w3.org/2000/svg}"
+# The provenance that the test states.
+PROVENANCE = {
+    "job_id": "a job",
+    "name": "a < b",
+    "engine_version": "test",
+    "result_sha256": "ab",
+    "seed": 17,
+    "volume_fraction_mixture": 0.5,
+    "volume_fraction_effective": 0.25,
+}
 
 
 def expect(holds, what, *figures):
@@ -51,6 +61,13 @@ def read_raw(path):
     return labels
 
 
+def fields_of(data_set):
+    """Field data by name; each array has one value."""
+    data = data_set.GetFieldData()
+    names = [data.GetArrayName(i) for i in range(data.GetNumberOfArrays())]
+    return {name: data.GetAbstractArray(name).GetValue(0) for name in names}
+
+
 def check_vti(path, labels):
     """VTK sees the labels, their place, and shares that add up to the volume."""
     report = report_of(path)
@@ -61,6 +78,7 @@ def check_vti(path, labels):
     reader.Update()
     expect(not messages.GetOutput(), path, messages.GetOutput())
     image = reader.GetOutput()
+    expect(fields_of(image) == PROVENANCE, path, fields_of(image))
     expect([n - 1 for n in image.GetDimensions()] == report["shape"], path, image.GetDimensions())
     expect(list(image.GetSpacing()) == report["spacing_mm"], path, image.GetSpacing())
     expect(list(image.GetOrigin()) == report["origin_mm"], path, image.GetOrigin())

@@ -1,7 +1,7 @@
 //! Volume fraction against depth from the wall: the wall effect.
 //!
 //! At a depth the grains cut a surface parallel to the wall; what they cover of it is the volume fraction
-//! there. Planes parallel to a face or an end are cut in circles, whose area is exact. A cylinder's mantle
+//! there. Planes parallel to a face or an end are cut in circles, whose area is exact. A cylinder's lateral surface
 //! is followed by coaxial cylinders, whose cut is an integral of arcs over the height of the grain.
 
 use std::f64::consts::PI;
@@ -10,7 +10,7 @@ use crate::packing::Spheres;
 use crate::request::{Boundary, Specimen};
 
 /// Nodes of the integral of arcs over half of the height. Substituted by a sine it is smooth and periodic, so
-/// that equal steps converge fast, the faster the straighter the mantle is over the width of the grain.
+/// that equal steps converge fast, the faster the straighter the lateral surface is over the width of the grain.
 const NODES: usize = 16;
 /// Nodes for grains that are further from the axis than [`FAR`] radii.
 const FEW_NODES: usize = 5;
@@ -34,8 +34,8 @@ pub enum Surface {
     Faces,
     /// The two ends of a cylinder.
     Ends,
-    /// The mantle of a cylinder.
-    Mantle,
+    /// The lateral surface of a cylinder.
+    Lateral,
 }
 
 /// The profiles of a specimen, from its walls to `max_depth_mm` or to its middle, at `steps` depths each.
@@ -59,7 +59,7 @@ pub fn depth_profiles(
             let area = PI / 4.0 * diameter_mm * diameter_mm;
             let ends = depths.planes(Surface::Ends, &[(&spheres.z_mm, height_mm, area)], &spheres.d_mm);
             let depths = Depths::new(max_depth_mm.min(diameter_mm / 2.0), steps);
-            vec![ends, depths.mantle(spheres, diameter_mm / 2.0, height_mm)]
+            vec![ends, depths.lateral(spheres, diameter_mm / 2.0, height_mm)]
         }
     }
 }
@@ -109,7 +109,7 @@ impl Depths {
     }
 
     /// Cylinders around the axis.
-    fn mantle(&self, spheres: &Spheres, radius: f64, height: f64) -> DepthProfile {
+    fn lateral(&self, spheres: &Spheres, radius: f64, height: f64) -> DepthProfile {
         let mut covered = vec![0.0; self.steps];
         for (i, &d) in spheres.d_mm.iter().enumerate() {
             let r = d / 2.0;
@@ -119,7 +119,7 @@ impl Depths {
                 covered[k] += arcs(r, from_axis, at) / (2.0 * PI * at * height);
             }
         }
-        self.profile(Surface::Mantle, covered)
+        self.profile(Surface::Lateral, covered)
     }
 }
 

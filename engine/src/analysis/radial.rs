@@ -14,7 +14,7 @@
 
 use std::f64::consts::PI;
 
-use super::neighbors::{Grain, Grid};
+use super::neighbors::{Grain, NeighborGrid};
 use crate::distance::DistanceRule;
 use crate::packing::Spheres;
 use crate::request::Specimen;
@@ -73,7 +73,7 @@ pub fn radial(
 struct Class {
     range: SizeRange,
     grains: Vec<Grain>,
-    grid: Grid,
+    grid: NeighborGrid,
     /// Largest radius, and largest radius with its distance to the walls.
     radius: f64,
     clearance: f64,
@@ -103,7 +103,7 @@ fn classes(
             let (smallest, largest) = (fold(f64::min, f64::INFINITY), fold(f64::max, 0.0));
             let mut class = Class {
                 range: SizeRange { d_min_mm: 2.0 * smallest, d_max_mm: 2.0 * largest },
-                grid: Grid::new(
+                grid: NeighborGrid::new(
                     &grains,
                     specimen.bounds_mm(),
                     specimen.is_periodic(),

@@ -85,7 +85,7 @@ fn chance_is_judged_fairly_whether_all_grains_are_dealt_out_or_most_are_summed_u
 }
 
 #[test]
-fn a_mantle_is_a_field_with_three_controls() {
+fn a_lateral_surface_is_a_field_with_three_controls() {
     let cylinder = Specimen::Cylinder { diameter_mm: 100.0, height_mm: 100.0 };
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &cylinder);
     let mut spheres = Spheres::default();

@@ -189,15 +189,15 @@ fn profiles_add_up_to_the_volume_of_the_grains() {
     let cylinder = Specimen::Cylinder { diameter_mm: diameter, height_mm: height };
     let spheres = ideal_gas(&cylinder, &d_mm, 5);
     let found = depth_profiles(&spheres, &cylinder, f64::INFINITY, 2000);
-    assert_eq!(found.iter().map(|p| p.surface).collect::<Vec<_>>(), [Surface::Ends, Surface::Mantle]);
+    assert_eq!(found.iter().map(|p| p.surface).collect::<Vec<_>>(), [Surface::Ends, Surface::Lateral]);
     let step = |p: &DepthProfile| p.depth_mm[1] - p.depth_mm[0];
     let ends: f64 = found[0].volume_fraction.iter().sum::<f64>() * step(&found[0]) * 2.0;
     let base = PI / 4.0 * diameter * diameter;
     assert!((ends * base / volume - 1.0).abs() < 1e-4, "{} mm3 instead of {volume}", ends * base);
-    let mantle = &found[1];
-    let shells = mantle.depth_mm.iter().zip(&mantle.volume_fraction);
+    let lateral = &found[1];
+    let shells = lateral.depth_mm.iter().zip(&lateral.volume_fraction);
     let sum: f64 = shells.map(|(t, share)| share * 2.0 * PI * (diameter / 2.0 - t) * height).sum();
-    let sum = sum * step(mantle);
+    let sum = sum * step(lateral);
     assert!((sum / volume - 1.0).abs() < 1e-3, "{sum} mm3 instead of {volume}");
 
     let walls = Specimen::Box { size_mm: [40.0; 3], boundary: Boundary::Walls };
@@ -215,8 +215,8 @@ fn a_sphere_far_from_the_axis_is_cut_nearly_as_by_a_plane() {
     let cylinder = Specimen::Cylinder { diameter_mm: 2.0 * radius, height_mm: 20.0 };
     let mut spheres = Spheres::default();
     spheres.push([radius + from_axis, radius, 10.0], 2.0 * r);
-    let mantle = &depth_profiles(&spheres, &cylinder, radius, 500)[1];
-    for (&depth, &share) in mantle.depth_mm.iter().zip(&mantle.volume_fraction) {
+    let lateral = &depth_profiles(&spheres, &cylinder, radius, 500)[1];
+    for (&depth, &share) in lateral.depth_mm.iter().zip(&lateral.volume_fraction) {
         let at = radius - depth;
         let step = 2.0 * r / 10_000.0;
         let arc = |k: u32| {
@@ -234,8 +234,8 @@ fn a_sphere_on_the_axis_is_cut_by_coaxial_cylinders() {
     let cylinder = Specimen::Cylinder { diameter_mm: 20.0, height_mm: 20.0 };
     let mut spheres = Spheres::default();
     spheres.push([10.0, 10.0, 10.0], 10.0);
-    let mantle = &depth_profiles(&spheres, &cylinder, 10.0, 100)[1];
-    for (&depth, &share) in mantle.depth_mm.iter().zip(&mantle.volume_fraction) {
+    let lateral = &depth_profiles(&spheres, &cylinder, 10.0, 100)[1];
+    for (&depth, &share) in lateral.depth_mm.iter().zip(&lateral.volume_fraction) {
         let radius = 10.0 - depth;
         let expected = 2.0 * (25.0 - radius * radius).max(0.0).sqrt() / 20.0;
         // Here the arc is whole over the height of the cut: the one case in which equal steps err.

@@ -30,7 +30,7 @@
 
 mod grading;
 mod required;
-pub(crate) mod table;
+mod table;
 
 use nalgebra::Vector3;
 

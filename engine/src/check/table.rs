@@ -12,9 +12,9 @@ const GRAINS_PER_LOOK: usize = 4096;
 
 /// A grain as the table holds it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Grain {
-    pub(crate) center: [f64; 3],
-    pub(crate) diameter: f64,
+pub(super) struct Grain {
+    pub(super) center: [f64; 3],
+    pub(super) diameter: f64,
 }
 
 /// The grains of one octave of diameters.
@@ -34,7 +34,7 @@ struct Octave {
 
 /// The table.
 #[derive(Debug)]
-pub(crate) struct Table<G> {
+pub(super) struct Table<G> {
     octaves: Vec<Octave>,
     periodic: bool,
     reach_beyond: G,
@@ -43,7 +43,7 @@ pub(crate) struct Table<G> {
 impl<G: Fn(f64, f64) -> f64> Table<G> {
     /// Sorts the grains. `reach_beyond(d_i, d_j)` is the clear distance up to which a pair is seen;
     /// it must not fall with either diameter.
-    pub(crate) fn build(
+    pub(super) fn build(
         spheres: &Spheres,
         bounds: [f64; 3],
         periodic: bool,
@@ -78,7 +78,7 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
     /// beyond; returns how many. `go_on` is told now and then how many grains are done, and ends the
     /// walk with `None` when it says no.
     #[inline(always)]
-    pub(crate) fn for_each_pair(
+    pub(super) fn for_each_pair(
         &self,
         mut visit: impl FnMut(usize, usize, &Grain, &Grain),
         go_on: impl Fn(usize) -> bool,

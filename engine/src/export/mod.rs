@@ -6,9 +6,12 @@ pub mod catalog;
 pub mod ldpm;
 pub mod mesh;
 pub mod picture;
+mod provenance;
 pub mod slice;
+mod steps;
 pub mod tables;
 pub mod voxels;
+mod vtk_xml;
 
 use std::io;
 
@@ -20,9 +23,10 @@ use crate::packing::Spheres;
 use crate::request::{FieldError, Specimen};
 
 pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
+pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 2;
+pub const REVISION: u32 = 3;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +35,21 @@ pub struct Model<'a> {
     pub specimen: &'a Specimen,
     /// The grains, largest first; none overlaps another or leaves the region.
     pub spheres: &'a Spheres,
+    /// Where it comes from; VTK files state it.
+    pub provenance: Option<&'a Provenance>,
+}
+
+impl<'a> Model<'a> {
+    /// A packing of unknown provenance.
+    pub fn new(specimen: &'a Specimen, spheres: &'a Spheres) -> Self {
+        Self { specimen, spheres, provenance: None }
+    }
+
+    /// The same packing, with its provenance.
+    #[must_use]
+    pub fn with_provenance(self, provenance: &'a Provenance) -> Self {
+        Self { provenance: Some(provenance), ..self }
+    }
 }
 
 /// Why something was not made of a packing.

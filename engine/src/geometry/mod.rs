@@ -1,3 +1,4 @@
-//! Geometry of points: tetrahedra and exact predicates.
+//! Geometry of points: cell grids, tetrahedra and exact predicates.
 
+pub mod cells;
 pub mod delaunay;

@@ -4,6 +4,7 @@
 //! no computation: types, signs, intervals, order of sieves. Whether the mix fits its specimen is judged by
 //! [`crate::plan`].
 
+mod axis;
 pub mod decode;
 pub mod edmd;
 pub mod proportions;
@@ -14,10 +15,11 @@ mod upgrade;
 
 use serde::Serialize;
 
+pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
 pub use proportions::{MixAddition, MixProportions};
-pub use segregation::{Axis, FieldDirection, GradientField, Segregation, SpecimenFace};
+pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
 pub use upgrade::{upgrade, upgrade_export};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only

@@ -2,10 +2,10 @@
 //!
 //! Types, bounds and JSON form only; what a field means at a point is `crate::segregation`'s to know.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::decode::{At, Bound, Object};
-use super::{Boundary, Specimen};
+use super::{Axis, Boundary, Specimen};
 
 /// Largest strength of a gradient: sizes are then sorted to 2 % of the specimen.
 pub const MAX_STRENGTH: f64 = 1000.0;
@@ -56,17 +56,6 @@ pub enum GradientField {
         /// Which one: that of a box, or `z_min`, `z_max` or `side` of a cylinder.
         face: SpecimenFace,
     },
-}
-
-/// A coordinate axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
-pub enum Axis {
-    X,
-    Y,
-    Z,
 }
 
 /// An end of an axis.
@@ -165,8 +154,7 @@ fn read_field(at: &At<'_>, specimen: Option<&Specimen>) -> Option<GradientField>
 }
 
 fn read_linear(object: &mut Object<'_>) -> Option<GradientField> {
-    let axis =
-        object.required("axis").and_then(|at| at.choice(&[("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)]));
+    let axis = object.required("axis").and_then(|at| at.choice(&Axis::ALL.map(|axis| (axis.name(), axis))));
     let direction = match object.optional("direction") {
         Some(at) => at.choice(&[("up", FieldDirection::Up), ("down", FieldDirection::Down)]),
         None => Some(FieldDirection::Down),

@@ -1,6 +1,7 @@
 //! A run that goes on from a checkpoint ends as one that was never interrupted, to the last bit.
 
-use std::cell::{Cell, RefCell};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use packstone_engine::packing::EdmdStatistics;
 use packstone_engine::{
@@ -12,14 +13,14 @@ use serde_json::{Value, json};
 
 /// Keeps the checkpoint of one question whether it wants one, and pulls the plug.
 struct Killer {
-    questions: Cell<u32>,
+    questions: AtomicU32,
     at: u32,
-    kept: RefCell<Option<Vec<u8>>>,
+    kept: Mutex<Option<Vec<u8>>>,
 }
 
 impl Killer {
     fn at(question: u32) -> Self {
-        Self { questions: Cell::new(0), at: question, kept: RefCell::new(None) }
+        Self { questions: AtomicU32::new(0), at: question, kept: Mutex::new(None) }
     }
 }
 
@@ -27,18 +28,17 @@ impl Control for Killer {
     fn report(&self, _: &Progress) {}
 
     fn should_stop(&self) -> bool {
-        self.kept.borrow().is_some()
+        self.kept.lock().unwrap().is_some()
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.questions.set(self.questions.get() + 1);
-        self.questions.get() == self.at
+        self.questions.fetch_add(1, Ordering::Relaxed) + 1 == self.at
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
         let mut bytes = Vec::new();
         checkpoint.write_to(&mut bytes).unwrap();
-        assert!(self.kept.replace(Some(bytes)).is_none(), "only what is wanted is kept");
+        assert!(self.kept.lock().unwrap().replace(bytes).is_none(), "only what is wanted is kept");
     }
 }
 
@@ -58,7 +58,7 @@ enum Killed {
 fn killed_at(question: u32, request: &PackingRequest, from: Option<Resume>) -> Killed {
     let killer = Killer::at(question);
     let ended = pack_or_resume(request, &Limits::default(), from, &killer);
-    match (killer.kept.into_inner(), ended) {
+    match (killer.kept.into_inner().unwrap(), ended) {
         (Some(bytes), Err(PackError::Stopped { .. })) => Killed::At(bytes),
         (None, Ok(packing)) => Killed::Never(Box::new(packing)),
         (_, other) => panic!("the run ended as {other:?}"),
@@ -172,7 +172,7 @@ fn a_run_that_is_killed_after_every_epoch_ends_the_same() {
 }
 
 /// Wants a checkpoint whenever it is asked.
-struct Greedy(Cell<u32>);
+struct Greedy(AtomicU32);
 
 impl Control for Greedy {
     fn report(&self, _: &Progress) {}
@@ -184,7 +184,7 @@ impl Control for Greedy {
     }
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
         checkpoint.write_to(&mut std::io::sink()).unwrap();
-        self.0.set(self.0.get() + 1);
+        self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
 
@@ -192,9 +192,9 @@ impl Control for Greedy {
 fn keeping_checkpoints_changes_nothing() {
     let value = job(CYLINDER, GRADED, &json!({"type": "none"}), &json!({"type": "edmd"}));
     let request = PackingRequest::from_json(&value, 4).unwrap();
-    let greedy = Greedy(Cell::new(0));
+    let greedy = Greedy(AtomicU32::new(0));
     let kept = pack(&request, &Limits::default(), &greedy).unwrap();
-    assert!(greedy.0.get() > 5);
+    assert!(greedy.0.load(Ordering::Relaxed) > 5);
     assert_same(&pack(&request, &Limits::default(), &Unattended).unwrap(), &kept, "all checkpoints kept");
 }
 

@@ -1,6 +1,7 @@
 //! How growth ends and what it says then; what it reports on the way.
 
-use std::cell::{Cell, RefCell};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use packstone_engine::packing::EdmdEnd;
 use packstone_engine::{
@@ -106,17 +107,18 @@ fn the_largest_distance_comes_with_the_way_to_it() {
 /// Stops after so many reports of one phase.
 struct StopAfter {
     phase: Phase,
-    reports: Cell<u32>,
+    reports: AtomicU32,
 }
 
 impl Control for StopAfter {
     fn report(&self, progress: &Progress) {
         if progress.phase == self.phase {
-            self.reports.set(self.reports.get().saturating_sub(1));
+            let left = self.reports.load(Ordering::Relaxed);
+            self.reports.store(left.saturating_sub(1), Ordering::Relaxed);
         }
     }
     fn should_stop(&self) -> bool {
-        self.reports.get() == 0
+        self.reports.load(Ordering::Relaxed) == 0
     }
 }
 
@@ -124,7 +126,7 @@ impl Control for StopAfter {
 fn growth_can_be_stopped_at_any_report() {
     for (distance, fraction) in [(none(), 0.58), (maximize(), 0.3)] {
         for (phase, reports) in [(Phase::Rsa, 1), (Phase::Edmd, 1), (Phase::Edmd, 2), (Phase::Edmd, 20)] {
-            let control = StopAfter { phase, reports: Cell::new(reports) };
+            let control = StopAfter { phase, reports: AtomicU32::new(reports) };
             let ended = pack(&spheres(fraction, &distance, &json!({})), &Limits::default(), &control);
             assert!(matches!(ended, Err(PackError::Stopped { .. })), "{phase:?} {reports}: {ended:?}");
         }
@@ -133,11 +135,11 @@ fn growth_can_be_stopped_at_any_report() {
 
 /// Keeps every report.
 #[derive(Default)]
-struct Reports(RefCell<Vec<Progress>>);
+struct Reports(Mutex<Vec<Progress>>);
 
 impl Control for Reports {
     fn report(&self, progress: &Progress) {
-        self.0.borrow_mut().push(progress.clone());
+        self.0.lock().unwrap().push(progress.clone());
     }
     fn should_stop(&self) -> bool {
         false
@@ -147,7 +149,7 @@ impl Control for Reports {
 fn reports(request: &PackingRequest) -> Vec<Progress> {
     let control = Reports::default();
     pack(request, &Limits::default(), &control).unwrap();
-    control.0.into_inner()
+    control.0.into_inner().unwrap()
 }
 
 fn assert_rising(reports: &[Progress]) {

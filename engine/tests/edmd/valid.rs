@@ -1,7 +1,7 @@
 //! What a packing is held against: a check of its own, all pairs and images one by one, that shares
 //! nothing with the engine's; and jobs to pack.
 
-use std::cell::Cell;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use packstone_engine::request::{Boundary, Distance, Specimen};
 use packstone_engine::{Control, Limits, PackError, Packing, PackingRequest, Progress, pack};
@@ -14,21 +14,20 @@ pub(super) fn request(value: &Value, seed: u64) -> PackingRequest {
 /// Loses patience after so many questions whether to stop, so that a run which never ends fails its
 /// test instead of hanging it.
 pub(super) struct Patience {
-    questions: Cell<u64>,
+    questions: AtomicU64,
     most: u64,
 }
 
 impl Patience {
     pub(super) fn new(most: u64) -> Self {
-        Self { questions: Cell::new(0), most }
+        Self { questions: AtomicU64::new(0), most }
     }
 }
 
 impl Control for Patience {
     fn report(&self, _: &Progress) {}
     fn should_stop(&self) -> bool {
-        self.questions.set(self.questions.get() + 1);
-        self.questions.get() > self.most
+        self.questions.fetch_add(1, Ordering::Relaxed) >= self.most
     }
 }
 

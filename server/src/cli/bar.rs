@@ -3,8 +3,8 @@
 //!
 //! It draws what it is told; it must never know what the work is.
 
-use std::cell::Cell;
 use std::io::IsTerminal as _;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -17,14 +17,14 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 pub(super) struct Bar {
     drawn: ProgressBar,
     start: Instant,
-    told: Cell<Instant>,
+    told: Mutex<Instant>,
 }
 
 impl Bar {
     /// A bar of work that begins now.
     pub(super) fn new() -> Self {
         let now = Instant::now();
-        Self { drawn: drawn(), start: now, told: Cell::new(now) }
+        Self { drawn: drawn(), start: now, told: Mutex::new(now) }
     }
 
     /// Time since the work began.
@@ -37,8 +37,11 @@ impl Bar {
         if !self.drawn.is_hidden() {
             self.drawn.set_position((fraction * STEPS as f64) as u64);
             self.drawn.set_message(message());
-        } else if self.told.get().elapsed() >= LINE_EVERY {
-            self.told.set(Instant::now());
+            return;
+        }
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if told.elapsed() >= LINE_EVERY {
+            *told = Instant::now();
             eprintln!("[{:.0} s] {}", self.elapsed().as_secs_f64(), message());
         }
     }

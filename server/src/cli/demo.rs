@@ -64,8 +64,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     for file in &files {
         print(&format!("{}\n", file.display()))?;
     }
-    let (specimen, spheres) = export::read(&files[0])?;
-    write_picture(&Model { specimen: &specimen, spheres: &spheres }, &picture, &stop_on_signals()?)?;
+    let packed = export::read(&files[0])?;
+    write_picture(&Model::new(&packed.specimen, &packed.spheres), &picture, &stop_on_signals()?)?;
     eprintln!(
         "\nNext: look at {}. In ParaView, open the .vtp file and add a Glyph filter",
         picture.display()

@@ -5,8 +5,9 @@ use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use packstone_engine::export::tables::EngineInfo;
 use packstone_engine::export::tables::stored::{Layout, MAGIC};
-use packstone_engine::export::{ExportRequest, Model};
+use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
 use packstone_engine::{Limits, Spheres};
 use serde::Deserialize;
@@ -38,7 +39,7 @@ pub(super) struct Options {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let (specimen, spheres) = read(&options.result)?;
+    let Packed { specimen, spheres, provenance } = read(&options.result)?;
     let limits = Limits { max_model_bytes: default_memory_bytes(1), ..Limits::default() };
     let outputs = Output::all(options.exports.iter().cloned(), &options.out);
     for output in &outputs {
@@ -49,9 +50,17 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     refuse_existing(&files, options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     let stop = stop_on_signals()?;
-    let model = Model { specimen: &specimen, spheres: &spheres };
+    let model = Model { specimen: &specimen, spheres: &spheres, provenance: provenance.as_ref() };
     exports::write_all(&outputs, &model, &limits, &stop)?;
     picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, &stop))
+}
+
+/// What exports need of a result.
+pub(super) struct Packed {
+    pub(super) specimen: Specimen,
+    pub(super) spheres: Spheres,
+    /// Absent for JSON that does not state it.
+    pub(super) provenance: Option<Provenance>,
 }
 
 /// The members of a result in JSON that are needed here.
@@ -59,6 +68,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 struct Document {
     request: Value,
     spheres: Rows,
+    job_id: Option<String>,
+    engine: Option<EngineInfo>,
+    summary: Option<VolumeFractions>,
 }
 
 #[derive(Deserialize)]
@@ -66,21 +78,42 @@ struct Rows {
     rows: Vec<[f64; 4]>,
 }
 
-/// Reads the specimen and the grains of a result.
-pub(super) fn read(file: &Path) -> Result<(Specimen, Spheres), Failure> {
+#[derive(Deserialize)]
+struct VolumeFractions {
+    volume_fraction_mixture: f64,
+    volume_fraction_effective: f64,
+}
+
+impl Document {
+    fn provenance(&self) -> Option<Provenance> {
+        let (engine, summary) = (self.engine.as_ref()?, self.summary.as_ref()?);
+        Some(Provenance {
+            job_id: self.job_id.clone(),
+            name: self.request["name"].as_str().map(str::to_owned),
+            seed: self.request["seed"].as_u64(),
+            engine_version: engine.version.clone(),
+            volume_fraction_mixture: summary.volume_fraction_mixture,
+            volume_fraction_effective: summary.volume_fraction_effective,
+            result_sha256: None,
+        })
+    }
+}
+
+/// Reads what exports need of a result.
+pub(super) fn read(file: &Path) -> Result<Packed, Failure> {
     let unread = |error: &dyn std::fmt::Display| {
         Exit::BadInput.because(format_args!("{} cannot be read as a result: {error}", file.display()))
     };
     let mut input = File::open(file)
         .map(|file| BufReader::with_capacity(1 << 18, file))
         .map_err(|error| cannot_be("read", file, &error))?;
-    let (request, spheres) = read_either(&mut input).map_err(|error| unread(&error))?;
+    let (request, spheres, provenance) = read_either(&mut input).map_err(|error| unread(&error))?;
     let specimen =
         Specimen::from_json(&request["specimen"]).map_err(|faults| unread(&exports::listed(&faults)))?;
-    Ok((specimen, spheres))
+    Ok(Packed { specimen, spheres, provenance })
 }
 
-fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Spheres)> {
+fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Spheres, Option<Provenance>)> {
     let mut magic = [0; MAGIC.len()];
     let is_stored = input.read_exact(&mut magic).is_ok() && magic == MAGIC;
     input.seek(SeekFrom::Start(0))?;
@@ -88,14 +121,16 @@ fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Spheres)>
         let layout = Layout::read(input)?;
         input.seek(SeekFrom::Start(layout.columns_offset))?;
         let spheres = columns(input, layout.rows as usize)?;
-        return Ok((layout.head.request, spheres));
+        let provenance = Provenance::from(&layout.head);
+        return Ok((layout.head.request, spheres, Some(provenance)));
     }
     let document: Document = serde_json::from_reader(input)?;
+    let provenance = document.provenance();
     let mut spheres = Spheres::with_capacity(document.spheres.rows.len());
     for [x, y, z, d] in document.spheres.rows {
         spheres.push([x, y, z], d);
     }
-    Ok((document.request, spheres))
+    Ok((document.request, spheres, provenance))
 }
 
 fn columns(input: &mut impl std::io::Read, rows: usize) -> std::io::Result<Spheres> {

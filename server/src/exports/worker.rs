@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use packstone_engine::Limits;
 use packstone_engine::export::tables::{self, SphereSource as _};
-use packstone_engine::export::{ExportError, ExportRequest, Model};
+use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 use tokio_util::sync::CancellationToken;
@@ -191,11 +191,15 @@ impl ExportWorker {
             _ if is_passing(&error) => NotMade::fault(&error),
             _ => unreadable(&error),
         })?;
+        let provenance = Provenance {
+            result_sha256: Some(claimed.result.sha256.clone()),
+            ..Provenance::from(stored.head())
+        };
         drop(stored);
         let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
         let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.limits };
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres).with_provenance(&provenance);
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }

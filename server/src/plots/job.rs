@@ -220,12 +220,12 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
         let label = match profile.surface {
             Surface::Faces => "mean of the six faces",
             Surface::Ends => "mean of the two ends",
-            Surface::Mantle => "mantle",
+            Surface::Lateral => "lateral surface",
         };
         let values = profile.depth_mm.iter().zip(&profile.volume_fraction);
         let points = values
             .map(|(&depth, &share)| Point::new(depth, PERCENT * share))
-            .filter(|point| profile.surface != Surface::Mantle || point.x < axis_mm)
+            .filter(|point| profile.surface != Surface::Lateral || point.x < axis_mm)
             .collect();
         series.push(Series::line(label, number, points));
     }

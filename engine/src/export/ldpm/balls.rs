@@ -1,5 +1,7 @@
 //! Balls that keep nodes out, sorted by the buckets that they touch, so that one bucket answers for a point.
 
+use crate::geometry::cells::Cells;
+
 /// Most buckets; beyond, they grow.
 const MAX_BUCKETS: f64 = 4.0e6;
 const NONE: u32 = u32::MAX;
@@ -13,8 +15,7 @@ struct Ball {
 /// The balls.
 #[derive(Debug)]
 pub(super) struct Balls {
-    counts: [usize; 3],
-    per_mm: [f64; 3],
+    cells: Cells,
     all: Vec<Ball>,
     /// First link of each bucket.
     heads: Vec<u32>,
@@ -27,26 +28,20 @@ impl Balls {
     pub(super) fn new(bounds: [f64; 3], typical: f64) -> Self {
         let volume: f64 = bounds.iter().product();
         let width = (2.0 * typical).max((volume / MAX_BUCKETS).cbrt());
-        let counts = bounds.map(|length| ((length / width) as usize).max(1));
-        let per_mm = std::array::from_fn(|a| counts[a] as f64 / bounds[a]);
-        let buckets = counts.iter().product();
-        Self { counts, per_mm, all: Vec::new(), heads: vec![NONE; buckets], links: Vec::new() }
-    }
-
-    fn index(&self, axis: usize, x: f64) -> usize {
-        ((x * self.per_mm[axis]).max(0.0) as usize).min(self.counts[axis] - 1)
+        let cells = Cells::new(bounds, width);
+        Self { cells, all: Vec::new(), heads: vec![NONE; cells.count()], links: Vec::new() }
     }
 
     /// Adds a ball.
     pub(super) fn push(&mut self, center: [f64; 3], radius: f64) {
         let id = self.all.len() as u32;
         self.all.push(Ball { center, radius });
-        let low: [usize; 3] = std::array::from_fn(|a| self.index(a, center[a] - radius));
-        let high: [usize; 3] = std::array::from_fn(|a| self.index(a, center[a] + radius));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                for x in low[0]..=high[0] {
-                    let bucket = (z * self.counts[1] + y) * self.counts[0] + x;
+        let cells = self.cells;
+        let [x, y, z] = [0, 1, 2].map(|a| cells.span(a, center[a] - radius, center[a] + radius));
+        for z in z {
+            for y in y.clone() {
+                for x in x.clone() {
+                    let bucket = cells.number([x, y, z]);
                     self.links.push([id, self.heads[bucket]]);
                     self.heads[bucket] = self.links.len() as u32 - 1;
                 }
@@ -68,8 +63,7 @@ impl Balls {
     }
 
     fn any_near(&self, p: [f64; 3], mut asked: impl FnMut(&Ball, f64) -> bool) -> bool {
-        let [x, y, z] = std::array::from_fn(|a| self.index(a, p[a]));
-        let mut link = self.heads[(z * self.counts[1] + y) * self.counts[0] + x];
+        let mut link = self.heads[self.cells.cell_of(p)];
         while link != NONE {
             let [id, next] = self.links[link as usize];
             let ball = &self.all[id as usize];

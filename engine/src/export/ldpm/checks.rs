@@ -5,11 +5,13 @@ use std::cmp::Ordering;
 
 use super::nodes::Nodes;
 use super::report::Checks;
-use super::tessellation::{self, Facet, Point, Tet, edge_share, face_point, point, triangle_area};
-use super::topology::{self, NONE, Topology, has_first};
-use super::work::Work;
+use super::tessellation::{
+    EDGES, Facet, Point, Tet, boundary_facets, edge_parameter, face_point, point, triangle_area,
+};
+use super::topology::{self, Topology, has_first};
 use crate::export::ExportError;
-use crate::geometry::delaunay::inside_circumsphere;
+use crate::export::steps::Steps;
+use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
 use crate::memory::filled;
 
 /// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
@@ -21,7 +23,7 @@ pub(super) const TOLERANCE: f64 = 1.0e-12;
 pub struct Cell {
     /// Signed volume.
     pub volume_mm3: f64,
-    /// Volume times the way from the node to the centre of mass.
+    /// Volume times the vector from the node to the centre of mass.
     pub first_moment_mm4: [f64; 3],
 }
 
@@ -65,14 +67,14 @@ pub(super) fn check(
     tets: &[[u32; 4]],
     neighbors: &[[u32; 4]],
     topology: &Topology,
-    work: &Work<'_>,
+    steps: &Steps<'_>,
 ) -> Result<Checked, ExportError> {
     let mut cells = filled(nodes.len(), Cell::default())?;
     let mut closures = filled(nodes.len(), Closure::default())?;
-    let mut checks = Checks { edge_share_min: f64::INFINITY, ..Checks::default() };
+    let mut checks = Checks { edge_parameter_min: f64::INFINITY, ..Checks::default() };
     let mut sums = Sums::default();
     for (t, &tet) in tets.iter().enumerate() {
-        work.look(t)?;
+        steps.look(t)?;
         let tet = Tet::new(nodes, tet);
         let facets: [Facet; 12] = std::array::from_fn(|facet| tet.facet(facet));
         sums.add(&tet, &facets, &mut checks);
@@ -97,7 +99,7 @@ pub(super) fn check(
                 continue;
             }
             let across = neighbors[other as usize].iter().position(|&back| back as usize == t);
-            let seen = across.map(|k| tessellation::FACES[k].map(|i| tets[other as usize][i]));
+            let seen = across.map(|k| FACES[k].map(|i| tets[other as usize][i]));
             let point = seen.map(|face| face_point(nodes, face));
             checks.nonconforming_faces += u64::from(point != Some(tet.faces[k]));
             checks.delaunay_violations += u64::from(across.is_some_and(|k| {
@@ -114,7 +116,7 @@ pub(super) fn check(
     checks.smallest_cell_mm3 = cells.iter().map(|cell| cell.volume_mm3).fold(f64::INFINITY, f64::min);
     sums.conclude(nodes, &cells, surface.volume_mm3, &mut checks);
     count(nodes, tets.len(), topology, &surface, &mut checks);
-    shares(nodes, topology, &mut checks);
+    edge_parameters(nodes, topology, &mut checks);
     judge(&checks)?;
     Ok(Checked { cells, checks, volume_mm3: surface.volume_mm3, surface_triangles: surface.triangles })
 }
@@ -170,7 +172,7 @@ impl Sums {
         for (sum, part) in self.moment.iter_mut().zip((corners * (volume / 4.0)).iter()) {
             sum.add(*part);
         }
-        let longest2 = tessellation::EDGES
+        let longest2 = EDGES
             .map(|[i, j]| (tet.corners[j] - tet.corners[i]).norm_squared())
             .into_iter()
             .fold(0.0, f64::max);
@@ -224,7 +226,7 @@ impl Surface {
             }
             let corners = face.map(|node| point(nodes.points_mm[node as usize]));
             volume.add(triangle_area(corners).dot(&(corners[0] - apex)) / 3.0);
-            for (node, part) in tessellation::boundary_facets(nodes, face) {
+            for (node, part) in boundary_facets(nodes, face) {
                 let vector = triangle_area(part);
                 closures[node as usize].add(vector, vector.norm());
             }
@@ -246,14 +248,14 @@ fn count(nodes: &Nodes, tets: usize, topology: &Topology, surface: &Surface, che
     checks.euler_surface = surface.nodes as i64 - rings.open as i64 + surface.triangles as i64;
 }
 
-fn shares(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
+fn edge_parameters(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
     for [a, b] in topology.edges() {
         let [a, b] = [a as usize, b as usize];
         let length = (point(nodes.points_mm[b]) - point(nodes.points_mm[a])).norm();
         let (r, s) = (nodes.radii_mm[a], nodes.radii_mm[b]);
-        let share = edge_share(length, r, s);
-        checks.edge_share_min = checks.edge_share_min.min(share);
-        checks.edge_share_max = checks.edge_share_max.max(share);
+        let parameter = edge_parameter(length, r, s);
+        checks.edge_parameter_min = checks.edge_parameter_min.min(parameter);
+        checks.edge_parameter_max = checks.edge_parameter_max.max(parameter);
         checks.overlapping_edges += u64::from(length < (r + s) * (1.0 - TOLERANCE));
     }
 }
@@ -306,10 +308,10 @@ fn judge(checks: &Checks) -> Result<(), ExportError> {
             checks.euler_volume, checks.euler_surface
         )));
     }
-    if !(checks.edge_share_min > 0.0 && checks.edge_share_max < 1.0) {
+    if !(checks.edge_parameter_min > 0.0 && checks.edge_parameter_max < 1.0) {
         return Err(ExportError::CheckFailed(format!(
-            "points of edges lie at the shares {} to {} of the edges, not between 0 and 1 (check T7)",
-            checks.edge_share_min, checks.edge_share_max
+            "points of edges lie at parameters from {} to {}, not between 0 and 1 (check T7)",
+            checks.edge_parameter_min, checks.edge_parameter_max
         )));
     }
     Ok(())

@@ -13,9 +13,9 @@ use zip::{CompressionMethod, ZipWriter};
 
 use super::tessellation::{Point, Tet, boundary_facets};
 use super::text::{push_number, push_whole};
-use super::work::Work;
 use super::{Lattice, LatticeOptions, LatticeReport, topology};
-use crate::control::Control;
+use crate::control::{Control, Part};
+use crate::export::steps::Steps;
 use crate::export::{ExportError, go_on};
 
 /// Name that all files begin with.
@@ -136,7 +136,7 @@ impl<W: Write> Archive<'_, W> {
 pub(super) fn write(
     lattice: &Lattice,
     options: &LatticeOptions,
-    work: &Work<'_>,
+    steps: &Steps<'_>,
     out: &mut dyn Write,
 ) -> Result<(), ExportError> {
     let closed = Cell::new(false);
@@ -144,9 +144,9 @@ pub(super) fn write(
     let mut archive = Archive {
         zip: ZipWriter::new_stream(tap),
         text: Vec::with_capacity(2 * BLOCK_BYTES),
-        control: work.control,
+        control: steps.control,
     };
-    let written = write_files(lattice, options, work, &mut archive);
+    let written = write_files(lattice, options, steps, &mut archive);
     // A writer that is dropped half way finishes its archive first, and complains where it can't.
     closed.set(written.is_err());
     written?;
@@ -160,7 +160,7 @@ pub(super) fn write(
 fn write_files<W: Write>(
     lattice: &Lattice,
     options: &LatticeOptions,
-    work: &Work<'_>,
+    steps: &Steps<'_>,
     archive: &mut Archive<'_, W>,
 ) -> Result<(), ExportError> {
     archive.start("summary.json")?;
@@ -184,8 +184,11 @@ fn write_files<W: Write>(
         archive.end_line()?;
     }
     write_surface(lattice, archive)?;
-    write_facets(lattice, archive, &Work { to: work.from + 0.6 * (work.to - work.from), ..*work })?;
-    write_vertices(lattice, archive, &Work { from: work.from + 0.6 * (work.to - work.from), ..*work })?;
+    // By measured times.
+    let facets = Part::new(steps.control, 0.0, 0.6);
+    write_facets(lattice, archive, &Steps { control: &facets, ..*steps })?;
+    let vertices = Part::new(steps.control, 0.6, 1.0);
+    write_vertices(lattice, archive, &Steps { control: &vertices, ..*steps })?;
     archive.write()
 }
 
@@ -240,7 +243,7 @@ fn write_surface<W: Write>(lattice: &Lattice, archive: &mut Archive<'_, W>) -> R
 fn write_facets<W: Write>(
     lattice: &Lattice,
     archive: &mut Archive<'_, W>,
-    work: &Work<'_>,
+    steps: &Steps<'_>,
 ) -> Result<(), ExportError> {
     archive.begin(
         "facets",
@@ -253,7 +256,7 @@ fn write_facets<W: Write>(
     )?;
     let mut row = 0_u64;
     for (t, &tet) in lattice.tets.iter().enumerate() {
-        work.look(t)?;
+        steps.look(t)?;
         for facet in Tet::new(&lattice.nodes, tet).facets() {
             push_whole(&mut archive.text, t as u64);
             for corner in 0..3 {
@@ -278,7 +281,7 @@ fn write_facets<W: Write>(
 fn write_vertices<W: Write>(
     lattice: &Lattice,
     archive: &mut Archive<'_, W>,
-    work: &Work<'_>,
+    steps: &Steps<'_>,
 ) -> Result<(), ExportError> {
     archive.begin(
         "facetsVertices",
@@ -287,7 +290,7 @@ fn write_vertices<W: Write>(
         &["Three lines per facet: the points of its tetrahedron, face and edge"],
     )?;
     for (t, &tet) in lattice.tets.iter().enumerate() {
-        work.look(t)?;
+        steps.look(t)?;
         for facet in Tet::new(&lattice.nodes, tet).facets() {
             for vertex in facet.vertices {
                 archive.numbers(vertex.iter());

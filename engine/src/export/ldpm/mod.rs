@@ -10,7 +10,6 @@
 mod balls;
 mod checks;
 mod chrono;
-mod grid;
 mod nodes;
 mod options;
 mod report;
@@ -21,7 +20,6 @@ mod tessellation;
 mod text;
 mod topology;
 mod vtu;
-mod work;
 
 #[cfg(test)]
 mod tests;
@@ -33,14 +31,16 @@ pub use nodes::Nodes;
 pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
 pub use report::{Checks, LatticeReport, NodeReport};
 
-use crate::control::Control;
-use crate::export::{ExportError, Model};
+use crate::control::{Control, Part};
+use crate::export::steps::Steps;
+use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::memory;
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
+use tessellation::point;
 use topology::Topology;
-use work::{Part, Work};
+use vtu::Vtu;
 
 /// Memory per node at the peak, in bytes: tetrahedra and their neighbours, lists of what meets at nodes, cells.
 const BYTES_PER_NODE: f64 = 600.0;
@@ -87,8 +87,8 @@ pub fn write(
         LatticeFormat::Facets | LatticeFormat::Cells => 0.4,
         LatticeFormat::Tets => 0.9,
     };
-    let lattice = Lattice::make(model, options, limits, &Part { control, from: 0.0, to: made })?;
-    lattice.write(options, &Part { control, from: made, to: 1.0 }, out)?;
+    let lattice = Lattice::make(model, options, limits, &Part::new(control, 0.0, made))?;
+    lattice.write(options, model.provenance, &Part::new(control, made, 1.0), out)?;
     Ok(lattice.report)
 }
 
@@ -111,13 +111,12 @@ impl Lattice {
         check_spacing(model, options)?;
         check_memory(model, options, limits)?;
         let nodes = nodes::lay(model, options, control)?;
-        let Delaunay { nodes: tets, neighbors } =
-            delaunay(&nodes.points_mm, &Part { control, from: 0.02, to: 0.4 })?;
+        let Delaunay { nodes: tets, neighbors } = delaunay(&nodes.points_mm, &Part::new(control, 0.02, 0.4))?;
         let topology = Topology::new(nodes.len(), &tets, &neighbors, control)?;
         check_radii(&nodes, &topology)?;
         let (total, message) = (tets.len(), "cells, facets and their checks");
-        let work = Work { control, from: 0.5, to: 1.0, total, unit: "tetrahedra", message };
-        let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &work)?;
+        let steps = Steps { control: &Part::new(control, 0.5, 1.0), total, unit: "tetrahedra", message };
+        let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &steps)?;
         let mut node_report = NodeReport::new(&nodes, options);
         let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
         let spans = [clear, node_report.spacing_mm];
@@ -137,7 +136,7 @@ impl Lattice {
         Ok(lattice)
     }
 
-    /// Writes the file that is asked for.
+    /// Writes the file that is asked for; VTK files state the provenance.
     ///
     /// # Errors
     /// [`ExportError::Stopped`] and [`ExportError::Write`]; [`ExportError::Unavailable`] for a grid of more points
@@ -145,16 +144,18 @@ impl Lattice {
     pub fn write(
         &self,
         options: &LatticeOptions,
+        provenance: Option<&Provenance>,
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<(), ExportError> {
         let (total, message) = (self.tets.len(), "writing the lattice");
-        let work = Work { control, from: 0.0, to: 1.0, total, unit: "tetrahedra", message };
+        let steps = Steps { control, total, unit: "tetrahedra", message };
+        let vtu = Vtu { lattice: self, provenance, steps: &steps };
         match options.format {
-            LatticeFormat::Chrono => chrono::write(self, options, &work, out),
-            LatticeFormat::Tets => vtu::write_tets(self, &work, out),
-            LatticeFormat::Facets => vtu::write_facets(self, &work, out),
-            LatticeFormat::Cells => vtu::write_cells(self, &work, out),
+            LatticeFormat::Chrono => chrono::write(self, options, &steps, out),
+            LatticeFormat::Tets => vtu.write_tets(out),
+            LatticeFormat::Facets => vtu.write_facets(out),
+            LatticeFormat::Cells => vtu.write_cells(out),
         }
     }
 
@@ -247,8 +248,8 @@ fn check_spacing(model: &Model<'_>, options: &LatticeOptions) -> Result<(), Expo
 fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
     let of_surface = |node: u32| (node as usize) < nodes.boundary;
     for [a, b] in topology.edges() {
-        let (p, q) = (nodes.points_mm[a as usize], nodes.points_mm[b as usize]);
-        let length_mm = (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>().sqrt();
+        let [p, q] = [a, b].map(|node| point(nodes.points_mm[node as usize]));
+        let length_mm = (p - q).norm();
         let (first, second) = (nodes.radii_mm[a as usize], nodes.radii_mm[b as usize]);
         let reach_mm = if of_surface(a) && of_surface(b) { first } else { (first - second).abs() };
         if reach_mm >= length_mm && (of_surface(a) || of_surface(b)) {

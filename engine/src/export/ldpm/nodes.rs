@@ -8,7 +8,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::balls::Balls;
 use super::options::{BoundaryNodes, LatticeOptions};
 use super::sample;
-use super::surface::{Edge, Face, Mantle, Surface};
+use super::surface::{Edge, Face, LateralSurface, Surface};
+use super::tessellation::point;
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::{make_room, reserved};
@@ -62,13 +63,13 @@ pub(super) fn expected_on_boundary(specimen: &Specimen, options: &LatticeOptions
     let surface = Surface::of(specimen);
     let distance = options.spacing * d_min;
     let length: f64 = surface.edges.iter().map(|edge| edge.length).sum();
-    let mantle = surface.mantle.map_or(0.0, |mantle| mantle.area());
+    let lateral = surface.lateral.map_or(0.0, |lateral| lateral.area());
     let area: f64 = surface.faces.iter().map(Face::area).sum();
     let per_area = match options.boundary_nodes {
         BoundaryNodes::PoissonDisk => DISKS_PER_AREA,
         BoundaryNodes::Random => 1.0,
     };
-    let on_faces = (per_area * area + mantle) / (distance * distance);
+    let on_faces = (per_area * area + lateral) / (distance * distance);
     surface.vertices.len() as f64 + length / distance + on_faces
 }
 
@@ -123,33 +124,33 @@ impl Layer<'_> {
         Ok(())
     }
 
-    /// Rims: where generators begin and end.
-    fn lay_rims(&mut self, generators: &[Edge]) {
+    /// End circles, where rulings begin and end.
+    fn lay_end_circles(&mut self, rulings: &[Edge]) {
         for end in [0.0, 1.0] {
             let free =
                 |p: &[f64; 3]| !self.grains.iter().any(|&(center, radius)| is_in_ball(*p, center, radius));
-            let rim: Vec<_> = generators.iter().map(|g| g.at(end * g.length)).filter(free).collect();
-            self.push(rim);
+            let circle: Vec<_> = rulings.iter().map(|g| g.at(end * g.length)).filter(free).collect();
+            self.push(circle);
         }
     }
 
-    fn lay_mantle(&mut self, mantle: &Mantle, generators: &[Edge]) -> Result<(), ExportError> {
+    fn lay_lateral_surface(&mut self, lateral: &LateralSurface, rulings: &[Edge]) -> Result<(), ExportError> {
         if self.is_none() {
-            return self.scatter(mantle.area() / (self.spacing * self.spacing), |rng| {
-                let generator = &generators[(uniform(rng) * generators.len() as f64) as usize];
-                Some(generator.at(generator.length * uniform(rng)))
+            return self.scatter(lateral.area() / (self.spacing * self.spacing), |rng| {
+                let ruling = &rulings[(uniform(rng) * rulings.len() as f64) as usize];
+                Some(ruling.at(ruling.length * uniform(rng)))
             });
         }
-        for (i, generator) in generators.iter().enumerate() {
+        for (i, ruling) in rulings.iter().enumerate() {
             go_on(self.control)?;
-            let ends = [0.0, 1.0].map(|end| generator.at(end * generator.length));
+            let ends = [0.0, 1.0].map(|end| ruling.at(end * ruling.length));
             let mut own: Vec<_> = ends.into_iter().filter(|end| self.points.contains(end)).collect();
             // Every other one begins half a step later, which makes better triangles; where grains leave too little
             // for that, what is left is filled.
-            for share in if i % 2 == 0 { &[1.0][..] } else { &[1.5, 1.0] } {
-                let earlier = own.iter().map(|&p| (p, share * self.distance));
+            for factor in if i % 2 == 0 { &[1.0][..] } else { &[1.5, 1.0] } {
+                let earlier = own.iter().map(|&p| (p, factor * self.distance));
                 let taken = self.grains.iter().copied().chain(earlier);
-                let points = sample::divide(generator, self.distance, taken);
+                let points = sample::divide(ruling, self.distance, taken);
                 own.extend_from_slice(&points);
                 self.push(points);
             }
@@ -170,7 +171,7 @@ impl Layer<'_> {
 }
 
 fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
-    (0..3).map(|a| (p[a] - center[a]).powi(2)).sum::<f64>() < radius * radius
+    (point(p) - point(center)).norm_squared() < radius * radius
 }
 
 /// Lays nodes on the surface of a model, and appends its grains.
@@ -215,11 +216,11 @@ pub(super) fn lay(
         layer.lay_edge(edge)?;
     }
     let turn = uniform(&mut layer.rng);
-    let generators = surface.mantle.map(|mantle| mantle.generators(spacing, turn)).unwrap_or_default();
-    layer.lay_rims(&generators);
+    let rulings = surface.lateral.map(|lateral| lateral.rulings(spacing, turn)).unwrap_or_default();
+    layer.lay_end_circles(&rulings);
     let on_edges = layer.points.len() - on_vertices;
-    if let Some(mantle) = &surface.mantle {
-        layer.lay_mantle(mantle, &generators)?;
+    if let Some(lateral) = &surface.lateral {
+        layer.lay_lateral_surface(lateral, &rulings)?;
     }
     for face in &surface.faces {
         layer.lay_face(face)?;

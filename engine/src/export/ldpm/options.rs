@@ -49,11 +49,11 @@ pub struct LatticeOptions {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum BoundaryNodes {
-    /// Edges and the generators of a mantle divided evenly, plane faces filled with Poisson disks until none fits: no two
-    /// nodes are nearer than the spacing, and no point that a node may take is farther than that from one.
+    /// Edges and the rulings of a lateral surface divided evenly, plane faces filled with Poisson disks until none
+    /// fits: no two nodes are nearer than the spacing, and no point that a node may take is farther than that from one.
     PoissonDisk,
-    /// As many as length over spacing and area over its square, drawn uniformly (on a mantle, on its generators) and
-    /// rejected where nearer than the fictitious diameter, until they are all placed or no place is found.
+    /// As many as length over spacing and area over its square, drawn uniformly (on a lateral surface, on its rulings)
+    /// and rejected where nearer than the fictitious diameter, until they are all placed or no place is found.
     Random,
 }
 

@@ -3,9 +3,10 @@
 
 use super::nodes::Nodes;
 use super::report::{Checks, NodeReport};
-use crate::check::table::Table;
+use super::tessellation::point;
 use crate::control::Control;
 use crate::export::{ExportError, Model};
+use crate::geometry::cells::{Octaves, Sphere};
 use crate::packing::Spheres;
 
 /// Share of the smallest diameter below which an overlap is one of rounding.
@@ -24,34 +25,34 @@ pub(super) fn check(
     let slack = ROUNDING * nodes.d_min_mm;
     let mut all = Spheres::with_capacity(nodes.len());
     for (i, &p) in nodes.points_mm.iter().enumerate() {
-        // The table sorts by diameter, and a node of none would be lost in it.
+        // They are sorted by diameter, and a node of none would be lost.
         all.push(p, if i < nodes.boundary { nodes.d_min_mm / 2.0 } else { nodes.diameter_mm(i) });
     }
     // Far enough to see the next node on the surface, too.
     let beyond = (clear + spacing).max(nodes.d_min_mm);
-    let table = Table::build(&all, model.specimen.bounds_mm(), false, |_, _| beyond)?;
+    let sorted = Octaves::new(&all, model.specimen.bounds_mm(), beyond);
     let mut least_spacing = f64::INFINITY;
     let mut least_clearance = f64::INFINITY;
-    let walked = table.for_each_pair(
-        |i, j, a, b| {
-            let distance2: f64 = (0..3).map(|axis| (a.center[axis] - b.center[axis]).powi(2)).sum();
-            let distance = distance2.sqrt();
-            match (i < nodes.boundary, j < nodes.boundary) {
+    let of_surface = |sphere: &Sphere| (sphere.row as usize) < nodes.boundary;
+    let completed = sorted.for_each_pair(
+        beyond,
+        |a, b| {
+            let distance = (point(a.center_mm) - point(b.center_mm)).norm();
+            match (of_surface(a), of_surface(b)) {
                 (true, true) => least_spacing = least_spacing.min(distance),
                 (false, false) => {
-                    checks.overlapping_grains +=
-                        u64::from(distance < (a.diameter + b.diameter) / 2.0 - slack);
+                    checks.overlapping_grains += u64::from(distance < (a.d_mm + b.d_mm) / 2.0 - slack);
                 }
-                (of_surface, _) => {
-                    let clearance = distance - if of_surface { b.diameter } else { a.diameter } / 2.0;
+                (is_first, _) => {
+                    let clearance = distance - if is_first { b.d_mm } else { a.d_mm } / 2.0;
                     least_clearance = least_clearance.min(clearance);
                     checks.crowded_nodes += u64::from(clearance < clear - slack);
                 }
             }
         },
-        |_| !control.should_stop(),
+        || !control.should_stop(),
     );
-    if walked.is_none() {
+    if !completed {
         return Err(ExportError::Stopped);
     }
     let found = |least: f64| least.is_finite().then_some(least);

@@ -1,9 +1,10 @@
 //! The surface of a specimen: its vertices, edges and faces, each with coordinates in which lengths and areas
-//! are true. It knows shapes; it must never know where nodes go, but for the lines that those of a mantle lie on.
+//! are true. It knows shapes; it must never know where nodes go, but for the lines that those of a lateral surface lie
+//! on.
 //!
-//! The convex hull of points scattered on a mantle is no good surface: where nothing is curved along the axis, its
-//! triangles are needles from end to end. So nodes of a mantle lie on common lines parallel to the axis, its
-//! *generators*, whose coordinates they share to the last bit: the hull is a prism of plane sides then, exactly.
+//! The convex hull of points scattered on a lateral surface is no good surface: where nothing is curved along the axis,
+//! its triangles are needles from end to end. So nodes of a lateral surface lie on common lines parallel to the axis,
+//! its *rulings*, whose coordinates they share to the last bit: the hull is a prism of plane sides then, exactly.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,7 +15,7 @@ use crate::request::Specimen;
 pub(super) struct Surface {
     pub(super) vertices: Vec<[f64; 3]>,
     pub(super) edges: Vec<Edge>,
-    pub(super) mantle: Option<Mantle>,
+    pub(super) lateral: Option<LateralSurface>,
     pub(super) faces: Vec<Face>,
 }
 
@@ -28,7 +29,7 @@ impl Surface {
                 Self {
                     vertices: Vec::new(),
                     edges: Vec::new(),
-                    mantle: Some(Mantle { radius, height: height_mm }),
+                    lateral: Some(LateralSurface { radius, height: height_mm }),
                     faces: [0.0, height_mm].map(|z| Face::Disc { radius, z }).to_vec(),
                 }
             }
@@ -52,11 +53,11 @@ impl Surface {
                 faces.push(Face::Rectangle { origin, axes: others, size: others.map(|a| size[a]) });
             }
         }
-        Self { vertices: (0..8).map(corner).collect(), edges, mantle: None, faces }
+        Self { vertices: (0..8).map(corner).collect(), edges, lateral: None, faces }
     }
 }
 
-/// A straight line along an axis, measured by the length along it: an edge of a box, a generator of a cylinder.
+/// A straight line along an axis, measured by the length along it: an edge of a box, a ruling of a cylinder.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Edge {
     pub(super) origin: [f64; 3],
@@ -82,29 +83,29 @@ impl Edge {
     }
 }
 
-/// The mantle of a cylinder.
+/// The lateral surface of a cylinder.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Mantle {
+pub(super) struct LateralSurface {
     pub(super) radius: f64,
     pub(super) height: f64,
 }
 
-impl Mantle {
+impl LateralSurface {
     pub(super) fn area(&self) -> f64 {
         TAU * self.radius * self.height
     }
 
-    /// As many generators as go around at distances of at least `distance`, the first after the share `turn` of a
+    /// As many rulings as go around at distances of at least `distance`, the first after the fraction `turn` of a
     /// step.
-    pub(super) fn generators(&self, distance: f64, turn: f64) -> Vec<Edge> {
+    pub(super) fn rulings(&self, distance: f64, turn: f64) -> Vec<Edge> {
         let step = 2.0 * (distance / (2.0 * self.radius)).min(1.0).asin();
         let count = ((TAU / step) as usize).max(1);
-        let generator = |i: usize| {
+        let ruling = |i: usize| {
             let (sine, cosine) = (TAU * (i as f64 + turn) / count as f64).sin_cos();
             let origin = [self.radius * (1.0 + cosine), self.radius * (1.0 + sine), 0.0];
             Edge { origin, axis: 2, length: self.height }
         };
-        (0..count).map(generator).collect()
+        (0..count).map(ruling).collect()
     }
 }
 

@@ -8,14 +8,12 @@
 use nalgebra::Vector3;
 
 use super::nodes::Nodes;
+use crate::geometry::delaunay::FACES;
 
 pub(super) type Point = Vector3<f64>;
 
 /// Nodes of each edge, as positions in the tetrahedron.
 pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-
-/// Nodes of the face opposite each node, seen counter-clockwise from outside.
-pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// Edge and face of each facet. The facet's corners are the tetrahedron's point, the face's and the edge's.
 pub(super) const FACETS: [[usize; 2]; 12] =
@@ -59,9 +57,9 @@ pub(super) fn point(p: [f64; 3]) -> Point {
     Point::from(p)
 }
 
-/// Where the point of an edge lies, as a share of the way from its first node: in the middle of the gap
-/// between the spheres.
-pub(super) fn edge_share(length: f64, first_radius: f64, second_radius: f64) -> f64 {
+/// Where the point of an edge lies, as a parameter from 0 at its first node to 1 at its
+/// second: in the middle of the gap between the spheres.
+pub(super) fn edge_parameter(length: f64, first_radius: f64, second_radius: f64) -> f64 {
     (length + first_radius - second_radius) / (2.0 * length)
 }
 
@@ -70,7 +68,7 @@ pub(super) fn edge_point(nodes: &Nodes, a: u32, b: u32) -> Point {
     let (i, j) = (a.min(b) as usize, a.max(b) as usize);
     let (from, to) = (point(nodes.points_mm[i]), point(nodes.points_mm[j]));
     let along = to - from;
-    from + along * edge_share(along.norm(), nodes.radii_mm[i], nodes.radii_mm[j])
+    from + along * edge_parameter(along.norm(), nodes.radii_mm[i], nodes.radii_mm[j])
 }
 
 /// Half way from `from` to the surface of the sphere of `node`.

@@ -33,7 +33,7 @@ pub(super) fn push_number(text: &mut Vec<u8>, x: f64) {
     let scaled = match usize::try_from(shift) {
         Ok(up) if up < POWERS.len() => a * POWERS[up],
         Err(_) if exponent < POWERS.len() as i32 - 1 => a / POWERS[-shift as usize],
-        // So small or large a number is not worth a way of its own.
+        // Numbers beyond these bounds are rare and take the general conversion.
         _ => {
             text.extend_from_slice(zmij::Buffer::new().format(x).as_bytes());
             return;

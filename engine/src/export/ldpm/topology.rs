@@ -1,12 +1,9 @@
 //! Which tetrahedra, edges and faces meet where. It knows numbers of nodes; it must never know where they are.
 
-use super::tessellation::FACES;
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
+use crate::geometry::delaunay::{FACES, NONE};
 use crate::memory::{copied, filled, reserved};
-
-/// No neighbour: the face lies on the surface.
-pub(super) const NONE: u32 = u32::MAX;
 
 /// Nodes between two looks at whether to go on.
 const NODES_PER_LOOK: usize = 512;

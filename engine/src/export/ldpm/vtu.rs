@@ -1,84 +1,173 @@
 //! A lattice as VTK unstructured grids: its tetrahedra, its facets, its cells.
 //!
 //! Points of facets and cells are numbered tetrahedra first, then faces, then edges, then nodes of the surface,
-//! so that neighbours share them.
+//! so that neighbours share them. Every array is a pass over the lattice, and computes facets and cells anew.
 
 use std::io::Write;
 
 use super::Lattice;
-use super::grid::{Grid, Kind, Place, Sink};
-use super::tessellation::{EDGES, FACES, FACETS, Facet, Tet, edge_point, face_point, is_even, point};
-use super::topology::{self, NONE, has_first};
-use super::work::Work;
-use crate::export::ExportError;
+use super::tessellation::{EDGES, FACETS, Tet, edge_point, face_point, is_even, point};
+use super::topology::{self, has_first};
+use crate::export::steps::{LOOKS_PER_REPORT, Steps};
+use crate::export::vtk_xml::VtkXml;
+use crate::export::{ExportError, Provenance, go_on};
+use crate::geometry::delaunay::{FACES, NONE};
 
 const TETRA: u8 = 10;
 const TRIANGLE: u8 = 5;
 const POLYHEDRON: u8 = 42;
 
-/// Nodes between two looks at whether to pass on.
-const CHUNK: usize = 512;
+/// A lattice to be written.
+pub(super) struct Vtu<'a> {
+    pub(super) lattice: &'a Lattice,
+    pub(super) provenance: Option<&'a Provenance>,
+    pub(super) steps: &'a Steps<'a>,
+}
+
+impl Vtu<'_> {
+    fn file(&self, points: usize, cells: usize) -> VtkXml<'_> {
+        let piece = [("NumberOfPoints", points.to_string()), ("NumberOfCells", cells.to_string())];
+        VtkXml::new("UnstructuredGrid", &[], &piece, self.provenance)
+    }
+
+    fn write(&self, file: VtkXml<'_>, out: &mut dyn Write) -> Result<(), ExportError> {
+        let steps = Steps { total: file.bytes() as usize, unit: "bytes", ..*self.steps };
+        let mut blocks: usize = 0;
+        file.write(out, &mut |written| {
+            if blocks.is_multiple_of(LOOKS_PER_REPORT) {
+                steps.report(written as usize);
+            }
+            blocks += 1;
+            go_on(steps.control)
+        })
+    }
+
+    /// Writes tetrahedra between nodes.
+    pub(super) fn write_tets(&self, out: &mut dyn Write) -> Result<(), ExportError> {
+        let Lattice { nodes, tets, cells, .. } = self.lattice;
+        let (n, m) = (nodes.len(), tets.len());
+        let mut file = self.file(n, m);
+        file.section("Points", None);
+        file.array("Points", n, nodes.points_mm.iter().copied());
+        file.section("PointData", None);
+        file.array("radius", n, nodes.radii_mm.iter().copied());
+        file.array("diameter", n, (0..n).map(|node| nodes.diameter_mm(node)));
+        file.array("grain", n, (0..n).map(|node| self.lattice.grain(node)));
+        file.array("cell_volume", n, cells.iter().map(|cell| cell.volume_mm3));
+        file.section("CellData", None);
+        file.array("volume", m, tets.iter().map(|&tet| Tet::new(nodes, tet).volume()));
+        file.section("Cells", None);
+        file.array("connectivity", 4 * m, tets.as_flattened().iter().map(|&node| node as i32));
+        file.array("offsets", m, (1..=m).map(|t| 4 * t as i64));
+        file.array("types", m, std::iter::repeat_n(TETRA, m));
+        self.write(file, out)
+    }
+
+    /// Writes facets as triangles.
+    pub(super) fn write_facets(&self, out: &mut dyn Write) -> Result<(), ExportError> {
+        let numbers = Numbers::new(self.lattice)?;
+        let Lattice { nodes, tets, .. } = self.lattice;
+        let points = (numbers.tets + numbers.faces + numbers.edges) as usize;
+        let m = 12 * tets.len();
+        let facets = || {
+            tets.iter().flat_map(|&tet| {
+                let tet = Tet::new(nodes, tet);
+                (0..12).map(move |facet| tet.facet(facet))
+            })
+        };
+        let mut file = self.file(points, m);
+        file.section("Points", None);
+        file.array("Points", points, numbers.points());
+        file.section("CellData", None);
+        file.array("area", m, facets().map(|facet| facet.area()));
+        file.array("projected_area", m, facets().map(|facet| facet.projected_area()));
+        file.array("volume", m, facets().map(|facet| facet.volumes[0] + facet.volumes[1]));
+        file.array("normal", m, facets().map(|facet| <[f64; 3]>::from(facet.normal)));
+        file.array("tangent_1", m, facets().map(|facet| <[f64; 3]>::from(facet.tangents()[0])));
+        file.array("tangent_2", m, facets().map(|facet| <[f64; 3]>::from(facet.tangents()[1])));
+        file.array("tetrahedron", m, (0..m).map(|facet| (facet / 12) as i32));
+        let ends = |tet: &[u32; 4], edge: usize| EDGES[edge].map(|corner| tet[corner] as i32);
+        let nodes_of = move |tet| FACETS.map(|[edge, _]| ends(tet, edge));
+        file.array("nodes", m, tets.iter().flat_map(nodes_of));
+        file.section("Cells", None);
+        let corners = |t| (0..12).flat_map(move |facet| numbers.facet(t, facet));
+        file.array("connectivity", 3 * m, (0..numbers.tets).flat_map(corners));
+        file.array("offsets", m, (1..=m).map(|facet| 3 * facet as i64));
+        file.array("types", m, std::iter::repeat_n(TRIANGLE, m));
+        self.write(file, out)
+    }
+
+    /// Writes the cells of nodes as polyhedra.
+    pub(super) fn write_cells(&self, out: &mut dyn Write) -> Result<(), ExportError> {
+        let numbers = &Numbers::new(self.lattice)?;
+        let Lattice { nodes, cells, tets, neighbors, topology, report } = self.lattice;
+        let n = nodes.len();
+        let [t, f, e] = [numbers.tets, numbers.faces, numbers.edges].map(|count| count as usize);
+        let surface_triangles = report.surface_triangles as usize;
+        let points = t + f + e + nodes.boundary;
+        // Each tetrahedron has a point in the cells of its four nodes, each face in three, each edge in two, each node
+        // of the surface in its own.
+        let connectivity = 4 * t + 3 * f + 2 * e + self.lattice.surface_nodes() as usize;
+        // Facets bound two cells, triangles of the surface come in six parts; each is a count and three points, and
+        // each cell has a count of them.
+        let faces = n + 4 * (24 * t + 6 * surface_triangles);
+        let mut surface_at = vec![0_usize; n];
+        for node in topology::boundary(tets, neighbors).flatten() {
+            surface_at[node as usize] += 1;
+        }
+        let triangles_at = |node: usize| 6 * topology.tets_at(node).len() + 2 * surface_at[node];
+        // Ends of what the cells have, from how much each has.
+        let ends = |count: fn(usize) -> usize| {
+            (0..n).scan(0, move |end, node| {
+                *end += count(triangles_at(node)) as i64;
+                Some(*end)
+            })
+        };
+        let mut file = self.file(points, n);
+        file.section("Points", None);
+        let on_surface = nodes.points_mm[..nodes.boundary].iter().copied();
+        file.array("Points", points, numbers.points().chain(on_surface));
+        file.section("CellData", None);
+        file.array("volume", n, cells.iter().map(|cell| cell.volume_mm3));
+        file.array("diameter", n, (0..n).map(|node| nodes.diameter_mm(node)));
+        file.array("grain", n, (0..n).map(|node| self.lattice.grain(node)));
+        let center = |(cell, &p): (&super::Cell, _)| {
+            <[f64; 3]>::from(point(p) + point(cell.first_moment_mm4) / cell.volume_mm3)
+        };
+        file.array("center_of_mass", n, cells.iter().zip(&nodes.points_mm).map(center));
+        file.section("Cells", None);
+        file.fill::<i32>("connectivity", connectivity, |sink| {
+            let mut cell = Polyhedron::default();
+            (0..n).try_for_each(|node| {
+                cell.take(numbers, node as u32);
+                cell.points().iter().try_for_each(|&point| sink.put(point))
+            })
+        });
+        // The triangles close a sphere: Euler's formula has its points.
+        file.array("offsets", n, ends(|triangles| triangles / 2 + 2));
+        file.array("types", n, std::iter::repeat_n(POLYHEDRON, n));
+        file.fill::<i32>("faces", faces, |sink| {
+            let mut cell = Polyhedron::default();
+            (0..n).try_for_each(|node| {
+                cell.take(numbers, node as u32);
+                sink.put(cell.triangles.len() as i32)?;
+                cell.triangles.iter().try_for_each(|&[a, b, c]| sink.put([3, a, b, c]))
+            })
+        });
+        file.array("faceoffsets", n, ends(|triangles| 1 + 4 * triangles));
+        self.write(file, out)
+    }
+}
 
 impl Lattice {
-    fn int_of_grain(&self, node: usize) -> i32 {
-        node as i32 - self.nodes.boundary as i32
+    /// Row of the grain at a node; -1 for nodes of the surface.
+    fn grain(&self, node: usize) -> i32 {
+        (node as i32 - self.nodes.boundary as i32).max(-1)
     }
-}
-
-/// Writes one value per item of a column.
-fn column<'a, T: Copy>(
-    sink: &mut Sink<'_>,
-    items: impl Iterator<Item = T> + 'a,
-    mut put: impl FnMut(&mut Sink<'_>, T),
-) -> Result<(), ExportError> {
-    for (i, item) in items.enumerate() {
-        put(sink, item);
-        if i % CHUNK == 0 {
-            sink.pass_on()?;
-        }
-    }
-    Ok(())
-}
-
-pub(super) fn write_tets(lattice: &Lattice, work: &Work<'_>, out: &mut dyn Write) -> Result<(), ExportError> {
-    let (nodes, tets) = (&lattice.nodes, &lattice.tets);
-    let (n, m) = (nodes.len() as u64, tets.len() as u64);
-    let mut grid = Grid::new(n, m);
-    grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * n, |sink| {
-        column(sink, nodes.points_mm.as_flattened().iter(), |sink, &x| sink.float(x))
-    });
-    grid.add((Place::PointData, "radius"), (Kind::Float64, 1), n, |sink| {
-        column(sink, nodes.radii_mm.iter(), |sink, &r| sink.float(r))
-    });
-    grid.add((Place::PointData, "diameter"), (Kind::Float64, 1), n, |sink| {
-        column(sink, 0..nodes.len(), |sink, node| sink.float(nodes.diameter_mm(node)))
-    });
-    grid.add((Place::PointData, "grain"), (Kind::Int32, 1), n, |sink| {
-        column(sink, 0..nodes.len(), |sink, node| sink.int(lattice.int_of_grain(node).max(-1)))
-    });
-    grid.add((Place::PointData, "cell_volume"), (Kind::Float64, 1), n, |sink| {
-        column(sink, lattice.cells.iter(), |sink, cell| sink.float(cell.volume_mm3))
-    });
-    grid.add((Place::CellData, "volume"), (Kind::Float64, 1), m, |sink| {
-        for &tet in tets {
-            sink.float(Tet::new(nodes, tet).volume());
-            sink.pass_on()?;
-        }
-        Ok(())
-    });
-    grid.add((Place::Cells, "connectivity"), (Kind::Int32, 1), 4 * m, |sink| {
-        column(sink, tets.as_flattened().iter(), |sink, &node| sink.int(node as i32))
-    });
-    grid.add((Place::Cells, "offsets"), (Kind::Int64, 1), m, |sink| {
-        column(sink, 1..=m, |sink, t| sink.long(4 * t))
-    });
-    grid.add((Place::Cells, "types"), (Kind::UInt8, 1), m, |sink| {
-        column(sink, 0..m, |sink, _| sink.byte(TETRA))
-    });
-    grid.write(work, out)
 }
 
 /// Numbers of the points of facets and cells.
+#[derive(Clone, Copy)]
 struct Numbers<'a> {
     lattice: &'a Lattice,
     tets: u32,
@@ -118,90 +207,17 @@ impl<'a> Numbers<'a> {
         [t as i32, self.face(t, face), self.edge(i, j)]
     }
 
-    /// Writes all points but those of nodes.
-    fn write_points(&self, sink: &mut Sink<'_>) -> Result<(), ExportError> {
+    /// All points but those of nodes.
+    fn points(&self) -> impl Iterator<Item = [f64; 3]> {
         let Lattice { nodes, tets, neighbors, topology, .. } = self.lattice;
-        for &tet in tets {
-            sink.floats(Tet::new(nodes, tet).middle.iter());
-            sink.pass_on()?;
-        }
-        for (t, (tet, across)) in tets.iter().zip(neighbors).enumerate() {
-            for (k, &other) in across.iter().enumerate() {
-                if has_first(t as u32, other) {
-                    sink.floats(face_point(nodes, FACES[k].map(|corner| tet[corner])).iter());
-                }
-            }
-            sink.pass_on()?;
-        }
-        for [a, b] in topology.edges() {
-            sink.floats(edge_point(nodes, a, b).iter());
-            sink.pass_on()?;
-        }
-        Ok(())
+        let of_tets = tets.iter().map(|&tet| Tet::new(nodes, tet).middle);
+        let of_faces = tets.iter().zip(neighbors).enumerate().flat_map(move |(t, (tet, across))| {
+            let own = (0..4).filter(move |&k| has_first(t as u32, across[k]));
+            own.map(move |k| face_point(nodes, FACES[k].map(|corner| tet[corner])))
+        });
+        let of_edges = topology.edges().map(|[a, b]| edge_point(nodes, a, b));
+        of_tets.chain(of_faces).chain(of_edges).map(Into::into)
     }
-}
-
-pub(super) fn write_facets(
-    lattice: &Lattice,
-    work: &Work<'_>,
-    out: &mut dyn Write,
-) -> Result<(), ExportError> {
-    let numbers = Numbers::new(lattice)?;
-    let (nodes, tets) = (&lattice.nodes, &lattice.tets);
-    let points = u64::from(numbers.tets) + u64::from(numbers.faces) + u64::from(numbers.edges);
-    let m = 12 * tets.len() as u64;
-    // Every array is a pass, and computes the facets anew.
-    let each = |sink: &mut Sink<'_>, put: &dyn Fn(&mut Sink<'_>, &Facet)| {
-        for &tet in tets {
-            Tet::new(nodes, tet).facets().for_each(|facet| put(sink, &facet));
-            sink.pass_on()?;
-        }
-        Ok(())
-    };
-    let mut grid = Grid::new(points, m);
-    grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * points, |sink| numbers.write_points(sink));
-    grid.add((Place::CellData, "area"), (Kind::Float64, 1), m, move |sink| {
-        each(sink, &|sink, facet| sink.float(facet.area()))
-    });
-    grid.add((Place::CellData, "projected_area"), (Kind::Float64, 1), m, move |sink| {
-        each(sink, &|sink, facet| sink.float(facet.projected_area()))
-    });
-    grid.add((Place::CellData, "volume"), (Kind::Float64, 1), m, move |sink| {
-        each(sink, &|sink, facet| sink.float(facet.volumes[0] + facet.volumes[1]))
-    });
-    grid.add((Place::CellData, "normal"), (Kind::Float64, 3), 3 * m, move |sink| {
-        each(sink, &|sink, facet| sink.floats(facet.normal.iter()))
-    });
-    grid.add((Place::CellData, "tangent_1"), (Kind::Float64, 3), 3 * m, move |sink| {
-        each(sink, &|sink, facet| sink.floats(facet.tangents()[0].iter()))
-    });
-    grid.add((Place::CellData, "tangent_2"), (Kind::Float64, 3), 3 * m, move |sink| {
-        each(sink, &|sink, facet| sink.floats(facet.tangents()[1].iter()))
-    });
-    grid.add((Place::CellData, "tetrahedron"), (Kind::Int32, 1), m, |sink| {
-        column(sink, 0..tets.len(), |sink, t| (0..12).for_each(|_| sink.int(t as i32)))
-    });
-    grid.add((Place::CellData, "nodes"), (Kind::Int32, 2), 2 * m, |sink| {
-        column(sink, tets.iter(), |sink, tet| {
-            for [edge, _] in FACETS {
-                EDGES[edge].iter().for_each(|&corner| sink.int(tet[corner] as i32));
-            }
-        })
-    });
-    grid.add((Place::Cells, "connectivity"), (Kind::Int32, 1), 3 * m, |sink| {
-        for t in 0..numbers.tets {
-            (0..12).flat_map(|facet| numbers.facet(t, facet)).for_each(|point| sink.int(point));
-            sink.pass_on()?;
-        }
-        Ok(())
-    });
-    grid.add((Place::Cells, "offsets"), (Kind::Int64, 1), m, |sink| {
-        column(sink, 1..=m, |sink, facet| sink.long(3 * facet))
-    });
-    grid.add((Place::Cells, "types"), (Kind::UInt8, 1), m, |sink| {
-        column(sink, 0..m, |sink, _| sink.byte(TRIANGLE))
-    });
-    grid.write(work, out)
 }
 
 /// What makes up one cell, as numbers of points.
@@ -246,95 +262,4 @@ impl Polyhedron {
         self.points.dedup();
         &self.points
     }
-}
-
-pub(super) fn write_cells(
-    lattice: &Lattice,
-    work: &Work<'_>,
-    out: &mut dyn Write,
-) -> Result<(), ExportError> {
-    let numbers = Numbers::new(lattice)?;
-    let nodes = &lattice.nodes;
-    let n = nodes.len() as u64;
-    let [t, f, e, b, s] = [
-        u64::from(numbers.tets),
-        u64::from(numbers.faces),
-        u64::from(numbers.edges),
-        nodes.boundary as u64,
-        lattice.report.surface_triangles,
-    ];
-    let points = t + f + e + b;
-    // Each tetrahedron has a point in the cells of its four nodes, each face in three, each edge in two, each node of
-    // the surface in its own.
-    let connectivity = 4 * t + 3 * f + 2 * e + lattice.surface_nodes();
-    // Facets bound two cells, triangles of the surface come in six parts; each is a count and three points, and each cell
-    // begins with its count.
-    let faces = 4 * (24 * t + 6 * s) + n;
-    let mut surface_at = vec![0_u64; nodes.len()];
-    for node in topology::boundary(&lattice.tets, &lattice.neighbors).flatten() {
-        surface_at[node as usize] += 1;
-    }
-    let triangles_at = |node: usize| 6 * lattice.topology.tets_at(node).len() as u64 + 2 * surface_at[node];
-    let each = |sink: &mut Sink<'_>, put: &dyn Fn(&mut Sink<'_>, &mut Polyhedron)| {
-        let mut cell = Polyhedron::default();
-        for node in 0..nodes.len() {
-            cell.take(&numbers, node as u32);
-            put(sink, &mut cell);
-            sink.pass_on()?;
-        }
-        Ok(())
-    };
-    // Ends of what the cells have, from how much each has.
-    let ends = |sink: &mut Sink<'_>, count: &dyn Fn(u64) -> u64| {
-        let mut end = 0;
-        column(sink, 0..nodes.len(), |sink, node| {
-            end += count(triangles_at(node));
-            sink.long(end);
-        })
-    };
-    let mut grid = Grid::new(points, n);
-    grid.add((Place::Points, "Points"), (Kind::Float64, 3), 3 * points, |sink| {
-        numbers.write_points(sink)?;
-        column(sink, nodes.points_mm[..nodes.boundary].as_flattened().iter(), |sink, &x| sink.float(x))
-    });
-    grid.add((Place::CellData, "volume"), (Kind::Float64, 1), n, |sink| {
-        column(sink, lattice.cells.iter(), |sink, cell| sink.float(cell.volume_mm3))
-    });
-    grid.add((Place::CellData, "diameter"), (Kind::Float64, 1), n, |sink| {
-        column(sink, 0..nodes.len(), |sink, node| sink.float(nodes.diameter_mm(node)))
-    });
-    grid.add((Place::CellData, "grain"), (Kind::Int32, 1), n, |sink| {
-        column(sink, 0..nodes.len(), |sink, node| sink.int(lattice.int_of_grain(node).max(-1)))
-    });
-    grid.add((Place::CellData, "center_of_mass"), (Kind::Float64, 3), 3 * n, |sink| {
-        column(sink, lattice.cells.iter().zip(&nodes.points_mm), |sink, (cell, &p)| {
-            let moment = point(cell.first_moment_mm4);
-            sink.floats((point(p) + moment / cell.volume_mm3).iter());
-        })
-    });
-    grid.add((Place::Cells, "connectivity"), (Kind::Int32, 1), connectivity, |sink| {
-        each(sink, &|sink, cell| cell.points().iter().for_each(|&point| sink.int(point)))
-    });
-    // The triangles close a sphere: Euler's formula has its points.
-    grid.add((Place::Cells, "offsets"), (Kind::Int64, 1), n, |sink| {
-        ends(sink, &|triangles| triangles / 2 + 2)
-    });
-    grid.add((Place::Cells, "types"), (Kind::UInt8, 1), n, |sink| {
-        column(sink, 0..n, |sink, _| sink.byte(POLYHEDRON))
-    });
-    grid.add((Place::Cells, "faces"), (Kind::Int32, 1), faces, |sink| {
-        each(sink, &|sink, cell| {
-            sink.int(cell.triangles.len() as i32);
-            for triangle in &cell.triangles {
-                sink.int(3);
-                for &point in triangle {
-                    sink.int(point);
-                }
-            }
-        })
-    });
-    grid.add((Place::Cells, "faceoffsets"), (Kind::Int64, 1), n, |sink| {
-        ends(sink, &|triangles| 1 + 4 * triangles)
-    });
-    grid.write(work, out)
 }

@@ -89,7 +89,7 @@ pub(super) fn of_model(
         let patch = Patch::of_grain(options, diameter);
         grains.for_each_facing(row, grains.reach_mm(diameter), |other, gap, _| match other {
             Other::Sphere { radius, .. } => triangles += patch.more_triangles(gap, Some(radius)),
-            Other::Plane(..) | Other::Mantle { .. } => triangles += patch.more_triangles(gap, None),
+            Other::Plane(..) | Other::Lateral { .. } => triangles += patch.more_triangles(gap, None),
         });
         for (wall, _) in super::shell::walls(model.specimen, spheres.center(row)) {
             let gap = wall.gap(spheres.center(row)) - diameter / 2.0;

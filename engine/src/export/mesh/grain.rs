@@ -34,7 +34,7 @@ const MOST_STEPS: usize = 60;
 pub(super) struct Grains<'a> {
     model: &'a Model<'a>,
     options: &'a SurfaceOptions,
-    near: Near<'a>,
+    near: Near,
     finenesses: Finenesses,
     /// Polyhedra of the unit sphere that were needed so far.
     templates: HashMap<Fineness, Surface>,
@@ -197,7 +197,7 @@ impl Room {
                 let left = self.radius + GAP_SHARE / 2.0 * obstacle.gap - along;
                 if along > 0.0 { left * self.radius / along } else { f64::INFINITY }
             }
-            Other::Plane(..) | Other::Mantle { .. } => GAP_SHARE * obstacle.other.gap_mm(p),
+            Other::Plane(..) | Other::Lateral { .. } => GAP_SHARE * obstacle.other.gap_mm(p),
         };
         self.obstacles.iter().map(room).fold(self.most_mm, f64::min).max(0.0)
     }

@@ -64,7 +64,7 @@ impl Outline {
     }
 }
 
-/// Vertices of one curve in order: along an edge, or all around a rim and back to the first.
+/// Vertices of one curve in order: along an edge, or all around an end circle and back to the first.
 fn chain(shell: &Shell, mut vertices: Vec<u32>) -> Vec<u32> {
     let point = |vertex: u32| shell.surface.points[vertex as usize];
     let Some(axis) = shell.axis else {

@@ -36,8 +36,8 @@ const TOP: u8 = 4;
 #[derive(Debug)]
 struct Growing {
     faces_of: Vec<u8>,
-    /// Where there is a mantle: its axis, and how far from it its vertices lie.
-    mantle: Option<([f64; 2], f64)>,
+    /// Where there is a lateral surface: its axis, and how far from it its vertices lie.
+    lateral: Option<([f64; 2], f64)>,
     close: Close,
 }
 
@@ -60,7 +60,7 @@ impl Shell {
         division: Division,
         most_triangles: usize,
     ) -> Option<Self> {
-        let (names, points, triangles, faces_of, mantle): (&'static [&'static str], _, _, _, _) =
+        let (names, points, triangles, faces_of, lateral): (&'static [&'static str], _, _, _, _) =
             match *specimen {
                 Specimen::Box { size_mm, .. } => {
                     let counts = size_mm.map(|length| count(length, division.edge_mm, 1));
@@ -85,11 +85,11 @@ impl Shell {
                 }
             };
         let mut surface = Surface::new(points, triangles);
-        let mut growing = Growing { faces_of, mantle, close: Close::new(specimen, spheres, division) };
+        let mut growing = Growing { faces_of, lateral, close: Close::new(specimen, spheres, division) };
         if division.size_field && !surface.refine(&mut growing, most_triangles) {
             return None;
         }
-        Some(Self { surface, faces_of: growing.faces_of, names, axis: mantle.map(|(axis, _)| axis) })
+        Some(Self { surface, faces_of: growing.faces_of, names, axis: lateral.map(|(axis, _)| axis) })
     }
 
     /// The face that a triangle belongs to, by bit.
@@ -110,7 +110,7 @@ impl Shape for Growing {
         self.faces_of.push(common);
         let (p, q) = (points[a as usize], points[b as usize]);
         let middle = std::array::from_fn(|i| (p[i] + q[i]) / 2.0);
-        match self.mantle {
+        match self.lateral {
             Some((axis, radius)) if common & SIDE != 0 => {
                 let (x, y) = (middle[0] - axis[0], middle[1] - axis[1]);
                 let out = radius / x.hypot(y);
@@ -127,8 +127,8 @@ impl Shape for Growing {
     /// Whether, within a flat face, the angles opposite to ab make more than half a turn.
     fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
         let common = [a, b, c, d].iter().fold(u8::MAX, |common, &p| common & self.faces_of[p as usize]);
-        // A diagonal of the mantle must not be made to cut deeper into it.
-        if common == 0 || (self.mantle.is_some() && common & SIDE != 0) {
+        // A diagonal of the lateral surface must not be made to cut deeper into it.
+        if common == 0 || (self.lateral.is_some() && common & SIDE != 0) {
             return false;
         }
         let angle = |at: u32| {
@@ -204,10 +204,10 @@ pub(super) fn walls(specimen: &Specimen, p: [f64; 3]) -> Vec<(Wall, [f64; 3])> {
             let radius = diameter_mm / 2.0;
             let (x, y) = (p[0] - radius, p[1] - radius);
             let from_axis = x.hypot(y);
-            // A grain on the axis is as near to the mantle all around.
+            // A grain on the axis is as near to the lateral surface all around.
             let (x, y) = if from_axis > 0.0 { (x / from_axis, y / from_axis) } else { (1.0, 0.0) };
             let foot = [radius + radius * x, radius + radius * y, p[2]];
-            vec![(Wall(Other::Mantle { axis: [radius; 2], radius }), foot), flat(2, 0.0), flat(2, height_mm)]
+            vec![(Wall(Other::Lateral { axis: [radius; 2], radius }), foot), flat(2, 0.0), flat(2, height_mm)]
         }
     }
 }
@@ -221,7 +221,7 @@ impl Wall {
     pub(super) fn about(&self, [x, y, z]: [f64; 3]) -> Other {
         match self.0 {
             Other::Plane(axis, at) => Other::Plane(axis, at - [x, y, z][axis]),
-            Other::Mantle { axis, radius } => Other::Mantle { axis: [axis[0] - x, axis[1] - y], radius },
+            Other::Lateral { axis, radius } => Other::Lateral { axis: [axis[0] - x, axis[1] - y], radius },
             Other::Sphere { center, radius } => {
                 Other::Sphere { center: [center[0] - x, center[1] - y, center[2] - z], radius }
             }
@@ -234,7 +234,7 @@ impl Wall {
     }
 }
 
-/// Smallest distance of a grain from the mantle of a cylinder.
+/// Smallest distance of a grain from the lateral surface of a cylinder.
 fn side_gap_mm(radius: f64, spheres: &Spheres) -> f64 {
     (0..spheres.len())
         .map(|row| {
@@ -244,7 +244,7 @@ fn side_gap_mm(radius: f64, spheres: &Spheres) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// How far from the axis the vertices of a mantle of so many columns lie: such that the polygon has the area
+/// How far from the axis the vertices of a lateral surface of so many columns lie: such that the polygon has the area
 /// of the circle, and no chord comes closer to a grain than half of what lay between.
 fn vertex_radius(radius: f64, columns: f64, gap_mm: f64) -> f64 {
     let angle = TAU / columns;
@@ -296,7 +296,7 @@ fn cuboid(size: [f64; 3], counts: [usize; 3]) -> Parts {
 }
 
 /// The faces of a cylinder: rings of triangles about the middle of each end, rectangles in four triangles on
-/// the mantle.
+/// the lateral surface.
 fn cylinder(axis: [f64; 2], radius: f64, height: f64, rings: usize, rows: usize) -> Parts {
     let (mut points, mut triangles, mut faces_of) = (Vec::new(), Vec::new(), Vec::new());
     let columns = 6 * rings;
@@ -306,7 +306,7 @@ fn cylinder(axis: [f64; 2], radius: f64, height: f64, rings: usize, rows: usize)
         faces_of.push(faces);
         faces_of.len() as u32 - 1
     };
-    // Vertices of the mantle, row by row; the first and the last are the rims of the ends.
+    // Vertices of the lateral surface, row by row; the first and the last are the end circles.
     let mut grid: Vec<Vec<u32>> = Vec::new();
     for row in 0..=rows {
         let faces = SIDE | if row == 0 { BOTTOM } else { 0 } | if row == rows { TOP } else { 0 };
@@ -324,12 +324,12 @@ fn cylinder(axis: [f64; 2], radius: f64, height: f64, rings: usize, rows: usize)
             }
         }
     }
-    for (rim, z, faces) in [(&grid[0], 0.0, BOTTOM), (&grid[rows], height, TOP)] {
+    for (circle, z, faces) in [(&grid[0], 0.0, BOTTOM), (&grid[rows], height, TOP)] {
         let mut inner = vec![point(0.0, 0.0, z, faces)];
         for ring in 1..=rings {
             let around = 6 * ring;
             let outer: Vec<u32> = if ring == rings {
-                rim.clone()
+                circle.clone()
             } else {
                 let from_axis = radius * (ring as f64 / rings as f64);
                 (0..around).map(|k| point(from_axis, k as f64 / around as f64, z, faces)).collect()

@@ -21,8 +21,8 @@ pub(super) enum Other {
     },
     /// A flat wall, by its axis and place.
     Plane(usize, f64),
-    /// The mantle of a cylinder along z.
-    Mantle {
+    /// The lateral surface of a cylinder along z.
+    Lateral {
         /// Where its axis stands.
         axis: [f64; 2],
         /// Its radius.
@@ -35,7 +35,7 @@ impl Other {
         match *self {
             Self::Sphere { center, radius } => distance2(p, center).sqrt() - radius,
             Self::Plane(axis, at) => (p[axis] - at).abs(),
-            Self::Mantle { axis, radius } => radius - (p[0] - axis[0]).hypot(p[1] - axis[1]),
+            Self::Lateral { axis, radius } => radius - (p[0] - axis[0]).hypot(p[1] - axis[1]),
         }
     }
 }

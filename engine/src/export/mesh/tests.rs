@@ -35,7 +35,7 @@ fn crowded() -> Spheres {
 }
 
 fn mesh(specimen: &Specimen, spheres: &Spheres, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
-    Mesh::new(&Model { specimen, spheres }, options, &Limits::default(), &Unattended).unwrap()
+    Mesh::new(&Model::new(specimen, spheres), options, &Limits::default(), &Unattended).unwrap()
 }
 
 /// Every edge is met once in each direction, and vertices, edges and triangles make a sphere.
@@ -212,7 +212,7 @@ fn a_box_has_twelve_edges_and_a_cylinder_two_rims() {
 }
 
 #[test]
-fn the_facets_of_a_mantle_cut_into_no_grain_that_touches_it() {
+fn the_facets_of_a_lateral_surface_cut_into_no_grain_that_touches_it() {
     let packing = spheres(&[([10.0 + 7.0, 10.0, 7.0], 6.0)]);
     for segments in [6, 16] {
         let options = SurfaceOptions::default().with_segments(segments);
@@ -270,7 +270,7 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
             assert!(report.aggregate_volume_error.abs() < 1e-3, "{segments}: {report:?}");
             assert!(report.triangles > before, "{segments}: {report:?} after {before}");
             before = report.triangles;
-            let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+            let model = Model::new(&request.specimen, &packing.spheres);
             let guess = estimate::of_model(&model, &options, &Unattended).unwrap();
             let ratio = guess.triangles as f64 / report.triangles as f64;
             assert!(
@@ -288,7 +288,7 @@ fn the_same_model_is_the_same_bytes() {
     let packing = crowded();
     let bytes = |specimen: &Specimen| {
         let (mut msh, mut stl, mut geo) = (Vec::new(), Vec::new(), Vec::new());
-        let model = Model { specimen, spheres: &packing };
+        let model = Model::new(specimen, &packing);
         let limits = Limits::default();
         msh::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut msh).unwrap();
         stl::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut stl).unwrap();
@@ -307,7 +307,7 @@ fn periodic_boxes_and_meshes_beyond_the_limit_say_what_to_do() {
     let refused = msh::check(&periodic, &SurfaceOptions::default(), &limits).unwrap_err();
     assert!(refused.to_string().contains("walls, or ask for voxels"), "{refused}");
     let packing = crowded();
-    let model = Model { specimen: &CUBE, spheres: &packing };
+    let model = Model::new(&CUBE, &packing);
     for max_memory_bytes in [1_000, 30_000, 60_000] {
         let limits = Limits { max_memory_bytes, ..limits };
         let refused =
@@ -328,7 +328,7 @@ fn a_run_that_should_stop_stops() {
         }
     }
     let packing = crowded();
-    let model = Model { specimen: &CUBE, spheres: &packing };
+    let model = Model::new(&CUBE, &packing);
     let limits = Limits::default();
     let stopped = msh::write(&model, &SurfaceOptions::default(), &limits, &Stop, &mut sink());
     assert!(matches!(stopped, Err(ExportError::Stopped)));

@@ -126,7 +126,7 @@ impl Hit {
 pub(super) struct Scene {
     specimen: Specimen,
     size: Vector,
-    grid: Grid,
+    grid: SceneGrid,
     /// Smallest and largest diameter.
     pub(super) diameters: [f64; 2],
     /// Depth at which the matrix lets a share 1/e of the light through, in mm.
@@ -146,7 +146,7 @@ impl Scene {
             .fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], &d| [low.min(d), high.max(d)]);
         let fade = FADE_PER_FREE_PATH * (model.specimen.volume_mm3() / sections).min(size.norm());
         let specimen = *model.specimen;
-        Self { specimen, size, grid: Grid::new(grains, size), diameters, fade, eye: axes()[2] }
+        Self { specimen, size, grid: SceneGrid::new(grains, size), diameters, fade, eye: axes()[2] }
     }
 
     /// Number of grains, images included.
@@ -294,7 +294,7 @@ impl Lists {
 }
 
 /// A uniform grid.
-struct Grid {
+struct SceneGrid {
     grains: Vec<Grain>,
     cells: [usize; 3],
     edge: Vector,
@@ -306,7 +306,7 @@ struct Grid {
     shade: f64,
 }
 
-impl Grid {
+impl SceneGrid {
     fn new(grains: Vec<Grain>, size: Vector) -> Self {
         let wanted = (size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64)).cbrt();
         let cells: [usize; 3] =

@@ -19,7 +19,7 @@ fn decoded(bytes: &[u8]) -> (usize, usize, Vec<[u8; 3]>) {
 fn picture(specimen: &Specimen, spheres: &Spheres, pixels: u32, threads: usize) -> Vec<u8> {
     let mut out = Vec::new();
     let options = PictureOptions { pixels, threads };
-    write(&Model { specimen, spheres }, &options, &Unattended, &mut out).unwrap();
+    write(&Model::new(specimen, spheres), &options, &Unattended, &mut out).unwrap();
     out
 }
 
@@ -75,7 +75,7 @@ fn the_grid_finds_the_nearest_grain() {
         (cube(Boundary::Periodic), shifted(&lattice(), 1.7)),
         (Specimen::Cylinder { diameter_mm: 40.0, height_mm: 40.0 }, within_cylinder(&lattice())),
     ] {
-        let scene = Scene::new(&Model { specimen: &specimen, spheres: &spheres });
+        let scene = Scene::new(&Model::new(&specimen, &spheres));
         let view = View::framing(&specimen, 90);
         let mut found = [0; 3];
         for y in 0..view.pixels[1] {
@@ -150,7 +150,7 @@ fn a_sphere_has_its_true_size_in_the_picture() {
     let mut spheres = Spheres::default();
     // In the corner next to the eye, below the cut, before everything else.
     spheres.push([36.0, 4.0, 10.0], 8.0);
-    let scene = Scene::new(&Model { specimen: &specimen, spheres: &spheres });
+    let scene = Scene::new(&Model::new(&specimen, &spheres));
     let view = View::framing(&specimen, 700);
     let mut columns = Vec::new();
     for y in 0..view.pixels[1] {
@@ -176,11 +176,7 @@ fn a_stop_ends_the_work() {
         }
     }
     let (specimen, spheres) = (cube(Boundary::Walls), lattice());
-    let ended = write(
-        &Model { specimen: &specimen, spheres: &spheres },
-        &PictureOptions::default(),
-        &Stopped,
-        &mut Vec::new(),
-    );
+    let ended =
+        write(&Model::new(&specimen, &spheres), &PictureOptions::default(), &Stopped, &mut Vec::new());
     assert!(matches!(ended, Err(ExportError::Stopped)));
 }

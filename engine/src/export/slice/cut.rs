@@ -75,8 +75,8 @@ pub struct Cut {
     pub outline: Outline,
     /// Whether the cut repeats along u and v.
     pub periodic: bool,
-    /// Whether edges of a rectangular outline along u are part of a cylinder's mantle.
-    pub mantle: bool,
+    /// Whether edges of a rectangular outline along u are part of a cylinder's lateral surface.
+    pub lateral: bool,
     /// The circles, in the order of their grains.
     pub circles: Vec<Circle>,
 }
@@ -104,8 +104,14 @@ impl Cut {
             }
         };
         let periodic = model.specimen.is_periodic();
-        let mut cut =
-            Self { axis, at_mm, outline, periodic, mantle: cylinder && axis != Axis::Z, circles: Vec::new() };
+        let mut cut = Self {
+            axis,
+            at_mm,
+            outline,
+            periodic,
+            lateral: cylinder && axis != Axis::Z,
+            circles: Vec::new(),
+        };
         let shifts: &[f64] = if periodic { &[-1.0, 0.0, 1.0] } else { &[0.0] };
         for grain in 0..model.spheres.len() {
             let center = model.spheres.center(grain);

@@ -1,8 +1,8 @@
 //! A Gmsh script of a cut: plane surfaces of matrix and aggregates that share their edges, with physical groups.
 //!
 //! Groups: surfaces `matrix` and `aggregates`, curves `itz` and one per edge of the outline (`x_min` and so on;
-//! `side` where that is a cylinder's mantle). Where all circles lie inside, the matrix is made with its holes at
-//! once; circles that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
+//! `side` where that is a cylinder's lateral surface). Where all circles lie inside, the matrix is made with its holes
+//! at once; circles that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -131,7 +131,7 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     };
     let [u, v] = cut.axis.plane().map(super::Axis::name);
     if !cut.circles.iter().any(|circle| circle.clipped) {
-        if cut.mantle {
+        if cut.lateral {
             writeln!(out, "Physical Curve(\"side\") = {{2, 4}};")?;
         } else {
             writeln!(out, "Physical Curve(\"{u}_min\") = {{4}};\nPhysical Curve(\"{u}_max\") = {{2}};")?;
@@ -161,8 +161,8 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// The radii that circles may be enlarged to: each takes a quarter of the gap to its nearest neighbour, and half of that
-/// to an edge that no circle crosses.
+/// The radii that circles may be enlarged to: each takes a quarter of the gap to its nearest neighbour, and half of
+/// that to an edge that no circle crosses.
 fn most_radii(cut: &Cut) -> Vec<f64> {
     let circles = &cut.circles;
     let mut order: Vec<usize> = (0..circles.len()).collect();

@@ -22,7 +22,7 @@ use crate::control::{Control, Phase, Progress};
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
 use crate::request::decode::{Bound, Object};
-use crate::request::{FieldError, MAX_LENGTH_MM, Specimen};
+use crate::request::{Axis, FieldError, MAX_LENGTH_MM, Specimen};
 
 /// Pixels along the longer edge of a picture, where none are asked for.
 pub const DEFAULT_PIXELS: u32 = 1000;
@@ -30,42 +30,6 @@ pub const DEFAULT_PIXELS: u32 = 1000;
 pub const MIN_PIXELS: u32 = 16;
 /// Most pixels along the longer edge of a picture.
 pub const MAX_PIXELS: u32 = 8192;
-
-/// The axis that a cut is perpendicular to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "lowercase")]
-#[allow(missing_docs)]
-pub enum Axis {
-    X,
-    Y,
-    Z,
-}
-
-impl Axis {
-    /// 0, 1, 2 for x, y, z.
-    pub fn index(self) -> usize {
-        self as usize
-    }
-
-    /// Its letter.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::X => "x",
-            Self::Y => "y",
-            Self::Z => "z",
-        }
-    }
-
-    /// The axes `u`, `v` of a plane perpendicular to this one.
-    pub fn plane(self) -> [Self; 2] {
-        match self {
-            Self::X => [Self::Y, Self::Z],
-            Self::Y => [Self::X, Self::Z],
-            Self::Z => [Self::X, Self::Y],
-        }
-    }
-}
 
 /// What is made of a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -137,7 +101,7 @@ impl SliceOptions {
             None => Some(SliceFormat::Svg),
         };
         let axis = match object.optional("axis") {
-            Some(at) => at.choice(&[Axis::X, Axis::Y, Axis::Z].map(|axis| (axis.name(), axis))),
+            Some(at) => at.choice(&Axis::ALL.map(|axis| (axis.name(), axis))),
             None => Some(Axis::Z),
         };
         let at_mm = match object.optional("at_mm") {
@@ -204,7 +168,7 @@ pub struct Image {
 pub fn check(specimen: &Specimen, options: &SliceOptions, _: &Limits) -> Result<(), ExportError> {
     let at_mm = options.at_mm(specimen);
     let length = specimen.bounds_mm()[options.axis.index()];
-    // A plane that touches a cylinder's mantle cuts out a line: nothing has a share of its area.
+    // A plane that touches a cylinder's lateral surface cuts out a line: nothing has a share of its area.
     let touches = matches!(specimen, Specimen::Cylinder { .. }) && options.axis != Axis::Z;
     let (inside, bound) = if touches {
         (at_mm > 0.0 && at_mm < length, format!("greater than 0 and less than {length} mm"))

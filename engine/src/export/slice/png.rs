@@ -76,14 +76,14 @@ fn grey(share: f64) -> u8 {
 }
 
 /// The columns of pixels.
-struct Grid {
+struct PixelGrid {
     columns: usize,
     u0: f64,
     pixel_u: f64,
     pixel_area: f64,
 }
 
-impl Grid {
+impl PixelGrid {
     /// Lower edge of a column; the upper one of that before.
     fn edge(&self, column: usize) -> f64 {
         self.u0 + column as f64 * self.pixel_u
@@ -98,7 +98,7 @@ impl Grid {
 
 /// Shares of aggregate, row by row from the top.
 struct Raster<'a> {
-    grid: Grid,
+    grid: PixelGrid,
     v1: f64,
     pixel_v: f64,
     /// Circles that no row has reached, the uppermost last.
@@ -118,7 +118,7 @@ impl<'a> Raster<'a> {
         waiting.sort_by(|a, b| top(a).total_cmp(&top(b)));
         let [pixel_u, pixel_v] = image.pixel_mm;
         Self {
-            grid: Grid { columns, u0, pixel_u, pixel_area: pixel_u * pixel_v },
+            grid: PixelGrid { columns, u0, pixel_u, pixel_area: pixel_u * pixel_v },
             v1,
             pixel_v,
             waiting,
@@ -147,7 +147,7 @@ impl<'a> Raster<'a> {
 }
 
 /// Adds the shares of one row's pixels that a disc covers.
-fn cover(shares: &mut [f64], grid: &Grid, center: [f64; 2], radius: f64, v: [f64; 2]) {
+fn cover(shares: &mut [f64], grid: &PixelGrid, center: [f64; 2], radius: f64, v: [f64; 2]) {
     let half_chord = |dv: f64| ((radius - dv) * (radius + dv)).max(0.0).sqrt();
     let distances = v.map(|v| (v - center[1]).abs());
     let nearest = if (v[0]..=v[1]).contains(&center[1]) { 0.0 } else { distances[0].min(distances[1]) };

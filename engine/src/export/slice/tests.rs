@@ -24,7 +24,7 @@ fn read(value: &Value) -> Result<SliceOptions, Vec<String>> {
 
 fn written(specimen: &Specimen, spheres: &Spheres, options: &Value) -> (SliceReport, Vec<u8>) {
     let mut bytes = Vec::new();
-    let model = Model { specimen, spheres };
+    let model = Model::new(specimen, spheres);
     let options = read(options).unwrap();
     let report = write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
     (report, bytes)
@@ -83,7 +83,7 @@ fn a_cut_outside_of_the_specimen_is_refused() {
         refused(&cube(Boundary::Walls), json!({"at_mm": 10.5})),
         "/at_mm: 10.5 is out of range: a cut along z must be at least 0 and at most 10 mm, inside the specimen"
     );
-    // A plane that touches the mantle has no area.
+    // A plane that touches the lateral surface has no area.
     assert_eq!(
         refused(&cylinder, json!({"axis": "x", "at_mm": 0})),
         "/at_mm: 0 is out of range: a cut along x must be greater than 0 and less than 10 mm, inside the specimen"
@@ -136,8 +136,8 @@ fn no_circle_of_a_periodic_slice_is_a_ghost() {
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-    let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
-    for axis in [Axis::X, Axis::Y, Axis::Z] {
+    let model = Model::new(&request.specimen, &packing.spheres);
+    for axis in Axis::ALL {
         for at_mm in (0..10).map(|i| 4.0 * f64::from(i)) {
             for circle in Cut::new(&model, axis, at_mm).circles {
                 let outside = circle.center_mm.map(|x| (-x).max(x - 40.0).max(0.0));
@@ -169,9 +169,9 @@ fn cuts_add_up_to_the_volume() {
     ];
     for specimen in &specimens {
         let (specimen, spheres) = packed(specimen, 0.45);
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         let volume: f64 = spheres.d_mm.iter().map(|d| PI / 6.0 * d * d * d).sum();
-        for axis in [Axis::X, Axis::Y, Axis::Z] {
+        for axis in Axis::ALL {
             const CUTS: usize = 400;
             let length = specimen.bounds_mm()[axis.index()];
             let step = length / CUTS as f64;
@@ -255,7 +255,7 @@ proptest! {
     ) {
         let one = spheres(&[(center, d)]);
         let specimen = cube(Boundary::Periodic);
-        let cut = Cut::new(&Model { specimen: &specimen, spheres: &one }, Axis::Z, at_mm);
+        let cut = Cut::new(&Model::new(&specimen, &one), Axis::Z, at_mm);
         let height = (center[2] - at_mm).abs();
         let height = height.min(10.0 - height);
         let whole = PI * (d * d / 4.0 - height * height).max(0.0);

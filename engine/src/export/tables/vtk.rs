@@ -7,6 +7,8 @@
 use std::io::{self, Write};
 
 use super::{Column, Head, SphereSource, for_each_block};
+use crate::export::vtk_xml::{Sink, VtkXml};
+use crate::export::{ExportError, Provenance};
 use crate::mix::sieve::class_of;
 
 const POSITION: [Column; 3] = [Column::X, Column::Y, Column::Z];
@@ -38,92 +40,42 @@ pub(super) fn write_legacy(head: &Head, spheres: &dyn SphereSource, out: &mut dy
 
 pub(super) fn write_xml(head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
     let n = spheres.len();
-    // Every block of the appended data: its length in 8 bytes, then its bytes.
-    let sizes = [24 * n, 8 * n, 8 * n, 4 * n, 4 * n, 8 * n, 8 * n];
-    let mut offsets = [0; 7];
-    for i in 1..7 {
-        offsets[i] = offsets[i - 1] + 8 + sizes[i - 1];
-    }
-    let [points, diameter, radius, class, id, connectivity, ends] = offsets;
-    let fields = field_data(head);
-    write!(
-        out,
-        r#"<?xml version="1.0"?>
-<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
-  <PolyData>
-{fields}    <Piece NumberOfPoints="{n}" NumberOfVerts="{n}" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="0">
-      <Points>
-        <DataArray type="Float64" Name="Points" NumberOfComponents="3" format="appended" offset="{points}"/>
-      </Points>
-      <PointData Scalars="diameter">
-        <DataArray type="Float64" Name="diameter" format="appended" offset="{diameter}"/>
-        <DataArray type="Float64" Name="radius" format="appended" offset="{radius}"/>
-        <DataArray type="Int32" Name="sieve_class" format="appended" offset="{class}"/>
-        <DataArray type="Int32" Name="id" format="appended" offset="{id}"/>
-      </PointData>
-      <Verts>
-        <DataArray type="Int64" Name="connectivity" format="appended" offset="{connectivity}"/>
-        <DataArray type="Int64" Name="offsets" format="appended" offset="{ends}"/>
-      </Verts>
-    </Piece>
-  </PolyData>
-  <AppendedData encoding="raw">
-   _"#
-    )?;
-    let mut bytes = Vec::new();
-    let mut sizes = sizes.into_iter();
-    let mut next_size = |out: &mut dyn Write| {
-        let size = sizes.next().unwrap_or_default() as u64;
-        out.write_all(&size.to_le_bytes())
-    };
-    next_size(out)?;
-    write_points(spheres, &mut bytes, out, f64::to_le_bytes)?;
-    next_size(out)?;
-    write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend(d.to_le_bytes()))?;
-    next_size(out)?;
-    write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend((d / 2.0).to_le_bytes()))?;
-    next_size(out)?;
-    let class_of = classifier(head);
-    write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend(class_of(d).to_le_bytes()))?;
-    next_size(out)?;
-    write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i32).to_le_bytes()))?;
-    next_size(out)?;
-    write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i64).to_le_bytes()))?;
-    next_size(out)?;
-    write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i64 + 1).to_le_bytes()))?;
-    out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
+    let counts = [
+        ("NumberOfPoints", n),
+        ("NumberOfVerts", n),
+        ("NumberOfLines", 0),
+        ("NumberOfStrips", 0),
+        ("NumberOfPolys", 0),
+    ];
+    let piece = counts.map(|(name, count)| (name, count.to_string()));
+    let mut file = VtkXml::new("PolyData", &[], &piece, Some(&Provenance::from(head)));
+    file.section("Points", None);
+    file.fill::<[f64; 3]>("Points", n, |sink| {
+        write_points(spheres, &mut Vec::new(), sink, f64::to_le_bytes).map_err(ExportError::Write)
+    });
+    file.section("PointData", Some("diameter"));
+    file.fill::<f64>("diameter", n, |sink| fill_diameters(spheres, sink, f64::to_le_bytes));
+    file.fill::<f64>("radius", n, |sink| fill_diameters(spheres, sink, |d| (d / 2.0).to_le_bytes()));
+    let class = classifier(head);
+    file.fill::<i32>("sieve_class", n, move |sink| fill_diameters(spheres, sink, |d| class(d).to_le_bytes()));
+    file.array("id", n, (0..n).map(|row| row as i32));
+    file.section("Verts", None);
+    file.array("connectivity", n, (0..n).map(|row| row as i64));
+    file.array("offsets", n, (1..=n).map(|end| end as i64));
+    file.write(out, &mut |_| Ok(())).map_err(|error| match error {
+        ExportError::Write(error) => error,
+        other => io::Error::other(other),
+    })
 }
 
-/// What is known about the packing as VTK field data: arrays of text (the codes of its characters) and of numbers.
-fn field_data(head: &Head) -> String {
-    let summary = &head.report.summary;
-    let mut lines = vec!["    <FieldData>\n".to_owned()];
-    let texts = [
-        ("job_id", head.job_id.as_deref()),
-        ("name", head.request.get("name").and_then(|name| name.as_str())),
-        ("engine_version", Some(head.engine.version.as_str())),
-    ];
-    for (name, text) in texts {
-        let Some(text) = text else { continue };
-        let codes: Vec<String> = text.bytes().map(|byte| byte.to_string()).collect();
-        lines.push(format!(
-            "      <DataArray type=\"String\" Name=\"{name}\" NumberOfTuples=\"1\" format=\"ascii\">{} 0</DataArray>\n",
-            codes.join(" ")
-        ));
-    }
-    let seed = head.request.get("seed").and_then(serde_json::Value::as_u64);
-    let seed = seed.map(|seed| ("seed", "UInt64", seed.to_string()));
-    let fractions = [
-        ("volume_fraction_mixture", "Float64", summary.volume_fraction_mixture.to_string()),
-        ("volume_fraction_effective", "Float64", summary.volume_fraction_effective.to_string()),
-    ];
-    for (name, kind, value) in seed.into_iter().chain(fractions) {
-        lines.push(format!(
-            "      <DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"1\" format=\"ascii\">{value}</DataArray>\n"
-        ));
-    }
-    lines.push("    </FieldData>\n".to_owned());
-    lines.concat()
+/// Fills an array with what each diameter becomes.
+fn fill_diameters<const BYTES: usize>(
+    spheres: &dyn SphereSource,
+    sink: &mut Sink<'_>,
+    encode: impl Fn(f64) -> [u8; BYTES],
+) -> Result<(), ExportError> {
+    let written = write_diameters(spheres, &mut Vec::new(), sink, |d, bytes| bytes.extend(encode(d)));
+    written.map_err(ExportError::Write)
 }
 
 /// The one free line of the legacy form: at most 256 characters, no line break.

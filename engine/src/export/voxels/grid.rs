@@ -8,7 +8,7 @@ use crate::request::Specimen;
 
 /// A grid that fills the specimen's bounding box exactly.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Grid {
+pub struct VoxelGrid {
     /// Voxels along x, y, z.
     pub shape: [usize; 3],
     /// Edges of a voxel.
@@ -19,7 +19,7 @@ pub struct Grid {
     rows: Option<Vec<Range<usize>>>,
 }
 
-impl Grid {
+impl VoxelGrid {
     /// Voxels as near to cubes as whole numbers of them allow.
     pub fn new(specimen: &Specimen, options: &VoxelOptions) -> Self {
         let bounds = specimen.bounds_mm();

@@ -9,7 +9,7 @@
 use std::io::{self, Write};
 
 use super::layers::Layers;
-use super::{Found, Grid, Watch};
+use super::{Found, LayerSteps, VoxelGrid};
 use crate::export::{ExportError, Model};
 use crate::memory::{OutOfMemory, copied, filled};
 
@@ -19,7 +19,7 @@ pub(super) const PASSES: usize = 3;
 /// Numbers on a line of a set; Abaqus reads no more than 16.
 const PER_LINE: usize = 16;
 
-/// The faces of a hexahedron: name of the specimen's face it may be part of, its identifier, the way to the
+/// The faces of a hexahedron: name of the specimen's face it may be part of, its identifier, the offset of the
 /// neighbour.
 const FACES: [(&str, &str, [i64; 3]); 6] = [
     ("x_min", "S6", [-1, 0, 0]),
@@ -31,7 +31,7 @@ const FACES: [(&str, &str, [i64; 3]); 6] = [
 ];
 
 /// Bytes of the file at most.
-pub(super) fn most_bytes(grid: &Grid) -> u64 {
+pub(super) fn most_bytes(grid: &VoxelGrid) -> u64 {
     let nodes: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
     let digits = u64::from(nodes.max(1).ilog10()) + 1;
     // A node: its number and three coordinates. An element: nine numbers, and in a packing
@@ -46,8 +46,8 @@ const OUTSIDE: u8 = 2;
 
 pub(super) fn write(
     model: &Model<'_>,
-    grid: &Grid,
-    watch: &Watch<'_>,
+    grid: &VoxelGrid,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     let lattice = Lattice { grid };
@@ -72,25 +72,25 @@ pub(super) fn write(
                     found.aggregate += u64::from(phase);
                 }
             }
-            watch.layer()?;
+            layers_done.next()?;
         }
         found.grains_without_voxel = layers.layers.grains_without_voxel();
     }
     lattice.write_node_sets(out)?;
     lattice.write_surfaces(out)?;
-    write_interface(model, &lattice, watch, out)?;
+    write_interface(model, &lattice, layers_done, out)?;
     Ok(found)
 }
 
 /// Phases layer by layer.
 struct Phases<'a> {
-    grid: &'a Grid,
+    grid: &'a VoxelGrid,
     layers: Layers<'a>,
     layer: Vec<u8>,
 }
 
 impl<'a> Phases<'a> {
-    fn new(model: &Model<'a>, grid: &'a Grid) -> Result<Self, OutOfMemory> {
+    fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
         let layer = filled(grid.shape[0] * grid.shape[1], MATRIX)?;
         Ok(Self { grid, layers: Layers::new(model, grid)?, layer })
     }
@@ -106,7 +106,7 @@ impl<'a> Phases<'a> {
 
 /// Numbers of nodes and elements.
 struct Lattice<'a> {
-    grid: &'a Grid,
+    grid: &'a VoxelGrid,
 }
 
 impl Lattice<'_> {
@@ -159,14 +159,14 @@ impl Lattice<'_> {
         writeln!(out)
     }
 
-    /// Whether there is an element that way.
-    fn has_neighbor(&self, place: [usize; 3], way: [i64; 3]) -> bool {
-        let there: [i64; 3] = std::array::from_fn(|a| place[a] as i64 + way[a]);
+    /// Whether there is an element at that offset.
+    fn has_neighbor(&self, place: [usize; 3], offset: [i64; 3]) -> bool {
+        let there: [i64; 3] = std::array::from_fn(|a| place[a] as i64 + offset[a]);
         let on_grid = (0..3).all(|a| (0..self.grid.shape[a] as i64).contains(&there[a]));
         on_grid && self.grid.inside(there[1] as usize).contains(&(there[0] as usize))
     }
 
-    /// The specimen's face that lies that way of an element which has no neighbour there.
+    /// The specimen's face that lies at that offset of an element which has no neighbour there.
     fn face_name(&self, face: usize) -> &'static str {
         if self.grid.is_full() || face >= 4 { FACES[face].0 } else { "side" }
     }
@@ -180,14 +180,14 @@ impl Lattice<'_> {
         }
     }
 
-    /// Calls `visit` with every element that has no neighbour that way.
+    /// Calls `visit` with every element that has no neighbour at that offset.
     fn for_each_outer(
         &self,
         face: usize,
         visit: &mut dyn FnMut([usize; 3]) -> io::Result<()>,
     ) -> io::Result<()> {
         let [_, ny, nz] = self.grid.shape;
-        let way = FACES[face].2;
+        let offset = FACES[face].2;
         let layers = match face {
             4 => 0..1,
             5 => nz - 1..nz,
@@ -202,7 +202,7 @@ impl Lattice<'_> {
                     1 => row.end.saturating_sub(1).max(row.start)..row.end,
                     _ => row,
                 };
-                for i in outer.filter(|i| !self.has_neighbor([*i, j, k], way)) {
+                for i in outer.filter(|i| !self.has_neighbor([*i, j, k], offset)) {
                     visit([i, j, k])?;
                 }
             }
@@ -213,10 +213,12 @@ impl Lattice<'_> {
     fn write_node_sets(&self, out: &mut dyn Write) -> io::Result<()> {
         for name in self.face_names() {
             let mut nodes = Vec::new();
-            for (face, (_, _, way)) in FACES.iter().enumerate().filter(|(f, _)| self.face_name(*f) == *name) {
+            for (face, (_, _, offset)) in
+                FACES.iter().enumerate().filter(|(f, _)| self.face_name(*f) == *name)
+            {
                 self.for_each_outer(face, &mut |place| {
-                    let low: [usize; 3] = std::array::from_fn(|a| place[a] + usize::from(way[a] > 0));
-                    let high: [usize; 3] = std::array::from_fn(|a| place[a] + usize::from(way[a] >= 0));
+                    let low: [usize; 3] = std::array::from_fn(|a| place[a] + usize::from(offset[a] > 0));
+                    let high: [usize; 3] = std::array::from_fn(|a| place[a] + usize::from(offset[a] >= 0));
                     for k in low[2]..=high[2] {
                         for j in low[1]..=high[1] {
                             nodes.extend((low[0]..=high[0]).map(|i| self.node([i, j, k])));
@@ -270,7 +272,7 @@ fn write_set(numbers: &[usize], out: &mut dyn Write) -> io::Result<()> {
 fn write_interface(
     model: &Model<'_>,
     lattice: &Lattice<'_>,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<(), ExportError> {
     let [nx, ny, nz] = lattice.grid.shape;
@@ -309,7 +311,7 @@ fn write_interface(
         }
         std::mem::swap(&mut below, &mut layer);
         std::mem::swap(&mut layer, &mut above);
-        watch.layer()?;
+        layers_done.next()?;
     }
     Ok(())
 }

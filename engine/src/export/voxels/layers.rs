@@ -4,7 +4,7 @@ use crate::export::Model;
 use crate::memory::{OutOfMemory, filled, reserved};
 use crate::packing::Spheres;
 
-use super::Grid;
+use super::VoxelGrid;
 
 /// A grain, or the image of one that a periodic box repeats.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +19,7 @@ struct Body {
 /// The bodies that have a part in the layers to come.
 pub(super) struct Layers<'a> {
     spheres: &'a Spheres,
-    grid: &'a Grid,
+    grid: &'a VoxelGrid,
     bounds: [f64; 3],
     /// Those that no layer has reached, the lowest last.
     waiting: Vec<Body>,
@@ -34,7 +34,7 @@ impl<'a> Layers<'a> {
     ///
     /// # Errors
     /// When the system refuses memory.
-    pub(super) fn new(model: &Model<'a>, grid: &'a Grid) -> Result<Self, OutOfMemory> {
+    pub(super) fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
         let spheres = model.spheres;
         let bounds = model.specimen.bounds_mm();
         let mut waiting = reserved(spheres.len())?;

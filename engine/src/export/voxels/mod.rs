@@ -12,18 +12,20 @@ mod options;
 mod share;
 mod vti;
 
+use std::cell::Cell;
 use std::io::{BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
-pub use grid::Grid;
+pub use grid::VoxelGrid;
 pub use options::{
     DEFAULT_CELLS, DEFAULT_SAMPLES, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, VoxelFormat,
     VoxelOptions,
 };
 
 use self::layers::Layers;
-use crate::control::{Control, Phase, Progress};
+use crate::control::Control;
+use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::filled;
 use crate::plan::Limits;
@@ -64,12 +66,12 @@ pub struct VoxelReport {
 /// # Errors
 /// [`ExportError::TooLarge`] with what the grid would take.
 pub fn check(specimen: &Specimen, options: &VoxelOptions, limits: &Limits) -> Result<(), ExportError> {
-    options.check(&Grid::new(specimen, options), limits)
+    options.check(&VoxelGrid::new(specimen, options), limits)
 }
 
 /// Length of the file of a grid.
 pub(super) fn expected_bytes(specimen: &Specimen, options: &VoxelOptions) -> u64 {
-    options.bytes(&Grid::new(specimen, options))
+    options.bytes(&VoxelGrid::new(specimen, options))
 }
 
 /// Makes the grid and writes it.
@@ -83,7 +85,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<VoxelReport, ExportError> {
-    let grid = Grid::new(model.specimen, options);
+    let grid = VoxelGrid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let passes = match options.format {
@@ -91,7 +93,7 @@ pub fn write(
         VoxelFormat::Vti if options.fractions => 2,
         VoxelFormat::Vti | VoxelFormat::Raw => 1,
     };
-    let watch = Watch::new(control, passes * grid.shape[2]);
+    let layers_done = LayerSteps::new(control, passes * grid.shape[2]);
     // Where the shares are written they are added up there.
     let sampled_mm3 = if options.fractions {
         None
@@ -99,9 +101,9 @@ pub fn write(
         Some(share::volume_mm3(model, &grid, options.samples, control)?)
     };
     let found = match options.format {
-        VoxelFormat::Inp => inp::write(model, &grid, &watch, &mut out)?,
-        VoxelFormat::Vti => vti::write(model, &grid, options, &watch, &mut out)?,
-        VoxelFormat::Raw => labels(model, &grid, options.label, &watch, &mut out)?,
+        VoxelFormat::Inp => inp::write(model, &grid, &layers_done, &mut out)?,
+        VoxelFormat::Vti => vti::write(model, &grid, options, &layers_done, &mut out)?,
+        VoxelFormat::Raw => labels(model, &grid, options.label, &layers_done, &mut out)?,
     };
     out.flush().map_err(ExportError::Write)?;
     let volume_mm3 = model.specimen.volume_mm3();
@@ -133,56 +135,47 @@ struct Found {
     sampled_mm3: f64,
 }
 
-/// Reports progress by layers, and says where to stop.
-struct Watch<'a> {
-    control: &'a dyn Control,
-    layers: usize,
-    done: std::cell::Cell<usize>,
+/// Counts the layers that passes over the grid have done.
+struct LayerSteps<'a> {
+    steps: Steps<'a>,
+    done: Cell<usize>,
 }
 
-impl<'a> Watch<'a> {
+impl<'a> LayerSteps<'a> {
     fn new(control: &'a dyn Control, layers: usize) -> Self {
-        Self { control, layers, done: std::cell::Cell::new(0) }
+        let steps = Steps { control, total: layers, unit: "layers", message: "" };
+        Self { steps, done: Cell::new(0) }
     }
 
-    /// One layer more.
-    fn layer(&self) -> Result<(), ExportError> {
+    /// Reports one layer more, and asks whether to go on.
+    fn next(&self) -> Result<(), ExportError> {
         self.done.set(self.done.get() + 1);
-        let (done, total) = (self.done.get() as u64, self.layers as u64);
-        self.control.report(&Progress {
-            phase: Phase::Export,
-            fraction: done as f64 / total as f64,
-            done,
-            total,
-            unit: "layers",
-            message: String::new(),
-            growth: None,
-        });
-        go_on(self.control)
+        self.steps.report(self.done.get());
+        go_on(self.steps.control)
     }
 }
 
 /// Writes the labels, x fastest, little-endian, and nothing else.
 fn labels(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     label: Label,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     match label {
         // The label is known to fit: a packing has fewer grains than u32 can count.
         Label::Grain => {
-            labels_as(model, grid, watch, out, |grain| (grain as u32 + 1).to_le_bytes(), [0xff; 4])
+            labels_as(model, grid, layers_done, out, |grain| (grain as u32 + 1).to_le_bytes(), [0xff; 4])
         }
-        Label::Phase => labels_as(model, grid, watch, out, |_| [1], [label.outside() as u8]),
+        Label::Phase => labels_as(model, grid, layers_done, out, |_| [1], [label.outside() as u8]),
     }
 }
 
 fn labels_as<const BYTES: usize>(
     model: &Model<'_>,
-    grid: &Grid,
-    watch: &Watch<'_>,
+    grid: &VoxelGrid,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
     encode: impl Fn(usize) -> [u8; BYTES],
     outside: [u8; BYTES],
@@ -198,7 +191,7 @@ fn labels_as<const BYTES: usize>(
         let grain = |label: &&[u8; BYTES]| **label != [MATRIX; BYTES] && **label != outside;
         found.aggregate += layer.iter().filter(grain).count() as u64;
         out.write_all(layer.as_flattened())?;
-        watch.layer()?;
+        layers_done.next()?;
     }
     found.grains_without_voxel = layers.grains_without_voxel();
     Ok(found)

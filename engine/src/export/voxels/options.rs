@@ -3,7 +3,7 @@
 use serde::ser::SerializeMap as _;
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::{Grid, inp, vti};
+use super::{VoxelGrid, inp, vti};
 use crate::export::ExportError;
 use crate::plan::Limits;
 use crate::request::decode::{Bound, Object};
@@ -187,7 +187,7 @@ impl VoxelOptions {
     }
 
     /// Length of the file, but for a head of a kilobyte; of `inp` the most it can be.
-    pub(super) fn bytes(&self, grid: &Grid) -> u64 {
+    pub(super) fn bytes(&self, grid: &VoxelGrid) -> u64 {
         match self.format {
             VoxelFormat::Raw => grid.voxels() * self.label.bytes(),
             VoxelFormat::Vti => grid.voxels() * vti::bytes_per_voxel(self),
@@ -196,7 +196,7 @@ impl VoxelOptions {
     }
 
     /// Judges the size of the grid.
-    pub(super) fn check(&self, grid: &Grid, limits: &Limits) -> Result<(), ExportError> {
+    pub(super) fn check(&self, grid: &VoxelGrid, limits: &Limits) -> Result<(), ExportError> {
         let pointer = if self.voxel_mm.is_some() { "/voxel_mm" } else { "/cells" };
         let refused = |detail: String| {
             let [x, y, z] = grid.shape;

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use super::Grid;
+use super::VoxelGrid;
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
 use crate::packing::Spheres;
@@ -22,7 +22,7 @@ pub(super) fn exact_mm3(spheres: &Spheres) -> f64 {
 /// in one piece.
 pub(super) fn volume_mm3(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     samples: u32,
     control: &dyn Control,
 ) -> Result<f64, ExportError> {

@@ -1,11 +1,15 @@
 #![allow(clippy::unwrap_used)]
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
 
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::control::Progress;
+use crate::export::Provenance;
 use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
 use crate::{PackingRequest, Unattended, pack};
@@ -82,7 +86,7 @@ fn label_at(specimen: &Specimen, spheres: &Spheres, p: [f64; 3]) -> Option<u32> 
 fn every_voxel_has_the_label_of_its_centre() {
     for specimen in specimens() {
         let (specimen, spheres) = packed(&specimen);
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         let (report, bytes) = written(&model, VoxelFormat::Raw, &json!({"label": "grain", "cells": 37}));
         let [nx, ny, nz] = report.shape.map(|n| n as usize);
         let labels: Vec<u32> = bytes.chunks(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect();
@@ -113,7 +117,7 @@ fn every_voxel_has_the_label_of_its_centre() {
 fn labels_and_shares_measure_the_volume() {
     for specimen in specimens() {
         let (specimen, spheres) = packed(&specimen);
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         let (report, _) = written(&model, VoxelFormat::Raw, &json!({"cells": 40}));
         let error = |fraction: f64| (fraction / report.volume_fraction - 1.0).abs();
         assert!(error(report.volume_fraction_labels) < 0.02, "{report:?}");
@@ -133,10 +137,39 @@ fn appended<'a>(bytes: &'a [u8], name: &str) -> &'a [u8] {
 }
 
 #[test]
+fn image_data_says_where_it_comes_from() {
+    let (specimen, spheres) = packed(&specimens()[0]);
+    let provenance = Provenance {
+        job_id: Some("j".into()),
+        name: None,
+        seed: Some(17),
+        engine_version: "1".into(),
+        volume_fraction_mixture: 0.5,
+        volume_fraction_effective: 0.25,
+        result_sha256: Some("ab".into()),
+    };
+    let plain = Model::new(&specimen, &spheres);
+    let (report, without) = written(&plain, VoxelFormat::Vti, &json!({"cells": 5}));
+    let (same, bytes) = written(&plain.with_provenance(&provenance), VoxelFormat::Vti, &json!({"cells": 5}));
+    assert_eq!(report, same);
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    let fields = r#"    <FieldData>
+      <DataArray type="String" Name="job_id" NumberOfTuples="1" format="ascii">106 0</DataArray>
+      <DataArray type="String" Name="engine_version" NumberOfTuples="1" format="ascii">49 0</DataArray>
+      <DataArray type="String" Name="result_sha256" NumberOfTuples="1" format="ascii">97 98 0</DataArray>
+      <DataArray type="UInt64" Name="seed" NumberOfTuples="1" format="ascii">17</DataArray>
+      <DataArray type="Float64" Name="volume_fraction_mixture" NumberOfTuples="1" format="ascii">0.5</DataArray>
+      <DataArray type="Float64" Name="volume_fraction_effective" NumberOfTuples="1" format="ascii">0.25</DataArray>
+    </FieldData>
+"#;
+    assert_eq!(text.replacen(fields, "", 1), String::from_utf8_lossy(&without));
+}
+
+#[test]
 fn fractions_are_those_of_finer_labels() {
     for specimen in specimens() {
         let (specimen, spheres) = packed(&specimen);
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         let options = json!({"voxel_mm": 1.0, "label": "phase", "fractions": true, "samples": 8});
         let (report, bytes) = written(&model, VoxelFormat::Vti, &options);
         let shares: Vec<f32> = appended(&bytes, "fraction")
@@ -173,7 +206,7 @@ fn fractions_are_those_of_finer_labels() {
 fn voxels_are_as_near_to_cubes_as_the_specimen_allows() {
     let specimen = Specimen::Box { size_mm: [100.0, 33.0, 0.2], boundary: crate::request::Boundary::Walls };
     let spheres = Spheres::default();
-    let model = Model { specimen: &specimen, spheres: &spheres };
+    let model = Model::new(&specimen, &spheres);
     let (report, bytes) = written(&model, VoxelFormat::Raw, &json!({"cells": 50}));
     assert_eq!(report.shape, [50, 17, 1]);
     assert_eq!(report.spacing_mm, [2.0, 33.0 / 17.0, 0.2]);
@@ -261,11 +294,11 @@ fn keywords(text: &str) -> Vec<(&str, Vec<&str>)> {
 fn hexahedra_sets_and_surfaces_are_those_of_the_voxels() {
     for specimen in specimens() {
         let (specimen, spheres) = packed(&specimen);
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         let options = json!({"cells": 13});
         let (report, bytes) = written(&model, VoxelFormat::Inp, &options);
         let (_, labels) = written(&model, VoxelFormat::Raw, &options);
-        let most = inp::most_bytes(&Grid::new(&specimen, &read(VoxelFormat::Inp, &options).unwrap()));
+        let most = inp::most_bytes(&VoxelGrid::new(&specimen, &read(VoxelFormat::Inp, &options).unwrap()));
         assert!((bytes.len() as u64) < most && most < 4 * bytes.len() as u64, "{} {most}", bytes.len());
         let text = String::from_utf8(bytes).unwrap();
         let keywords = keywords(&text);
@@ -358,9 +391,9 @@ fn hexahedra_sets_and_surfaces_are_those_of_the_voxels() {
 }
 
 #[test]
-fn the_mantle_of_a_cylinder_is_one_closed_surface() {
+fn the_lateral_surface_of_a_cylinder_is_one_closed_surface() {
     let (specimen, spheres) = packed(&specimens()[2]);
-    let model = Model { specimen: &specimen, spheres: &spheres };
+    let model = Model::new(&specimen, &spheres);
     let (report, bytes) = written(&model, VoxelFormat::Inp, &json!({"cells": 12}));
     let (_, labels) = written(&model, VoxelFormat::Raw, &json!({"cells": 12}));
     let text = String::from_utf8(bytes).unwrap();
@@ -378,20 +411,20 @@ fn the_mantle_of_a_cylinder_is_one_closed_surface() {
 
 #[test]
 fn a_run_stops_when_it_is_told_to() {
-    struct After(std::cell::Cell<u32>);
+    struct After(AtomicU32);
     impl Control for After {
         fn report(&self, progress: &Progress) {
             assert!((0.0..=1.0).contains(&progress.fraction));
-            self.0.set(self.0.get() - 1);
+            self.0.fetch_sub(1, Relaxed);
         }
         fn should_stop(&self) -> bool {
-            self.0.get() == 0
+            self.0.load(Relaxed) == 0
         }
     }
     let (specimen, spheres) = packed(&specimens()[0]);
-    let model = Model { specimen: &specimen, spheres: &spheres };
+    let model = Model::new(&specimen, &spheres);
     for format in VoxelFormat::ALL {
-        let control = After(std::cell::Cell::new(5));
+        let control = After(AtomicU32::new(5));
         let options = read(format, &json!({"cells": 20})).unwrap();
         let mut out = Vec::new();
         let stopped = write(&model, &options, &Limits::default(), &control, &mut out);
@@ -408,7 +441,7 @@ proptest! {
         let mut spheres = Spheres::default();
         spheres.push(center, d);
         let specimen = Specimen::Box { size_mm: [10.0; 3], boundary: crate::request::Boundary::Periodic };
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         let (report, bytes) =
             written(&model, VoxelFormat::Vti, &json!({"cells": cells, "fractions": true, "samples": 8}));
         let voxels = d * f64::from(cells) / 10.0 * 8.0;

@@ -3,7 +3,8 @@
 use std::io::Write;
 
 use super::layers::Layers;
-use super::{Found, Grid, Label, VoxelOptions, Watch, labels};
+use super::{Found, Label, LayerSteps, VoxelGrid, VoxelOptions, labels};
+use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Model};
 use crate::memory::filled;
 
@@ -14,60 +15,48 @@ pub(super) fn bytes_per_voxel(options: &VoxelOptions) -> u64 {
 
 pub(super) fn write(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     options: &VoxelOptions,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     let [nx, ny, nz] = grid.shape;
     let [dx, dy, dz] = grid.spacing_mm;
-    let label_type = match options.label {
-        Label::Phase => "UInt8",
-        Label::Grain => "UInt32",
+    let extent = format!("0 {nx} 0 {ny} 0 {nz}");
+    let attributes = [
+        ("WholeExtent", extent.clone()),
+        ("Origin", "0 0 0".to_owned()),
+        ("Spacing", format!("{dx} {dy} {dz}")),
+    ];
+    let voxels = grid.voxels() as usize;
+    let (mut found, mut sampled_mm3) = (Found::default(), 0.0);
+    let mut file = VtkXml::new("ImageData", &attributes, &[("Extent", extent)], model.provenance);
+    file.section("CellData", Some("label"));
+    let fill_labels = |sink: &mut Sink<'_>| {
+        found = labels(model, grid, options.label, layers_done, sink)?;
+        Ok(())
     };
-    let label_bytes = grid.voxels() * options.label.bytes();
-    write!(
-        out,
-        r#"<?xml version="1.0"?>
-<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
-  <ImageData WholeExtent="0 {nx} 0 {ny} 0 {nz}" Origin="0 0 0" Spacing="{dx} {dy} {dz}">
-    <Piece Extent="0 {nx} 0 {ny} 0 {nz}">
-      <CellData Scalars="label">
-        <DataArray type="{label_type}" Name="label" format="appended" offset="0"/>
-"#
-    )?;
-    if options.fractions {
-        let offset = 8 + label_bytes;
-        writeln!(
-            out,
-            r#"        <DataArray type="Float32" Name="fraction" format="appended" offset="{offset}"/>"#
-        )?;
+    match options.label {
+        Label::Phase => file.fill::<u8>("label", voxels, fill_labels),
+        Label::Grain => file.fill::<u32>("label", voxels, fill_labels),
     }
-    write!(
-        out,
-        r#"      </CellData>
-    </Piece>
-  </ImageData>
-  <AppendedData encoding="raw">
-   _"#
-    )?;
-    out.write_all(&label_bytes.to_le_bytes())?;
-    let mut found = labels(model, grid, options.label, watch, out)?;
     if options.fractions {
-        let bytes = grid.voxels() * size_of::<f32>() as u64;
-        out.write_all(&bytes.to_le_bytes())?;
-        found.sampled_mm3 = fractions(model, grid, options.samples, watch, out)?;
+        file.fill::<f32>("fraction", voxels, |sink| {
+            sampled_mm3 = fractions(model, grid, options.samples, layers_done, sink)?;
+            Ok(())
+        });
     }
-    out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")?;
-    Ok(found)
+    // The layers report progress, and say whether to go on.
+    file.write(out, &mut |_| Ok(()))?;
+    Ok(Found { sampled_mm3, ..found })
 }
 
 /// Writes the voxels' shares of aggregate, and returns their volume.
 fn fractions(
     model: &Model<'_>,
-    grid: &Grid,
+    grid: &VoxelGrid,
     samples: u32,
-    watch: &Watch<'_>,
+    layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<f64, ExportError> {
     let mut layers = Layers::new(model, grid)?;
@@ -84,7 +73,7 @@ fn fractions(
         }
         sum += layer.iter().map(|share| f64::from(*share)).sum::<f64>();
         out.write_all(bytes.as_flattened())?;
-        watch.layer()?;
+        layers_done.next()?;
     }
     Ok(sum * grid.voxel_mm3())
 }

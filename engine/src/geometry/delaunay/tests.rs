@@ -295,26 +295,26 @@ fn what_cannot_be_is_refused() {
 
 #[test]
 fn it_stops_and_tells_how_far_it_is() {
-    struct Watch(std::cell::RefCell<Vec<f64>>, usize);
+    struct Watch(std::sync::Mutex<Vec<f64>>, usize);
     impl Control for Watch {
         fn report(&self, progress: &Progress) {
             assert_eq!(progress.phase, Phase::Export);
-            self.0.borrow_mut().push(progress.fraction);
+            self.0.lock().unwrap().push(progress.fraction);
         }
         fn should_stop(&self) -> bool {
-            self.0.borrow().len() >= self.1
+            self.0.lock().unwrap().len() >= self.1
         }
     }
     let points = random(20_000, 1);
     let watch = Watch(Vec::new().into(), usize::MAX);
     assert!(delaunay(&points, &watch).is_ok());
-    let told = watch.0.into_inner();
+    let told = watch.0.into_inner().unwrap();
     assert!(
         told.len() > 10 && told.windows(2).all(|pair| pair[0] <= pair[1]) && *told.last().unwrap() == 1.0
     );
     let watch = Watch(Vec::new().into(), 5);
     assert_eq!(delaunay(&points, &watch), Err(DelaunayError::Stopped));
-    assert_eq!(watch.0.borrow().len(), 5);
+    assert_eq!(watch.0.lock().unwrap().len(), 5);
 }
 
 /// Two lines make a tetrahedron of every pair of their segments.

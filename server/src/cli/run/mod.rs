@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
-use packstone_engine::export::{ExportRequest, Model};
+use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::{FieldError, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume};
 
 use super::exit::{Exit, Failure, cannot_be};
@@ -212,7 +212,8 @@ impl Files {
                 .map_err(|error| cannot_be("written", file, &error))?;
             print(&format!("{}\n", file.display()))?;
         }
-        let model = Model { specimen: &request.specimen, spheres: &packing.spheres };
+        let provenance = Provenance::from(&head);
+        let model = Model::new(&request.specimen, &packing.spheres).with_provenance(&provenance);
         if let Some(file) = &self.picture {
             exports::write_picture(&model, file, watch.stop())?;
         }

@@ -1,9 +1,8 @@
 //! What stands around a run at the terminal: its bar, its checkpoints, and the signals that stop it.
 
-use std::cell::{Cell, RefCell};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
@@ -17,11 +16,11 @@ use crate::pace::Pace;
 /// Control of a run at the terminal.
 pub(super) struct Watch {
     bar: Bar,
-    pace: RefCell<Pace>,
+    pace: Mutex<Pace>,
     stop: Arc<AtomicBool>,
     file: PathBuf,
     schedule: Schedule,
-    failing: Cell<bool>,
+    failing: AtomicBool,
 }
 
 impl Watch {
@@ -33,11 +32,11 @@ impl Watch {
         }
         Ok(Self {
             bar: Bar::new(),
-            pace: RefCell::new(pace),
+            pace: Mutex::new(pace),
             stop: stop_on_signals()?,
             file,
             schedule: Schedule::new(every),
-            failing: Cell::new(false),
+            failing: AtomicBool::new(false),
         })
     }
 
@@ -54,7 +53,7 @@ impl Watch {
 
 impl Control for Watch {
     fn report(&self, progress: &Progress) {
-        let mut pace = self.pace.borrow_mut();
+        let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
         pace.follow(progress, self.bar.elapsed());
         self.bar.show(pace.fraction(), || message(progress, pace.eta_s(self.bar.elapsed())));
     }
@@ -70,9 +69,9 @@ impl Control for Watch {
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
         let start = Instant::now();
         match checkpoints::write(&self.file, checkpoint) {
-            Ok(_) => self.failing.set(false),
+            Ok(_) => self.failing.store(false, Ordering::Relaxed),
             Err(error) => {
-                if !self.failing.replace(true) {
+                if !self.failing.swap(true, Ordering::Relaxed) {
                     let said = format!(
                         "warning: {} cannot be written: {error}; the run goes on",
                         self.file.display()

@@ -4,7 +4,6 @@
 //! They know jobs, files of results, and which points need no more runs; what is kept of a run that ended is for
 //! whoever receives it.
 
-use std::cell::Cell;
 use std::collections::VecDeque;
 use std::fs;
 use std::io;
@@ -16,8 +15,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::{EngineInfo, Format, Head};
-use packstone_engine::export::{ExportError, Model};
-use packstone_engine::{Checkpoint, Control, Limits, PackError, Packing, Progress};
+use packstone_engine::export::{ExportError, Model, Provenance};
+use packstone_engine::{Checkpoint, Control, Limits, PackError, Progress, Spheres};
 
 use super::super::exports;
 use super::super::outputs::Names;
@@ -139,7 +138,7 @@ impl WorkerPool<'_> {
             pool: self,
             thread,
             deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
-            timed_out: Cell::new(false),
+            timed_out: AtomicBool::new(false),
             writer: self.checkpoints.writer(&id, ATTEMPT),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
@@ -148,7 +147,9 @@ impl WorkerPool<'_> {
         let time_s = start.elapsed().as_secs_f64();
         let (outcome, facts, fault) = match &packed {
             Ok(Ok(packing)) => (Outcome::Succeeded, Facts::of_packing(&packing.report), None),
-            Ok(Err(PackError::Stopped { .. })) if !control.timed_out.get() => return Ok(None),
+            Ok(Err(PackError::Stopped { .. })) if !control.timed_out.load(Ordering::Relaxed) => {
+                return Ok(None);
+            }
             Ok(Err(error @ PackError::Stopped { .. })) => {
                 (Outcome::TargetNotReached, Facts::of_failure(error, time_s), None)
             }
@@ -168,13 +169,19 @@ impl WorkerPool<'_> {
             if replicate == 0 {
                 distance_curve = packing.report.distance_curve();
             }
-            match self.export(&id, &job, &packing, &control) {
+            let head = Head {
+                job_id: None,
+                request: serde_json::to_value(&job)?,
+                engine: EngineInfo::current(),
+                report: packing.report,
+            };
+            match self.export(&id, &job, &head, &packing.spheres, &control) {
                 Ok(()) => {}
                 Err(ExportError::Stopped) => return Ok(None),
                 Err(ExportError::Write(error)) => return Err(named(&self.results, &error)),
                 Err(error) => unmade = Some(exports::explained(error)),
             }
-            self.keep(&id, &job, packing)?;
+            self.keep(&id, &head, &packing.spheres)?;
         }
         self.checkpoints.remove(&id, ATTEMPT);
         let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, distance_curve };
@@ -186,7 +193,8 @@ impl WorkerPool<'_> {
         &self,
         id: &str,
         job: &JobRequest,
-        packing: &Packing,
+        head: &Head,
+        spheres: &Spheres,
         control: &Watch<'_>,
     ) -> Result<(), ExportError> {
         let items = job.postprocess.items();
@@ -196,7 +204,8 @@ impl WorkerPool<'_> {
         // The time limit is the packing's.
         let control = Unhurried(control);
         let mut names = Names::of(id);
-        let model = Model { specimen: &job.specimen, spheres: &packing.spheres };
+        let provenance = Provenance::from(head);
+        let model = Model::new(&job.specimen, spheres).with_provenance(&provenance);
         for (_, export) in items {
             let file = self.results.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;
@@ -205,19 +214,10 @@ impl WorkerPool<'_> {
     }
 
     /// Writes a packing in the formats asked for.
-    fn keep(&self, id: &str, job: &JobRequest, packing: Packing) -> io::Result<()> {
-        if self.formats.is_empty() {
-            return Ok(());
-        }
-        let head = Head {
-            job_id: None,
-            request: serde_json::to_value(job)?,
-            engine: EngineInfo::current(),
-            report: packing.report,
-        };
+    fn keep(&self, id: &str, head: &Head, spheres: &Spheres) -> io::Result<()> {
         for format in self.formats {
             let file = self.results.join(format!("{id}.{}", format.name()));
-            run::write(&file, *format, &head, &packing.spheres).map_err(|error| named(&file, &error))?;
+            run::write(&file, *format, head, spheres).map_err(|error| named(&file, &error))?;
         }
         Ok(())
     }
@@ -248,7 +248,7 @@ struct Watch<'a> {
     pool: &'a WorkerPool<'a>,
     thread: usize,
     deadline: Option<Instant>,
-    timed_out: Cell<bool>,
+    timed_out: AtomicBool,
     writer: CheckpointWriter,
 }
 
@@ -262,9 +262,9 @@ impl Control for Watch<'_> {
             return true;
         }
         if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
-            self.timed_out.set(true);
+            self.timed_out.store(true, Ordering::Relaxed);
         }
-        self.timed_out.get()
+        self.timed_out.load(Ordering::Relaxed)
     }
 
     fn wants_checkpoint(&self) -> bool {

@@ -17,7 +17,7 @@ fn distance(p: [f64; 3], q: [f64; 3]) -> f64 {
 }
 
 fn laid(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Nodes {
-    lay(&Model { specimen, spheres }, options, &Unattended).unwrap()
+    lay(&Model::new(specimen, spheres), options, &Unattended).unwrap()
 }
 
 /// Smallest distance of two nodes on the surface.
@@ -69,14 +69,15 @@ fn assert_full(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions)
             }
         }
     }
-    // On a mantle, where a node may lie is a generator.
-    if let Some(mantle) = shape.mantle {
-        let is_on_mantle =
-            |p: &&[f64; 3]| ((p[0] - mantle.radius).hypot(p[1] - mantle.radius) - mantle.radius).abs() < 1e-9;
-        let on_mantle: Vec<_> = surface.iter().filter(is_on_mantle).collect();
+    // On a lateral surface, where a node may lie is a ruling.
+    if let Some(lateral) = shape.lateral {
+        let is_on_lateral = |p: &&[f64; 3]| {
+            ((p[0] - lateral.radius).hypot(p[1] - lateral.radius) - lateral.radius).abs() < 1e-9
+        };
+        let on_lateral: Vec<_> = surface.iter().filter(is_on_lateral).collect();
         for _ in 0..2000 {
-            let node = on_mantle[(uniform(&mut rng) * on_mantle.len() as f64) as usize];
-            assert_near_a_node([node[0], node[1], mantle.height * uniform(&mut rng)]);
+            let node = on_lateral[(uniform(&mut rng) * on_lateral.len() as f64) as usize];
+            assert_near_a_node([node[0], node[1], lateral.height * uniform(&mut rng)]);
         }
     }
     assert!(asked > 1000, "the grains left {asked} places to look at");

@@ -3,7 +3,7 @@ use std::io::{Cursor, Read, Write};
 use super::super::{LatticeFormat, LatticeOptions, LatticeReport, write};
 use super::{in_cylinder, with_clearance};
 use crate::Unattended;
-use crate::export::{ExportError, Model};
+use crate::export::{ExportError, Model, Provenance};
 use crate::plan::Limits;
 
 fn written(
@@ -13,7 +13,7 @@ fn written(
     let mut bytes = Vec::new();
     let options = LatticeOptions { format, ..LatticeOptions::default() };
     let report =
-        write(&Model { specimen, spheres }, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+        write(&Model::new(specimen, spheres), &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
     (bytes, report)
 }
 
@@ -22,6 +22,35 @@ fn the_same_model_is_the_same_bytes() {
     let packing = in_cylinder();
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         assert!(written(file, &packing).0 == written(file, &packing).0, "{file:?}");
+    }
+}
+
+#[test]
+fn grids_say_where_they_come_from() {
+    let (specimen, spheres) = in_cylinder();
+    let provenance = Provenance {
+        job_id: None,
+        name: Some("<>".into()),
+        seed: Some(7),
+        engine_version: "1".into(),
+        volume_fraction_mixture: 0.5,
+        volume_fraction_effective: 0.25,
+        result_sha256: None,
+    };
+    let model = Model::new(&specimen, &spheres).with_provenance(&provenance);
+    for format in [LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
+        let options = LatticeOptions { format, ..LatticeOptions::default() };
+        let mut bytes = Vec::new();
+        write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+        let text = String::from_utf8_lossy(&bytes[..2000]).into_owned();
+        let head = text.split_once("<Piece").unwrap().0;
+        let (_, fields) = head.split_once("  <UnstructuredGrid>\n    <FieldData>\n").unwrap();
+        for field in [
+            r#"<DataArray type="UInt8" Name="name" NumberOfTuples="2" format="ascii">60 62</DataArray>"#,
+            r#"<DataArray type="UInt64" Name="seed" NumberOfTuples="1" format="ascii">7</DataArray>"#,
+        ] {
+            assert!(fields.contains(field), "{fields}");
+        }
     }
 }
 
@@ -95,7 +124,7 @@ fn a_writer_that_fails_is_told_of() {
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         for room in [0, 20_000] {
             let options = LatticeOptions { format: file, ..LatticeOptions::default() };
-            let model = Model { specimen: &specimen, spheres: &spheres };
+            let model = Model::new(&specimen, &spheres);
             let error =
                 write(&model, &options, &Limits::default(), &Unattended, &mut Full(room)).unwrap_err();
             let ExportError::Write(error) = error else { panic!("{error}") };

@@ -1,19 +1,22 @@
+use std::sync::Mutex;
+
 use serde_json::json;
 
 use super::super::checks;
-use super::super::topology::{NONE, Topology};
-use super::super::work::Work;
+use super::super::topology::Topology;
 use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check, write};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::control::{Control, Progress, Unattended};
+use crate::export::steps::Steps;
 use crate::export::{ExportError, Model};
+use crate::geometry::delaunay::NONE;
 use crate::packing::Spheres;
 use crate::plan::Limits;
 use crate::request::decode::{At, Faults};
 use crate::request::{Boundary, Specimen};
 
 fn lattice(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Result<Lattice, ExportError> {
-    Lattice::make(&Model { specimen, spheres }, options, &Limits::default(), &Unattended)
+    Lattice::make(&Model::new(specimen, spheres), options, &Limits::default(), &Unattended)
 }
 
 #[test]
@@ -80,7 +83,8 @@ fn few_grains_are_enough() {
 }
 
 fn refused(specimen: &Specimen, spheres: &Spheres, limits: &Limits) -> ExportError {
-    Lattice::make(&Model { specimen, spheres }, &LatticeOptions::default(), limits, &Unattended).unwrap_err()
+    Lattice::make(&Model::new(specimen, spheres), &LatticeOptions::default(), limits, &Unattended)
+        .unwrap_err()
 }
 
 #[test]
@@ -129,8 +133,8 @@ fn a_lattice_with_a_fault_does_not_pass() {
     let Lattice { nodes, tets, neighbors, .. } = made;
     let judged = |tets: &[[u32; 4]], neighbors: &[[u32; 4]]| {
         let topology = Topology::new(nodes.len(), tets, neighbors, &Unattended).unwrap();
-        let work = Work { control: &Unattended, from: 0.0, to: 1.0, total: 0, unit: "", message: "" };
-        checks::check(&nodes, tets, neighbors, &topology, &work).map(|_| ()).map_err(|e| e.to_string())
+        let steps = Steps { control: &Unattended, total: 0, unit: "", message: "" };
+        checks::check(&nodes, tets, neighbors, &topology, &steps).map(|_| ()).map_err(|e| e.to_string())
     };
     judged(&tets, &neighbors).unwrap();
 
@@ -174,25 +178,25 @@ impl Control for Impatient {
 #[test]
 fn it_stops_when_told_to() {
     let (specimen, spheres) = in_box();
-    let model = Model { specimen: &specimen, spheres: &spheres };
+    let model = Model::new(&specimen, &spheres);
     let made = lattice(&specimen, &spheres, &LatticeOptions::default()).unwrap();
     let error =
         Lattice::make(&model, &LatticeOptions::default(), &Limits::default(), &Impatient).unwrap_err();
     assert!(matches!(error, ExportError::Stopped), "{error}");
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
-        let error = made.write(&options, &Impatient, &mut std::io::sink()).unwrap_err();
+        let error = made.write(&options, None, &Impatient, &mut std::io::sink()).unwrap_err();
         assert!(matches!(error, ExportError::Stopped), "{error}");
     }
 }
 
 /// Keeps the fractions that it is told.
 #[derive(Default)]
-struct Listening(std::cell::RefCell<Vec<f64>>);
+struct Listening(Mutex<Vec<f64>>);
 
 impl Control for Listening {
     fn report(&self, progress: &Progress) {
-        self.0.borrow_mut().push(progress.fraction);
+        self.0.lock().unwrap().push(progress.fraction);
     }
     fn should_stop(&self) -> bool {
         false
@@ -205,9 +209,9 @@ fn progress_rises_from_0_to_1() {
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let heard = Listening::default();
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
-        let model = Model { specimen: &specimen, spheres: &spheres };
+        let model = Model::new(&specimen, &spheres);
         write(&model, &options, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
-        let heard = heard.0.into_inner();
+        let heard = heard.0.into_inner().unwrap();
         assert!(heard.len() >= 3 && heard.is_sorted(), "{heard:?}");
         assert!(heard.iter().all(|fraction| (0.0..=1.0).contains(fraction)), "{heard:?}");
     }

@@ -1,6 +1,7 @@
 //! States of a run that cannot be: whatever passed the checksum but does not make sense starts anew.
 
-use std::cell::RefCell;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use proptest::prelude::*;
 use serde_json::json;
@@ -12,21 +13,20 @@ use crate::{
 
 /// Keeps the first checkpoint after some epochs, and stops there.
 struct Keeper {
-    questions: RefCell<u32>,
-    kept: RefCell<Vec<u8>>,
+    questions: AtomicU32,
+    kept: Mutex<Vec<u8>>,
 }
 
 impl Control for Keeper {
     fn report(&self, _: &Progress) {}
     fn should_stop(&self) -> bool {
-        !self.kept.borrow().is_empty()
+        !self.kept.lock().unwrap().is_empty()
     }
     fn wants_checkpoint(&self) -> bool {
-        *self.questions.borrow_mut() += 1;
-        *self.questions.borrow() == 4
+        self.questions.fetch_add(1, Ordering::Relaxed) == 3
     }
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        checkpoint.write_to(&mut *self.kept.borrow_mut()).unwrap();
+        checkpoint.write_to(&mut *self.kept.lock().unwrap()).unwrap();
     }
 }
 
@@ -43,10 +43,10 @@ fn request() -> PackingRequest {
 
 /// The body of a checkpoint amid the run.
 fn body() -> Vec<u8> {
-    let keeper = Keeper { questions: RefCell::new(0), kept: RefCell::new(Vec::new()) };
+    let keeper = Keeper { questions: AtomicU32::new(0), kept: Mutex::new(Vec::new()) };
     let ended = pack_or_resume(&request(), &Limits::default(), None, &keeper);
     assert!(matches!(ended, Err(PackError::Stopped { .. })), "{ended:?}");
-    let bytes = keeper.kept.into_inner();
+    let bytes = keeper.kept.into_inner().unwrap();
     Resume::read_from(&mut &bytes[..], &request()).unwrap().body
 }
 
