@@ -1,5 +1,6 @@
 //! What plots of jobs and of studies share: their path, their bound on concurrent work, their answers.
 
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use tokio::time::timeout;
 use crate::http::app::App;
 use crate::http::params::shown;
 use crate::http::response::set;
-use crate::plots;
+use crate::plots::{self, PlotError};
 use crate::problem::{Kind, Problem};
 
 /// How long a plot waits for another before it is refused.
@@ -39,6 +40,19 @@ impl<S: Send + Sync> FromRequestParts<S> for PlotPath {
 /// There is no such kind of plot; `known` names those that there are.
 pub(crate) fn no_kind(kind: &str, known: &str) -> Problem {
     Problem::new(Kind::NotFound, format!("there is no plot {}: must be one of {known}", shown(kind)))
+}
+
+/// The refusal of a plot that has no data, or the fault that kept it from being drawn.
+pub(crate) fn not_drawn(error: PlotError) -> io::Result<Problem> {
+    match error {
+        PlotError::NotAvailable(reason) => Ok(Problem::new(Kind::FormatNotAvailable, reason)),
+        PlotError::Failed(error) => Err(error),
+    }
+}
+
+/// The refusal of a plot whose data may still come, because runs of its study are waiting.
+pub(crate) fn not_ready(refusal: Problem) -> Problem {
+    Problem::new(Kind::ResultNotReady, refusal.detail).with_header("retry-after", "10")
 }
 
 /// Waits to be one of the few that draw.

@@ -59,6 +59,9 @@ pub(super) struct Options {
     /// Go on with a study that was stopped or killed; its runs lie in the folder
     #[arg(long)]
     resume: bool,
+    /// Draw plots without their title, for a journal that has it in the caption
+    #[arg(long)]
+    no_plot_titles: bool,
     /// Discard the runs of an earlier study in the folder
     #[arg(long, conflicts_with = "resume")]
     fresh: bool,
@@ -120,7 +123,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     // What was done is kept and told, whatever ended it.
     done.log.sync()?;
     let table = done.table();
-    let written = report::write(&options.out, &study, &table, &done.records)?;
+    let written = report::write(&options.out, &study, &table, &done.records, !options.no_plot_titles)?;
     let stopped = ended?;
     print(&report::table(&table))?;
     for file in written {

@@ -8,7 +8,7 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use crate::http::app::App;
-use crate::http::drawing::{PlotPath, no_kind, not_modified, svg, turn};
+use crate::http::drawing::{PlotPath, no_kind, not_drawn, not_modified, svg, turn};
 use crate::http::params::Query;
 use crate::http::problems::sets::PlotProblems;
 use crate::http::results::{blocking, finished};
@@ -20,15 +20,16 @@ use crate::problem::Problem;
 
 /// Get a plot of a result
 ///
-/// An SVG for a page of print, 160 mm wide. `grading`: target and achieved grading curve; `distance`: distance
-/// against packing time, where the largest distance was asked for; `radial`: pair correlation against the clear
-/// distance between grains, by size class; `profile`: volume fraction against depth from the walls. Where there is
-/// nothing to show, the picture says why.
+/// An SVG for print, 160 mm wide. `grading`: target and achieved grading curve; `distance`: distance against packing
+/// time, for grains that were grown with a constant or the largest distance; `radial`: pair correlation function against
+/// the gap between grains, by size class; `profile`: volume fraction against depth from the walls. A plot for which the
+/// packing has no data is refused with the reason.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(
         ("id" = String, Path, format = "uuid", description = "ID of the job"),
         ("kind" = JobPlot, Path, description = "What is shown"),
+        ("title" = Option<bool>, Query, description = "Whether the title is printed above the plot; `true` when absent"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),
     responses(
@@ -41,13 +42,15 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     PlotPath { id, kind }: PlotPath,
-    query: Query,
+    mut query: Query,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let heading = query.optional_flag("title").unwrap_or(true);
     query.finish()?;
     let id = JobId::parse(&id).ok_or_else(|| Problem::no_job(&id))?;
     let kind = JobPlot::from_name(&kind).ok_or_else(|| no_kind(&kind, &JobPlot::names()))?;
     let (job, artifact) = finished(&app, id).await?;
+    // The heading is part of the address.
     let etag = format!(
         "\"{}-{}-{}\"",
         &artifact.sha256[..32.min(artifact.sha256.len())],
@@ -63,11 +66,11 @@ pub(crate) async fn get(
     let drawn = blocking(id, move || {
         let stored = artifacts.read(&artifact)?;
         let chart = job_plots::chart(kind, &JobResult { head: stored.head(), spheres: &stored })?;
-        let drawn = draw::svg(&chart).map_err(std::io::Error::other)?;
-        // Until the end of the work, whether or not somebody still waits for it.
+        let drawn = draw::svg(&chart, heading);
+        // Held until the work has ended, even if the client has gone.
         drop(permit);
-        Ok(drawn)
+        drawn.map(Ok).or_else(|error| not_drawn(error).map(Err))
     })
-    .await?;
+    .await??;
     Ok(svg(drawn, &etag, &name))
 }

@@ -10,7 +10,7 @@ use axum::response::Response;
 
 use crate::http::app::App;
 use crate::http::conditional;
-use crate::http::drawing::{PlotPath, no_kind, not_modified, svg, turn};
+use crate::http::drawing::{PlotPath, no_kind, not_drawn, not_modified, not_ready, svg, turn};
 use crate::http::params::Query;
 use crate::http::problems::refused;
 use crate::http::problems::sets::StudyPlotProblems;
@@ -23,10 +23,11 @@ use crate::problem::{Fault, Problem};
 
 /// Get a plot of a study
 ///
-/// An SVG for a page of print, 160 mm wide: a figure of the table against one of its columns, one series for each
+/// An SVG for print, 160 mm wide: a figure of the table against one of its columns, one series for each
 /// combination of the other columns that vary. `success`: success rate with its 95 % interval; `time`: time of all runs per
 /// success; `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
-/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event.
+/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event. A plot for which no run
+/// has data is refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
 #[utoipa::path(
     get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
     params(
@@ -34,6 +35,7 @@ use crate::problem::{Fault, Problem};
         ("kind" = StudyPlot, Path, description = "What is shown"),
         ("x" = Option<String>, Query, example = "/mix/volume_fraction", description = "The abscissa: a column of the table that has numbers only, or `grains`. When absent the first such pointer, or `grains` where there is none and for `volume_fraction` and `event_time`. `curve` has none but the time"),
         ("log_x" = Option<bool>, Query, description = "Whether the abscissa is logarithmic; decided by its values when absent"),
+        ("title" = Option<bool>, Query, description = "Whether the title is printed above the plot; `true` when absent"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),
     responses(
@@ -51,12 +53,13 @@ pub(crate) async fn get(
 ) -> Result<Response, Problem> {
     let x = query.one("x");
     let log_x = query.optional_flag("log_x");
+    let heading = query.optional_flag("title").unwrap_or(true);
     query.finish()?;
     let id = StudyId::parse(&id).ok_or_else(|| Problem::no_study(&id))?;
     let kind = StudyPlot::from_name(&kind).ok_or_else(|| no_kind(&kind, &StudyPlot::names()))?;
     let store = &app.shared.store;
     let record = store.study(id).await?.ok_or_else(|| refused(StoreError::NoStudy, id))?;
-    // Read before its runs, as that of the table. The abscissa is part of the address.
+    // Read before its runs, as that of the table. The abscissa and the heading are part of the address.
     let etag = format!("\"{}-{}-{}\"", record.version, kind.name(), draw::REVISION);
     if conditional::none_match_fails(&headers, &etag) {
         return Ok(not_modified(&etag));
@@ -68,18 +71,21 @@ pub(crate) async fn get(
         _ => BTreeMap::new(),
     };
     let options = StudyOptions { x, log_x };
+    let open = record.finished_at.is_none();
     let drawn = blocking(id, move || {
         let curves: Vec<RunCurve> =
             reports.iter().map(|(&point, report)| RunCurve::of_report(point, report)).collect();
         let chart = study_plots::chart(kind, record.name.as_deref(), &table, &curves, &options);
-        let drawn = chart.map(|chart| draw::svg(&chart).map_err(std::io::Error::other));
+        let drawn = chart.map(|chart| draw::svg(&chart, heading));
         drop(permit);
         match drawn {
-            Ok(drawn) => drawn.map(Ok),
-            Err(fault) => Ok(Err(fault)),
+            Ok(Ok(drawn)) => Ok(Ok(drawn)),
+            Ok(Err(error)) => {
+                not_drawn(error).map(|problem| Err(if open { not_ready(problem) } else { problem }))
+            }
+            Err(fault) => Ok(Err(Problem::parameters(vec![Fault::parameter("x", fault.to_string())]))),
         }
     })
-    .await?
-    .map_err(|fault| Problem::parameters(vec![Fault::parameter("x", fault.to_string())]))?;
+    .await??;
     Ok(svg(drawn, &etag, &format!("{id}.{}.svg", kind.name())))
 }
