@@ -72,7 +72,7 @@ fn the_same_chart_is_the_same_bytes() {
 }
 
 #[test]
-fn what_a_user_wrote_is_text_wherever_it_stands() {
+fn what_a_user_wrote_is_escaped_everywhere() {
     let nasty = "</text><script>alert(1)</script>&\"'\u{1}";
     let mut nasty_chart = chart(vec![Series::marked(nasty, 0, points(&[(1.0, 1.0), (2.0, 2.0)]))]);
     nasty_chart.title = nasty.into();
@@ -145,8 +145,9 @@ fn a_legend_grows_with_its_entries_to_a_bound_and_never_beyond_the_page() {
         let drawn = svg(&chart(series.collect())).unwrap();
         attributes(&drawn, "height")[0].trim_end_matches("mm").parse().unwrap()
     };
-    let long = "a label as long as the names that people give to their mixes when nobody stops them, and on "
-        .repeat(3);
+    let long =
+        "a label as long as the names of mixes can be, longer than a line of the legend can show, and on "
+            .repeat(3);
     assert!(height(12, &long) > height(12, "s"), "long entries need a row each");
     assert_eq!(height(24, &long), height(500, &long));
     let repeated = (0..9).map(|_| Series::line("run", 0, points(&[(1.0, 1.0), (2.0, 3.0)])));
