@@ -24,6 +24,7 @@ mod connections;
 mod crash;
 mod data_dir;
 mod determinism;
+mod documents;
 mod events;
 mod exports;
 mod faults;

@@ -1,4 +1,4 @@
-//! Plots of a result: pictures that name what they show, the same for the same result wherever it is drawn.
+//! Plots of results and of studies: labels, tags, refusals, and the same bytes from the service and the command line.
 
 use std::fs;
 
@@ -17,12 +17,14 @@ async fn every_kind_is_a_picture_with_a_tag_of_its_own() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let job = client.succeed(&jobs::with(jobs::quick(1), "/name", json!("TB-7 & <others>"))).await;
+    // Grown, so that it has a distance over time, and with grains enough for a pair correlation function.
+    let job = jobs::with(jobs::quick_growth(1), "/mix/d_min_mm", json!(2.0));
+    let job = client.succeed(&jobs::with(job, "/name", json!("TB-7 & <others>"))).await;
     let mut tags = Vec::new();
     for (kind, says) in [
-        ("grading", "passing by mass in %"),
-        ("distance", "prescribed its distance"),
-        ("radial", "clear distance between grains in mm"),
+        ("grading", "mass passing in %"),
+        ("distance", "distance between grains in mm"),
+        ("radial", "gap between grains in mm"),
         ("profile", "depth from the wall in mm"),
     ] {
         let path = job["links"]["plots"][kind].as_str().unwrap().to_owned();
@@ -77,17 +79,20 @@ async fn what_cannot_be_plotted_is_refused_with_the_reason() {
     server.stop().await;
 }
 
+/// The distance that grains keep while they grow, be it prescribed or the largest.
 #[tokio::test]
-async fn a_largest_distance_is_drawn_over_time() {
+async fn the_distance_of_grown_grains_is_drawn_over_time() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let job = jobs::with(jobs::quick_growth(3), "/distance", json!({"type": "maximize"}));
-    let job = jobs::with(job, "/method/stop", json!({"events": 200_000}));
-    let job = client.succeed(&job).await;
-    let reply = client.get(&format!("/v1/jobs/{}/plots/distance", id_of(&job))).send().await;
-    let drawn = text_of(&reply.expect(200).body);
-    assert!(drawn.contains("packing time in s") && drawn.contains("<polyline"), "{drawn}");
+    let largest = jobs::with(jobs::quick_growth(3), "/distance", json!({"type": "maximize"}));
+    let largest = jobs::with(largest, "/method/stop", json!({"events": 200_000}));
+    for job in [largest, jobs::quick_growth(3)] {
+        let job = client.succeed(&job).await;
+        let reply = client.get(&format!("/v1/jobs/{}/plots/distance", id_of(&job))).send().await;
+        let drawn = text_of(&reply.expect(200).body);
+        assert!(drawn.contains("packing time in s") && drawn.contains("<polyline"), "{drawn}");
+    }
     server.stop().await;
 }
 
@@ -96,27 +101,80 @@ async fn run_draws_what_the_service_draws() {
     let job = jobs::with(jobs::quick(4), "/name", json!("the same"));
     let directory = tempfile::tempdir().unwrap();
     fs::write(directory.path().join("job.json"), job.to_string()).unwrap();
-    let all = KINDS.join(",");
-    let ended =
-        packstone(directory.path(), &["run", "job.json", "--out", "out", "--format", "csv", "--plot", &all])
-            .await;
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-
+    // All that do not show times on the clock, which differ from run to run.
+    let kinds = ["grading", "radial", "profile"];
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let done: Value = client.succeed(&job).await;
-    for kind in KINDS {
-        let file = format!("plot-{kind}.svg");
-        assert!(ended.stdout.contains(&file), "{}", ended.stdout);
-        let written = fs::read(directory.path().join("out").join(&file)).unwrap();
-        let served = client.get(&format!("/v1/jobs/{}/plots/{kind}", id_of(&done))).send().await;
-        assert!(served.expect(200).body == written, "{file} is another picture");
+    for (folder, flags, query) in [("out", &[][..], ""), ("bare", &["--no-plot-titles"], "?title=false")] {
+        let all = kinds.join(",");
+        let args = ["run", "job.json", "--out", folder, "--format", "csv", "--plot", &all];
+        let ended = packstone(directory.path(), &[&args[..], flags].concat()).await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+        for kind in kinds {
+            let file = format!("plot-{kind}.svg");
+            assert!(ended.stdout.contains(&file), "{}", ended.stdout);
+            let written = fs::read(directory.path().join(folder).join(&file)).unwrap();
+            let served = client.get(&format!("/v1/jobs/{}/plots/{kind}{query}", id_of(&done))).send().await;
+            assert!(served.expect(200).body == written, "{folder}/{file} is another picture");
+            let titled = text_of(&written).contains(": the same\n</text>");
+            assert_eq!(titled, query.is_empty(), "{folder}/{file}");
+        }
     }
+    let problem = client.get(&format!("/v1/jobs/{}/plots/radial?title=no", id_of(&done))).send().await;
+    assert!(problem.expect_problem(400, "validation-error")["detail"].as_str().unwrap().contains("title"));
     server.stop().await;
 
     let refused = packstone(directory.path(), &["run", "job.json", "--plot", "pie"]).await;
     assert!(refused.code != Some(0) && refused.stderr.contains("pie") && refused.stderr.contains("radial"));
+}
+
+/// A plot without data is refused, by the service and by the command line with the same reason, instead of an empty frame.
+#[tokio::test]
+async fn a_plot_that_a_packing_does_not_have_is_refused_with_the_packings_that_have_it() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let directory = tempfile::tempdir().unwrap();
+    let touching = json!({"type": "none"});
+    let growing = jobs::quick_growth(5);
+    let cases = [
+        // The method `auto` inserts these grains at random: that is known only when they are packed.
+        ("distance", jobs::quick(5), "random sequential addition", true),
+        (
+            "distance",
+            jobs::with(jobs::quick(5), "/method", json!({"type": "rsa"})),
+            "random sequential addition",
+            false,
+        ),
+        ("distance", jobs::with(growing, "/distance", touching), "no distance between grains", false),
+        ("profile", jobs::equal_spheres(200, 5), "a periodic box has no walls", false),
+    ];
+    for (kind, job, says, packs) in cases {
+        let done = client.succeed(&job).await;
+        let path = format!("/v1/jobs/{}/plots/{kind}", id_of(&done));
+        let problem = client.get(&path).send().await.expect_problem(422, "format-not-available");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(says) && detail.contains(&format!("a `{kind}`")), "{detail}");
+        client.head(&path).send().await.expect(422);
+
+        fs::write(directory.path().join("job.json"), job.to_string()).unwrap();
+        let both = format!("{kind},grading");
+        let args = ["run", "job.json", "--out", "out", "--force", "--plot", &both];
+        let ended = packstone(directory.path(), &args).await;
+        assert_eq!(ended.code, Some(3), "{ended:?}");
+        let line = format!("out/plot-{kind}.svg was not made: {detail}");
+        assert!(ended.stderr.contains(&line), "{line:?} is not in {}", ended.stderr);
+        let out = directory.path().join("out");
+        assert!(!out.join(format!("plot-{kind}.svg")).exists());
+        // Refused before the work where that is possible; else after all that could be written.
+        for file in ["result.json", "plot-grading.svg"] {
+            assert_eq!(out.join(file).exists(), packs, "{file} of {job}");
+        }
+        let _ = fs::remove_dir_all(out);
+    }
+    server.stop().await;
 }
 
 #[tokio::test]
@@ -139,22 +197,28 @@ async fn a_study_is_drawn_against_its_columns() {
 
     for (query, says) in [
         ("success", "success rate in %"),
-        ("time", "time of all runs per success in s"),
-        ("distance", "distance in mm"),
+        ("time", "time per success in s"),
+        ("distance", "median distance between grains in mm"),
         ("curve", "packing time in s"),
-        ("volume_fraction", "volume fraction with the coating in %"),
+        ("volume_fraction", "volume fraction with coating in %"),
         ("event_time", "time per event in \u{3BC}s"),
         ("success?x=grains&log_x=true", "number of grains N"),
+        ("success?title=false", "success rate in %"),
     ] {
         let reply = get(query).await;
         assert_eq!(reply.expect(200).header("content-type"), "image/svg+xml");
         let drawn = text_of(&reply.body);
         assert!(drawn.contains(says), "{query} does not say {says:?}:\n{drawn}");
         assert!(drawn.contains("&lt;TB-7&gt;") && !drawn.contains("<TB-7>"), "{drawn}");
+        assert_eq!(
+            drawn.contains("&lt;TB-7&gt;\n</text>"),
+            query != "success?title=false",
+            "{query}: {drawn}"
+        );
         if !query.contains("curve") {
-            // Placing has no events to time.
-            let placing = drawn.contains("\nrsa\n") != query.contains("event_time");
-            assert!(placing && drawn.contains("\nedmd\n"), "{query} has other series:\n{drawn}");
+            // Random sequential addition has no events.
+            let inserted = drawn.contains("\nRSA\n") != query.contains("event_time");
+            assert!(inserted && drawn.contains("\nEDMD\n"), "{query} has other series:\n{drawn}");
         }
         let etag = reply.header("etag");
         let known = client.get(&format!("{plots}/{query}")).header("if-none-match", etag).send().await;
@@ -171,5 +235,31 @@ async fn a_study_is_drawn_against_its_columns() {
     assert!(problem["detail"].as_str().unwrap().contains("event_time"), "{problem:#}");
     assert_eq!(study["links"]["plots"]["time"], format!("{plots}/time"));
     client.get("/v1/studies/none/plots/success").send().await.expect_problem(404, "not-found");
+    server.stop().await;
+}
+
+/// While runs are waiting their data may still come; afterwards they do not.
+#[tokio::test]
+async fn a_plot_that_no_run_of_a_study_has_is_refused() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let open = client.submit_study(&json!({"list": [jobs::endless()]})).await;
+    let plots = format!("/v1/studies/{}/plots", id_of(&open));
+    let problem =
+        client.get(&format!("{plots}/success")).send().await.expect_problem(409, "result-not-ready");
+    assert!(problem["detail"].as_str().unwrap().contains("no run has ended"), "{problem:#}");
+    client.post(&format!("/v1/studies/{}/cancel", id_of(&open))).send().await.expect(202);
+
+    let inserted = client.submit_study(&json!({"list": [jobs::quick(6)]})).await;
+    client.study_finished(id_of(&inserted)).await;
+    let plots = format!("/v1/studies/{}/plots", id_of(&inserted));
+    for (kind, says) in [("curve", "a constant or the largest distance"), ("event_time", "have events")] {
+        let reply = client.get(&format!("{plots}/{kind}")).send().await;
+        let problem = reply.expect_problem(422, "format-not-available");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains("`edmd`") && detail.contains(says), "{kind}: {detail}");
+    }
+    client.get(&format!("{plots}/success?x=grains")).send().await.expect(200);
     server.stop().await;
 }

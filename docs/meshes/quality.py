@@ -1,10 +1,9 @@
-"""How good tetrahedra come out against the clearance between grains: the tables of docs/meshes.md.
+"""Measures the quality of tetrahedra against the gap between grains: the table of docs/meshes.md.
 
-    cargo build --release -p packstone-engine --example mesh
-    python quality.py EXAMPLE [--size 80] [--clearances 1,0.5,0.25,0.1] [--options '{"size_field": false}']
+    python quality.py PACKSTONE [--size 32] [--gaps 1,0.5,0.25,0.1] [--options segments=16,size_field=false]
 
-EXAMPLE is the program built above. Packs A16 above 2 mm, 50 % of the mixture, into a cube with each clearance, lets Gmsh fill it
-with its default options, and prints one row of a Markdown table for each. Times are CPU seconds, for the machine may have others to serve.
+PACKSTONE is the program. Packs A16 above 2 mm, 50 % of the mixture, into a cube with each gap, fills the mesh with Gmsh
+and its default options, and prints one row of a Markdown table for each gap. Times are CPU seconds of Gmsh.
 """
 
 import argparse
@@ -19,12 +18,12 @@ import gmsh
 import numpy as np
 
 
-def job(size, clearance):
+def job(size, gap):
     return {
         "seed": 1,
         "specimen": {"type": "box", "size_mm": [size] * 3},
         "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2, "volume_fraction": 0.5},
-        "distance": {"type": "constant", "gap_mm": clearance},
+        "distance": {"type": "constant", "gap_mm": gap},
         "method": {"type": "edmd"},
     }
 
@@ -47,24 +46,26 @@ def quality(path):
 
 def main():
     arguments = argparse.ArgumentParser()
-    arguments.add_argument("example")
-    arguments.add_argument("--size", type=float, default=80)
-    arguments.add_argument("--clearances", default="1,0.5,0.25,0.1")
-    arguments.add_argument("--options", default="{}")
-    asked = arguments.parse_args()
-    print("| clearance | triangles | tetrahedra | smallest gamma | below 0.03 | below 0.1 | below 0.2 | mean | Gmsh |")
+    arguments.add_argument("program")
+    arguments.add_argument("--size", type=float, default=32)
+    arguments.add_argument("--gaps", default="1,0.5,0.25,0.1")
+    arguments.add_argument("--options", default="")
+    given = arguments.parse_args()
+    export = f"mesh:{given.options}" if given.options else "mesh"
+    print("| gap | triangles | tetrahedra | smallest gamma | below 0.03 | below 0.1 | below 0.2 | mean | Gmsh |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for clearance in map(float, asked.clearances.split(",")):
+    for gap in map(float, given.gaps.split(",")):
         with tempfile.TemporaryDirectory() as folder:
-            request, target = Path(folder, "job.json"), Path(folder, "packing.msh")
-            request.write_text(json.dumps(job(asked.size, clearance)))
-            made = subprocess.run([asked.example, request, "msh", target, asked.options], capture_output=True, text=True)
-            if made.returncode:
-                sys.exit(made.stderr)
-            gammas, triangles, took = quality(target)
-        below = " | ".join(str(int((gammas < bound).sum())) for bound in (0.03, 0.1, 0.2))
+            request = Path(folder, "job.json")
+            request.write_text(json.dumps(job(given.size, gap)))
+            command = [given.program, "run", request, "--out", folder, "--export", export]
+            subprocess.run(command, check=True, capture_output=True)
+            (mesh,) = Path(folder).glob("*.msh")
+            gammas, triangles, took = quality(mesh)
+        below = " | ".join(str((gammas < limit).sum()) for limit in (0.03, 0.1, 0.2))
         print(
-            f"| {clearance:g} mm | {triangles} | {len(gammas)} | {gammas.min():.3f} | {below} | {gammas.mean():.3f} | {took:.0f} s |",
+            f"| {gap:g} mm | {triangles} | {len(gammas)} | {gammas.min():.3f} | {below} | "
+            f"{gammas.mean():.3f} | {took:.0f} s |",
             flush=True,
         )
 

@@ -54,7 +54,7 @@ def main():
         plot.add_collection(patches)
         plot.set(xlim=(0, EDGE_MM), ylim=(0, EDGE_MM), aspect="equal", title=f"strength {strength}", xlabel="x, mm", ylabel="z, mm")
     figure.colorbar(patches, ax=plots, label="diameter, mm")
-    figure.savefig(target, dpi=110)
+    figure.savefig(target, dpi=170)
 
 
 if __name__ == "__main__":

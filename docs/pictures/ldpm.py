@@ -1,7 +1,7 @@
-"""Renders lattices from their cells.vtu as the picture of docs/ldpm.md is: python ldpm.py OUT.png CELLS.vtu [CELLS.vtu ...]
+"""Renders the picture of docs/ldpm.md from cells.vtu: python ldpm.py OUT.png CELLS.vtu [CELLS.vtu ...]
 
-Needs the wheels `vtk` and `pillow`. One view for each file: cells of grains by diameter, cells of the surface grey. Those in the quarter
-towards the camera are left out, but for their grains.
+Needs the wheels `vtk` and `pillow`. One view for each file: cells of grains by diameter, cells of the surface grey. Cells
+in the octant towards the camera are left out; their grains are drawn as spheres.
 """
 
 import sys
@@ -11,7 +11,9 @@ import vtk
 from PIL import Image
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
-WIDTH, HEIGHT = 620, 620
+WIDTH, HEIGHT = 900, 900
+# Rendered larger and averaged, so that lines and edges are smooth.
+SCALE = 2
 
 
 def cells(source: str) -> vtk.vtkUnstructuredGrid:
@@ -73,7 +75,7 @@ def view(grid: vtk.vtkUnstructuredGrid) -> vtk.vtkRenderer:
     actor.SetMapper(mapper)
     actor.GetProperty().EdgeVisibilityOn()
     actor.GetProperty().SetEdgeColor(0.42, 0.42, 0.44)
-    actor.GetProperty().SetLineWidth(0.4)
+    actor.GetProperty().SetLineWidth(0.6 * SCALE)
     renderer.AddActor(actor)
 
     grains = np.flatnonzero(left_out & (diameter > 0))
@@ -87,8 +89,8 @@ def view(grid: vtk.vtkUnstructuredGrid) -> vtk.vtkRenderer:
     spheres.GetPointData().AddArray(sizes)
     ball = vtk.vtkSphereSource()
     ball.SetRadius(0.5)
-    ball.SetThetaResolution(32)
-    ball.SetPhiResolution(32)
+    ball.SetThetaResolution(64)
+    ball.SetPhiResolution(64)
     glyphs = vtk.vtkGlyph3DMapper()
     glyphs.SetInputData(spheres)
     glyphs.SetSourceConnection(ball.GetOutputPort())
@@ -114,8 +116,8 @@ def view(grid: vtk.vtkUnstructuredGrid) -> vtk.vtkRenderer:
 def main(target: str, sources: list[str]) -> None:
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
-    window.SetMultiSamples(8)
-    window.SetSize(WIDTH * len(sources), HEIGHT)
+    window.SetMultiSamples(0)
+    window.SetSize(SCALE * WIDTH * len(sources), SCALE * HEIGHT)
     for i, source in enumerate(sources):
         renderer = view(cells(source))
         renderer.SetViewport(i / len(sources), 0, (i + 1) / len(sources), 1)
@@ -127,8 +129,9 @@ def main(target: str, sources: list[str]) -> None:
     pixels = picture.GetOutput()
     width, height, _ = pixels.GetDimensions()
     rows = vtk_to_numpy(pixels.GetPointData().GetScalars()).reshape(height, width, 3)[::-1]
+    picture = Image.fromarray(rows.copy()).resize((WIDTH * len(sources), HEIGHT), Image.LANCZOS)
     # A palette makes a third of the bytes.
-    Image.fromarray(rows.copy()).quantize(128).save(target, optimize=True)
+    picture.quantize(128).save(target, optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Renders a filled mesh as docs/meshes.md shows it: python mesh.py FILLED.msh OUT.png
 
-FILLED.msh is what Gmsh saved after filling a packing. Needs the wheels gmsh, vtk, numpy and pillow. The
-tetrahedra behind the cut stay whole; aggregates are brown, the matrix is grey.
+FILLED.msh is what Gmsh saved after filling a packing. Needs the wheels gmsh, vtk, numpy and pillow. The part in front of
+the cut is removed along a plane, so that the cut shows the sections of the tetrahedra; aggregates are brown, the matrix
+is grey.
 """
 
 import sys
@@ -10,9 +11,12 @@ import gmsh
 import numpy as np
 import vtk
 from PIL import Image
-from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 
-COLOURS = [(0.78, 0.79, 0.80), (0.66, 0.47, 0.30)]
+COLOURS = [(0.86, 0.86, 0.85), (0.76, 0.55, 0.36)]
+WIDTH, HEIGHT = 1600, 1450
+# Rendered larger and averaged, which no multisampling matches for thin lines.
+SCALE = 2
 
 
 def read(source):
@@ -46,59 +50,82 @@ def read(source):
     return grid
 
 
-def main(source, target):
-    grid = read(source)
-    low, high = np.reshape(grid.GetBounds(), (3, 2)).T
-    middle = (low + high) / 2
-    # The half towards the camera is taken off, tetrahedron by tetrahedron.
-    half = vtk.vtkBox()
-    half.SetBounds(low[0] - 1, high[0] + 1, low[1] - 1, middle[1], low[2] - 1, high[2] + 1)
-    rest = vtk.vtkExtractGeometry()
-    rest.SetInputData(grid)
-    rest.SetImplicitFunction(half)
-    rest.ExtractInsideOff()
-    rest.ExtractBoundaryCellsOn()
+def section(grid, plane):
+    """The sections of the tetrahedra with a plane, as polygons."""
+    cutter = vtk.vtkCutter()
+    cutter.SetInputData(grid)
+    cutter.SetCutFunction(plane)
+    cutter.GenerateTrianglesOff()
+    cutter.Update()
+    return cutter.GetOutput()
+
+
+def outside(grid, plane):
+    """The outer surface of the tetrahedra behind the plane."""
     surface = vtk.vtkGeometryFilter()
-    surface.SetInputConnection(rest.GetOutputPort())
+    surface.SetInputData(grid)
+    clip = vtk.vtkClipPolyData()
+    clip.SetInputConnection(surface.GetOutputPort())
+    clip.SetClipFunction(plane)
+    clip.Update()
+    return clip.GetOutput()
+
+
+def actor_of(surface, line_width):
     colours = vtk.vtkLookupTable()
     colours.SetNumberOfTableValues(2)
     for phase, colour in enumerate(COLOURS):
         colours.SetTableValue(phase, *colour)
     mapper = vtk.vtkPolyDataMapper()
-    mapper.SetInputConnection(surface.GetOutputPort())
+    mapper.SetInputData(surface)
     mapper.SetLookupTable(colours)
     mapper.SetScalarRange(0, 1)
     actor = vtk.vtkActor()
     actor.SetMapper(mapper)
-    look = actor.GetProperty()
-    look.SetEdgeVisibility(True)
-    look.SetEdgeColor(0.3, 0.3, 0.3)
-    look.SetLineWidth(0.8)
-    look.SetInterpolationToFlat()
-    look.SetAmbient(0.25)
+    style = actor.GetProperty()
+    style.SetEdgeVisibility(True)
+    style.SetEdgeColor(0.35, 0.33, 0.32)
+    style.SetLineWidth(line_width)
+    style.LightingOff()
+    return actor
+
+
+def main(source, target):
+    grid = read(source)
+    low, high = np.reshape(grid.GetBounds(), (3, 2)).T
+    middle = (low + high) / 2
+    plane = vtk.vtkPlane()
+    plane.SetOrigin(*middle)
+    plane.SetNormal(0, 1, 0)
     renderer = vtk.vtkRenderer()
     renderer.SetBackground(1, 1, 1)
-    renderer.AddActor(actor)
+    renderer.AddActor(actor_of(section(grid, plane), 1.0 * SCALE))
+    shell = actor_of(outside(grid, plane), 0.5 * SCALE)
+    shell.GetProperty().SetColor(0.7, 0.7, 0.7)
+    shell.GetMapper().ScalarVisibilityOff()
+    renderer.AddActor(shell)
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
-    window.SetMultiSamples(8)
-    window.SetSize(860, 760)
+    window.SetMultiSamples(0)
+    window.SetSize(SCALE * WIDTH, SCALE * HEIGHT)
     window.AddRenderer(renderer)
     camera = renderer.GetActiveCamera()
     camera.SetFocalPoint(*middle)
-    camera.SetPosition(middle[0] + 1.2, middle[1] - 5, middle[2] + 1.5)
+    camera.SetPosition(middle[0] + 1.4, middle[1] - 5, middle[2] + 1.5)
     camera.SetViewUp(0, 0, 1)
+    camera.ParallelProjectionOn()
     renderer.ResetCamera()
     camera.Zoom(1.25)
     window.Render()
     image = vtk.vtkWindowToImageFilter()
     image.SetInput(window)
-    writer = vtk.vtkPNGWriter()
-    writer.SetFileName(target)
-    writer.SetInputConnection(image.GetOutputPort())
-    writer.Write()
-    # A few colours do, and keep the file small.
-    Image.open(target).convert("RGB").quantize(32).save(target, optimize=True)
+    image.Update()
+    pixels = image.GetOutput()
+    width, height, _ = pixels.GetDimensions()
+    rows = vtk_to_numpy(pixels.GetPointData().GetScalars()).reshape(height, width, 3)[::-1]
+    picture = Image.fromarray(rows.copy()).resize((WIDTH, HEIGHT), Image.LANCZOS)
+    # Few colours keep the file small.
+    picture.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Makes the pictures of docs/voxels.md: python voxels.py DIRECTORY OUT
 
-DIRECTORY holds what `cargo run --release -p packstone-engine --example voxels DIRECTORY` wrote, OUT gets voxels.png and
-slice-mesh.png. Needs the wheels `vtk`, `gmsh`, `matplotlib`, `pillow`.
+DIRECTORY has the files that `cargo run --release -p packstone-engine --example voxels DIRECTORY` wrote, of which
+voxels.vti and slice-apart-0.5.geo are read. voxels.png and slice-mesh.png are written to OUT. Needs the wheels `vtk`,
+`gmsh`, `matplotlib`, `pillow`.
 """
 
 import sys
@@ -18,12 +19,24 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 from matplotlib.collections import PolyCollection  # noqa: E402
 
-MATRIX = (0.93, 0.92, 0.89)
-GRAINS = [(0.86, 0.78, 0.62), (0.72, 0.58, 0.42), (0.55, 0.55, 0.58), (0.36, 0.42, 0.50), (0.62, 0.36, 0.28), (0.44, 0.40, 0.36)]
+MATRIX = (0.90, 0.89, 0.86)
+GRAINS = [
+    (0.80, 0.62, 0.33),
+    (0.68, 0.46, 0.28),
+    (0.50, 0.54, 0.60),
+    (0.28, 0.40, 0.54),
+    (0.62, 0.29, 0.21),
+    (0.36, 0.32, 0.29),
+]
+WIDTH, HEIGHT = 1500, 1480
+# Rendered larger and averaged, so that edges are smooth.
+SCALE = 2
+# Brightness of faces by the axis of their normal: side, front, top.
+BRIGHTNESS = (0.86, 0.95, 1.0)
 
 
 def voxels(source: Path, target: Path) -> None:
-    """The voxels of all labels, a corner cut away, each grain in one of six colours."""
+    """The voxels of all grains, one octant removed, each grain in one of six colours."""
     reader = vtk.vtkXMLImageDataReader()
     reader.SetFileName(str(source))
     reader.Update()
@@ -44,29 +57,36 @@ def voxels(source: Path, target: Path) -> None:
     surface = vtk.vtkDataSetSurfaceFilter()
     surface.SetInputConnection(threshold.GetOutputPort())
 
-    table = vtk.vtkLookupTable()
-    table.SetNumberOfTableValues(1 + len(GRAINS))
-    for i, colour in enumerate([MATRIX, *GRAINS]):
-        table.SetTableValue(i, *colour)
+    # Faces have the brightness of their direction instead of a light, so that the faces of the cut are as clear as the
+    # outer ones.
+    surface.Update()
+    faces = surface.GetOutput()
+    normals = vtk.vtkPolyDataNormals()
+    normals.SetInputData(faces)
+    normals.ComputePointNormalsOff()
+    normals.ComputeCellNormalsOn()
+    normals.ConsistencyOff()
+    normals.SplittingOff()
+    normals.Update()
+    faces = normals.GetOutput()
+    axis = np.abs(vtk_to_numpy(faces.GetCellData().GetNormals())).argmax(axis=1)
+    palette = np.array([MATRIX, *GRAINS])
+    rgb = palette[vtk_to_numpy(faces.GetCellData().GetArray("colour"))] * np.array(BRIGHTNESS)[axis][:, None]
+    colour = numpy_to_vtk(np.round(255 * rgb).astype(np.uint8), deep=True)
+    colour.SetName("rgb")
+    faces.GetCellData().SetScalars(colour)
     mapper = vtk.vtkPolyDataMapper()
-    mapper.SetInputConnection(surface.GetOutputPort())
-    mapper.SetScalarModeToUseCellFieldData()
-    mapper.SelectColorArray("colour")
-    # Bytes are taken for colours otherwise.
-    mapper.SetColorModeToMapScalars()
-    mapper.SetLookupTable(table)
-    mapper.SetScalarRange(0, len(GRAINS))
+    mapper.SetInputData(faces)
     actor = vtk.vtkActor()
     actor.SetMapper(mapper)
-    actor.GetProperty().SetAmbient(0.35)
-    actor.GetProperty().SetDiffuse(0.65)
+    actor.GetProperty().LightingOff()
     renderer = vtk.vtkRenderer()
     renderer.SetBackground(1, 1, 1)
     renderer.AddActor(actor)
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
-    window.SetMultiSamples(8)
-    window.SetSize(720, 690)
+    window.SetMultiSamples(0)
+    window.SetSize(SCALE * WIDTH, SCALE * HEIGHT)
     window.AddRenderer(renderer)
     camera = renderer.GetActiveCamera()
     middle = image.GetCenter()
@@ -78,10 +98,12 @@ def voxels(source: Path, target: Path) -> None:
     window.Render()
     picture = vtk.vtkWindowToImageFilter()
     picture.SetInput(window)
-    writer = vtk.vtkPNGWriter()
-    writer.SetFileName(str(target))
-    writer.SetInputConnection(picture.GetOutputPort())
-    writer.Write()
+    picture.Update()
+    pixels = picture.GetOutput()
+    width, height, _ = pixels.GetDimensions()
+    rows = vtk_to_numpy(pixels.GetPointData().GetScalars()).reshape(height, width, 3)[::-1]
+    reduced = Image.fromarray(rows.copy()).resize((WIDTH, HEIGHT), Image.LANCZOS)
+    reduced.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 def mesh(source: Path, target: Path) -> None:
@@ -91,7 +113,7 @@ def mesh(source: Path, target: Path) -> None:
     gmsh.model.mesh.generate(2)
     tags, points, _ = gmsh.model.mesh.getNodes()
     place = dict(zip(tags, points.reshape(-1, 3)[:, :2]))
-    figure, axes = plt.subplots(figsize=(7, 7), dpi=90)
+    figure, axes = plt.subplots(figsize=(7, 7), dpi=270)
     styles = {"matrix": (MATRIX, "#999", 0.25), "aggregates": (GRAINS[1], "#765", 0.25), "itz": ("none", "#a00", 0.8)}
     for dimension, group in sorted(gmsh.model.getPhysicalGroups(), reverse=True):
         name = gmsh.model.getPhysicalName(dimension, group)
@@ -103,12 +125,12 @@ def mesh(source: Path, target: Path) -> None:
                 polygons += [[place[node] for node in element] for element in nodes.reshape(-1, dimension + 1)]
         face, edge, width = styles[name]
         axes.add_collection(PolyCollection(polygons, facecolor=face, edgecolor=edge, linewidth=width, closed=dimension == 2))
-    # A part of it, so that the triangles can be seen.
+    # Only a part, so that the triangles are visible.
     axes.set(xlim=(0, 24), ylim=(0, 24), aspect="equal")
     axes.axis("off")
     figure.savefig(target, bbox_inches="tight", pad_inches=0.02)
     gmsh.finalize()
-    # A hundred colours do, in a third of the bytes.
+    # A palette of 100 colours makes a third of the bytes.
     with Image.open(target) as picture:
         picture.convert("RGB").quantize(100).save(target, optimize=True)
 

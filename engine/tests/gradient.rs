@@ -49,12 +49,15 @@ fn controls(report: &SegregationReport) -> Vec<Separation> {
     [across.x, across.y, across.z].into_iter().flatten().collect()
 }
 
-/// Along the field beyond doubt, and across it not in two of three seeds, as chance has it now and then.
+/// The smallest p value of 999 permutations: none of them has as large a statistic as the packing.
+const LEAST_P: f64 = 1.0 / 1000.0;
+
+/// A difference along the field in every seed, and none across it in most of them.
 fn assert_along_and_not_across(job: &Value, least: f64) {
     let mut by_chance = Vec::new();
     for seed in 1..=3 {
         let found = placement(job, seed);
-        assert!(found.along.difference > least && found.along.p_value < 0.02, "{found:?}");
+        assert!(found.along.difference > least && found.along.p_value == LEAST_P, "{found:?}");
         by_chance.extend(controls(&found).iter().map(|control| control.p_value));
     }
     let beyond = by_chance.iter().filter(|p| **p < 0.05).count();
@@ -64,7 +67,7 @@ fn assert_along_and_not_across(job: &Value, least: f64) {
 #[test]
 fn a_strong_gradient_is_seen_along_its_axis_and_not_across() {
     for method in [json!({"type": "rsa"}), json!({"type": "rsa", "attempts_per_grain": 100_000})] {
-        assert_along_and_not_across(&with_gradient(job(&cube(), 0.4, &method), &linear(), 30.0), 0.25);
+        assert_along_and_not_across(&with_gradient(job(&cube(), 0.4, &method), &linear(), 30.0), 0.4);
     }
     let up = json!({"type": "linear", "axis": "x", "direction": "up"});
     let found = placement(&with_gradient(job(&cube(), 0.4, &json!({"type": "rsa"})), &up, 30.0), 1);
@@ -86,24 +89,24 @@ fn coarse_grains_lie_where_the_field_says() {
 fn a_lateral_surface_draws_coarse_grains_in_a_cylinder() {
     let side = json!({"type": "face", "face": "side"});
     let strong = with_gradient(job(&cylinder(), 0.35, &json!({"type": "rsa"})), &side, 30.0);
-    assert_along_and_not_across(&strong, 0.15);
+    assert_along_and_not_across(&strong, 0.4);
     let bottom = json!({"type": "face", "face": "z_min"});
     assert_along_and_not_across(
         &with_gradient(job(&cylinder(), 0.35, &json!({"type": "rsa"})), &bottom, 30.0),
-        0.15,
+        0.4,
     );
 }
 
 #[test]
 fn growth_and_its_exchanges_keep_the_gradient() {
     for method in [json!({"type": "edmd"}), json!({"type": "edmd", "swap": false})] {
-        assert_along_and_not_across(&with_gradient(job(&cube(), 0.6, &method), &linear(), 30.0), 0.15);
+        assert_along_and_not_across(&with_gradient(job(&cube(), 0.6, &method), &linear(), 30.0), 0.25);
     }
     // The largest distance: from a gradient on to the end.
     let mut longest = job(&cube(), 0.45, &json!({"type": "edmd", "stop": {"events": 200_000}}));
     longest["distance"] = json!({"type": "maximize"});
     let found = placement(&with_gradient(longest, &linear(), 30.0), 1);
-    assert!(found.along.difference > 0.1 && found.along.p_value < 0.02, "{found:?}");
+    assert!(found.along.difference > 0.3 && found.along.p_value == LEAST_P, "{found:?}");
 }
 
 #[test]

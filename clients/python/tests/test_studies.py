@@ -159,11 +159,20 @@ def test_plots_of_a_study(study: packstone.Study, tmp_path: Path) -> None:
     assert [fault.parameter for fault in refused.value.errors] == ["x"]
 
 
-def test_plots_of_a_job(study: packstone.Study, tmp_path: Path) -> None:
-    job = next(study.jobs())
-    for kind in packstone.jobs.JOB_PLOT_KINDS:
+def test_plots_of_a_job(client: packstone.Client, tmp_path: Path) -> None:
+    document = mixes.quick()
+    # Grains enough for a pair correlation function.
+    document["mix"]["d_min_mm"] = 2
+    job = client.submit(document).wait()
+    available = set(packstone.jobs.JOB_PLOT_KINDS) - {"distance"}
+    for kind in available:
         assert "</svg>" in job.plot(kind, tmp_path / f"{kind}.svg"), kind
-    assert len(list(tmp_path.iterdir())) == 4
+    assert {path.stem for path in tmp_path.iterdir()} == available
+    titled, untitled = (job.plot("grading", title=title) for title in (True, False))
+    assert "Grading curve" in titled and len(untitled) < len(titled)
+    with pytest.raises(packstone.PackstoneError) as refused:
+        job.plot("distance")
+    assert refused.value.status == 422 and "`edmd`" in str(refused.value)
 
 
 def test_a_study_is_found_by_its_labels(client: packstone.Client) -> None:

@@ -307,8 +307,11 @@ fn permute(
     let at = |function: usize, grain: u32| f64::from(values[function][grain as usize]);
     let all: Vec<Moments> =
         values.iter().map(|values| Moments::of(values.iter().map(|value| f64::from(*value)))).collect();
+    // A function that is constant but for rounding, as a cosine across the field of grains on a line along it, has a sum of
+    // rounding errors, which must not be compared with the difference.
+    let spread_of = |all: &Moments| if all.spread() > ROUNDING * n as f64 { all.spread() } else { 0.0 };
     let spread: Vec<f64> =
-        all.iter().map(|all| weight_moments.spread() * all.spread() / (n as f64 - 1.0).max(1.0)).collect();
+        all.iter().map(|all| weight_moments.spread() * spread_of(all) / (n as f64 - 1.0).max(1.0)).collect();
     let statistics = |sums: &[f64]| {
         let squares: Vec<f64> =
             sums.iter().zip(&spread).map(|(x, v)| if *v > 0.0 { x * x / v } else { 0.0 }).collect();

@@ -1,5 +1,6 @@
 //! What plots of jobs and of studies share: their bound on concurrent work, their answers.
 
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,12 +10,36 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout;
 
 use crate::http::app::App;
+use crate::http::params::parameters;
+use crate::http::params::values::Flag;
 use crate::http::response::set;
-use crate::plots;
+use crate::plots::{self, PlotError};
 use crate::problem::{Kind, Problem};
 
 /// How long a plot waits for another before it is refused.
 const TURN: Duration = Duration::from_secs(10);
+
+parameters! {
+    /// Whether a plot has a heading.
+    #[derive(Debug)]
+    pub(crate) struct PlotHeading {
+        /// Whether the title is printed above the plot.
+        pub(crate) title: Flag<true>,
+    }
+}
+
+/// The refusal of a plot that has no data, or the fault that kept it from being drawn.
+pub(crate) fn not_drawn(error: PlotError) -> io::Result<Problem> {
+    match error {
+        PlotError::NotAvailable(reason) => Ok(Problem::new(Kind::FormatNotAvailable, reason)),
+        PlotError::Failed(error) => Err(error),
+    }
+}
+
+/// The refusal of a plot whose data may still come, because runs of its study are waiting.
+pub(crate) fn not_ready(refusal: Problem) -> Problem {
+    Problem::new(Kind::ResultNotReady, refusal.detail).with_header("retry-after", "10")
+}
 
 /// Waits to be one of the few that draw.
 pub(crate) async fn turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {

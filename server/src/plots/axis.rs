@@ -1,46 +1,46 @@
-//! Axes: where they begin and end, where their ticks stand, and what the ticks are called.
+//! Axes: their limits, the positions of their ticks, and the text of the ticks.
 //!
-//! plotters chooses ticks and their text for screens; these are for readers: round steps, powers of ten
-//! written as such, no label twice. Knows numbers only, nothing of what they mean.
+//! The ticks of plotters are made for screens. These are made for print: round steps, powers of ten written as
+//! powers, no label twice.
 
 use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-/// Ticks of a linear axis are at most so many steps.
+/// Most steps between the ticks of a linear axis.
 const MOST_STEPS: f64 = 8.0;
-/// Larger values have no place on an axis: what is computed of them must not overflow.
+/// Larger values are not shown, so that what is computed from them does not overflow.
 const LARGEST: f64 = 1.0e290;
-/// Room beyond the extreme values, as a share of the axis.
+/// Margin beyond the extreme values, as a fraction of the axis.
 const MARGIN: f64 = 0.03;
 
-/// An axis as it is asked for.
+/// An axis as requested.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Axis {
-    /// What it shows, with its unit.
+    /// Quantity with its unit.
     pub(crate) label: String,
     pub(crate) scale: Scale,
     pub(crate) extent: Extent,
-    /// Ticks at these values instead of round ones, where they fit in.
+    /// Ticks at these values instead of round ones, where they lie within the limits.
     pub(crate) ticks: Vec<f64>,
 }
 
-/// How values become lengths.
+/// Scale of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scale {
     Linear,
-    /// Logarithmic; values that are not positive have no place on it.
+    /// Logarithmic; values that are not positive are not shown.
     Log,
 }
 
-/// Where an axis begins and ends.
+/// Limits of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Extent {
-    /// Where the data do.
+    /// The limits of the data.
     Data,
-    /// The same, but from 0 at least.
+    /// The limits of the data and 0.
     FromZero,
-    /// There.
+    /// These limits.
     Fixed(f64, f64),
 }
 
@@ -65,8 +65,8 @@ impl Axis {
         Self { extent: Extent::Fixed(low, high), ..self }
     }
 
-    /// Whether a value has a place on the axis.
-    pub(crate) fn holds(&self, value: f64) -> bool {
+    /// Whether the axis can show a value.
+    pub(crate) fn accepts(&self, value: f64) -> bool {
         let smallest = if self.scale == Scale::Log { 1.0 / LARGEST } else { -LARGEST };
         (smallest..=LARGEST).contains(&value)
     }
@@ -74,7 +74,7 @@ impl Axis {
     /// The axis for these values.
     pub(crate) fn settled(&self, values: impl Iterator<Item = f64>) -> Settled {
         let (low, high) = values
-            .filter(|&v| self.holds(v))
+            .filter(|&v| self.accepts(v))
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         let (low, high) = match self.extent {
             Extent::Fixed(low, high) => (low, high),
@@ -89,7 +89,7 @@ impl Axis {
         let mut settled = Settled { scale: self.scale, low, high, major: Vec::new(), minor: Vec::new() };
         match self.scale {
             _ if !self.ticks.is_empty() => {
-                let inside = |v: &f64| self.holds(*v) && *v >= low && *v <= high;
+                let inside = |v: &f64| self.accepts(*v) && *v >= low && *v <= high;
                 let ticks = self.ticks.iter().copied().filter(inside);
                 settled.major = ticks.map(|v| Tick { value: v, text: plain(v, None) }).collect();
             }
@@ -352,7 +352,7 @@ mod tests {
                 assert!(settled.low < settled.high, "{axis:?} {values:?}");
                 assert!(settled.low.is_finite() && settled.high.is_finite(), "{axis:?} {values:?}");
                 assert!(settled.major.len() <= 25, "{axis:?} {values:?}: {} ticks", settled.major.len());
-                for value in values.iter().filter(|v| axis.holds(**v)) {
+                for value in values.iter().filter(|v| axis.accepts(**v)) {
                     assert!((0.0..=1.0).contains(&settled.share(*value)), "{axis:?} {values:?}");
                 }
             }

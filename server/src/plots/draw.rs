@@ -1,9 +1,8 @@
-//! Draws a chart as SVG: one size for a column of print, told apart by colour, dash and marker at once, so
-//! that it survives a grey copy and an eye that sees colours otherwise. The legend stands below the data.
+//! Draws a chart as SVG, 160 mm wide. Series differ in colour, dash and marker at once, so that they can be told apart in
+//! a grey copy and with any kind of colour blindness. The legend is below the data.
 //!
-//! Lengths are in units of the drawing, [`PER_MM`] to the mm: plotters knows whole units only. The bytes
-//! depend on the chart alone. plotters draws mesh, axes and shapes; how lines are dashed and where the
-//! legend goes is decided here.
+//! plotters draws grid, axes and shapes in whole units, [`PER_MM`] to the mm; dashes and the legend are drawn here. The
+//! bytes depend on the chart and on the heading option only.
 
 use std::collections::{HashMap, HashSet};
 
@@ -16,21 +15,22 @@ use plotters::element::{Circle, PathElement, Polygon};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{BLACK, Color as _, IntoFont as _, RGBColor, ShapeStyle, TextStyle, WHITE};
 
+use super::PlotError;
 use super::axis::Settled;
-use super::chart::{Chart, Look, Marks, Point, Series};
+use super::chart::{Chart, Marks, Point, Series, SeriesStyle};
 use super::style::{self, Marker};
 use super::text::{FAMILY, cut, escaped, printable, width_em};
 
 /// Units of the drawing per mm.
 pub(super) const PER_MM: f64 = 20.0;
 /// Counts the changes of a drawing's bytes; part of an `ETag`.
-pub(crate) const REVISION: u32 = 1;
+pub(crate) const REVISION: u32 = 2;
 
 const WIDTH_MM: f64 = 160.0;
-/// Of the data alone.
+/// Height of the data area.
 const PLOT_HEIGHT_MM: f64 = 82.0;
 const EDGE_MM: f64 = 2.0;
-/// Room for half of the last label of an axis.
+/// Margin for half of the last label of an axis.
 const RIGHT_MM: f64 = 6.0;
 const TITLE_MM: f64 = 9.0;
 const X_LABELS_MM: f64 = 11.5;
@@ -38,7 +38,7 @@ const LEGEND_ROW_MM: f64 = 5.0;
 /// Line and gap before the text of an entry.
 const LEGEND_LINE_MM: f64 = 11.0;
 const LEGEND_GAP_MM: f64 = 5.0;
-/// Entries that are listed; of more it is said that there are.
+/// Entries that are listed; the last one counts the others where there are more.
 const MOST_ENTRIES: usize = 24;
 
 const TITLE_SIZE_MM: f64 = 4.2;
@@ -49,9 +49,9 @@ const THIN_MM: f64 = 0.25;
 /// Half the width of a marker.
 const MARKER_MM: f64 = 0.9;
 const TICK_MARK_MM: f64 = 0.8;
-/// Points of a line that are nearer to the last one are left out: nobody sees them.
+/// Points of a line that are nearer to the last one are left out, because they cannot be seen.
 const NEAR_MM: f64 = 0.15;
-/// Between error bars at the same place, and all of them together.
+/// Offset between error bars at the same abscissa, and the most of all offsets together.
 const ASIDE_MM: f64 = 1.0;
 const MOST_ASIDE_MM: f64 = 5.0;
 /// Units of a font's size in plotters per unit in the drawing.
@@ -65,34 +65,55 @@ type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Failure = DrawingAreaErrorKind<std::io::Error>;
 type Px = (i32, i32);
 
-/// Draws a chart.
+/// Draws a chart; `heading` states whether its title is printed above the data.
 ///
 /// # Errors
-/// What plotters cannot lay out; no chart is known for which it cannot.
-pub(crate) fn svg(chart: &Chart) -> Result<String, Failure> {
-    let legend = Legend::of(chart);
-    let below_mm = if chart.is_empty() { EDGE_MM } else { X_LABELS_MM + legend.height_mm() + EDGE_MM };
-    let height_mm = EDGE_MM + TITLE_MM + PLOT_HEIGHT_MM + below_mm;
-    let size = (units(WIDTH_MM) as u32, units(height_mm) as u32);
-    let mut text = String::new();
-    {
-        let canvas = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        canvas.fill(&WHITE)?;
-        let title = cut(&printable(&chart.title), (WIDTH_MM - 2.0 * EDGE_MM) / TITLE_SIZE_MM);
-        let style = font(TITLE_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center));
-        canvas.draw_text(&title, &style, (units(WIDTH_MM / 2.0), units(EDGE_MM + TITLE_MM / 2.0)))?;
-        if chart.is_empty() {
-            draw_nothing(&canvas, chart)?;
-        } else {
-            draw_data(&canvas, chart, height_mm)?;
-            legend.draw(&canvas, height_mm)?;
-        }
-        canvas.present()?;
+/// [`PlotError::NotAvailable`] for a chart without a point that can be shown; what plotters cannot lay out, which no
+/// known chart causes.
+pub(crate) fn svg(chart: &Chart, heading: bool) -> Result<String, PlotError> {
+    if chart.is_empty() {
+        return Err(PlotError::NotAvailable(chart.when_empty.clone()));
     }
-    Ok(headed(&text, chart, height_mm))
+    let drawn = drawn(chart, heading).map_err(|error| PlotError::Failed(std::io::Error::other(error)))?;
+    Ok(drawn)
 }
 
-/// The drawing with its size in mm, and with a title and a description for those who hear it.
+fn drawn(chart: &Chart, heading: bool) -> Result<String, Failure> {
+    let legend = Legend::of(chart);
+    let frame = Frame::of(&legend, heading);
+    let mut text = String::new();
+    {
+        let size = (units(WIDTH_MM) as u32, units(frame.height_mm) as u32);
+        let canvas = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        canvas.fill(&WHITE)?;
+        if heading {
+            let title = cut(&printable(&chart.title), (WIDTH_MM - 2.0 * EDGE_MM) / TITLE_SIZE_MM);
+            let style = font(TITLE_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center));
+            canvas.draw_text(&title, &style, (units(WIDTH_MM / 2.0), units(EDGE_MM + TITLE_MM / 2.0)))?;
+        }
+        draw_data(&canvas, chart, &frame)?;
+        legend.draw(&canvas, frame.height_mm)?;
+        canvas.present()?;
+    }
+    Ok(headed(&text, chart, frame.height_mm))
+}
+
+/// Heights of the parts of a drawing.
+struct Frame {
+    /// Above the data.
+    top_mm: f64,
+    /// Of the whole drawing.
+    height_mm: f64,
+}
+
+impl Frame {
+    fn of(legend: &Legend, heading: bool) -> Self {
+        let top_mm = if heading { EDGE_MM + TITLE_MM } else { EDGE_MM };
+        Self { top_mm, height_mm: top_mm + PLOT_HEIGHT_MM + X_LABELS_MM + legend.height_mm() + EDGE_MM }
+    }
+}
+
+/// The drawing with its size in mm, and with a title and a description for screen readers.
 fn headed(text: &str, chart: &Chart, height_mm: f64) -> String {
     let body = text.split_once('>').map_or("", |(_, body)| body);
     format!(
@@ -106,17 +127,7 @@ fn headed(text: &str, chart: &Chart, height_mm: f64) -> String {
     )
 }
 
-/// A frame with the reason why it holds nothing.
-fn draw_nothing(canvas: &Canvas<'_>, chart: &Chart) -> Result<(), Failure> {
-    let (top, bottom) = (EDGE_MM + TITLE_MM, EDGE_MM + TITLE_MM + PLOT_HEIGHT_MM);
-    let (left, right) = (EDGE_MM + RIGHT_MM, WIDTH_MM - EDGE_MM - RIGHT_MM);
-    outline(canvas, (units(left), units(top)), (units(right), units(bottom)))?;
-    let style = font(LABEL_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center));
-    let said = cut(&printable(&chart.when_empty), (right - left) / LABEL_SIZE_MM);
-    canvas.draw_text(&said, &style, (units(WIDTH_MM / 2.0), units(f64::midpoint(top, bottom))))
-}
-
-fn draw_data(canvas: &Canvas<'_>, chart: &Chart, height_mm: f64) -> Result<(), Failure> {
+fn draw_data(canvas: &Canvas<'_>, chart: &Chart, frame: &Frame) -> Result<(), Failure> {
     let shown = || chart.series.iter().flat_map(|s| &s.points).filter(|point| chart.shows(point));
     let ends = |point: &Point| {
         let interval = point.interval.unwrap_or([point.y; 2]);
@@ -127,9 +138,9 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, height_mm: f64) -> Result<(), F
     let widest = y.major.iter().map(|tick| width_em(&tick.text)).fold(0.0, f64::max) * TICK_SIZE_MM;
     let left_mm = LABEL_SIZE_MM * 1.5 + widest + 2.0 * TICK_MARK_MM + 1.0;
     thin_out(&mut x, WIDTH_MM - EDGE_MM - left_mm - RIGHT_MM);
-    let below_mm = height_mm - EDGE_MM - TITLE_MM - PLOT_HEIGHT_MM - X_LABELS_MM;
+    let below_mm = frame.height_mm - frame.top_mm - PLOT_HEIGHT_MM - X_LABELS_MM;
     let mut context = ChartBuilder::on(canvas)
-        .margin_top(units(EDGE_MM + TITLE_MM))
+        .margin_top(units(frame.top_mm))
         .margin_bottom(units(below_mm))
         .margin_left(units(EDGE_MM))
         .margin_right(units(RIGHT_MM))
@@ -150,9 +161,9 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, height_mm: f64) -> Result<(), F
     let (across, down) = context.plotting_area().get_pixel_range();
     outline(canvas, (across.start, down.start), (across.end - 1, down.end - 1))?;
     let asides = asides_mm(chart);
-    let aside = |series: &Series| units(asides.get(&series.look).copied().unwrap_or(0.0));
-    // What the data are compared with lies below them.
-    let is_reference = |series: &&Series| series.look == Look::Reference;
+    let aside = |series: &Series| units(asides.get(&series.style).copied().unwrap_or(0.0));
+    // References are drawn first, below the data.
+    let is_reference = |series: &&Series| series.style == SeriesStyle::Reference;
     for series in chart.series.iter().filter(is_reference) {
         draw_series(canvas, &context, chart, series, aside(series))?;
     }
@@ -162,7 +173,7 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, height_mm: f64) -> Result<(), F
     Ok(())
 }
 
-/// Drops labels of the abscissa that would run into the one before.
+/// Drops labels of the abscissa that would overlap the one before.
 fn thin_out(axis: &mut Settled, width_mm: f64) {
     let mut end = f64::NEG_INFINITY;
     let ticks = std::mem::take(&mut axis.major);
@@ -184,7 +195,7 @@ fn draw_series(
     aside: i32,
 ) -> Result<(), Failure> {
     let place = |x: f64, y: f64| context.plotting_area().map_coordinate(&(x, y));
-    let pen = Pen::of(series.look);
+    let pen = Pen::of(series.style);
     if series.marks != Marks::Points {
         for run in series.points.split(|point| !chart.shows(point)) {
             let path: Vec<Px> = run.iter().map(|point| place(point.x, point.y)).collect();
@@ -193,9 +204,9 @@ fn draw_series(
     }
     for point in series.points.iter().filter(|point| chart.shows(point)) {
         if let Some([low, high]) = point.interval {
-            // An end that has no place on a logarithmic axis lies below all that have.
-            let low = if chart.y.holds(low) { low } else { f64::MIN_POSITIVE };
-            if chart.y.holds(high) {
+            // An end that a logarithmic axis cannot show lies below all that it can.
+            let low = if chart.y.accepts(low) { low } else { f64::MIN_POSITIVE };
+            if chart.y.accepts(high) {
                 let [low, high] = [low, high].map(|end| place(point.x, end));
                 pen.error_bar(canvas, (low.0 + aside, low.1), (high.0 + aside, high.1))?;
             }
@@ -209,21 +220,20 @@ fn draw_series(
     Ok(())
 }
 
-/// How far beside their points the error bars of each look stand, so that those of others at the same place
-/// are seen too.
-fn asides_mm(chart: &Chart) -> HashMap<Look, f64> {
+/// Horizontal offsets of the error bars of each style, so that error bars at the same abscissa do not overlap.
+fn asides_mm(chart: &Chart) -> HashMap<SeriesStyle, f64> {
     let has_bars = |series: &&Series| series.points.iter().any(|point| point.interval.is_some());
-    let mut places: HashMap<Look, usize> = HashMap::new();
+    let mut places: HashMap<SeriesStyle, usize> = HashMap::new();
     for series in chart.series.iter().filter(has_bars) {
         let next = places.len();
-        places.entry(series.look).or_insert(next);
+        places.entry(series.style).or_insert(next);
     }
     let middle = places.len().saturating_sub(1) as f64 / 2.0;
     let step = ASIDE_MM.min(MOST_ASIDE_MM / places.len().max(1) as f64);
-    places.into_iter().map(|(look, place)| (look, (place as f64 - middle) * step)).collect()
+    places.into_iter().map(|(style, place)| (style, (place as f64 - middle) * step)).collect()
 }
 
-/// The points of a path without those that nobody would see; the first and the last are kept.
+/// The points of a path without those that cannot be seen; the first and the last are kept.
 fn spaced(path: &[Px]) -> Vec<Px> {
     let near = units(NEAR_MM);
     let mut kept: Vec<Px> = Vec::new();
@@ -246,12 +256,12 @@ struct Pen {
 }
 
 impl Pen {
-    fn of(look: Look) -> Self {
-        match look {
-            Look::Reference => {
+    fn of(style: SeriesStyle) -> Self {
+        match style {
+            SeriesStyle::Reference => {
                 Self { color: REFERENCE, width_mm: THIN_MM, dashes: &[1.5, 1.0], marker: Marker::Dot }
             }
-            Look::Numbered(number) => Self {
+            SeriesStyle::Numbered(number) => Self {
                 color: style::color(number),
                 width_mm: LINE_MM,
                 dashes: style::dashes(number),
@@ -301,7 +311,7 @@ impl Pen {
                 let mut path: Vec<Px> = corners.iter().map(at).collect();
                 canvas.draw(&Polygon::new(path.clone(), fill.filled()))?;
                 if self.marker.is_open() {
-                    // Over the first corner again, so that its two lines meet.
+                    // The first corner is drawn over again, so that its two lines meet.
                     path.extend_from_within(..2);
                     canvas.draw(&PathElement::new(path, self.stroke(0.35)))?;
                 }
@@ -311,8 +321,8 @@ impl Pen {
     }
 }
 
-/// What a series looks like, and its name; no look for a remark.
-type Entry = (Option<(Look, Marks)>, String);
+/// The style and marks of a series, and its name; no style for a remark.
+type Entry = (Option<(SeriesStyle, Marks)>, String);
 
 /// The names of the series, in columns below the data.
 struct Legend {
@@ -323,13 +333,11 @@ struct Legend {
 impl Legend {
     fn of(chart: &Chart) -> Self {
         let (mut entries, mut known): (Vec<Entry>, HashSet<Entry>) = Default::default();
-        if !chart.is_empty() {
-            for series in &chart.series {
-                let Some(label) = &series.label else { continue };
-                let entry = (Some((series.look, series.marks)), printable(label));
-                if series.points.iter().any(|point| chart.shows(point)) && known.insert(entry.clone()) {
-                    entries.push(entry);
-                }
+        for series in &chart.series {
+            let Some(label) = &series.label else { continue };
+            let entry = (Some((series.style, series.marks)), printable(label));
+            if series.points.iter().any(|point| chart.shows(point)) && known.insert(entry.clone()) {
+                entries.push(entry);
             }
         }
         if entries.len() > MOST_ENTRIES {
@@ -338,7 +346,7 @@ impl Legend {
             entries.push((None, format!("and {more} more")));
         }
         let widest = entries.iter().map(|(_, text)| entry_mm(text)).fold(1.0, f64::max);
-        let fit = ((room_mm() + LEGEND_GAP_MM) / (widest + LEGEND_GAP_MM)) as usize;
+        let fit = ((legend_width_mm() + LEGEND_GAP_MM) / (widest + LEGEND_GAP_MM)) as usize;
         Self { columns: fit.clamp(1, entries.len().max(1)), entries }
     }
 
@@ -350,7 +358,7 @@ impl Legend {
         if self.entries.is_empty() { 0.0 } else { self.rows() as f64 * LEGEND_ROW_MM + 1.5 }
     }
 
-    /// Column by column, so that entries in their order stand below one another.
+    /// Draws the entries column by column.
     fn draw(&self, canvas: &Canvas<'_>, height_mm: f64) -> Result<(), Failure> {
         let rows = self.rows().max(1);
         let columns: Vec<&[Entry]> = self.entries.chunks(rows).collect();
@@ -359,13 +367,13 @@ impl Legend {
             .map(|column| column.iter().map(|(_, text)| entry_mm(text)).fold(0.0, f64::max))
             .collect();
         let all: f64 = widths.iter().sum::<f64>() + LEGEND_GAP_MM * widths.len().saturating_sub(1) as f64;
-        let mut left = f64::midpoint(WIDTH_MM, -all.min(room_mm()));
+        let mut left = f64::midpoint(WIDTH_MM, -all.min(legend_width_mm()));
         let top = height_mm - EDGE_MM - rows as f64 * LEGEND_ROW_MM;
         for (column, width) in columns.iter().zip(&widths) {
-            for (row, (look, text)) in column.iter().enumerate() {
+            for (row, (style, text)) in column.iter().enumerate() {
                 let middle = units(top + (row as f64 + 0.5) * LEGEND_ROW_MM);
-                if let Some((look, marks)) = look {
-                    let pen = Pen::of(*look);
+                if let Some((style, marks)) = style {
+                    let pen = Pen::of(*style);
                     let (from, to) = (units(left), units(left + LEGEND_LINE_MM - 2.0));
                     if *marks != Marks::Points {
                         pen.line(canvas, &[(from, middle), (to, middle)])?;
@@ -374,7 +382,7 @@ impl Legend {
                         pen.marker(canvas, (i32::midpoint(from, to), middle))?;
                     }
                 }
-                let text = cut(text, (room_mm() - LEGEND_LINE_MM) / TICK_SIZE_MM);
+                let text = cut(text, (legend_width_mm() - LEGEND_LINE_MM) / TICK_SIZE_MM);
                 let style = font(TICK_SIZE_MM).pos(Pos::new(HPos::Left, VPos::Center));
                 canvas.draw_text(&text, &style, (units(left + LEGEND_LINE_MM), middle))?;
             }
@@ -386,10 +394,10 @@ impl Legend {
 
 /// Width of an entry of the legend.
 fn entry_mm(text: &str) -> f64 {
-    (LEGEND_LINE_MM + width_em(text) * TICK_SIZE_MM).min(room_mm())
+    (LEGEND_LINE_MM + width_em(text) * TICK_SIZE_MM).min(legend_width_mm())
 }
 
-fn room_mm() -> f64 {
+fn legend_width_mm() -> f64 {
     WIDTH_MM - 2.0 * EDGE_MM
 }
 

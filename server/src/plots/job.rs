@@ -1,5 +1,4 @@
-//! The plots of a job's result: its grading, the course of its distance, how close its grains stand, and
-//! what its walls do to them.
+//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect.
 
 use std::io;
 
@@ -8,10 +7,11 @@ use packstone_engine::analysis::{self, RadialOptions, SizeRange, Surface};
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::export::tables::{Column, Head, SphereSource};
 use packstone_engine::mix::GradedMix;
-use packstone_engine::request::{Distance, PackingRequest, Specimen};
+use packstone_engine::request::{Distance, Method, PackingRequest};
 
+use super::PlotError;
 use super::axis::{Axis, plain};
-use super::chart::{Chart, Look, Marks, Point, Series};
+use super::chart::{Chart, Marks, Point, Series, SeriesStyle};
 use crate::jobs::JobRequest;
 
 super::kinds! {
@@ -19,38 +19,69 @@ super::kinds! {
     JobPlot {
         /// Target and achieved grading curve: mass passing each diameter.
         Grading "grading",
-        /// Distance against packing time, where the largest distance was asked for.
+        /// Distance against packing time, for grown grains with a constant or the largest distance.
         Distance "distance",
-        /// Pair correlation against the clear distance between grains, by size class.
+        /// Pair correlation function against the gap between grains, by size class.
         Radial "radial",
         /// Volume fraction against depth from the walls.
         Profile "profile",
     }
 }
 
-/// Bins of a pair correlation: fewer for few grains, so that each counts pairs enough.
+/// Bins of a pair correlation: fewer for few grains, so that each bin counts enough pairs.
 const BINS: std::ops::RangeInclusive<usize> = 12..=60;
 const GRAINS_PER_BIN: usize = 15;
-/// Clear distances are shown up to so many median diameters.
+/// Largest gap shown, in median diameters.
 const GAP_DIAMETERS: f64 = 2.0;
-/// Reference grains per class: enough for one percent, and a second or two at two million grains.
+/// Reference grains per class: a relative error of about 1 %, in one to two seconds at two million grains.
 const MAX_REFERENCES: usize = 20_000;
-/// Bins in which fewer pairs are expected say nothing: their error is above a quarter.
+/// Bins in which fewer pairs are expected are left out: their relative error is above 1/4.
 const FEWEST_PAIRS: f64 = 16.0;
 /// Classes of the mix shown at most; neighbours are joined where there are more.
 const MOST_CLASSES: usize = 6;
-/// Depths of a profile, and how many largest diameters deep it goes: walls are felt for two or three.
+/// Points of a profile, and its depth in largest diameters: the wall effect reaches two or three.
 const DEPTHS: usize = 240;
 const DEPTH_DIAMETERS: f64 = 4.0;
 const PERCENT: f64 = 100.0;
 
-/// A result as plots need it.
+/// What a plot reads of a result.
 pub(crate) struct JobResult<'a> {
     pub(crate) head: &'a Head,
     pub(crate) spheres: &'a dyn SphereSource,
 }
 
-/// Makes a plot of a result.
+/// Why no packing of a request can have a plot; `None` where it depends on the result, or every result has it.
+fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
+    match (kind, request.distance) {
+        (JobPlot::Profile, _) if request.specimen.is_periodic() => Some(
+            "a periodic box has no walls to measure a depth from: a box with walls or a cylinder has a `profile`",
+        ),
+        (JobPlot::Distance, Distance::None { .. } | Distance::Constant { gap_mm: 0.0, .. }) => Some(
+            "the request sets no distance between grains: a packing with a constant or the largest distance, grown by \
+             the method `edmd`, has a `distance` over time",
+        ),
+        (JobPlot::Distance, Distance::Proportional { .. } | Distance::SmallerDiameter { .. }) => Some(
+            "the distance varies from pair to pair: a packing with a constant or the largest distance, grown by the \
+             method `edmd`, has a `distance` over time",
+        ),
+        (JobPlot::Distance, _) if matches!(request.method, Method::Rsa { .. }) => Some(NOT_GROWN),
+        _ => None,
+    }
+}
+
+/// Why a packing without growth has no distance over time.
+const NOT_GROWN: &str = "random sequential addition inserts grains at their full size and distance: a packing that was \
+                         grown by the method `edmd` has a `distance` over time";
+
+/// Refuses a plot that no packing of a request can have.
+///
+/// # Errors
+/// [`PlotError::NotAvailable`].
+pub(crate) fn check(kind: JobPlot, request: &PackingRequest) -> Result<(), PlotError> {
+    never(kind, request).map_or(Ok(()), |reason| Err(PlotError::NotAvailable(reason.into())))
+}
+
+/// Makes a plot of a result. A chart without points states why, and is refused by [`super::draw::svg`].
 ///
 /// # Errors
 /// Those of the source of the spheres; `InvalidData` where the stored request cannot be read.
@@ -64,13 +95,13 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     let packing = request.packing();
     Ok(match kind {
         JobPlot::Grading => grading(&packing, &diameters(result.spheres)?, name.as_deref()),
-        JobPlot::Distance => distance(result.head, name.as_deref()),
+        JobPlot::Distance => distance(result.head, &packing, name.as_deref()),
         JobPlot::Radial => radial(result.head, &packing, &all(result.spheres)?, name.as_deref()),
         JobPlot::Profile => profile(result.head, &packing, &all(result.spheres)?, name.as_deref()),
     })
 }
 
-/// The title of a plot: what it shows, and of which job.
+/// The title of a plot: what it shows, and the name of the job.
 fn title(what: &str, name: Option<&str>) -> String {
     name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"))
 }
@@ -81,7 +112,7 @@ fn column(spheres: &dyn SphereSource, column: Column) -> io::Result<Vec<f64>> {
     Ok(values)
 }
 
-/// The spheres without their places.
+/// The spheres without their positions.
 fn diameters(spheres: &dyn SphereSource) -> io::Result<Spheres> {
     Ok(Spheres { d_mm: column(spheres, Column::Diameter)?, ..Spheres::default() })
 }
@@ -105,19 +136,19 @@ fn grading(request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> C
     Chart {
         title: title("Grading curve", name),
         description: format!(
-            "Mass passing against grain diameter, as asked for and as packed with {} grains; at the sieves the two \
-             differ by at most {} percentage points.",
+            "Mass passing against grain diameter, requested and packed with {} grains; at the sieves the two differ by \
+             at most {} percentage points.",
             spheres.len(),
             plain(PERCENT * missed, Some(2))
         ),
         x: Axis { ticks: sieves, ..Axis::log("grain diameter in mm") },
-        y: Axis::linear("passing by mass in %").between(0.0, PERCENT),
+        y: Axis::linear("mass passing in %").between(0.0, PERCENT),
         series: vec![
             Series::line("target", 0, found.curve.iter().map(target).collect()),
             Series::line("achieved", 1, found.curve.iter().map(achieved).collect()),
             Series {
                 label: Some("achieved at the sieves".into()),
-                look: Look::Numbered(1),
+                style: SeriesStyle::Numbered(1),
                 marks: Marks::Points,
                 points: found.sieves.iter().map(achieved).collect(),
             },
@@ -126,19 +157,22 @@ fn grading(request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> C
     }
 }
 
-fn distance(head: &Head, name: Option<&str>) -> Chart {
-    let curve = head.report.distance_curve();
+fn distance(head: &Head, request: &PackingRequest, name: Option<&str>) -> Chart {
+    let mut curve = head.report.distance_curve();
+    if curve.iter().all(|&[_, mm]| mm == 0.0) {
+        curve.clear();
+    }
     let points: Vec<Point> = curve.iter().map(|&[time_s, mm]| Point::new(time_s, mm)).collect();
     let reached = curve.last().map_or_else(String::new, |&[time_s, mm]| {
         format!(" It reaches {} mm after {} s.", plain(mm, Some(3)), plain(time_s, Some(1)))
     });
     Chart {
         title: title("Distance between grains", name),
-        description: format!("Clear distance that all grains keep against packing time.{reached}"),
+        description: format!("Smallest gap between grains against packing time.{reached}"),
         x: Axis::linear("packing time in s").with_zero(),
-        y: Axis::linear("distance in mm").with_zero(),
+        y: Axis::linear("distance between grains in mm").with_zero(),
         series: vec![Series { label: None, ..Series::line("", 0, points) }],
-        when_empty: "no distance curve: this job prescribed its distance instead of maximizing it".into(),
+        when_empty: never(JobPlot::Distance, request).unwrap_or(NOT_GROWN).into(),
     }
 }
 
@@ -161,7 +195,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
         max_references: MAX_REFERENCES,
     };
     let found = analysis::radial(spheres, &request.specimen, &rule, &options);
-    let mut series = vec![Series::reference("placed at random", 1.0, 0.0, options.max_gap_mm)];
+    let mut series = vec![Series::reference("random positions", 1.0, 0.0, options.max_gap_mm)];
     for (number, class) in found.iter().enumerate() {
         let values = class.gap_mm.iter().zip(&class.correlation).zip(&class.expected);
         let points = values
@@ -173,20 +207,22 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
         series.push(Series::line(class_label(class.class, &upper, summary.d_min_mm), number, points));
     }
     Chart {
-        title: title("Pair correlation by size class", name),
+        title: title("Pair correlation function by size class", name),
         description: format!(
-            "How often another grain, of any size, stands at a clear distance from one of a class, over how often it \
-             would if grains lay at random; {} classes.",
+            "Frequency of a gap between a grain of a class and a grain of any size, over its frequency for grains at \
+             random positions; {} classes.",
             found.len()
         ),
-        x: Axis::linear("clear distance between grains in mm").between(0.0, options.max_gap_mm),
-        y: Axis::linear("pair correlation g").with_zero(),
+        x: Axis::linear("gap between grains in mm").between(0.0, options.max_gap_mm),
+        y: Axis::linear("pair correlation function g").with_zero(),
         series,
-        when_empty: "too few grains, or too near the walls, for a pair correlation".into(),
+        when_empty: "too few grains, or all of them too near the walls, for a pair correlation function: a packing of \
+                     more grains has a `radial`"
+            .into(),
     }
 }
 
-/// The class by its bounds, or by its one diameter.
+/// Name of a class: its bounds, or its only diameter.
 fn class_label(found: SizeRange, upper_mm: &[f64], finest_mm: f64) -> String {
     if found.d_min_mm == found.d_max_mm {
         return format!("grains of {} mm", rounded(found.d_min_mm));
@@ -197,10 +233,10 @@ fn class_label(found: SizeRange, upper_mm: &[f64], finest_mm: f64) -> String {
     format!("grains of {} to {} mm", rounded(low), rounded(high))
 }
 
-/// Upper bounds of at most [`MOST_CLASSES`] classes, made of neighbours.
+/// Upper bounds of at most [`MOST_CLASSES`] classes, of which each joins neighbours.
 fn joined(upper_mm: &[f64]) -> Vec<f64> {
     let together = upper_mm.len().div_ceil(MOST_CLASSES).max(1);
-    // From the coarse end, so that the coarsest bound is kept.
+    // From the coarse end, so that the coarsest bound stays.
     let mut bounds: Vec<f64> = upper_mm.iter().rev().step_by(together).copied().collect();
     bounds.reverse();
     bounds
@@ -212,7 +248,7 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
     let found = analysis::depth_profiles(spheres, &request.specimen, depth_mm, DEPTHS);
     let mean = PERCENT * summary.volume_fraction_effective;
     let deepest = found.iter().filter_map(|p| p.depth_mm.last()).copied().fold(0.0, f64::max);
-    // Nearer to the axis than a grain is wide, one grain decides what the surface shows.
+    // Near the axis a single grain determines the volume fraction of a coaxial surface.
     let [width_mm, ..] = request.specimen.bounds_mm();
     let axis_mm = width_mm / 2.0 - summary.d_max_mm / 2.0;
     let mut series = vec![Series::reference("mean of the specimen", mean, 0.0, deepest)];
@@ -232,23 +268,18 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
     Chart {
         title: title("Volume fraction near the walls", name),
         description: format!(
-            "Volume fraction of the grains on surfaces parallel to the walls against their depth; the mean of the specimen \
-             is {} %.",
+            "Volume fraction of the grains on surfaces parallel to the walls against the depth of the surface; the mean \
+             of the specimen is {} %.",
             plain(mean, Some(1))
         ),
         x: Axis::linear("depth from the wall in mm").between(0.0, if deepest > 0.0 { deepest } else { 1.0 }),
         y: Axis::linear("volume fraction in %").with_zero(),
         series,
-        when_empty: match request.specimen {
-            Specimen::Box { .. } if request.specimen.is_periodic() => {
-                "a periodic box has no walls to measure a depth from".into()
-            }
-            _ => "the packing has no grains".into(),
-        },
+        when_empty: never(JobPlot::Profile, request).unwrap_or("the packing has no grains").into(),
     }
 }
 
-/// A diameter in three digits.
+/// A diameter, rounded to three digits.
 fn rounded(mm: f64) -> String {
     let digits = 2 - mm.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
     let scale = 10_f64.powi(digits);
@@ -260,7 +291,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn diameters_are_told_in_three_digits() {
+    fn diameters_are_rounded_to_three_digits() {
         for (mm, text) in
             [(2.0341, "2.03"), (15.98, "16"), (0.250_01, "0.25"), (63.04, "63"), (1234.0, "1230")]
         {

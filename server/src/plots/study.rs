@@ -1,14 +1,13 @@
-//! The plots of a study: a figure of its table against one of its columns, one series for each combination
-//! of the others; and the course of the distance of every run.
-//!
-//! They know the table ([`Table`]) and labelled curves; they must never know where these came from.
+//! The plots of a study: a figure of its [`Table`] against one of its columns, with one series for each combination of
+//! the other columns; and the distance of the first replicate of each point over time.
 
 use std::collections::HashMap;
 
 use serde_json::Value;
 
-use super::axis::{Axis, plain};
+use super::axis::Axis;
 use super::chart::{Chart, Point, Series};
+use super::names::{column_label, value_label};
 use crate::studies::table::{Cells, Row, Table};
 
 super::kinds! {
@@ -20,18 +19,18 @@ super::kinds! {
         Time "time",
         /// Distance reached: median, and from the smallest to the largest.
         Distance "distance",
-        /// Distance against packing time, one line per run.
+        /// Distance against packing time, one line for the first replicate of each point.
         Curve "curve",
-        /// Volume fraction reached, with the coating.
+        /// Volume fraction reached, with each grain enlarged by half its distance.
         VolumeFraction "volume_fraction",
         /// Time of the growth per event.
         EventTime "event_time",
     }
 }
 
-/// The abscissa that is no column of the request: the number of grains.
+/// The abscissa that is not a column of the request: the number of grains.
 pub(crate) const GRAINS: &str = "grains";
-/// An abscissa with positive values is logarithmic by itself from this factor between them on.
+/// An abscissa is logarithmic by default where its largest value is at least this multiple of the smallest.
 const LOG_FROM: f64 = 30.0;
 const PERCENT: f64 = 100.0;
 
@@ -40,7 +39,7 @@ const PERCENT: f64 = 100.0;
 pub(crate) struct StudyOptions {
     /// The abscissa: a column, or [`GRAINS`].
     pub(crate) x: Option<String>,
-    /// Whether the abscissa is logarithmic; decided by its values when absent.
+    /// Whether the abscissa is logarithmic; determined by its values when absent.
     pub(crate) log_x: Option<bool>,
 }
 
@@ -54,7 +53,7 @@ pub(crate) struct RunCurve {
 }
 
 impl RunCurve {
-    /// That of a stored report; empty where it has none.
+    /// The curve of a stored report; empty where the report has none.
     pub(crate) fn of_report(point: usize, report: &Value) -> Self {
         let curve = report.get("growth_curve").and_then(Value::as_array);
         let of_point =
@@ -63,16 +62,16 @@ impl RunCurve {
     }
 }
 
-/// An abscissa that a study cannot have.
+/// A requested abscissa that the study does not have.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{asked:?} is no abscissa of this study: must be one of {known}")]
+#[error("{requested:?} is not an abscissa of this study: must be one of {known}")]
 pub(crate) struct NoSuchAbscissa {
-    pub(crate) asked: String,
-    /// Names of those there are.
+    pub(crate) requested: String,
+    /// Names of the abscissas that it has.
     pub(crate) known: String,
 }
 
-/// The axes that the rows of a study can be plotted against: columns with numbers alone, and the grains.
+/// The abscissas of a study: the columns that have numbers only, and the number of grains.
 pub(crate) fn abscissas(table: &Table) -> Vec<&str> {
     let numeric = |column: &&String| {
         !table.rows.is_empty() && table.rows.iter().all(|row| number_in(row, column).is_some())
@@ -80,10 +79,11 @@ pub(crate) fn abscissas(table: &Table) -> Vec<&str> {
     table.columns.iter().filter(numeric).map(String::as_str).chain([GRAINS]).collect()
 }
 
-/// Makes a plot of a study. `curves` is looked at for [`StudyPlot::Curve`] only.
+/// Makes a plot of a study. `curves` is read for [`StudyPlot::Curve`] only. A chart without points states why, and is
+/// refused by [`super::draw::svg`].
 ///
 /// # Errors
-/// An abscissa that there is not.
+/// An abscissa that the study does not have.
 pub(crate) fn chart(
     kind: StudyPlot,
     name: Option<&str>,
@@ -93,13 +93,13 @@ pub(crate) fn chart(
 ) -> Result<Chart, NoSuchAbscissa> {
     let known = abscissas(table);
     let x = match &options.x {
-        Some(asked) if !known.contains(&asked.as_str()) => {
-            return Err(NoSuchAbscissa { asked: asked.clone(), known: known.join(", ") });
+        Some(requested) if !known.contains(&requested.as_str()) => {
+            return Err(NoSuchAbscissa { requested: requested.clone(), known: known.join(", ") });
         }
-        Some(asked) => asked.as_str(),
-        // What growth costs and how far it comes is asked of the number of grains.
+        Some(requested) => requested.as_str(),
+        // These two depend on the number of grains first of all.
         None if matches!(kind, StudyPlot::EventTime | StudyPlot::VolumeFraction) => GRAINS,
-        // The number of a point in a list says nothing about it.
+        // The number of a point in a list is not a quantity.
         None => known.iter().find(|column| column.starts_with('/')).copied().unwrap_or(GRAINS),
     };
     let title = |what: &str| name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"));
@@ -131,12 +131,12 @@ pub(crate) fn chart(
     })
 }
 
-/// All plots of a study that show something, against their own abscissas.
+/// All plots of a study that have data, against their default abscissas.
 pub(crate) fn charts(name: Option<&str>, table: &Table, curves: &[RunCurve]) -> Vec<(StudyPlot, Chart)> {
     let options = StudyOptions::default();
     let made =
         StudyPlot::ALL.iter().map(|&kind| Some((kind, chart(kind, name, table, curves, &options).ok()?)));
-    // Without a distance it would say again what was asked for.
+    // Without a distance it would repeat the requested volume fraction.
     let coated = |cells: &Cells| cells.volume_fraction_with_coating > cells.volume_fraction_effective;
     let coating = table.rows.iter().any(|row| coated(&row.cells));
     made.flatten()
@@ -144,10 +144,10 @@ pub(crate) fn charts(name: Option<&str>, table: &Table, curves: &[RunCurve]) -> 
         .collect()
 }
 
-/// What is read from a row: value and error bar.
+/// Reads a value and its error bar from a row.
 type Read = fn(&Cells) -> Option<(f64, Option<[f64; 2]>)>;
 
-/// What is plotted of a row.
+/// A figure of a row, with its axis.
 struct Figure {
     title: &'static str,
     axis: Axis,
@@ -160,34 +160,35 @@ impl Figure {
         match kind {
             StudyPlot::Success => Self {
                 title: "Success rate",
-                // Points at 0 and at 100 stand clear of the frame.
+                // Points at 0 and at 100 do not touch the frame.
                 axis: Axis::linear("success rate in %").between(-3.0, PERCENT + 3.0),
                 read: |cells| {
                     let interval = cells.success_rate_low.zip(cells.success_rate_high);
                     let interval = interval.map(|(low, high)| [PERCENT * low, PERCENT * high]);
                     Some((PERCENT * cells.success_rate?, interval))
                 },
-                when_empty: "no run has ended yet",
+                when_empty: "no run has ended, so that there is no success rate: a study has one as soon as a run ends",
             },
             StudyPlot::Time => Self {
                 title: "Time per success",
-                axis: Axis::log("time of all runs per success in s"),
+                axis: Axis::log("time per success in s"),
                 read: |cells| Some((cells.time_s_per_success?, None)),
                 when_empty: "no run has succeeded",
             },
             StudyPlot::Distance | StudyPlot::Curve => Self {
                 title: "Distance reached",
-                axis: Axis::linear("distance in mm (median; smallest to largest)").with_zero(),
+                axis: Axis::linear("median distance between grains in mm").with_zero(),
                 read: |cells| {
                     let ends = cells.distance_mm_min.zip(cells.distance_mm_max);
                     let ends = ends.filter(|(low, high)| low < high).map(|(low, high)| [low, high]);
                     Some((cells.distance_mm_median.filter(|mm| *mm > 0.0)?, ends))
                 },
-                when_empty: "no run has kept a distance that is the same for all pairs",
+                when_empty: "no run has a distance that is the same for all pairs: runs with a constant or the largest \
+                             distance have one",
             },
             StudyPlot::VolumeFraction => Self {
                 title: "Volume fraction reached",
-                axis: Axis::linear("volume fraction with the coating in %"),
+                axis: Axis::linear("volume fraction with coating in %"),
                 read: |cells| Some((PERCENT * cells.volume_fraction_with_coating?, None)),
                 when_empty: "no run has succeeded",
             },
@@ -195,13 +196,13 @@ impl Figure {
                 title: "Time per event of the growth",
                 axis: Axis::linear("time per event in \u{3BC}s").with_zero(),
                 read: |cells| Some((cells.event_us_median?, None)),
-                when_empty: "no run that grew grains has succeeded",
+                when_empty: "no run that grew grains has succeeded: runs of the method `edmd` have events",
             },
         }
     }
 }
 
-/// One series per combination of the columns that vary, but for that of the abscissa.
+/// One series for each combination of the columns that vary, except the abscissa.
 fn series(table: &Table, x: &str, figure: &Figure) -> Vec<Series> {
     let columns = varying(table, x);
     let mut numbers: HashMap<String, usize> = HashMap::new();
@@ -217,7 +218,7 @@ fn series(table: &Table, x: &str, figure: &Figure) -> Vec<Series> {
             });
         }
         let Some(at) = (if x == GRAINS { row.cells.grains } else { number_in(row, x) }) else { continue };
-        // A row without the figure interrupts the line: it was run, and did not get there.
+        // A row without the figure interrupts the line.
         let (y, interval) = (figure.read)(&row.cells).unwrap_or((f64::NAN, None));
         series[number].points.push(Point { x: at, y, interval });
     }
@@ -228,11 +229,11 @@ fn series(table: &Table, x: &str, figure: &Figure) -> Vec<Series> {
 }
 
 fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &StudyOptions) -> Chart {
-    // Every column that varies tells curves apart: time is the abscissa.
+    // Time is the abscissa, so that every column that varies is part of the name.
     let columns = varying(table, "");
     let mut numbers: HashMap<String, usize> = HashMap::new();
     let mut series = Vec::new();
-    for curve in curves.iter().filter(|curve| !curve.points.is_empty()) {
+    for curve in curves.iter().filter(|curve| curve.points.iter().any(|&[_, mm]| mm > 0.0)) {
         let Some(row) = table.rows.get(curve.point) else { continue };
         let label = row_label(row, &columns);
         let next = numbers.len();
@@ -247,18 +248,20 @@ fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &Stud
     Chart {
         title,
         description: format!(
-            "Clear distance that all grains keep against packing time, {} runs.",
+            "Smallest gap between grains against packing time, {} runs.",
             series.len()
         ),
         x: if options.log_x.unwrap_or(true) { Axis::log(label) } else { Axis::linear(label).with_zero() },
-        y: Axis::linear("distance in mm").with_zero(),
+        y: Axis::linear("distance between grains in mm").with_zero(),
         series,
-        when_empty: "no run has a distance curve: only those that maximize the distance do".into(),
+        when_empty: "no first replicate of a point has a distance over time: runs that are grown by the method `edmd` with \
+                     a constant or the largest distance have one"
+            .into(),
     }
 }
 
-/// Pointers that tell series apart: they vary, and are not the abscissa. The number and name of a point
-/// in a list would make a series of each.
+/// The columns that name a series: pointers that vary, except the abscissa. The number and the name of a point in a list
+/// are not among them, because each point would be a series.
 fn varying<'a>(table: &'a Table, x: &str) -> Vec<&'a str> {
     let varies = |column: &&String| {
         let mut values = table.rows.iter().map(|row| value(row, column));
@@ -270,14 +273,13 @@ fn varying<'a>(table: &'a Table, x: &str) -> Vec<&'a str> {
     if x == GRAINS
         && let Some(meant) = columns.iter().position(|column| runs_with_grains(table, column))
     {
-        // The abscissa stands for the column that the number of grains follows.
+        // The number of grains replaces the column that it depends on.
         columns.remove(meant);
     }
     columns
 }
 
-/// Whether the number of grains of a row follows from this column, all others the same: it has numbers that
-/// differ wherever the grains do.
+/// Whether the number of grains of a row is a strictly monotonic function of this column.
 fn runs_with_grains(table: &Table, column: &str) -> bool {
     let mut pairs: Vec<(f64, f64)> = Vec::new();
     for row in &table.rows {
@@ -309,66 +311,10 @@ fn leading_number(value: Option<&Value>) -> Option<f64> {
     }
 }
 
-/// What tells a row's series apart: `rsa, d min 2 mm`.
+/// Name of the series of a row: `RSA, cut-off diameter 2 mm`.
 fn row_label(row: &Row, columns: &[&str]) -> String {
     let part = |column: &&str| value(row, column).map(|value| value_label(column, value));
     columns.iter().filter_map(part).collect::<Vec<_>>().join(", ")
-}
-
-/// The name of a column for people, with its unit.
-fn column_label(pointer: &str) -> String {
-    let (name, unit) = name_and_unit(pointer);
-    if unit.is_empty() { name } else { format!("{name} in {unit}") }
-}
-
-fn name_and_unit(pointer: &str) -> (String, &'static str) {
-    let last = |skip: usize| pointer.rsplit('/').nth(skip).unwrap_or_default();
-    // An index says nothing without the list.
-    let index = last(0).parse::<usize>().is_ok();
-    let mut name = if index { last(1) } else { last(0) }.replace("~1", "/").replace("~0", "~");
-    // Such a name is that of many fields: its parent says which.
-    if ["mm", "factor", "type", "name"].contains(&name.as_str()) {
-        let parent = if index { last(2) } else { last(1) };
-        name = if name == "type" { parent.to_owned() } else { format!("{parent}_{name}") };
-    }
-    let units = [("_mm", "mm"), ("_s", "s")];
-    let (name, unit) = units
-        .into_iter()
-        .find_map(|(suffix, unit)| Some((name.strip_suffix(suffix)?.to_owned(), unit)))
-        .unwrap_or((name, ""));
-    // These two are read as symbols.
-    let name = if ["d_min", "d_max"].contains(&name.as_str()) { name } else { name.replace('_', " ") };
-    (name, unit)
-}
-
-/// A column's value with as much of its name as it needs.
-fn value_label(pointer: &str, value: &Value) -> String {
-    let (name, unit) = name_and_unit(pointer);
-    let text = value_text(value);
-    match value {
-        // A name, or a variant with its type, speaks for itself.
-        Value::String(_) | Value::Object(_) => text,
-        _ if unit.is_empty() => format!("{name} {text}"),
-        _ => format!("{name} {text} {unit}"),
-    }
-}
-
-fn value_text(value: &Value) -> String {
-    match value {
-        Value::String(text) => text.clone(),
-        Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), |n| plain(n, None)),
-        Value::Array(items) if items.iter().all(|item| !item.is_array() && !item.is_object()) => {
-            items.iter().map(value_text).collect::<Vec<_>>().join(" \u{D7} ")
-        }
-        Value::Object(members) => {
-            let part = |(name, value): (&String, &Value)| match value {
-                Value::String(text) if name == "type" || name == "name" => text.clone(),
-                value => value_label(&format!("/{name}"), value),
-            };
-            members.iter().map(part).collect::<Vec<_>>().join(" ")
-        }
-        other => other.to_string(),
-    }
 }
 
 #[cfg(test)]

@@ -47,11 +47,11 @@ fn labels(chart: &Chart) -> Vec<&str> {
 }
 
 #[test]
-fn series_are_what_varies_but_for_the_abscissa() {
+fn series_are_named_by_what_varies_except_the_abscissa() {
     let chart = drawn(StudyPlot::Success, &by_method(), &StudyOptions::default());
     assert_eq!(chart.title, "Success rate: TB-7");
     assert_eq!(chart.x.label, "volume fraction");
-    assert_eq!(labels(&chart), ["rsa attempts per grain 1000", "edmd"]);
+    assert_eq!(labels(&chart), ["RSA, 1000 attempts per grain", "EDMD"]);
     let rsa: Vec<(f64, f64)> = chart.series[0].points.iter().map(|p| (p.x, p.y)).collect();
     assert_eq!(rsa, [(0.55, 100.0), (0.6, 90.0), (0.65, 0.0)], "in the order of the abscissa");
     let [low, high] = chart.series[0].points[1].interval.unwrap();
@@ -77,18 +77,18 @@ fn the_abscissa_is_a_column_of_numbers_or_the_grains() {
     let refused = chart(StudyPlot::Time, None, &table, &[], &options("/method")).unwrap_err();
     assert_eq!(
         refused.to_string(),
-        "\"/method\" is no abscissa of this study: must be one of /mix/volume_fraction, /mix/d_min_mm, grains"
+        "\"/method\" is not an abscissa of this study: must be one of /mix/volume_fraction, /mix/d_min_mm, grains"
     );
     let chosen = drawn(StudyPlot::Success, &table, &options("/mix/d_min_mm"));
-    assert_eq!(chosen.x.label, "d_min in mm");
+    assert_eq!(chosen.x.label, "cut-off diameter in mm");
     assert_eq!(
         labels(&chosen)[..2],
-        ["volume fraction 0.6, rsa attempts per grain 1000", "volume fraction 0.6, edmd"]
+        ["volume fraction 0.6, RSA, 1000 attempts per grain", "volume fraction 0.6, EDMD"]
     );
 }
 
 #[test]
-fn grains_stand_for_the_column_that_they_follow() {
+fn the_number_of_grains_replaces_the_column_that_it_depends_on() {
     let row = |size: f64, method: &str, grains: f64| {
         let cells = Cells { grains: Some(grains), event_us_median: Some(grains.log10()), ..Cells::default() };
         (vec![json!([size, size, size]), json!(method)], cells)
@@ -105,7 +105,7 @@ fn grains_stand_for_the_column_that_they_follow() {
     let chart = drawn(StudyPlot::EventTime, &table, &StudyOptions::default());
     assert_eq!(chart.x.label, "number of grains N");
     assert_eq!(chart.x.scale, Scale::Log, "by itself, from 100 to 6400");
-    assert_eq!(labels(&chart), ["rsa", "edmd"]);
+    assert_eq!(labels(&chart), ["RSA", "EDMD"]);
     let linear = StudyOptions { log_x: Some(false), ..StudyOptions::default() };
     assert_eq!(drawn(StudyPlot::EventTime, &table, &linear).x.scale, Scale::Linear);
     let by_size = StudyOptions { x: None, log_x: None };
@@ -126,7 +126,7 @@ fn a_list_is_one_series() {
 }
 
 #[test]
-fn what_says_nothing_is_not_among_the_plots_of_a_study() {
+fn plots_without_data_are_not_among_the_plots_of_a_study() {
     let kinds = |cells: Cells, curves: &[RunCurve]| -> Vec<&str> {
         let row =
             |phi: f64| (vec![json!(phi)], Cells { volume_fraction_effective: Some(phi), ..cells.clone() });
@@ -153,7 +153,7 @@ fn what_says_nothing_is_not_among_the_plots_of_a_study() {
 }
 
 #[test]
-fn curves_of_a_point_share_a_look_and_a_name() {
+fn curves_of_a_point_share_a_style_and_a_name() {
     let table = table(
         &["/mix/d_min_mm"],
         vec![(vec![json!(2)], Cells::default()), (vec![json!(0.5)], Cells::default())],
@@ -161,31 +161,33 @@ fn curves_of_a_point_share_a_look_and_a_name() {
     let curve = |point, end| RunCurve { point, points: vec![[0.1, 0.2], [end, 0.9]] };
     let curves = [curve(0, 5.0), curve(1, 9.0), curve(0, 6.0), curve(7, 1.0), RunCurve::default()];
     let chart = chart(StudyPlot::Curve, None, &table, &curves, &StudyOptions::default()).unwrap();
-    assert_eq!(labels(&chart), ["d_min 2 mm", "d_min 0.5 mm", "d_min 2 mm"]);
-    assert_eq!(chart.series[0].look, chart.series[2].look);
-    assert_ne!(chart.series[0].look, chart.series[1].look);
+    assert_eq!(labels(&chart), ["cut-off diameter 2 mm", "cut-off diameter 0.5 mm", "cut-off diameter 2 mm"]);
+    assert_eq!(chart.series[0].style, chart.series[2].style);
+    assert_ne!(chart.series[0].style, chart.series[1].style);
     let none = super::chart(StudyPlot::Curve, None, &table, &[], &StudyOptions::default()).unwrap();
-    assert!(none.is_empty() && none.when_empty.contains("maximize"));
+    assert!(none.is_empty(), "{none:?}");
+    let touching = RunCurve { point: 0, points: vec![[0.1, 0.0], [1.0, 0.0]] };
+    let zero = super::chart(StudyPlot::Curve, None, &table, &[touching], &StudyOptions::default()).unwrap();
+    assert!(zero.is_empty(), "a distance of 0 is no curve: {zero:?}");
+    let refused = crate::plots::draw::svg(&none, true).unwrap_err().to_string();
+    assert!(
+        refused.contains("`edmd`") && refused.contains("a constant or the largest distance"),
+        "{refused}"
+    );
 }
 
+/// A prescribed distance has a curve as well as the largest one, where the grains were grown.
 #[test]
-fn names_of_columns_are_read_by_people() {
-    for (pointer, label) in [
-        ("/mix/volume_fraction", "volume fraction"),
-        ("/mix/grading/d_max_mm", "d_max in mm"),
-        ("/distance/gap_mm", "gap in mm"),
-        ("/distance/factor", "distance factor"),
-        ("/specimen/size_mm/0", "size in mm"),
-        ("/method/stop/time_s", "time in s"),
-        ("/labels/a~1b", "a/b"),
-    ] {
-        assert_eq!(column_label(pointer), label, "{pointer}");
-    }
+fn curves_are_read_from_the_growth_curve_of_a_report() {
+    let point = |time_s: f64, mm: Value| json!({"packing_time_s": time_s, "distance_mm": mm, "events": 7});
+    let curve = |report: Value| RunCurve::of_report(3, &report).points;
     assert_eq!(
-        value_label("/specimen/size_mm", &json!([80, 80, 160.5])),
-        "size 80 \u{D7} 80 \u{D7} 160.5 mm"
+        curve(json!({"growth_curve": [point(0.1, json!(0.0)), point(0.4, json!(0.5))]})),
+        [[0.1, 0.0], [0.4, 0.5]]
     );
-    assert_eq!(value_label("/method", &json!({"type": "edmd"})), "edmd");
-    assert_eq!(value_label("/mix/d_min_mm", &json!(0.25)), "d_min 0.25 mm");
-    assert_eq!(value_label("/mix/grading/name", &json!("B16")), "B16");
+    assert!(
+        curve(json!({"growth_curve": [point(0.1, Value::Null)]})).is_empty(),
+        "the distance varies by pair"
+    );
+    assert!(curve(json!({})).is_empty(), "inserted, not grown");
 }

@@ -1,13 +1,13 @@
-//! Text in a chart: how wide it will be, cut to fit, and freed of what XML cannot hold.
+//! Text in a chart: its width, cut to fit, and without characters that XML does not allow.
 //!
 //! A reader's machine chooses the font, so widths are those of Helvetica, which Arial and others share, with
-//! room for those that are wider. Knows characters only.
+//! a margin for fonts that are wider.
 
 /// Fonts in the order of preference.
 pub(super) const FAMILY: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
 /// Width of the widest of the common fonts (that of Verdana and its like) over that of Helvetica.
 const WIDEST: f64 = 1.18;
-/// What stands for text that was cut.
+/// The end of text that was cut.
 const ELLIPSIS: char = '\u{2026}';
 
 /// Width of a text over the size of its font, at most.
@@ -83,7 +83,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_cut() {
         assert_eq!(cut("short", 10.0), "short");
-        let long = "a rather long name of a job that somebody gave it";
+        let long = "a rather long name of a job, longer than its line";
         let kept = cut(long, 10.0);
         assert!(kept.ends_with(ELLIPSIS) && width_em(&kept) <= 10.0, "{kept}");
         assert!(long.starts_with(kept.trim_end_matches(ELLIPSIS)), "{kept}");

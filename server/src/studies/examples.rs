@@ -1,4 +1,4 @@
-//! The study files of `examples/`: that each is one, and asks for what its name says.
+//! Tests of the study files of `examples/`: each is valid and requests what its name states.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;

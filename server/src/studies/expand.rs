@@ -10,13 +10,13 @@ use packstone_engine::request::decode::MAX_FAULTS;
 use packstone_engine::{FieldError, Limits, Plan};
 use serde_json::Value;
 
-use super::request::{Asked, Axis, Points, Values};
+use super::request::{Axis, Points, StudyRequest, Values};
 use super::seeds::Seeds;
 use super::{Point, Study};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobRequest;
 
-/// What the jobs of a study must meet.
+/// Conditions on the jobs of a study.
 pub(super) struct Conditions<'a> {
     /// The time that `expires_at` must lie after, if that is to be checked.
     pub(super) now: Option<Timestamp>,
@@ -31,33 +31,37 @@ impl Conditions<'_> {
     }
 }
 
-pub(super) fn expand(asked: &Asked<'_>, conditions: &Conditions<'_>) -> Result<Study, Failure> {
-    let (points, columns) = match &asked.points {
-        Points::List(jobs) => (of_list(asked, jobs, conditions)?, Vec::new()),
+pub(super) fn expand(request: &StudyRequest<'_>, conditions: &Conditions<'_>) -> Result<Study, Failure> {
+    let (points, columns) = match &request.points {
+        Points::List(jobs) => (of_list(request, jobs, conditions)?, Vec::new()),
         Points::Template { job, grid, zip } => {
             let axes = Axes { grid, zip };
             let columns = axes.all().map(|axis| axis.pointer.text().to_owned()).collect();
-            (of_template(asked, job, &axes, conditions)?, columns)
+            (of_template(request, job, &axes, conditions)?, columns)
         }
     };
     Ok(Study {
-        name: asked.name.clone(),
-        labels: asked.labels.clone(),
-        seed: asked.seed,
+        name: request.name.clone(),
+        labels: request.labels.clone(),
+        seed: request.seed,
         columns,
         points,
-        replicates: asked.replicates,
-        stop_when: asked.stop_when,
+        replicates: request.replicates,
+        stop_when: request.stop_when,
     })
 }
 
-fn of_list(asked: &Asked<'_>, jobs: &[Value], conditions: &Conditions<'_>) -> Result<Vec<Point>, Failure> {
+fn of_list(
+    request: &StudyRequest<'_>,
+    jobs: &[Value],
+    conditions: &Conditions<'_>,
+) -> Result<Vec<Point>, Failure> {
     let mut points = Vec::with_capacity(jobs.len());
     let mut refused = Refused::default();
     for (i, job) in jobs.iter().enumerate() {
         conditions.check_go_on()?;
-        let seeds = Seeds::of_listed(asked.seed, i);
-        match read_point(job, Vec::new(), &seeds, asked.replicates, conditions) {
+        let seeds = Seeds::of_listed(request.seed, i);
+        match read_point(job, Vec::new(), &seeds, request.replicates, conditions) {
             Ok(point) => points.push(point),
             Err(failure) => {
                 for fault in failure.fields {
@@ -70,12 +74,12 @@ fn of_list(asked: &Asked<'_>, jobs: &[Value], conditions: &Conditions<'_>) -> Re
 }
 
 fn of_template(
-    asked: &Asked<'_>,
+    request: &StudyRequest<'_>,
     template: &Value,
     axes: &Axes<'_>,
     conditions: &Conditions<'_>,
 ) -> Result<Vec<Point>, Failure> {
-    let count = asked.points.len() as usize;
+    let count = request.points.len() as usize;
     let mut points = Vec::with_capacity(count);
     let mut refused = Refused::default();
     // One copy for all points: every axis is written at every point.
@@ -87,8 +91,8 @@ fn of_template(
         for (axis, value) in axes.all().zip(&values) {
             axis.pointer.put(&mut job, value.clone());
         }
-        let seeds = Seeds::of_point(asked.seed, axes.all().map(|axis| &axis.pointer).zip(&values));
-        match read_point(&job, values, &seeds, asked.replicates, conditions) {
+        let seeds = Seeds::of_point(request.seed, axes.all().map(|axis| &axis.pointer).zip(&values));
+        match read_point(&job, values, &seeds, request.replicates, conditions) {
             Ok(point) => points.push(point),
             Err(failure) => {
                 for fault in failure.fields {
@@ -127,8 +131,8 @@ impl<'a> Axes<'a> {
         self.grid.iter().chain(self.zip)
     }
 
-    /// Which value each axis has at a point: the last of the grid varies faster than the others, and the
-    /// zip faster than the grid.
+    /// The index of the value that each axis has at a point: the last axis of the grid varies faster than the others, and
+    /// the zip faster than the grid.
     fn at(&self, point: usize) -> Vec<usize> {
         let mut rest = point;
         let mut take = |length: u64| {
@@ -144,7 +148,7 @@ impl<'a> Axes<'a> {
         places
     }
 
-    /// Where the study's request says what the job has at `pointer`.
+    /// The place in the study's request that sets `pointer` of the job.
     fn place(&self, places: &[usize], pointer: &str) -> String {
         for (axis, at) in self.all().zip(places) {
             if let Some(rest) = axis.pointer.rest_of(pointer) {
@@ -177,7 +181,7 @@ struct Fault {
 
 impl Refused {
     fn add(&mut self, code: FailureCode, pointer: String, detail: String, point: usize) {
-        // What does not fit, or is too much, says so with other numbers at every point.
+        // Faults of these kinds have different numbers at every point.
         let wording = if code == FailureCode::ValidationError { detail.clone() } else { String::new() };
         let key = (pointer.clone(), wording);
         if let Some(known) = self.known.get(&key) {
@@ -202,7 +206,8 @@ impl Refused {
         ];
         let gravest = codes.into_iter().find(|code| self.faults.iter().any(|fault| fault.code == *code));
         let Some(code) = gravest.or(self.faults.first().map(|fault| fault.code)) else { return Ok(points) };
-        let mut faults: Vec<FieldError> = self.faults.into_iter().map(|fault| fault.told(named)).collect();
+        let mut faults: Vec<FieldError> =
+            self.faults.into_iter().map(|fault| fault.described(named)).collect();
         if self.more > 0 {
             faults.push(FieldError::and_more(self.more));
         }
@@ -212,7 +217,7 @@ impl Refused {
 
 impl Fault {
     /// With the points that have it, where the pointer does not name them.
-    fn told(self, named: bool) -> FieldError {
+    fn described(self, named: bool) -> FieldError {
         let detail = match (named, self.others) {
             (false, _) => self.detail,
             (true, 0) => format!("point {}: {}", self.point, self.detail),

@@ -1,4 +1,4 @@
-//! What a study keeps of a run: taken from the engine's report, or from how far a run came that failed.
+//! The figures of a run for the table of its study, from the report of the engine or from the error of a run that failed.
 
 use packstone_engine::{PackError, Report, TargetNotReached};
 
@@ -10,7 +10,7 @@ impl Facts {
         let (summary, timings) = (&report.summary, &report.timings_s);
         let grown = report.statistics.edmd;
         Self {
-            // Not `total`: of a run that went on from a checkpoint it lacks what came before.
+            // Not `total` alone, which lacks the time before the checkpoint in a run that was resumed.
             time_s: timings
                 .total
                 .max(timings.sampling + timings.rsa + timings.edmd.unwrap_or(0.0) + timings.check),
@@ -32,7 +32,7 @@ impl Facts {
         }
     }
 
-    /// Of a run whose method could not.
+    /// Of a run whose method ended before its target.
     pub(crate) fn of_not_reached(reached: &TargetNotReached, time_s: f64) -> Self {
         match reached {
             TargetNotReached::InsertionFailed(reached) => Self {
@@ -55,8 +55,8 @@ impl Facts {
 }
 
 impl Outcome {
-    /// How a study counts a run that ended without a packing, unless whoever stopped it knows better: past
-    /// its time it is [`Outcome::TargetNotReached`].
+    /// How a study counts a run that ended without a packing. A run that was stopped by its time limit is
+    /// [`Outcome::TargetNotReached`] instead, which its caller decides.
     pub(crate) fn of_failure(error: &PackError) -> Self {
         match error {
             PackError::TargetNotReached(_) => Self::TargetNotReached,

@@ -1,10 +1,11 @@
-//! How sure a success rate is: the score interval of Wilson (1927), which stays inside 0..1 and keeps its
-//! promise for the few runs, and the rates next to 0 and 1, that studies have.
+//! The confidence interval of a success rate: the score interval of Wilson (1927,
+//! <https://doi.org/10.1080/01621459.1927.10502953>), which lies within 0..1 and has nearly its nominal coverage for few runs
+//! and for rates near 0 and 1 (Newcombe 1998).
 
-/// 97.5 % quantile of the normal distribution: both tails together hold 5 %.
+/// 97.5 % quantile of the normal distribution: both tails together have 5 %.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// The 95 % interval of the rate of which `successes` of `runs` are a sample; nothing without runs.
+/// The 95 % interval of a success rate, from `successes` of `runs`; `None` without runs.
 pub(crate) fn wilson(successes: u64, runs: u64) -> Option<[f64; 2]> {
     if runs == 0 {
         return None;
@@ -14,7 +15,7 @@ pub(crate) fn wilson(successes: u64, runs: u64) -> Option<[f64; 2]> {
     let z2 = Z * Z;
     let middle = (rate + z2 / (2.0 * n)) / (1.0 + z2 / n);
     let half = Z / (1.0 + z2 / n) * (rate * (1.0 - rate) / n + z2 / (4.0 * n * n)).sqrt();
-    // Exactly, where rounding would leave a trace.
+    // The ends 0 and 1 are exact.
     let low = if successes == 0 { 0.0 } else { (middle - half).max(0.0) };
     let high = if successes == runs { 1.0 } else { (middle + half).min(1.0) };
     Some([low, high])

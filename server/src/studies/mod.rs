@@ -1,9 +1,8 @@
-//! Studies: many packings from one request, and the table of what became of them.
+//! Studies: many packings from one request, and the table of their results.
 //!
-//! A study is a list of points (a mix, a method), each packed once per replicate. The request is
-//! expanded into jobs before anything is stored or run ([`request`]); what came out is one row per point
-//! ([`table`]). The service and `packstone study` share all of it; nothing here knows HTTP, the store
-//! or how a packing is computed.
+//! A study is a list of points (a mix, a method), each packed once per replicate. The request is expanded into jobs before
+//! anything is stored or run ([`request`]). The result is a table with one row per point ([`table`]). The service and
+//! `packstone study` both use this module.
 
 #[cfg(test)]
 mod examples;
@@ -43,11 +42,11 @@ pub(crate) const MAX_POINT_VALUES: usize = 4_000_000;
 /// An expanded study. Made by [`Study::read`].
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Study {
-    /// A name for people.
+    /// Display name.
     pub(crate) name: Option<String>,
     /// Keys and values to find the study by, bounded as those of a job.
     pub(crate) labels: BTreeMap<String, String>,
-    /// What the seeds of the jobs derive from.
+    /// Seed that the seeds of the jobs are computed from.
     pub(crate) seed: u64,
     /// JSON pointers into the job that distinguish the points, in the order of the request: the grid's,
     /// then those of `zip`. Empty for a list.
@@ -115,10 +114,10 @@ impl Study {
     }
 }
 
-/// When a point needs no more runs; what of it still waits is cancelled.
+/// When a point needs no more runs; its queued jobs are then cancelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct StopWhen {
-    /// So many runs have failed, one after another in the order of their ends.
+    /// Number of runs that fail in a row, in the order in which they end.
     #[schema(required = false, minimum = 1, maximum = 10_000)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) failed_in_a_row: Option<u32>,
@@ -132,22 +131,22 @@ pub(crate) struct StopWhen {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Outcome {
-    /// A packing as asked for.
+    /// The requested packing was reached.
     Succeeded,
-    /// The method's answer that it could not, within its limits or those of the job.
+    /// The method ended before the requested packing, by its own limits or those of the job.
     TargetNotReached,
-    /// It says nothing about the mix: cancelled, or a fault of the program or the machine.
+    /// The run does not count: it was cancelled, or ended by a fault of the program or the machine.
     Void,
 }
 
-/// What a study keeps of a run that ended, so that its table needs no look at results.
+/// The figures of a run that ended, from which the table of a study is computed without reading results.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Facts {
     /// Wall-clock time that the run took, in s: the engine's, or from lease to end where it failed.
     pub(crate) time_s: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) grains: Option<u64>,
-    /// `phi_eff`, counted; that of the grains asked for where the run failed.
+    /// `phi_eff`, counted; where the run failed, that of the requested grains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) volume_fraction_effective: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -42,12 +42,12 @@ impl Pointer {
         &self.text
     }
 
-    /// Whether the other place is this one, or lies in it.
+    /// Whether the other place is this one, or is within it.
     pub(super) fn holds(&self, other: &Self) -> bool {
         other.segments.starts_with(&self.segments)
     }
 
-    /// What of a pointer's text leads on from this place, if it leads through it.
+    /// The part of a pointer after this place, where the pointer begins with this place.
     pub(super) fn rest_of<'a>(&self, pointer: &'a str) -> Option<&'a str> {
         pointer.strip_prefix(self.text.as_str()).filter(|rest| rest.is_empty() || rest.starts_with('/'))
     }

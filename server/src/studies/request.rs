@@ -19,9 +19,9 @@ use super::{MAX_AXES, MAX_JOBS, MAX_POINT_VALUES, MAX_REQUEST_BYTES, StopWhen, S
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::request::{read_labels, read_name};
 
-/// Both ends of a range belong to it if it meets them up to this share of a step.
+/// Tolerance, in steps, within which the end of a range belongs to the range.
 const RANGE_SLACK: f64 = 1e-9;
-/// What a number of a range may be.
+/// Bound of the numbers of a range.
 const RANGE: Bound = Bound::closed(-1e300, 1e300, "");
 
 fn too_large(detail: String) -> Failure {
@@ -40,8 +40,8 @@ impl Study {
         Self::read_while(value, seed, now, limits, &|| true)
     }
 
-    /// The same as [`read`](Self::read), but ends with an internal error as soon as `go_on` returns `false`: nobody waits
-    /// for the study any more.
+    /// Does the same as [`read`](Self::read), but ends with an internal error as soon as `go_on` returns `false`, because the
+    /// client has gone.
     pub(crate) fn read_while(
         value: &Value,
         seed: u64,
@@ -50,19 +50,19 @@ impl Study {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Self, Failure> {
         let faults = Faults::default();
-        let asked = At::root(value, &faults).object().and_then(|mut object| {
-            let asked = Asked::read(&mut object, &faults, seed);
+        let request = At::root(value, &faults).object().and_then(|mut object| {
+            let request = StudyRequest::read(&mut object, &faults, seed);
             object.finish();
-            asked
+            request
         });
-        if let Some(asked) = asked.filter(|_| faults.count() == 0) {
-            asked.check_size()?;
-            return expand::expand(&asked, &Conditions { now, limits, go_on });
+        if let Some(request) = request.filter(|_| faults.count() == 0) {
+            request.check_size()?;
+            return expand::expand(&request, &Conditions { now, limits, go_on });
         }
         Err(Failure::invalid(faults.into_vec()))
     }
 
-    /// The request as it is kept: with the seed that may have been drawn for it.
+    /// The request as it is stored: with its seed, which may have been drawn.
     pub(crate) fn recorded(&self, value: &Value) -> Value {
         let mut recorded = value.clone();
         if let Some(object) = recorded.as_object_mut() {
@@ -73,7 +73,7 @@ impl Study {
 }
 
 /// A request whose own fields are valid.
-pub(super) struct Asked<'a> {
+pub(super) struct StudyRequest<'a> {
     pub(super) name: Option<String>,
     pub(super) labels: BTreeMap<String, String>,
     pub(super) seed: u64,
@@ -82,14 +82,14 @@ pub(super) struct Asked<'a> {
     pub(super) stop_when: StopWhen,
 }
 
-/// Where the points come from.
+/// The source of the points.
 pub(super) enum Points<'a> {
     List(&'a [Value]),
     Template {
         job: &'a Value,
         /// Every combination of their values is a point.
         grid: Vec<Axis<'a>>,
-        /// Their values run together.
+        /// Point `i` has value `i` of each of them.
         zip: Vec<Axis<'a>>,
     },
 }
@@ -146,7 +146,7 @@ fn rounded_sum(from: f64, offset: f64) -> Value {
 }
 
 impl Points<'_> {
-    /// How many there are; as many as a number can tell where there are more.
+    /// Number of points, at most `u64::MAX`.
     pub(super) fn len(&self) -> u64 {
         match self {
             Self::List(jobs) => jobs.len() as u64,
@@ -158,7 +158,7 @@ impl Points<'_> {
     }
 }
 
-impl<'a> Asked<'a> {
+impl<'a> StudyRequest<'a> {
     fn read(object: &mut Object<'a>, faults: &Faults, seed: u64) -> Option<Self> {
         let name = object.optional("name").and_then(|at| read_name(&at));
         let labels = object.optional("labels").and_then(|at| read_labels(&at, faults)).unwrap_or_default();
@@ -174,7 +174,7 @@ impl<'a> Asked<'a> {
             Some(at) => read_stop_when(&at),
             None => Some(StopWhen::default()),
         };
-        // With a number of replicates that cannot be read, what depends on it is not judged.
+        // Without a readable number of replicates, the checks that depend on it are skipped.
         let points = read_points(object, faults, replicates.unwrap_or(1) > 1);
         Some(Self {
             name,
@@ -221,7 +221,7 @@ impl<'a> Asked<'a> {
                 size.add(job, points);
                 for axis in grid.iter().chain(zip) {
                     if let Values::List(values) = &axis.values {
-                        // Each value stands in as many points as any other.
+                        // Each value occurs in as many points as any other.
                         values.iter().for_each(|value| size.add(value, points / values.len()));
                     }
                 }
@@ -401,9 +401,9 @@ fn check_distinct(axes: &[Axis<'_>], faults: &Faults) {
         let Values::List(values) = &axis.values else { continue };
         let mut seen = HashSet::new();
         for (i, value) in values.iter().enumerate() {
-            // Digests, for a value can be as long as the body.
+            // Digests, because a value can be as long as the body.
             if !seen.insert(sha2::Sha256::digest(value.to_string())) {
-                faults.add(format!("{}/{i}", axis.place), "the value comes twice: must stand here once");
+                faults.add(format!("{}/{i}", axis.place), "the value occurs twice: must occur once");
             }
         }
     }

@@ -205,7 +205,7 @@ fn what_contradicts_itself_is_refused() {
         ),
         (
             json!({"template": job(), "grid": {"/mix/volume_fraction": [0.1, 0.2, 0.1]}}),
-            "/grid/~1mix~1volume_fraction/2: the value comes twice",
+            "/grid/~1mix~1volume_fraction/2: the value occurs twice",
         ),
         (
             json!({"template": job(), "grid": {"/specimen/size_mm/3": [0.1]}}),
@@ -337,13 +337,13 @@ fn a_point_whose_exports_cannot_be_made_refuses_the_study() {
 fn reading_stops_when_nobody_waits() {
     let request =
         json!({"template": job(), "replicates": 1, "grid": {"/priority": {"from": 0, "to": 99, "step": 1}}});
-    let asked = std::cell::Cell::new(0);
+    let checks = std::cell::Cell::new(0);
     let go_on = || {
-        asked.set(asked.get() + 1);
-        asked.get() < 5
+        checks.set(checks.get() + 1);
+        checks.get() < 5
     };
     let stopped = Study::read_while(&request, 42, None, &Limits::default(), &go_on).unwrap_err();
-    assert_eq!((stopped.code, asked.get()), (FailureCode::InternalError, 5));
+    assert_eq!((stopped.code, checks.get()), (FailureCode::InternalError, 5));
 }
 
 #[test]

@@ -1,9 +1,9 @@
-//! The seeds of a study's jobs: a rule that anyone can recompute (`docs/studies.md` shows how).
+//! The seeds of a study's jobs, by a rule that `docs/studies.md` documents.
 //!
-//! A seed is a digest of the study's seed, of what the point asks for, and of the replicate's number. It does
-//! not depend on what other points there are, so that a study refined by more values keeps the packings
-//! it had. The method is left out: the diameters of a seed do not depend on it, so points that differ in the
-//! method only pack the same grains, as comparisons of methods want it.
+//! A seed consists of bits of a SHA-256 digest of the study's seed, the values of the point's columns, and the number of the
+//! replicate. It does not depend on the other points, so that a study to which values are added packs its earlier points
+//! again with the same seeds. Columns of the method are left out, so that points that differ only in the method pack
+//! the same grains.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 
 use super::pointer::Pointer;
 
-/// What the seeds of one point derive from.
+/// State of the digest from which the seeds of one point are computed.
 pub(super) struct Seeds(Sha256);
 
 impl Seeds {
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn the_rule_is_the_documented_one() {
-        // Computed apart: printf '7\n/mix/volume_fraction=0.585\n3' | sha256sum
+        // Computed by printf '7\n/mix/volume_fraction=0.585\n3' | sha256sum
         let columns = [("/mix/volume_fraction", json!(0.585)), ("/method", json!({"type": "rsa"}))];
         assert_eq!(seeds(7, &columns).replicate(3), 6_344_574_446_870_587);
         // printf '7\n12\n0' | sha256sum
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn the_method_changes_nothing_and_all_else_does() {
+    fn the_method_does_not_change_the_seed_and_all_else_does() {
         let phi = ("/mix/volume_fraction", json!(0.5));
         let of = |columns: &[(&str, Value)]| seeds(1, columns).replicate(0);
         let one = of(std::slice::from_ref(&phi));
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_are_seeds_of_jobs_and_hardly_ever_meet() {
+    fn seeds_are_valid_and_differ() {
         let point = seeds(1, &[]);
         let mut drawn: Vec<u64> = (0..10_000).map(|replicate| point.replicate(replicate)).collect();
         assert!(drawn.iter().all(|seed| *seed <= MAX_SEED));

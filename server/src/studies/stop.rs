@@ -1,30 +1,30 @@
-//! When a point of a study needs no more runs.
+//! The rule that stops the runs of a point of a study.
 //!
-//! A pure function of how its runs ended, one after another: whoever ends them feeds a [`Tally`], and
-//! cancels what still waits of the point once it says so. Runs on their way go on, and count.
+//! The caller counts every run that ends in the [`Tally`] of its point, in the order in which the runs end. When the rule is
+//! met, the caller cancels the queued jobs of the point. Running jobs continue, and are counted.
 
 use serde::{Deserialize, Serialize};
 
 use super::interval::wilson;
 use super::{Outcome, StopWhen};
 
-/// Fewer runs than this say little about a rate, however narrow its interval.
+/// Fewest runs from which the width of the interval is evaluated.
 const LEAST_RUNS_OF_A_RATE: u64 = 5;
 
 /// How the runs of one point have ended so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Tally {
-    /// Runs that say something about the mix.
+    /// Runs that count: all but the void ones.
     pub(crate) runs: u64,
     pub(crate) successes: u64,
     /// Runs that did not reach their packing since the last success.
     pub(crate) failed_in_a_row: u64,
-    /// The rule has been met; nothing takes that back.
+    /// The rule has been met. It stays met, whatever later runs give.
     pub(crate) stopped: bool,
 }
 
 impl Tally {
-    /// Counts a run that ended, and says whether the point needs no more.
+    /// Counts a run that ended, and returns whether the rule is met.
     pub(crate) fn ended(&mut self, outcome: Outcome, rule: &StopWhen) -> bool {
         match outcome {
             Outcome::Succeeded => {
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_interval_is_believed_from_five_runs_on() {
+    fn a_narrow_interval_stops_from_five_runs_on() {
         let wide = StopWhen { failed_in_a_row: None, interval_width: Some(1.0) };
         assert_eq!(after(&[Succeeded; 5], &wide), [false, false, false, false, true]);
         // Of n successes only, the interval's width is z^2 / (n + z^2): below 0.2 from 16 on.

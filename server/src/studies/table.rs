@@ -1,7 +1,6 @@
-//! The table of a study: one row per point, with what its runs came to.
+//! The table of a study: one row per point, with the figures of its runs.
 //!
-//! Computed from what was kept of the runs ([`Facts`]) whenever it is asked for; `docs/studies.md` defines
-//! every column. It knows points and ended runs; it must never know where they are kept.
+//! It is computed from the [`Facts`] of the runs at each request. `docs/studies.md` defines every column.
 
 use std::io::{self, Write};
 
@@ -13,7 +12,7 @@ use utoipa::ToSchema;
 use super::interval::wilson;
 use super::{Facts, Outcome, Run};
 
-/// What tells the points apart in a table: names of the first columns, and their values per point.
+/// The columns that identify the points: their names, and their values per point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     /// JSON pointers into the job; `point` and `name` for a list.
@@ -25,9 +24,9 @@ pub(crate) struct Keys {
 /// Jobs of a point that have not run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Rest {
-    /// Those that wait or are on their way.
+    /// Queued and running jobs.
     pub(crate) waiting: u64,
-    /// Those that a stop rule cancelled.
+    /// Jobs that a stop rule cancelled.
     pub(crate) stopped_early: u64,
 }
 
@@ -42,7 +41,7 @@ pub(crate) struct Table {
     pub(crate) rows: Vec<Row>,
 }
 
-/// A point and what its runs came to. As JSON one flat object, the columns first.
+/// A point and the figures of its runs. As JSON one flat object, the columns first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Row {
     /// Name and value of each column.
@@ -55,14 +54,14 @@ pub(crate) struct Row {
 #[serde(untagged)]
 pub(crate) enum Cell {
     Count(u64),
-    /// Nothing where no run has it.
+    /// `None` where no run has it.
     Number(Option<f64>),
 }
 
 /// Declares the figures of a row once, for the structure, its names, and both its forms.
 macro_rules! cells {
     ($($(#[$meta:meta])* $name:ident: [$($kind:tt)+],)*) => {
-        /// What the runs of a point came to. A figure is `null` where no run has it.
+        /// The figures of the runs of a point. A figure is `null` where no run has it.
         #[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
         #[schema(as = StudyTableRow)]
         pub(crate) struct Cells {
@@ -91,9 +90,9 @@ cells! {
     /// The same with each grain enlarged by half the distance it keeps; median of the successes.
     #[schema(required)]
     volume_fraction_with_coating: [Option<f64>],
-    /// Runs that succeeded or did not reach their packing.
+    /// Runs that succeeded or did not reach their target.
     runs: [u64],
-    /// Runs that ended with a packing as asked for.
+    /// Runs that reached the requested packing.
     successes: [u64],
     /// `successes / runs`.
     #[schema(required)]
@@ -107,7 +106,7 @@ cells! {
     /// Wall-clock time of all runs together.
     #[schema(required)]
     time_s_total: [Option<f64>],
-    /// `time_s_total / successes`: what a success costs, failures included.
+    /// `time_s_total / successes`: time per success, failed runs included.
     #[schema(required)]
     time_s_per_success: [Option<f64>],
     /// Wall-clock time of a success; median.
@@ -131,17 +130,17 @@ cells! {
     /// Time of the growth per event, in us; median of the successes that grew grains.
     #[schema(required)]
     event_us_median: [Option<f64>],
-    /// Jobs that wait or are on their way.
+    /// Queued and running jobs.
     waiting: [u64],
-    /// Runs that say nothing: cancelled by a client, or a fault of the program or the machine.
+    /// Runs that do not count: cancelled by a client, or ended by a fault of the program or the machine.
     void: [u64],
     /// Jobs that were cancelled because a stop rule was met.
     stopped_early: [u64],
 }
 
 impl Table {
-    /// The table of these runs. `rest` has one entry per point, or is empty where all has ended. Runs of
-    /// points that there are not are left out.
+    /// The table of these runs. `rest` has one entry per point, or is empty where all jobs have ended. Runs of unknown
+    /// points are left out.
     pub(crate) fn new(keys: &Keys, runs: &[Run], rest: &[Rest]) -> Self {
         let mut by_point: Vec<Vec<&Run>> = vec![Vec::new(); keys.values.len()];
         for run in runs {
@@ -160,8 +159,8 @@ impl Table {
         Self { columns: keys.columns.clone(), rows: rows.collect() }
     }
 
-    /// Writes the table as CSV (RFC 4180 but for the line ends, which are plain): one header line; text is
-    /// quoted where it must be, values that are lists or objects are JSON, `null` is an empty field.
+    /// Writes the table as CSV (RFC 4180, with LF line ends): one header line; text is quoted where the RFC requires it,
+    /// values that are lists or objects are JSON, `null` is an empty field.
     ///
     /// # Errors
     /// Those of the writer.
@@ -233,7 +232,7 @@ fn sorted(runs: &[&Run], figure: impl Fn(&Facts) -> Option<f64>) -> Vec<f64> {
     values
 }
 
-/// Of values in rising order: the middle one, or the mean of the middle two.
+/// The median of values in rising order.
 fn median(sorted: &[f64]) -> Option<f64> {
     let middle = sorted.len() / 2;
     let high = *sorted.get(middle)?;
@@ -285,8 +284,8 @@ fn field(value: &Value) -> String {
     }
 }
 
-/// Text as a field of CSV. An empty one is quoted, so that it differs from none. Before a character that spreadsheets
-/// take for the beginning of a formula stands an apostrophe (OWASP, CSV injection); numbers are not text.
+/// Text as a field of CSV. An empty one is quoted, so that it differs from none. Text that a
+/// spreadsheet would read as a formula gets an apostrophe in front (OWASP, CSV injection).
 fn quoted(text: &str) -> String {
     let guarded;
     let text = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) {

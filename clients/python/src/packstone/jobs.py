@@ -128,8 +128,9 @@ class Job(Resource):
     def plot(self, kind: JobPlotKind, path: str | PathLike[str] | None = None, **options: Any) -> Svg:
         """Returns a plot of the packing, and saves it if there is a `path`.
 
-        ``grading``: the target curve and the actual one; ``distance``: the largest distance against time;
-        ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth.
+        ``grading``: the target curve and the actual one; ``distance``: the distance of grown grains against
+        time; ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth.
+        ``title=False`` leaves the title out. A plot for which the packing has no data is refused.
         """
         response = self._transport.request(
             "GET", f"{self.path}/plots/{kind}", params=options, headers={"accept": "image/svg+xml"}

@@ -170,7 +170,8 @@ class Study(Resource):
         """Returns a plot of the table, and saves it if there is a `path`.
 
         ``success`` rate, ``time`` per success, ``distance`` reached, ``volume_fraction`` or ``event_time``
-        against `x`, which is a column or ``grains``; ``curve``: distance against packing time.
+        against `x`, which is a column or ``grains``; ``curve``: distance against packing time. ``title=False``
+        leaves the title out. A plot for which no run has data is refused.
         """
         response = self._transport.request(
             "GET",

@@ -20,8 +20,8 @@ use super::print;
 use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
 use crate::jobs::{JobRequest, request};
-use crate::plots::draw;
 use crate::plots::job::{self, JobPlot, JobResult};
+use crate::plots::{PlotError, draw};
 use crate::strict_json;
 use watch::Watch;
 
@@ -43,6 +43,9 @@ pub(super) struct Options {
     /// Plots of the result, as SVG
     #[arg(long, value_delimiter = ',', value_parser = plot_parser())]
     plot: Vec<JobPlot>,
+    /// Draw plots without their title, for a journal that has it in the caption
+    #[arg(long)]
+    no_plot_titles: bool,
     /// Render a picture of the packing, as result.png
     #[arg(long)]
     picture: bool,
@@ -98,6 +101,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let files = Files::of(options, &request);
     for output in &files.exports {
         output.check(&request.specimen, &limits)?;
+    }
+    for (kind, file) in &files.plots {
+        job::check(*kind, &packing_request).map_err(|error| not_drawn(file, error))?;
     }
     exports::announce_planned(&files.exports, &packing_request, &plan);
     let resume = stored
@@ -163,6 +169,7 @@ struct Files {
     tables: Vec<(Format, PathBuf)>,
     exports: Vec<Output>,
     plots: Vec<(JobPlot, PathBuf)>,
+    plot_titles: bool,
     picture: Option<PathBuf>,
 }
 
@@ -179,6 +186,7 @@ impl Files {
                 .iter()
                 .map(|&plot| (plot, named(format!("plot-{}.svg", plot.name()))))
                 .collect(),
+            plot_titles: !options.no_plot_titles,
             picture: options.picture.then(|| named(PICTURE.into())),
         }
     }
@@ -218,12 +226,16 @@ impl Files {
             exports::write_picture(&model, file, watch.stop())?;
         }
         exports::write_all(&self.exports, &model, limits, watch.stop())?;
+        // The plots that the packing has are written before one that it does not have ends the command.
+        let mut refused = Ok(());
         for (kind, file) in &self.plots {
             let result = JobResult { head: &head, spheres: &packing.spheres };
-            plot(*kind, &result, file).map_err(|error| cannot_be("written", file, &error))?;
-            print(&format!("{}\n", file.display()))?;
+            match plot(*kind, &result, self.plot_titles, file) {
+                Ok(()) => print(&format!("{}\n", file.display()))?,
+                Err(error) => refused = refused.and(Err(not_drawn(file, error))),
+            }
         }
-        Ok(())
+        refused
     }
 }
 
@@ -296,8 +308,17 @@ pub(super) fn write(
     write_whole(file, |out| tables::write(format, head, spheres, out))
 }
 
-fn plot(kind: JobPlot, result: &JobResult<'_>, file: &Path) -> std::io::Result<()> {
+fn plot(kind: JobPlot, result: &JobResult<'_>, heading: bool, file: &Path) -> Result<(), PlotError> {
     let chart = job::chart(kind, result)?;
-    let drawn = draw::svg(&chart).map_err(std::io::Error::other)?;
-    write_whole(file, |out| out.write_all(drawn.as_bytes()))
+    let drawn = draw::svg(&chart, heading)?;
+    Ok(write_whole(file, |out| out.write_all(drawn.as_bytes()))?)
+}
+
+fn not_drawn(file: &Path, error: PlotError) -> Failure {
+    match error {
+        PlotError::NotAvailable(reason) => {
+            Exit::BadInput.because(format_args!("{} was not made: {reason}", file.display()))
+        }
+        PlotError::Failed(error) => cannot_be("written", file, &error),
+    }
 }

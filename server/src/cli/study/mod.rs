@@ -36,7 +36,7 @@ use run_log::{Folder, RunLog, RunRecord, StudyRecord};
 use watch::Watch;
 use worker_pool::{Ended, SharedState, WorkerPool};
 
-/// How often the bar moves while no run ends.
+/// Interval of updates of the bar while no run ends.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
 /// Options of `packstone study`.
@@ -59,6 +59,9 @@ pub(super) struct Options {
     /// Go on with a study that was stopped or killed; its runs lie in the folder
     #[arg(long)]
     resume: bool,
+    /// Draw plots without their title, for a journal that has it in the caption
+    #[arg(long)]
+    no_plot_titles: bool,
     /// Discard the runs of an earlier study in the folder
     #[arg(long, conflicts_with = "resume")]
     fresh: bool,
@@ -117,10 +120,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let (log, records) = folder.open(&study, &record, options.fresh)?;
     let mut done = Done::new(&study, log, records);
     let ended = done.run_rest(options, workers.min(study.jobs()), limits);
-    // What was done is kept and told, whatever ended it.
+    // The results are written and printed also where the study was stopped.
     done.log.sync()?;
     let table = done.table();
-    let written = report::write(&options.out, &study, &table, &done.records)?;
+    let written = report::write(&options.out, &study, &table, &done.records, !options.no_plot_titles)?;
     let stopped = ended?;
     print(&report::table(&table))?;
     for file in written {
@@ -136,7 +139,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Removes what runs of another study were at. Nothing else in the folder is touched.
+/// Removes the checkpoints of another study. Nothing else in the folder is touched.
 fn discard_checkpoints(folder: &Path) -> io::Result<()> {
     if folder.exists() {
         for found in Checkpoints::open(folder.to_owned(), Duration::ZERO)?.list()? {
@@ -157,7 +160,7 @@ struct Done<'a> {
 
 impl<'a> Done<'a> {
     fn new(study: &'a Study, log: RunLog, mut records: Vec<RunRecord>) -> Self {
-        // What says nothing is tried again.
+        // Runs that do not count are repeated.
         records.retain(|record| record.outcome != Outcome::Void);
         let mut tallies = vec![Tally::default(); study.points.len()];
         for record in &records {
@@ -200,13 +203,13 @@ impl<'a> Done<'a> {
             formats: &options.formats,
         };
         let received = self.supervise(&pool, workers, &stop);
-        // Holds something where runs were stopped on their way.
+        // Not empty where runs were stopped, and then kept.
         let _ = std::fs::remove_dir(checkpoints);
         received?;
         Ok(stop.load(Ordering::Acquire))
     }
 
-    /// Starts the threads and takes in what they send until the last one has ended.
+    /// Starts the threads and records the runs that they send until the last one has ended.
     fn supervise(&mut self, pool: &WorkerPool<'_>, workers: usize, stop: &AtomicBool) -> io::Result<()> {
         let watch = Watch::new(self.records.len());
         let (sender, receiver) = mpsc::channel();
@@ -219,14 +222,14 @@ impl<'a> Done<'a> {
             drop(sender);
             loop {
                 let received = match receiver.recv_timeout(LOOK_EVERY) {
-                    Ok(received) => received.and_then(|ended| self.take_in(ended, &watch)),
+                    Ok(received) => received.and_then(|ended| self.record(ended, &watch)),
                     Err(RecvTimeoutError::Timeout) => Ok(()),
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
                 if let Err(error) = received
                     && result.is_ok()
                 {
-                    // Whatever else ends could not be kept either.
+                    // No further run could be recorded either.
                     stop.store(true, Ordering::Release);
                     result = Err(error);
                 }
@@ -237,11 +240,11 @@ impl<'a> Done<'a> {
         result
     }
 
-    fn take_in(&mut self, ended: Ended, watch: &Watch) -> io::Result<()> {
+    fn record(&mut self, ended: Ended, watch: &Watch) -> io::Result<()> {
         let Ended { record, fault } = ended;
         if let Some(fault) = fault {
             watch.say(&format!(
-                "warning: point {}, replicate {} says nothing: {fault}",
+                "warning: point {}, replicate {} does not count: {fault}",
                 record.point, record.replicate
             ));
         }

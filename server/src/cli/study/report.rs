@@ -1,4 +1,4 @@
-//! What came out of a study: the files of its table and plots, and the table for the terminal.
+//! The results of a study: the files of its table and plots, and the table for the terminal.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::plots::study::{RunCurve, StudyPlot, charts};
 use crate::studies::table::{Cells, Row};
 use crate::studies::{Keys, Study, Table};
 
-/// Most rows at the terminal; the files have all.
+/// Most rows at the terminal; the files have all rows.
 const ROWS_SHOWN: usize = 200;
 
 /// The curve of one point in `curves.json`.
@@ -27,12 +27,13 @@ struct OfPoint<'a> {
     distance_curve: &'a [[f64; 2]],
 }
 
-/// Writes all files, and returns those for people.
+/// Writes all files, and returns their paths.
 pub(super) fn write(
     folder: &Path,
     study: &Study,
     table: &Table,
     records: &[RunRecord],
+    plot_titles: bool,
 ) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
     let mut put = |name: String, bytes: &[u8]| {
@@ -53,19 +54,19 @@ pub(super) fn write(
         .collect();
     for (kind, chart) in charts(study.name.as_deref(), table, &drawn) {
         if tells(study, kind) {
-            put(format!("plot-{}.svg", kind.name()), draw::svg(&chart)?.as_bytes())?;
+            put(format!("plot-{}.svg", kind.name()), draw::svg(&chart, plot_titles)?.as_bytes())?;
         }
     }
     Ok(written)
 }
 
-/// Whether a plot that could be drawn tells what the study did not know before.
+/// Whether a plot shows what the request does not already state.
 fn tells(study: &Study, kind: StudyPlot) -> bool {
     let maximizes = |maximize: bool| {
         study.points.iter().any(|point| matches!(point.job.distance, Distance::Maximize { .. }) == maximize)
     };
     match kind {
-        // Whatever is reached is the largest distance, and a success.
+        // Every run that maximizes its distance succeeds.
         StudyPlot::Success => maximizes(false),
         StudyPlot::Distance | StudyPlot::Curve | StudyPlot::VolumeFraction => maximizes(true),
         StudyPlot::Time | StudyPlot::EventTime => true,
@@ -123,7 +124,7 @@ const COLUMNS: [Column; 9] = [
     },
 ];
 
-/// Those that say nothing where grains may touch.
+/// Columns that are left out where grains may touch.
 const OF_DISTANCES: [&str; 2] = ["with coating", "distance mm"];
 
 fn three_digits(x: f64) -> String {
@@ -131,18 +132,18 @@ fn three_digits(x: f64) -> String {
     format!("{x:.decimals$}")
 }
 
-/// The table for people: aligned, without columns that no row has.
+/// The table for the terminal: aligned, without columns that no row has.
 pub(super) fn table(table: &Table) -> String {
     let rows = &table.rows[..table.rows.len().min(ROWS_SHOWN)];
-    // Where grains may touch, that they do is no news.
+    // Where grains may touch, the columns of distances are left out.
     let apart = rows.iter().any(|row| row.cells.distance_mm_max.is_some_and(|mm| mm > 0.0))
         || rows.iter().all(|row| row.cells.distance_mm_max.is_none());
     let keys = (0..table.columns.len()).map(|i| {
         let of = |row: &Row| row.values.get(i).map(|(_, value)| short(value)).unwrap_or_default();
         (table.columns[i].clone(), rows.iter().map(of).collect::<Vec<String>>())
     });
-    let told = COLUMNS.iter().filter(|column| apart || !OF_DISTANCES.contains(&column.title));
-    let figures = told.filter_map(|column| {
+    let shown = COLUMNS.iter().filter(|column| apart || !OF_DISTANCES.contains(&column.title));
+    let figures = shown.filter_map(|column| {
         let texts: Vec<Option<String>> = rows.iter().map(|row| (column.text)(&row.cells)).collect();
         let shown = texts.iter().any(Option::is_some);
         let texts = texts.into_iter().map(|text| text.unwrap_or_else(|| "-".into())).collect();
@@ -170,7 +171,7 @@ pub(super) fn table(table: &Table) -> String {
     out
 }
 
-/// A value of a column on little room: `rsa attempts_per_grain=1000` for the method that says so.
+/// A value of a column in short: `rsa attempts_per_grain=1000` for that method.
 fn short(value: &Value) -> String {
     match value {
         Value::Object(members) => {

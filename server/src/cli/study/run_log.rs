@@ -1,9 +1,8 @@
-//! The folder of a study: which study it holds, and every run that ended, so that a second call goes on where
-//! the first one was stopped or killed.
+//! The run log of a study: a folder with the request and a record of every run that ended, from which a study that was
+//! stopped or killed is resumed.
 //!
-//! `study.json` is the request, with its seed. `runs.jsonl` grows by one line per run; a line that a kill cut short
-//! is dropped, and its run is done again. Both files are read by people, too. Nothing here knows how a
-//! packing is computed or when a point needs no more.
+//! `study.json` is the request, with its seed. `runs.jsonl` has one line per run, appended when the run ends. An incomplete
+//! last line is dropped, and its run is repeated.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -22,15 +21,16 @@ use crate::studies::{Facts, Outcome, Run, Study};
 
 const STUDY: &str = "study.json";
 const RUNS: &str = "runs.jsonl";
-/// Runs of this long may be lost to a power cut. To a kill none is: what was written is the system's.
+/// Interval of synchronization: a power cut loses at most the runs of this time. A kill loses none, because the lines are
+/// in the page cache.
 const SYNC_EVERY: Duration = Duration::from_secs(2);
 
-/// What `study.json` holds.
+/// The content of `study.json`.
 #[derive(Serialize, Deserialize)]
 pub(super) struct StudyRecord {
     /// The program that made it.
     engine: Value,
-    /// As it was given, with the seed that may have been drawn for it.
+    /// The request, with its seed, which may have been drawn.
     request: Value,
 }
 
@@ -40,12 +40,12 @@ impl StudyRecord {
         Ok(Self { engine: serde_json::to_value(EngineInfo::current())?, request: study.recorded(request) })
     }
 
-    /// The seed that may have been drawn.
+    /// The seed of the study.
     pub(super) fn seed(&self) -> Option<u64> {
         self.request.get("seed").and_then(Value::as_u64)
     }
 
-    /// Warns where another program made the runs, and fails where they are of another study.
+    /// Warns where another version of the engine made the runs, and fails where they are of another study.
     pub(super) fn check(&self, ours: &Self, folder: &Path, study: &Path) -> Result<(), Failure> {
         // As text: the order of a grid's records is that of its points.
         let text = |record: &Self| record.request.to_string();
@@ -69,7 +69,7 @@ impl StudyRecord {
     }
 }
 
-/// A run that ended, as its line holds it.
+/// The record of a run that ended: a line of the log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct RunRecord {
     pub(super) point: usize,
@@ -83,13 +83,13 @@ pub(super) struct RunRecord {
 }
 
 impl RunRecord {
-    /// As the table counts it.
+    /// The run as the table counts it.
     pub(super) fn run(&self) -> Run {
         Run { point: self.point, replicate: self.replicate, outcome: self.outcome, facts: self.facts.clone() }
     }
 }
 
-/// The folder, open for one process.
+/// The log, locked by this process.
 pub(super) struct RunLog {
     runs: File,
     synced: Instant,
@@ -99,7 +99,7 @@ pub(super) struct RunLog {
 pub(super) struct Folder<'a>(pub(super) &'a Path);
 
 impl Folder<'_> {
-    /// What it holds, if it holds a study.
+    /// The study of the folder, if there is one.
     pub(super) fn record(&self) -> Result<Option<StudyRecord>, Failure> {
         let path = self.0.join(STUDY);
         match fs::read(&path) {
@@ -146,11 +146,11 @@ impl Folder<'_> {
 }
 
 impl RunLog {
-    /// Writes down a run that ended.
+    /// Appends the record of a run that ended.
     pub(super) fn add(&mut self, record: &RunRecord) -> io::Result<()> {
         let mut line = serde_json::to_vec(record)?;
         line.push(b'\n');
-        // In one piece, which a kill leaves whole or out in all but the rarest cases.
+        // In one call, so that a kill rarely leaves an incomplete line.
         self.runs.write_all(&line)?;
         if self.synced.elapsed() >= SYNC_EVERY {
             self.sync()?;
@@ -158,14 +158,14 @@ impl RunLog {
         Ok(())
     }
 
-    /// Waits until what was written has reached the disk.
+    /// Synchronizes the log to the disk.
     pub(super) fn sync(&mut self) -> io::Result<()> {
         self.synced = Instant::now();
         self.runs.sync_data()
     }
 }
 
-/// The records of a log, of each run the last, and the length of the lines that are whole.
+/// The records of a log, only the last one of each run, and the length of its complete lines.
 fn read(text: &[u8], study: &Study) -> Result<(Vec<RunRecord>, usize), String> {
     let length = text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
     let mut records: Vec<Option<RunRecord>> = Vec::new();
@@ -192,7 +192,7 @@ fn read(text: &[u8], study: &Study) -> Result<(Vec<RunRecord>, usize), String> {
     Ok((records.into_iter().flatten().collect(), length))
 }
 
-/// Writes a file so that under its name there is always a whole one.
+/// Writes a file atomically: under its name there is always a complete file.
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let written = atomic_file::write(path, |mut file| file.write_all(bytes), || Ok(()));
     written.map_err(|error| cannot_be("written", path, &error))

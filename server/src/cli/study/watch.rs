@@ -1,4 +1,4 @@
-//! How far a study is, for the person at the terminal.
+//! The progress of a study at the terminal.
 
 use std::time::Duration;
 
@@ -7,10 +7,10 @@ use indicatif::HumanDuration;
 use super::super::bar::Bar;
 use super::worker_pool::WorkerPool;
 
-/// Before this share of the work, the time that is left is a guess not worth showing.
+/// The remaining time is shown from this fraction of the work on.
 const LEFT_FROM_SHARE: f64 = 0.02;
 
-/// Tells of one call's work.
+/// The progress of one call.
 pub(super) struct Watch {
     bar: Bar,
     /// Runs that had ended before.
@@ -23,28 +23,28 @@ impl Watch {
         Self { bar: Bar::new(), before }
     }
 
-    /// Shows where the study is.
+    /// Shows the progress of the study.
     pub(super) fn show(&self, ended: usize, successes: u64, pool: &WorkerPool<'_>) {
         let before = self.before;
         let jobs = ended + pool.waiting() + pool.running();
-        let done = ended as f64 + pool.on_the_way();
+        let done = ended as f64 + pool.fraction_of_running();
         let share = |of: f64, all: f64| if all > 0.0 { of / all } else { 1.0 };
         let left = left(self.bar.elapsed(), share(done - before as f64, (jobs - before.min(jobs)) as f64));
         self.bar.show(share(done, jobs as f64), || message(ended, jobs, successes, left));
     }
 
-    /// Tells a line.
+    /// Prints a line above the bar.
     pub(super) fn say(&self, line: &str) {
         self.bar.say(line);
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(super) fn finish(&self) {
         self.bar.finish();
     }
 }
 
-/// How long the rest will take, when so much of the work took so long.
+/// The remaining time, from the time that a fraction of the work took.
 fn left(elapsed: Duration, share: f64) -> Option<Duration> {
     (share >= LEFT_FROM_SHARE).then(|| elapsed.mul_f64((1.0 / share - 1.0).max(0.0)))
 }

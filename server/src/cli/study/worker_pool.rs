@@ -1,8 +1,7 @@
-//! The threads of `packstone study`: each takes the next job and runs it through the engine as
-//! `packstone run` does.
+//! The worker pool of `packstone study`: each thread takes the next job from the queue and packs it as `packstone run` does.
 //!
-//! They know jobs, files of results, and which points need no more runs; what is kept of a run that ended is for
-//! whoever receives it.
+//! A thread writes the files of a result and counts the run in the tally of its point. The record of the run is sent to the
+//! receiver, which writes the run log.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -27,44 +26,45 @@ use crate::jobs::JobRequest;
 use crate::studies::stop::Tally;
 use crate::studies::{Facts, Outcome, Study};
 
-/// Name of an attempt in the names of checkpoints: there is no other.
+/// The attempt in the names of checkpoints; there is only one.
 const ATTEMPT: i64 = 1;
 
-/// What the threads change together: the jobs that wait and the counts of those that ended. A thread counts its run
-/// with the lock held, so that a point that needs no more runs gets none.
+/// The shared state of the threads: the queued jobs and the counts of those that ended. A thread counts its run with the
+/// lock held, so that no thread starts a job of a point whose stop rule is met.
 pub(super) struct SharedState {
-    /// Point and replicate of the jobs that wait, the next one first.
+    /// Point and replicate of the queued jobs, the next one first.
     pub(super) queue: VecDeque<(usize, usize)>,
     /// How the runs of each point have ended.
     pub(super) tallies: Vec<Tally>,
 }
 
-/// What the threads share.
+/// The pool, shared by its threads.
 pub(super) struct WorkerPool<'a> {
     pub(super) study: &'a Study,
     pub(super) limits: Limits,
     pub(super) state: Mutex<SharedState>,
-    /// How many are on their way.
+    /// Number of running jobs.
     pub(super) running: AtomicUsize,
-    /// Asked to stop: by a signal, or because nothing can be written down any more.
+    /// Set to stop the pool: by a signal, or because the run log cannot be written.
     pub(super) stop: &'a AtomicBool,
-    /// What each thread has done of the job it is at, as the bits of a float.
+    /// The fraction of its job that each thread has done, as the bits of a float.
     pub(super) fractions: Vec<AtomicU64>,
     pub(super) checkpoints: Checkpoints,
-    /// Where packings are kept, and in which formats.
+    /// Folder of the results.
     pub(super) results: PathBuf,
+    /// Formats in which every packing is written.
     pub(super) formats: &'a [Format],
 }
 
 /// A run that ended.
 pub(super) struct Ended {
     pub(super) record: RunRecord,
-    /// What went wrong with it that says nothing about the mix.
+    /// The fault of the program or the machine that ended it.
     pub(super) fault: Option<String>,
 }
 
 impl WorkerPool<'_> {
-    /// Works until nothing waits, or until asked to stop. What cannot be kept on disk is the end of the work.
+    /// Runs jobs until the queue is empty, the pool is stopped, or a file cannot be written.
     pub(super) fn work(&self, thread: usize, ended: &Sender<io::Result<Ended>>) {
         while let Some((point, replicate)) = self.next() {
             let sent = match self.run(thread, point, replicate) {
@@ -80,8 +80,8 @@ impl WorkerPool<'_> {
         }
     }
 
-    /// Counts a run, drops what waits of its point if that needs no more, and hands the run on: with the state
-    /// held, so that runs arrive in the order in which they were counted.
+    /// Counts a run, removes the queued jobs of its point if the stop rule is met, and sends the run. The lock is held, so
+    /// that runs arrive in the order in which they were counted.
     fn count(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
         let mut state = self.state();
         let point = run.record.point;
@@ -91,18 +91,18 @@ impl WorkerPool<'_> {
         ended.send(Ok(run)).is_ok()
     }
 
-    /// How many jobs wait.
+    /// Number of queued jobs.
     pub(super) fn waiting(&self) -> usize {
         self.state().queue.len()
     }
 
-    /// How many are on their way.
+    /// Number of running jobs.
     pub(super) fn running(&self) -> usize {
         self.running.load(Ordering::Relaxed)
     }
 
-    /// What has been done of the jobs on their way, each at most 1.
-    pub(super) fn on_the_way(&self) -> f64 {
+    /// Sum of the fractions that the running jobs have done, each at most 1.
+    pub(super) fn fraction_of_running(&self) -> f64 {
         self.fractions.iter().map(|done| f64::from_bits(done.load(Ordering::Relaxed))).sum()
     }
 
@@ -115,7 +115,7 @@ impl WorkerPool<'_> {
         if self.stop.load(Ordering::Acquire) {
             return None;
         }
-        // With the lock held, so that no job is neither waiting nor on its way.
+        // With the lock held, so that every job is counted either as queued or as running.
         state.queue.pop_front().inspect(|_| {
             self.running.fetch_add(1, Ordering::Relaxed);
         })
@@ -127,7 +127,7 @@ impl WorkerPool<'_> {
         }
     }
 
-    /// Runs a job. Nothing where it was stopped.
+    /// Runs a job. Returns `None` where it was stopped.
     fn run(&self, thread: usize, point: usize, replicate: usize) -> io::Result<Option<Ended>> {
         let job = self.study.points[point].replicate(replicate);
         let request = job.packing();
@@ -188,7 +188,7 @@ impl WorkerPool<'_> {
         Ok(Some(Ended { record, fault: fault.or(unmade) }))
     }
 
-    /// Makes the exports that the job asks for.
+    /// Makes the exports that the job requests.
     fn export(
         &self,
         id: &str,
@@ -201,8 +201,8 @@ impl WorkerPool<'_> {
         if !items.is_empty() {
             make_folder(&self.results)?;
         }
-        // The time limit is the packing's.
-        let control = Unhurried(control);
+        // The time limit of the job holds for the packing only.
+        let control = Untimed(control);
         let mut names = Names::of(id);
         let provenance = Provenance::from(head);
         let model = Model::new(&job.specimen, spheres).with_provenance(&provenance);
@@ -213,7 +213,7 @@ impl WorkerPool<'_> {
         Ok(())
     }
 
-    /// Writes a packing in the formats asked for.
+    /// Writes a packing in the requested formats.
     fn keep(&self, id: &str, head: &Head, spheres: &Spheres) -> io::Result<()> {
         for format in self.formats {
             let file = self.results.join(format!("{id}.{}", format.name()));
@@ -224,9 +224,9 @@ impl WorkerPool<'_> {
 }
 
 /// Control that stops with the pool, has no time limit and reports nothing.
-struct Unhurried<'a>(&'a Watch<'a>);
+struct Untimed<'a>(&'a Watch<'a>);
 
-impl Control for Unhurried<'_> {
+impl Control for Untimed<'_> {
     fn report(&self, _: &Progress) {}
 
     fn should_stop(&self) -> bool {

@@ -9,7 +9,7 @@ use crate::http::conditional::Wait;
 use crate::http::exports::address::{Target, file_path};
 use crate::http::problems::refused;
 use crate::http::waiting;
-use crate::jobs::store::{StoreError, Wish};
+use crate::jobs::store::{Retention, StoreError};
 use crate::problem::{Kind, Problem};
 
 /// How often an export is requested anew whose file went away before it could be sent: dropped from the cache, or damaged
@@ -34,7 +34,7 @@ pub(crate) enum Made {
 pub(crate) async fn made(app: &App, target: &Target, wait: Wait) -> Result<Made, Problem> {
     let (store, job) = (&app.shared.store, &target.job);
     for _ in 0..TRIES {
-        let asked = store.request_export(job.id, target.new.clone(), Wish::Use).await;
+        let asked = store.request_export(job.id, target.new.clone(), Retention::Cached).await;
         let (record, _) = asked.map_err(|error| refused(error, job.id))?;
         let record = match until_finished(app, &record, wait).await {
             Ok(record) => record,

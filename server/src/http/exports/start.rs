@@ -17,7 +17,7 @@ use crate::http::problems::refused;
 use crate::http::problems::sets::ExportStartProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::store::Wish;
+use crate::jobs::store::Retention;
 use crate::problem::Problem;
 
 parameters! {
@@ -60,8 +60,8 @@ pub(crate) async fn start(
     body::expect_none(&headers)?;
     let target = Target::read(&app, path, &query.export).await?;
     target.check(&app).await?;
-    let wish = if query.keep.get() { Wish::Keep } else { Wish::Use };
-    let asked = app.shared.store.request_export(path.job, target.new.clone(), wish).await;
+    let retention = if query.keep.get() { Retention::Kept } else { Retention::Cached };
+    let asked = app.shared.store.request_export(path.job, target.new.clone(), retention).await;
     let (mut record, created) = asked.map_err(|error| refused(error, path.job))?;
     if created {
         tracing::info!(job_id = %path.job, export_id = %record.id, kind = record.kind.name(), "accepted");

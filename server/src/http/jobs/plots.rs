@@ -8,8 +8,8 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use crate::http::app::App;
-use crate::http::drawing::{not_modified, svg, turn};
-use crate::http::params::{NoParameters, PlotPath, Query};
+use crate::http::drawing::{PlotHeading, not_drawn, not_modified, svg, turn};
+use crate::http::params::{PlotPath, Query};
 use crate::http::problems::sets::PlotProblems;
 use crate::http::results::{blocking, finished};
 use crate::http::{conditional, files};
@@ -19,14 +19,15 @@ use crate::problem::Problem;
 
 /// Get a plot of a result
 ///
-/// An SVG for a page of print, 160 mm wide. `grading`: target and achieved grading curve; `distance`: distance
-/// against packing time, where the largest distance was asked for; `radial`: pair correlation against the clear
-/// distance between grains, by size class; `profile`: volume fraction against depth from the walls. Where there is
-/// nothing to show, the picture says why.
+/// An SVG for print, 160 mm wide. `grading`: target and achieved grading curve; `distance`: distance against packing
+/// time, for grains that were grown with a constant or the largest distance; `radial`: pair correlation function against
+/// the gap between grains, by size class; `profile`: volume fraction against depth from the walls. A plot for which the
+/// packing has no data is refused with the reason.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(
         PlotPath<JobPlot>,
+        PlotHeading,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),
     responses(
@@ -39,10 +40,12 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     PlotPath { id, kind }: PlotPath<JobPlot>,
-    _: Query<NoParameters>,
+    Query(query): Query<PlotHeading>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let heading = query.title.get();
     let (job, artifact) = finished(&app, id).await?;
+    // The heading is part of the address.
     let etag = format!(
         "\"{}-{}-{}\"",
         &artifact.sha256[..32.min(artifact.sha256.len())],
@@ -58,11 +61,11 @@ pub(crate) async fn get(
     let drawn = blocking(id, move || {
         let stored = artifacts.read(&artifact)?;
         let chart = job_plots::chart(kind, &JobResult { head: stored.head(), spheres: &stored })?;
-        let drawn = draw::svg(&chart).map_err(std::io::Error::other)?;
-        // Until the end of the work, whether or not somebody still waits for it.
+        let drawn = draw::svg(&chart, heading);
+        // Held until the work has ended, even if the client has gone.
         drop(permit);
-        Ok(drawn)
+        drawn.map(Ok).or_else(|error| not_drawn(error).map(Err))
     })
-    .await?;
+    .await??;
     Ok(svg(drawn, &etag, &name))
 }

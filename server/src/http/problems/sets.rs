@@ -62,9 +62,10 @@ problem_sets! {
     /// Of exports that exist.
     ExportStatusProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409;
     /// Of plots.
-    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, ResultDamaged 410, Busy 503;
+    PlotProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, ResultDamaged 410,
+        FormatNotAvailable 422, Busy 503;
     /// Of plots of studies.
-    StudyPlotProblems: ValidationError 400, NotFound 404, Busy 503;
+    StudyPlotProblems: ValidationError 400, NotFound 404, ResultNotReady 409, FormatNotAvailable 422, Busy 503;
     /// Of routes that ask for nothing.
     OpenProblems: ValidationError 400;
     /// Of explanations.

@@ -12,7 +12,7 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::http::app::App;
 use crate::http::conditional;
-use crate::http::drawing::{not_modified, svg, turn};
+use crate::http::drawing::{PlotHeading, not_drawn, not_modified, not_ready, svg, turn};
 use crate::http::params::values::Value;
 use crate::http::params::{PlotPath, Query, parameters};
 use crate::http::problems::refused;
@@ -32,6 +32,7 @@ parameters! {
         x: Option<Abscissa>,
         /// Whether the abscissa is logarithmic; decided by its values when absent.
         log_x: Option<bool>,
+        ..heading: PlotHeading,
     }
 }
 
@@ -56,10 +57,11 @@ impl Value for Abscissa {
 
 /// Get a plot of a study
 ///
-/// An SVG for a page of print, 160 mm wide: a figure of the table against one of its columns, one series for each
+/// An SVG for print, 160 mm wide: a figure of the table against one of its columns, one series for each
 /// combination of the other columns that vary. `success`: success rate with its 95 % interval; `time`: time of all runs per
 /// success; `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
-/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event.
+/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event. A plot for which no run
+/// has data is refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
 #[utoipa::path(
     get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
     params(
@@ -80,9 +82,10 @@ pub(crate) async fn get(
     Query(query): Query<StudyPlotParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let heading = query.heading.title.get();
     let store = &app.shared.store;
     let record = store.study(id).await?.ok_or_else(|| refused(StoreError::NoStudy, id))?;
-    // Read before its runs, as that of the table. The abscissa is part of the address.
+    // Read before its runs, as that of the table. The abscissa and the heading are part of the address.
     let etag = format!("\"{}-{}-{}\"", record.version, kind.name(), draw::REVISION);
     if conditional::none_match_fails(&headers, &etag) {
         return Ok(not_modified(&etag));
@@ -94,18 +97,21 @@ pub(crate) async fn get(
         _ => BTreeMap::new(),
     };
     let options = StudyOptions { x: query.x.map(|x| x.0), log_x: query.log_x };
+    let open = record.finished_at.is_none();
     let drawn = blocking(id, move || {
         let curves: Vec<RunCurve> =
             reports.iter().map(|(&point, report)| RunCurve::of_report(point, report)).collect();
         let chart = study_plots::chart(kind, record.name.as_deref(), &table, &curves, &options);
-        let drawn = chart.map(|chart| draw::svg(&chart).map_err(std::io::Error::other));
+        let drawn = chart.map(|chart| draw::svg(&chart, heading));
         drop(permit);
         match drawn {
-            Ok(drawn) => drawn.map(Ok),
-            Err(fault) => Ok(Err(fault)),
+            Ok(Ok(drawn)) => Ok(Ok(drawn)),
+            Ok(Err(error)) => {
+                not_drawn(error).map(|problem| Err(if open { not_ready(problem) } else { problem }))
+            }
+            Err(fault) => Ok(Err(Problem::parameters(vec![Fault::parameter("x", fault.to_string())]))),
         }
     })
-    .await?
-    .map_err(|fault| Problem::parameters(vec![Fault::parameter("x", fault.to_string())]))?;
+    .await??;
     Ok(svg(drawn, &etag, &format!("{id}.{}.svg", kind.name())))
 }

@@ -1,4 +1,4 @@
-//! The moves of a job from state to state.
+//! The state transitions of a job.
 //!
 //! Each is one transaction whose update names the state it leaves; those of a running job also name
 //! the attempt, so that a worker that lost its lease changes nothing.
@@ -17,8 +17,8 @@ use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::studies::{Facts, Outcome};
 
-/// The number of the job to run next. Left alone, the planner takes the index of all states and
-/// sorts the queue at every claim.
+/// The number of the job to run next. The index is named, because the planner of SQLite would choose the index of all states
+/// and sort the queue at every claim.
 macro_rules! next_in_queue {
     () => {
         "select seq from jobs indexed by jobs_queue
@@ -29,7 +29,7 @@ macro_rules! next_in_queue {
 #[cfg(test)]
 pub(super) use next_in_queue;
 
-/// A job that was leased to the caller.
+/// A job that is leased to the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Claimed {
     pub(crate) lease: Lease,
@@ -40,27 +40,27 @@ pub(crate) struct Claimed {
     pub(crate) faults: i64,
 }
 
-/// What a worker learns when it reports.
+/// The answer to the report of a worker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Heartbeat {
-    /// A client wants the job to end.
+    /// A client has cancelled the job.
     pub(crate) cancel_requested: bool,
 }
 
-/// What became of a wish to cancel.
+/// The effect of a cancellation.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Cancelled {
-    /// The job was waiting and is cancelled now.
+    /// The job was queued and is cancelled now.
     Now(JobRecord),
-    /// The job runs; its worker will see the wish.
+    /// The job is running; its worker will see the cancellation.
     Soon(JobRecord),
 }
 
 impl Store {
-    /// Leases the next job: the highest priority, then the one whose turn it is.
+    /// Leases the next job: the highest priority, then the smallest virtual start time.
     ///
-    /// The worker does not wait for the disk: of a claim that a power cut undoes, the job waits as before, and
-    /// what its attempt left is swept. What is written next takes the claim to the disk with it.
+    /// The claim is not synchronized to the disk. A power cut that undoes it leaves the job queued, and the files of the
+    /// attempt are removed by the sweeper. The next synchronized write includes the claim.
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -75,7 +75,7 @@ impl Store {
         .await
     }
 
-    /// Renews a lease, and records progress where there is any news.
+    /// Renews a lease, and records the progress where there is any.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -112,8 +112,8 @@ impl Store {
         .await
     }
 
-    /// Ends a job with its result, which is on disk already, and takes in what it asked to be made of it. A study
-    /// keeps the facts of the run.
+    /// Ends a job with its result, which is on disk already, and queues the exports that its request lists. The facts of
+    /// the run are recorded in its study.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -171,7 +171,7 @@ impl Store {
         .await
     }
 
-    /// Ends a job without a result. A study keeps the facts of the run.
+    /// Ends a job without a result. The facts of the run are recorded in its study.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -182,7 +182,7 @@ impl Store {
         Ok(())
     }
 
-    /// Ends a job as its client wished.
+    /// Ends a job that its client has cancelled.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -191,7 +191,7 @@ impl Store {
         Ok(())
     }
 
-    /// Gives a job back whose run was broken off by no fault of its own; the attempt does not count.
+    /// Requeues a job whose run was interrupted by the stop of the service; the attempt does not count.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -200,7 +200,7 @@ impl Store {
         Ok(())
     }
 
-    /// Gives a job back that met a fault of the machine. The attempt does not count; the next one starts after a pause
+    /// Requeues a job that met a fault of the machine. The attempt does not count; the next one starts after a pause
     /// that doubles with each fault.
     ///
     /// # Errors
@@ -287,7 +287,7 @@ impl Store {
         .await
     }
 
-    /// Cancels a waiting job, or asks the worker of a running one to stop.
+    /// Cancels a queued job, or requests the worker of a running job to stop.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is finished, or the database's.
@@ -324,8 +324,8 @@ impl Store {
         .await
     }
 
-    /// Sends a failed or cancelled job back to the queue, with its attempts renewed; a succeeded one where its result at the
-    /// path `damaged` is no longer what was stored.
+    /// Requeues a failed or cancelled job, with all its attempts; a succeeded one where its result at the path `damaged` is
+    /// no longer what was stored.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`], [`StoreError::QueueFull`], or the database's.
@@ -349,7 +349,7 @@ impl Store {
             sqlx::query("delete from artifacts where job = ?").bind(before.seq).execute(&mut *tx).await?;
             store.check_queue(&mut tx, 1).await?;
             let flow = runs::flow_of(&mut tx, before.seq).await?;
-            let turn = turns::take(&mut tx, flow, before.priority, 1).await?;
+            let turn = turns::assign_start_times(&mut tx, flow, before.priority, 1).await?;
             sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
@@ -372,8 +372,7 @@ impl Store {
         .await
     }
 
-    /// Removes a finished job with what was made of it, and tells the paths of the files, which nothing refers to any
-    /// more.
+    /// Removes a finished job with its exports, and returns the paths of the files, which no row refers to any more.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`] where it is not finished, or the database's.
@@ -425,7 +424,7 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration) -> Result<Option<Claim
         return Ok(None);
     };
     let faults = row.try_get("faults")?;
-    turns::pass(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
+    turns::advance_virtual_time(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
     let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
     let request = sqlx::query("select body from job_requests where job = ?")
         .bind(job.seq)

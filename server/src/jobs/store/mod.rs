@@ -42,7 +42,7 @@ use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
 use writer::{Durability, Writer, Writing};
 
-pub(crate) use exports::{ClaimedExport, Wish};
+pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::{Filter, Order, Position, SortKey};

@@ -70,7 +70,7 @@ impl Store {
             return Ok(Submitted::Existing(existing));
         }
         self.check_queue(&mut tx, 1).await?;
-        let turn = turns::take(&mut tx, turns::SINGLE_JOBS, request.priority, 1).await?;
+        let turn = turns::assign_start_times(&mut tx, turns::SINGLE_JOBS, request.priority, 1).await?;
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,

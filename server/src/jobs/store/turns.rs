@@ -14,7 +14,7 @@ use super::StoreError;
 pub(super) const SINGLE_JOBS: i64 = 0;
 
 /// Assigns the next `jobs` virtual start times of a flow, and returns the first of them.
-pub(super) async fn take(
+pub(super) async fn assign_start_times(
     connection: &mut SqliteConnection,
     flow: i64,
     priority: i64,
@@ -36,18 +36,18 @@ pub(super) async fn take(
     Ok(last - jobs + 1)
 }
 
-/// Advances the virtual time to the start time of a job that starts.
-pub(super) async fn pass(
+/// Advances the virtual time of a priority to the virtual start time of a job that starts.
+pub(super) async fn advance_virtual_time(
     connection: &mut SqliteConnection,
     priority: i64,
-    turn: i64,
+    start_time: i64,
 ) -> Result<(), StoreError> {
     sqlx::query(
         "insert into queue_times (priority, turn) values (?, ?)
          on conflict (priority) do update set turn = max(turn, excluded.turn)",
     )
     .bind(priority)
-    .bind(turn)
+    .bind(start_time)
     .execute(connection)
     .await?;
     Ok(())

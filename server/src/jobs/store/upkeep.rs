@@ -1,5 +1,4 @@
-//! What the store does without being asked by a client: recovery after a crash, leases that ran out,
-//! jobs that expired.
+//! Maintenance of the store that no client requests: recovery after a crash, leases that ran out, jobs that expired.
 
 use sqlx::Row as _;
 use std::collections::BTreeMap;
@@ -11,24 +10,24 @@ use super::{Store, StoreError, now_us, rows};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
 
-/// Expired jobs removed in one transaction; more would keep submissions waiting.
+/// Most expired jobs removed in one transaction, so that submissions do not wait long for the writer.
 const EXPIRED_AT_ONCE: i64 = 200;
 
-/// However far its checkpoints come, a job is not started more often.
+/// Most starts of a job, however far its checkpoints come.
 const MOST_ATTEMPTS: i64 = 1000;
 
-/// A checkpoint that an attempt kept.
+/// A checkpoint that an attempt wrote.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Kept {
-    /// The job's id.
+    /// ID of the job.
     pub(crate) job: String,
-    /// The attempt that kept it.
+    /// The attempt that wrote it.
     pub(crate) attempt: i64,
     /// When, in microseconds since the Unix epoch.
     pub(crate) at_us: i64,
 }
 
-/// What a stored file is.
+/// What a stored file contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum StoredKind {
     /// The result of a job.
@@ -57,13 +56,13 @@ impl StoredKind {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Removed {
     pub(crate) id: JobId,
-    /// Its files, the result and what was made of it, which nothing refers to any more.
+    /// Its files, the result and its exports, which no row refers to any more.
     pub(crate) files: Vec<String>,
 }
 
 impl Store {
-    /// At start-up, when no worker can be alive: takes every running job back into the queue with
-    /// its next attempt, or ends it where it has none left. Returns how many were running.
+    /// Requeues every running job at start-up, when no worker has it, with its next attempt, or ends it where it has none
+    /// left. Returns how many were running.
     pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         self.reclaim(i64::MAX, checkpoints).await
     }
@@ -73,7 +72,7 @@ impl Store {
         self.reclaim(now_us(), checkpoints).await
     }
 
-    /// An attempt that has kept a checkpoint has come further than the one before: it does not count.
+    /// An attempt that has written a checkpoint has come further than the one before and does not count.
     async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -115,7 +114,7 @@ impl Store {
             .fetch_all(&mut *tx)
             .await?;
             if leases_until == i64::MAX {
-                // A restart may be what ends a fault of the machine.
+                // A restart may end a fault of the machine.
                 sqlx::query("update jobs set not_before = null where not_before is not null")
                     .execute(&mut *tx)
                     .await?;
@@ -170,7 +169,7 @@ impl Store {
         .await
     }
 
-    /// Whether a job's result, or something made of one, is at this path.
+    /// Whether the result of a job, or an export, is at this path.
     pub(crate) async fn refers_to(&self, path: &str) -> Result<bool, StoreError> {
         let row = sqlx::query(
             "select 1 from artifacts where path = ?1 union all select 1 from exports where path = ?1",
@@ -190,13 +189,13 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// At most `limit` paths of files that committed deletions have left behind.
+    /// At most `limit` paths of files whose rows have been deleted and that have not been removed yet.
     pub(crate) async fn removals(&self, limit: u32) -> Result<Vec<String>, StoreError> {
         let paths = sqlx::query_scalar("select path from removals limit ?");
         Ok(paths.bind(limit).fetch_all(self.readers()).await?)
     }
 
-    /// Whether a committed deletion has left the file of this path behind.
+    /// Whether the row of the file at this path has been deleted and the file has not been removed yet.
     pub(crate) async fn is_removed(&self, path: &str) -> Result<bool, StoreError> {
         let row = sqlx::query("select 1 from removals where path = ?")
             .bind(path)
@@ -205,7 +204,7 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Forgets files that have been removed.
+    /// Deletes the records of files that have been removed.
     pub(crate) async fn forget_removals(&self, paths: Vec<String>) -> Result<(), StoreError> {
         self.freeing(move |store| {
             let paths = paths.clone();
@@ -222,7 +221,7 @@ impl Store {
         .await
     }
 
-    /// Whether there is, in whatever state, a job of this id.
+    /// Whether a job of this ID exists, in any state.
     pub(crate) async fn knows_job(&self, id: &str) -> Result<bool, StoreError> {
         let row =
             sqlx::query("select 1 from jobs where id = ?").bind(id).fetch_optional(self.readers()).await?;
@@ -245,7 +244,7 @@ impl Store {
             .collect()
     }
 
-    /// Fails where the file cannot be written; changes nothing.
+    /// Checks that the database can be written, without a change.
     pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
         let store = self.clone();
         self.detached(async move {

@@ -1,12 +1,12 @@
-//! What is made of results, in the store.
+//! Exports in the store.
 //!
-//! There is one row for one thing, however often and by whichever way it is asked for: the unique key sees to it. A
-//! row leaves with its job; who works at it finds it gone. As the data directory is one service's own, a row that
-//! is running at the start belongs to nobody, so there are no leases; the attempt keeps the late word of one that
-//! was taken back from being heard.
+//! The unique key `(job, key)` makes one row of all requests for the same export. The row is deleted with its job. Exports
+//! have no leases: one service owns the data directory, so that no worker has a row that is running when the service
+//! starts, and such rows are requeued. The update of a worker names its attempt, so that a worker whose export was
+//! requeued changes nothing.
 
-mod ask;
 mod query;
+mod request;
 #[cfg(test)]
 mod tests;
 mod work;
@@ -19,9 +19,9 @@ use super::{StoreError, rows};
 use crate::exports::{ExportRecord, ExportState, StoredFile};
 use crate::ids::ExportId;
 
-pub(crate) use ask::Wish;
-pub(super) use ask::insert_beforehand;
 pub(super) use query::files_of_job;
+pub(crate) use request::Retention;
+pub(super) use request::insert_beforehand;
 pub(crate) use work::ClaimedExport;
 
 /// A query for exports, with the ids of the jobs; `$tail` holds what follows.
@@ -78,7 +78,7 @@ fn export_id(text: &str) -> Result<ExportId, StoreError> {
     ExportId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no export ID")))
 }
 
-/// The one of that number, which the caller knows to exist.
+/// The export of that number, which the caller knows to exist.
 async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<ExportRecord, StoreError> {
     let row = sqlx::query(select_exports!("where exports.seq = ?"))
         .bind(seq)
@@ -87,7 +87,7 @@ async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<ExportRec
     export(&row.ok_or(StoreError::NoExport)?)
 }
 
-/// What clients see of a job has changed: what is kept of it.
+/// Increments the version of a job whose list of kept exports has changed.
 async fn touch_job(connection: &mut SqliteConnection, job: i64, now: i64) -> Result<(), StoreError> {
     sqlx::query("update jobs set version = version + 1, updated_at = ? where seq = ?")
         .bind(now)

@@ -11,7 +11,7 @@ use super::{export, export_id, select_exports};
 use crate::exports::{ExportRecord, ExportState, NewExport};
 use crate::ids::{ExportId, JobId};
 
-/// How many are in each state, and what the cache holds.
+/// Number of exports in each state, and size of the cache.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ExportCounts {
     pub(crate) states: BTreeMap<ExportState, u64>,
@@ -19,7 +19,7 @@ pub(crate) struct ExportCounts {
 }
 
 impl Store {
-    /// Something export of that job, or `None` where there is none (any more).
+    /// The export of a job; `None` where the job does not have it.
     pub(crate) async fn export(&self, job: JobId, id: ExportId) -> Result<Option<ExportRecord>, StoreError> {
         let row = sqlx::query(select_exports!("where exports.id = ? and jobs.id = ?"))
             .bind(id.to_string())
@@ -29,7 +29,7 @@ impl Store {
         row.as_ref().map(export).transpose()
     }
 
-    /// Whether a job has, or had before it was dropped, the thing of that key.
+    /// Whether a job has the export of a key, or had it before it was removed from the cache.
     pub(crate) async fn knows_export(&self, job: i64, key: &str) -> Result<bool, StoreError> {
         let row = sqlx::query("select 1 from exports where job = ? and key = ?")
             .bind(job)
@@ -94,7 +94,7 @@ impl Store {
             .collect()
     }
 
-    /// How many there are, and what the cache holds.
+    /// Number of exports in each state, and size of the cache.
     pub(crate) async fn export_counts(&self) -> Result<ExportCounts, StoreError> {
         let rows = sqlx::query("select state, exports, cache_bytes from export_counts")
             .fetch_all(self.readers())

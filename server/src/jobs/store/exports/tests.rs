@@ -9,7 +9,7 @@ use sqlx::{Connection as _, SqliteConnection};
 
 use super::super::migrations::migrations_to;
 use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
-use super::super::{Store, StoreError, Wish};
+use super::super::{Retention, Store, StoreError};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{JobId, JobRecord};
@@ -47,21 +47,21 @@ async fn again(store: &Store, record: &ExportRecord) -> Option<ExportRecord> {
     store.export(record.job, record.id).await.unwrap()
 }
 
-async fn ask(store: &Store, job: JobId, new: NewExport, wish: Wish) -> (ExportRecord, bool) {
-    store.request_export(job, new, wish).await.unwrap()
+async fn request(store: &Store, job: JobId, new: NewExport, retention: Retention) -> (ExportRecord, bool) {
+    store.request_export(job, new, retention).await.unwrap()
 }
 
 #[tokio::test]
 async fn the_same_is_made_once_however_often_it_is_asked_for() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;
-    let (first, created) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    let (first, created) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert!(created && !first.kept && first.state == ExportState::Queued);
-    let (second, created) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    let (second, created) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert!(!created && second.id == first.id);
     assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, first.id);
     assert_eq!(store.claim_export(false).await.unwrap(), None, "it is being made");
-    let (running, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    let (running, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert_eq!(running.state, ExportState::Running);
     assert!(store.export_progress(&running, progress(0.5)).await.unwrap());
     assert!(store.export_made(&running, file("p", 7), json!({"n": 1})).await.unwrap());
@@ -69,7 +69,7 @@ async fn the_same_is_made_once_however_often_it_is_asked_for() {
     assert_eq!((made.state, made.file.clone()), (ExportState::Succeeded, Some(file("p", 7))));
     assert_eq!((made.report, made.progress), (Some(json!({"n": 1})), None));
     assert!(!store.export_made(&running, file("q", 7), json!({})).await.unwrap(), "it has ended");
-    let other = ask(&store, job.id, cut(2.0), Wish::Use).await;
+    let other = request(&store, job.id, cut(2.0), Retention::Cached).await;
     assert!(other.1, "another thing");
     assert_eq!(store.list_exports(job.seq, None, 10).await.unwrap().0.len(), 2);
     let (page, next) = store.list_exports(job.seq, None, 1).await.unwrap();
@@ -81,17 +81,21 @@ async fn the_same_is_made_once_however_often_it_is_asked_for() {
 async fn what_is_kept_shows_in_its_job() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, vec![cut(1.0), cut(1.0), cut(2.0)]).await;
-    assert_eq!(store.kept_of(job.seq).await.unwrap().len(), 2, "what is asked for twice is one thing");
-    let (used, _) = ask(&store, job.id, cut(3.0), Wish::Use).await;
+    assert_eq!(
+        store.kept_of(job.seq).await.unwrap().len(),
+        2,
+        "two requests for the same export have one row"
+    );
+    let (used, _) = request(&store, job.id, cut(3.0), Retention::Cached).await;
     let version = |store: &Store| {
         let store = store.clone();
         async move { store.get(job.id).await.unwrap().unwrap().version }
     };
     assert_eq!(version(&store).await, job.version, "a cache is no news");
-    let (kept, created) = ask(&store, job.id, cut(3.0), Wish::Keep).await;
+    let (kept, created) = request(&store, job.id, cut(3.0), Retention::Kept).await;
     assert!(!created && kept.kept && kept.id == used.id && kept.version > used.version);
     assert_eq!(version(&store).await, job.version + 1);
-    ask(&store, job.id, cut(3.0), Wish::Keep).await;
+    request(&store, job.id, cut(3.0), Retention::Kept).await;
     assert_eq!(version(&store).await, job.version + 1, "it is kept already");
     store.delete_export(job.id, kept.id).await.unwrap();
     assert_eq!(version(&store).await, job.version + 2);
@@ -103,8 +107,8 @@ async fn what_is_kept_shows_in_its_job() {
 async fn what_a_client_waits_for_comes_first_and_what_is_quick_has_its_own_way() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, vec![slow(1.0), slow(2.0), cut(3.0)]).await;
-    ask(&store, job.id, slow(4.0), Wish::Use).await;
-    ask(&store, job.id, slow(2.0), Wish::Use).await;
+    request(&store, job.id, slow(4.0), Retention::Cached).await;
+    request(&store, job.id, slow(2.0), Retention::Cached).await;
     let mut order = Vec::new();
     let quick = store.claim_export(true).await.unwrap().unwrap();
     assert_eq!(quick.export.options["at_mm"], 3.0);
@@ -120,21 +124,21 @@ async fn what_a_client_waits_for_comes_first_and_what_is_quick_has_its_own_way()
 async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     let (folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;
-    let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Keep).await;
+    let (requested, _) = request(&store, job.id, cut(1.0), Retention::Kept).await;
     let before = store.claim_export(false).await.unwrap().unwrap().export;
     drop(store);
     let store = open(&folder, LIMITS).await;
     for _ in 0..2 {
         assert_eq!(store.recover_exports().await.unwrap(), 1);
         assert!(!store.export_made(&before, file("p", 1), json!({})).await.unwrap(), "a late word");
-        assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, asked.id);
+        assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, requested.id);
     }
     store.recover_exports().await.unwrap();
-    let failed = again(&store, &asked).await.unwrap();
+    let failed = again(&store, &requested).await.unwrap();
     assert_eq!(failed.state, ExportState::Failed);
     assert_eq!(failed.error.unwrap().code, FailureCode::AttemptsExhausted);
     // Who asks again wants it tried again.
-    assert_eq!(ask(&store, job.id, cut(1.0), Wish::Use).await.0.state, ExportState::Queued);
+    assert_eq!(request(&store, job.id, cut(1.0), Retention::Cached).await.0.state, ExportState::Queued);
     assert_eq!(store.recover_exports().await.unwrap(), 0);
 }
 
@@ -145,19 +149,19 @@ async fn failures_of_the_options_stay_and_others_are_tried_again() {
     for (kind, after) in
         [(FailureCode::TooLarge, ExportState::Failed), (FailureCode::InternalError, ExportState::Queued)]
     {
-        ask(&store, job.id, cut(1.0), Wish::Use).await;
+        request(&store, job.id, cut(1.0), Retention::Cached).await;
         if let Some(claimed) = store.claim_export(false).await.unwrap() {
             assert!(store.export_failed(&claimed.export, &Failure::new(kind, "why")).await.unwrap());
         }
-        let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
-        assert_eq!(asked.state, after, "{}", kind.name());
-        assert_eq!(asked.error.is_some(), after == ExportState::Failed);
-        store.delete_export(job.id, asked.id).await.unwrap();
+        let (requested, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
+        assert_eq!(requested.state, after, "{}", kind.name());
+        assert_eq!(requested.error.is_some(), after == ExportState::Failed);
+        store.delete_export(job.id, requested.id).await.unwrap();
     }
-    let (asked, _) = ask(&store, job.id, cut(1.0), Wish::Use).await;
+    let (requested, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     let claimed = store.claim_export(false).await.unwrap().unwrap().export;
     assert!(store.export_requeued(&claimed).await.unwrap());
-    let waiting = again(&store, &asked).await.unwrap();
+    let waiting = again(&store, &requested).await.unwrap();
     assert_eq!((waiting.state, waiting.attempt, waiting.started_at), (ExportState::Queued, 1, None));
 }
 
@@ -165,7 +169,7 @@ async fn failures_of_the_options_stay_and_others_are_tried_again() {
 async fn all_files_of_a_job_go_with_it() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, vec![cut(1.0)]).await;
-    ask(&store, job.id, cut(2.0), Wish::Use).await;
+    request(&store, job.id, cut(2.0), Retention::Cached).await;
     make(&store, "first", 1).await;
     let running = store.claim_export(false).await.unwrap().unwrap().export;
     assert!(store.refers_to("first").await.unwrap());
@@ -175,7 +179,10 @@ async fn all_files_of_a_job_go_with_it() {
     assert!(!store.refers_to("first").await.unwrap());
     assert!(!store.export_is_wanted(&running).await.unwrap());
     assert!(!store.export_made(&running, file("late", 1), json!({})).await.unwrap());
-    assert!(matches!(store.request_export(job.id, cut(1.0), Wish::Use).await, Err(StoreError::NoJob)));
+    assert!(matches!(
+        store.request_export(job.id, cut(1.0), Retention::Cached).await,
+        Err(StoreError::NoJob)
+    ));
     let counts = store.export_counts().await.unwrap();
     assert!(counts.states.values().all(|n| *n == 0) && counts.cache_bytes == 0, "{counts:?}");
 
@@ -196,12 +203,12 @@ async fn the_cache_drops_what_was_used_longest_ago_and_nothing_that_is_kept() {
     let job = finished(&store, Vec::new()).await;
     let mut made = Vec::new();
     for i in 0..4 {
-        let wish = if i == 0 { Wish::Keep } else { Wish::Use };
-        ask(&store, job.id, cut(f64::from(i)), wish).await;
+        let retention = if i == 0 { Retention::Kept } else { Retention::Cached };
+        request(&store, job.id, cut(f64::from(i)), retention).await;
         made.push(make(&store, &format!("file{i}"), 10).await);
     }
     assert_eq!(store.export_counts().await.unwrap().cache_bytes, 30);
-    ask(&store, job.id, cut(1.0), Wish::Use).await;
+    request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert_eq!(store.shrink_cache(30, made[3].id).await.unwrap(), Vec::<String>::new());
     assert_eq!(store.shrink_cache(20, made[3].id).await.unwrap(), ["file2"]);
     assert_eq!(
@@ -211,17 +218,17 @@ async fn the_cache_drops_what_was_used_longest_ago_and_nothing_that_is_kept() {
     );
     assert!(again(&store, &made[0]).await.is_some(), "what is kept is no cache");
     assert_eq!(store.export_counts().await.unwrap().cache_bytes, 10);
-    ask(&store, job.id, cut(3.0), Wish::Keep).await;
+    request(&store, job.id, cut(3.0), Retention::Kept).await;
     assert_eq!(store.export_counts().await.unwrap().cache_bytes, 0, "it is kept from now on");
     // Dropped, it is made again.
-    assert!(ask(&store, job.id, cut(2.0), Wish::Use).await.1);
+    assert!(request(&store, job.id, cut(2.0), Retention::Cached).await.1);
 }
 
 #[tokio::test]
 async fn a_file_that_is_gone_is_made_again() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;
-    ask(&store, job.id, cut(1.0), Wish::Use).await;
+    request(&store, job.id, cut(1.0), Retention::Cached).await;
     let made = make(&store, "first", 5).await;
     store.requeue_export(made.seq, "other".into()).await.unwrap();
     assert_eq!(again(&store, &made).await.unwrap().state, ExportState::Succeeded, "that was another file");
@@ -238,18 +245,21 @@ async fn what_waits_and_what_is_kept_is_bounded() {
     let job = finished(&store, Vec::new()).await;
     let other = finished(&store, Vec::new()).await;
     for i in 0..MAX_KEPT {
-        ask(&store, job.id, cut(i as f64), Wish::Keep).await;
+        request(&store, job.id, cut(i as f64), Retention::Kept).await;
     }
-    let refused = store.request_export(job.id, cut(1e5), Wish::Keep).await;
+    let refused = store.request_export(job.id, cut(1e5), Retention::Kept).await;
     assert!(matches!(refused, Err(StoreError::TooManyKept { .. })), "{refused:?}");
-    assert!(!ask(&store, job.id, cut(0.0), Wish::Keep).await.1, "what is there can still be asked for");
+    assert!(
+        !request(&store, job.id, cut(0.0), Retention::Kept).await.1,
+        "an export that exists can still be requested"
+    );
     for i in MAX_KEPT..MAX_WAITING {
-        ask(&store, job.id, cut(i as f64), Wish::Use).await;
+        request(&store, job.id, cut(i as f64), Retention::Cached).await;
     }
-    let refused = store.request_export(other.id, cut(0.0), Wish::Use).await;
+    let refused = store.request_export(other.id, cut(0.0), Retention::Cached).await;
     assert!(matches!(refused, Err(StoreError::TooManyWait { .. })), "{refused:?}");
     store.claim_export(false).await.unwrap().unwrap();
-    ask(&store, other.id, cut(0.0), Wish::Use).await;
+    request(&store, other.id, cut(0.0), Retention::Cached).await;
     // However much waits, the next is found by an index.
     for quick in [false, true] {
         let plan = plan_of(&store, super::work::claim_sql(quick)).await;
@@ -280,8 +290,8 @@ async fn a_file_of_the_second_version_is_brought_up_to_date() {
 
     let store = open(&folder, LIMITS).await;
     assert_eq!(store.recover_exports().await.unwrap(), 0);
-    let (asked, created) = ask(&store, id, cut(1.0), Wish::Keep).await;
-    assert!(created && asked.job == id);
+    let (requested, created) = request(&store, id, cut(1.0), Retention::Kept).await;
+    assert!(created && requested.job == id);
     assert_eq!(make(&store, "cut", 1).await.state, ExportState::Succeeded);
     let mut files = store.delete(id).await.unwrap();
     files.sort();

@@ -1,4 +1,4 @@
-//! The moves of an export from state to state, by its worker.
+//! The state transitions of an export by its worker.
 
 use sqlx::Row as _;
 
@@ -11,10 +11,10 @@ use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
 use crate::jobs::{ArtifactRecord, JobProgress};
 
-/// How often something may be started that the server does not survive.
+/// Most starts of an export during which the server stopped.
 const MAX_ATTEMPTS: i64 = 3;
 
-/// Starts the next one out of those that `$tail` describes.
+/// The statement that starts the next export among those of `$tail`.
 macro_rules! next {
     ($tail:literal) => {
         concat!(
@@ -27,19 +27,19 @@ macro_rules! next {
     };
 }
 
-/// Something to make, claimed by the caller.
+/// An export that the caller has claimed.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ClaimedExport {
     pub(crate) export: ExportRecord,
-    /// The result that it is made of.
+    /// The result that the export is made from.
     pub(crate) result: ArtifactRecord,
     /// Faults of the machine that it has met.
     pub(crate) faults: i64,
 }
 
 impl Store {
-    /// Takes every row that is running back, at start-up, when nobody can work at it; what has been tried too often
-    /// fails. Returns how many were running.
+    /// Requeues every running export at start-up, when no worker has it; an export without attempts left fails. Returns
+    /// how many were running.
     pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -65,12 +65,12 @@ impl Store {
         .await
     }
 
-    /// Claims the next one to make: what a client waits for first, then the oldest. `quick` looks only for what is
-    /// made in a moment.
+    /// Claims the next export: one that a client waits for first, then the oldest. With `quick` only exports that take
+    /// little time are considered.
     pub(crate) async fn claim_export(&self, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            // An export whose claim a power cut undoes waits as before.
+            // A power cut that undoes the claim leaves the export queued.
             let mut writer = store.quick_writer().await?;
             let claimed = claim(&mut writer, quick).await?;
             drop(writer);
@@ -82,7 +82,7 @@ impl Store {
         .await
     }
 
-    /// Records how far it is; `false` where it is not the caller's any more.
+    /// Records the progress; `false` where the export is no longer the caller's.
     pub(crate) async fn export_progress(
         &self,
         of: &ExportRecord,
@@ -112,7 +112,7 @@ impl Store {
         .await
     }
 
-    /// Whether it is still the caller's to make.
+    /// Whether the export is still running in the attempt of the caller.
     pub(crate) async fn export_is_wanted(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         let row = sqlx::query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
             .bind(of.seq)
@@ -122,7 +122,7 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Ends it with its file, which is on disk already; `false` where nobody wants it any more.
+    /// Ends the export with its file, which is on disk already; `false` where it is no longer the caller's.
     pub(crate) async fn export_made(
         &self,
         of: &ExportRecord,
@@ -133,7 +133,7 @@ impl Store {
         self.end_export(of, end).await
     }
 
-    /// Ends it without a file; `false` where nobody wants it any more.
+    /// Ends the export without a file; `false` where it is no longer the caller's.
     pub(crate) async fn export_failed(
         &self,
         of: &ExportRecord,
@@ -143,13 +143,13 @@ impl Store {
         self.end_export(of, End { state: "failed", file: None, report: None, error }).await
     }
 
-    /// Gives it back where the server stops; the attempt does not count.
+    /// Requeues the export where the server stops; the attempt does not count.
     pub(crate) async fn export_requeued(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         self.end_export(of, End { state: "queued", file: None, report: None, error: None }).await
     }
 
-    /// Gives it back after a fault of the machine; the attempt does not count, and the next one starts after a pause.
-    /// `false` where nobody wants it any more.
+    /// Requeues the export after a fault of the machine; the attempt does not count, and the next one starts after a
+    /// pause. `false` where the export is no longer the caller's.
     pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
@@ -218,8 +218,8 @@ impl Store {
         .await
     }
 
-    /// Drops what was used longest ago of the cache until it holds at most so many bytes, but never the one named,
-    /// which somebody waits for. Returns the paths of the files, which nothing refers to any more.
+    /// Removes the least recently used exports of the cache until it has at most `most_bytes`, except `but`, which a
+    /// client waits for. Returns the paths of the files, which no row refers to any more.
     pub(crate) async fn shrink_cache(
         &self,
         most_bytes: u64,
@@ -257,7 +257,7 @@ impl Store {
     }
 }
 
-/// How making something ended.
+/// How an export ended.
 struct End {
     state: &'static str,
     file: Option<StoredFile>,
@@ -265,7 +265,7 @@ struct End {
     error: Option<Failure>,
 }
 
-/// The statement that claims the next one to make.
+/// The statement that claims the next export.
 pub(super) fn claim_sql(quick: bool) -> &'static str {
     if quick {
         next!("indexed by exports_quick where state = 'queued' and quick")
@@ -285,7 +285,7 @@ async fn claim(writer: &mut Writing<'_>, quick: bool) -> Result<Option<ClaimedEx
     let faults = row.try_get("faults")?;
     let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
     tx.commit().await?;
-    // A row is there only for a job with a result, and leaves with it.
+    // The row of an export exists only while its job has a result.
     let result = result.ok_or_else(|| StoreError::Row("an export of no result".into()))?;
     Ok(Some(ClaimedExport { export, result, faults }))
 }

@@ -104,7 +104,7 @@ impl Store {
         for row in waiting {
             let (priority, jobs): (i64, i64) = (row.try_get("priority")?, row.try_get("jobs")?);
             self.check_queue(connection, jobs as u64).await?;
-            let turn = turns::take(connection, study, priority, jobs).await?;
+            let turn = turns::assign_start_times(connection, study, priority, jobs).await?;
             let rows = sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,

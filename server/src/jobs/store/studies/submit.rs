@@ -191,7 +191,7 @@ async fn rows_of<'a>(
     }
     let mut next_turn = BTreeMap::new();
     for (priority, jobs) in jobs_of {
-        next_turn.insert(priority, turns::take(connection, study, priority, jobs).await?);
+        next_turn.insert(priority, turns::assign_start_times(connection, study, priority, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
         let Point { job, seeds, warnings, .. } = &of.points[point];

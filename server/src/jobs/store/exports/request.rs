@@ -8,19 +8,19 @@ use super::{by_seq, export, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport};
 use crate::ids::{ExportId, JobId};
 
-/// How long an export is to stay.
+/// How long an export is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Wish {
-    /// Its file, now: it may go afterwards.
-    Use,
-    /// To stay with its job.
-    Keep,
+pub(crate) enum Retention {
+    /// In the cache: it may be removed as soon as its file has been sent.
+    Cached,
+    /// As long as its job.
+    Kept,
 }
 
 impl Store {
-    /// Finds an export of a job that succeeded, or accepts it to be made; says whether it was accepted.
-    /// What failed for a reason that may be gone is tried again. What is to be kept is safe on disk when this
-    /// returns; of a cache nothing is lost by a power cut.
+    /// Finds an export of a job that succeeded, or adds it to the queue; returns whether it was added. An export that failed
+    /// for a transient reason is requeued. A row that is kept has been synchronized to the disk when this returns; a row
+    /// of the cache has not, because a client can request it again.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::TooManyWait`], [`StoreError::TooManyKept`], or the database's.
@@ -28,15 +28,16 @@ impl Store {
         &self,
         job: JobId,
         new: NewExport,
-        wish: Wish,
+        retention: Retention,
     ) -> Result<(ExportRecord, bool), StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let mut writer = match wish {
-                Wish::Keep => store.writer().await?,
-                Wish::Use => store.quick_writer().await?,
+            let mut writer = match retention {
+                Retention::Kept => store.writer().await?,
+                Retention::Cached => store.quick_writer().await?,
             };
-            let Asked { record, created, job_changed } = ask(&mut writer, job, &new, wish).await?;
+            let Requested { record, created, job_changed } =
+                find_or_insert(&mut writer, job, &new, retention).await?;
             drop(writer);
             if record.state == ExportState::Queued {
                 store.wake_export_workers();
@@ -50,8 +51,8 @@ impl Store {
         .await
     }
 
-    /// Requeues an export whose file is not what was stored; others, and those that are being
-    /// made again already, are left alone.
+    /// Requeues a succeeded export whose file is damaged. Does nothing to an export in another state or with another
+    /// path.
     pub(crate) async fn requeue_export(&self, seq: i64, path: String) -> Result<(), StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -74,8 +75,8 @@ impl Store {
         .await
     }
 
-    /// Removes an export, whatever its state, and tells the path of its file, which nothing refers to any
-    /// more. Who makes it finds it gone.
+    /// Removes an export, whatever its state, and returns the path of its file, which no row refers to any more. A worker
+    /// that makes the export finds no row and stops.
     ///
     /// # Errors
     /// [`StoreError::NoExport`], or the database's.
@@ -105,13 +106,19 @@ impl Store {
     }
 }
 
-struct Asked {
+/// The row of a requested export.
+struct Requested {
     record: ExportRecord,
     created: bool,
     job_changed: bool,
 }
 
-async fn ask(writer: &mut Writing<'_>, job: JobId, new: &NewExport, wish: Wish) -> Result<Asked, StoreError> {
+async fn find_or_insert(
+    writer: &mut Writing<'_>,
+    job: JobId,
+    new: &NewExport,
+    retention: Retention,
+) -> Result<Requested, StoreError> {
     let mut tx = writer.begin().await?;
     let job: i64 = sqlx::query("select seq from jobs where id = ? and state = 'succeeded'")
         .bind(job.to_string())
@@ -126,14 +133,14 @@ async fn ask(writer: &mut Writing<'_>, job: JobId, new: &NewExport, wish: Wish) 
         .fetch_optional(&mut *tx)
         .await?;
     let known = known.as_ref().map(export).transpose()?;
-    let keep = wish == Wish::Keep && !known.as_ref().is_some_and(|known| known.kept);
+    let keep = retention == Retention::Kept && !known.as_ref().is_some_and(|known| known.kept);
     if keep {
         check_kept(&mut tx, job).await?;
     }
     let seq = if let Some(known) = &known {
-        let again = known.state == ExportState::Failed
+        let retried = known.state == ExportState::Failed
             && known.error.as_ref().is_none_or(|error| error.code.is_transient());
-        update(&mut tx, known, again, keep, now).await?;
+        update(&mut tx, known, retried, keep, now).await?;
         known.seq
     } else {
         check_waiting(&mut tx).await?;
@@ -145,15 +152,15 @@ async fn ask(writer: &mut Writing<'_>, job: JobId, new: &NewExport, wish: Wish) 
     }
     let record = by_seq(&mut tx, seq).await?;
     tx.commit().await?;
-    Ok(Asked { record, created: known.is_none(), job_changed: keep })
+    Ok(Requested { record, created: known.is_none(), job_changed: keep })
 }
 
-/// A client is waiting: the export moves to the front of the queue, is requeued if it failed (`again`), and is kept from
-/// now on if `keep` says so.
+/// A client is waiting: the export moves to the front of the queue, is requeued if it failed (`retried`), and is kept from
+/// now on if `keep` is set.
 async fn update(
     connection: &mut SqliteConnection,
     known: &ExportRecord,
-    again: bool,
+    retried: bool,
     keep: bool,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -164,11 +171,11 @@ async fn update(
     )
     .bind(known.seq)
     .bind(now)
-    .bind(again)
+    .bind(retried)
     .bind(keep)
     .execute(&mut *connection)
     .await?;
-    if again {
+    if retried {
         sqlx::query(
             "update exports set state = 'queued', attempt = 1, error = null, progress = null, started_at = null,
                  finished_at = null
@@ -181,7 +188,7 @@ async fn update(
     Ok(())
 }
 
-/// Takes in what a job asked for beforehand, in the transaction that ends it.
+/// Queues the exports that the request of a job lists, in the transaction that ends the job.
 pub(in crate::jobs::store) async fn insert_beforehand(
     connection: &mut SqliteConnection,
     job: i64,
@@ -200,7 +207,7 @@ struct Row {
     now: i64,
 }
 
-/// The number of the new row; `None` where the job has the same thing already.
+/// Inserts a row and returns its number; `None` where the job already has the export.
 async fn insert(
     connection: &mut SqliteConnection,
     job: i64,

@@ -1,0 +1,264 @@
+//! The documents against the interface: every address is in `openapi.yaml` with its method and its parameters, every
+//! command and option is known to the binary, every link within the repository leads to a file, and no line is longer
+//! than 120 characters.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::harness::{Contract, packstone};
+
+const METHODS: [&str; 6] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"];
+const LONGEST_LINE: usize = 120;
+/// Options of other programs that the documents name by themselves.
+const OF_OTHER_PROGRAMS: [&str; 4] = ["--release", "--example", "--edge", "--size"];
+
+fn root() -> PathBuf {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).to_owned()
+}
+
+/// The documents, by their path from the root.
+fn documents() -> BTreeMap<PathBuf, String> {
+    let root = root();
+    let mut paths: Vec<PathBuf> =
+        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "clients/python/README.md"]
+            .into_iter()
+            .map(PathBuf::from)
+            .collect();
+    for entry in fs::read_dir(root.join("docs")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "md") {
+            paths.push(path.strip_prefix(&root).unwrap().to_owned());
+        }
+    }
+    assert!(paths.len() > 15, "{paths:?}");
+    paths.into_iter().map(|path| (path.clone(), fs::read_to_string(root.join(path)).unwrap())).collect()
+}
+
+/// The code of a document: spans within the text, and lines of blocks.
+#[derive(Default)]
+struct Code {
+    spans: Vec<String>,
+    lines: Vec<String>,
+}
+
+impl Code {
+    fn of(text: &str) -> Self {
+        let mut code = Self::default();
+        let mut paragraph = String::new();
+        let mut fenced = false;
+        for line in text.lines().chain([""]) {
+            let fence = line.trim_start().starts_with("```");
+            let indented = line.starts_with("    ") && paragraph.is_empty();
+            if fence || line.trim().is_empty() || line.starts_with('|') || fenced || indented {
+                // Spans are the odd pieces; a span may be broken into two lines.
+                code.spans.extend(paragraph.split('`').skip(1).step_by(2).map(|span| span.trim().to_owned()));
+                paragraph.clear();
+            }
+            if fence {
+                fenced = !fenced;
+            } else if fenced || indented {
+                code.lines.push(line.trim().to_owned());
+            } else {
+                paragraph.push_str(line.trim());
+                paragraph.push(' ');
+                if line.starts_with('|') {
+                    code.spans.extend(line.split('`').skip(1).step_by(2).map(str::to_owned));
+                    paragraph.clear();
+                }
+            }
+        }
+        code
+    }
+
+    fn all(&self) -> impl Iterator<Item = &String> {
+        self.spans.iter().chain(&self.lines)
+    }
+}
+
+/// An address that a document names.
+#[derive(Debug, PartialEq)]
+struct Address {
+    method: Option<String>,
+    path: String,
+    parameters: Vec<String>,
+}
+
+/// The addresses in a piece of code.
+fn addresses(code: &str) -> Vec<Address> {
+    let words: Vec<&str> = code.split_whitespace().collect();
+    let mut found = Vec::new();
+    for (i, word) in words.iter().enumerate() {
+        let word = word.trim_matches(|c: char| "\"'(),;".contains(c));
+        let path = match word.find("/v1/") {
+            Some(at) => &word[at..],
+            None if i > 0 && METHODS.contains(&words[i - 1]) && word.starts_with('/') => word,
+            None => continue,
+        };
+        let (path, query) = path.split_once('?').unwrap_or((path, ""));
+        let parameters = query.split('&').filter_map(|pair| Some(pair.split_once('=')?.0.to_owned()));
+        found.push(Address {
+            method: i.checked_sub(1).map(|at| words[at].to_owned()).filter(|m| METHODS.contains(&m.as_str())),
+            path: path.trim_end_matches(['"', '\'', ')']).to_owned(),
+            parameters: parameters.collect(),
+        });
+    }
+    found
+}
+
+/// Why an address is not in the contract.
+fn fault(address: &Address) -> Option<String> {
+    let paths = Contract::get().document()["paths"].as_object().unwrap();
+    let is_variable = |segment: &str| segment.starts_with(['{', '$']);
+    let fits = |known: &str| {
+        let (known, named): (Vec<&str>, Vec<&str>) =
+            (known.split('/').collect(), address.path.split('/').collect());
+        // A concrete segment may stand for a variable of the contract, but not the other way round.
+        known.len() == named.len() && known.iter().zip(&named).all(|(k, n)| k == n || is_variable(k))
+    };
+    let known: Vec<_> = paths.iter().filter(|(path, _)| fits(path)).collect();
+    if known.is_empty() {
+        return Some("no such path".into());
+    }
+    let of_method = |method: &str| known.iter().any(|(_, item)| item.get(method.to_lowercase()).is_some());
+    // A GET has a HEAD.
+    let method = address.method.as_deref().map(|method| if method == "HEAD" { "GET" } else { method });
+    if method.is_some_and(|method| !of_method(method)) {
+        return Some("no such method".into());
+    }
+    let operations = known.iter().flat_map(|(_, item)| item.as_object().unwrap());
+    let of_this = operations.filter(|(name, _)| method.is_none_or(|m| m.eq_ignore_ascii_case(name)));
+    let parameters: BTreeSet<&str> = of_this
+        .filter_map(|(_, operation)| operation["parameters"].as_array())
+        .flatten()
+        .filter_map(|parameter| parameter["name"].as_str())
+        .collect();
+    let unknown = address.parameters.iter().find(|name| !parameters.contains(name.as_str()));
+    unknown.map(|name| format!("no parameter {name}"))
+}
+
+#[test]
+fn every_address_in_the_documents_is_in_the_contract() {
+    let (mut found, mut faults) = (0, Vec::new());
+    for (path, text) in documents() {
+        let code = Code::of(&text);
+        for address in code.all().flat_map(|code| addresses(code)) {
+            found += 1;
+            faults.extend(fault(&address).map(|why| format!("{}: {address:?}: {why}", path.display())));
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    assert!(found > 25, "only {found} addresses were found");
+    // What the test is for.
+    for (code, why) in [
+        ("POST /v1/jobs/{id}/derived", "no such path"),
+        ("curl localhost:8080/v1/jobs/$ID/slice.svg?axis=z", "no such path"),
+        ("PUT /v1/jobs/{id}", "no such method"),
+        ("GET /v1/jobs/{id}/exports/slice?at=40", "no parameter at"),
+    ] {
+        let address = addresses(code);
+        assert_eq!(fault(&address[0]).as_deref(), Some(why), "{code}");
+    }
+}
+
+/// The commands of `packstone` in a piece of code, each with its arguments.
+fn commands(code: &str) -> Vec<Vec<&str>> {
+    let code = code.split(" #").next().unwrap_or_default();
+    code.split(['|', ';', '&', '>'])
+        .filter_map(|command| {
+            let mut words = command.split_whitespace().skip_while(|word| word.contains('='));
+            (words.next()? == "packstone").then(|| words.collect())
+        })
+        .collect()
+}
+
+#[tokio::test]
+async fn every_command_and_option_in_the_documents_is_known_to_the_binary() {
+    let directory = tempfile::tempdir().unwrap();
+    let help = async |args: &[&str]| {
+        let ended = packstone(directory.path(), args).await;
+        assert_eq!(ended.code, Some(0), "{args:?}: {ended:?}");
+        ended.stdout
+    };
+    let overview = help(&["--help"]).await;
+    let listed = overview.split("Commands:").nth(1).unwrap().split("\n\n").next().unwrap();
+    let names: Vec<&str> = listed.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(names.contains(&"serve") && names.contains(&"backup"), "{names:?}");
+    let options_of = |help: &str| -> BTreeSet<String> {
+        let words = help.split(|c: char| !(c.is_ascii_alphanumeric() || c == '-'));
+        words.filter(|word| word.starts_with("--") && word.len() > 2).map(str::to_owned).collect()
+    };
+    let mut options = BTreeMap::new();
+    for name in names.iter().filter(|name| **name != "help") {
+        options.insert(*name, options_of(&help(&[name, "--help"]).await));
+    }
+    let known_somewhere: BTreeSet<&String> = options.values().flatten().collect();
+    let option = |word: &str| word.split('=').next().unwrap_or_default().to_owned();
+    let (mut found, mut faults) = (BTreeSet::new(), Vec::new());
+    for (path, text) in documents() {
+        let code = Code::of(&text);
+        for command in code.all().flat_map(|code| commands(code)) {
+            let Some(name) = command.first().filter(|name| !name.starts_with('-') && **name != "COMMAND")
+            else {
+                continue;
+            };
+            let Some(options) = options.get(name) else {
+                faults.push(format!("{}: no command packstone {name}", path.display()));
+                continue;
+            };
+            found.insert((*name).to_owned());
+            let unknown =
+                command.iter().filter(|word| word.starts_with("--") && !options.contains(&option(word)));
+            faults.extend(unknown.map(|word| format!("{}: packstone {name} has no {word}", path.display())));
+        }
+        for span in code.spans.iter().filter(|span| span.starts_with("--")) {
+            let named = option(span.split([' ', ',']).next().unwrap_or_default());
+            let known = known_somewhere.contains(&named) || named == "--version" || named == "--help";
+            if !known && !OF_OTHER_PROGRAMS.contains(&named.as_str()) {
+                faults.push(format!("{}: no command has {named}", path.display()));
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    // `docs/commands.md` has a row for each command.
+    let table = fs::read_to_string(root().join("docs/commands.md")).unwrap();
+    for name in options.keys() {
+        assert!(table.contains(&format!("\n| `{name}")), "docs/commands.md has no row for {name}");
+        assert!(
+            found.contains(*name) || ["openapi", "completions", "man"].contains(name),
+            "{name} in no document"
+        );
+    }
+    assert_eq!(commands("A=1 packstone run x --out y | packstone plan z # packstone pie").len(), 2);
+}
+
+#[test]
+fn every_link_in_the_documents_leads_to_a_file() {
+    for (path, text) in documents() {
+        let folder = root().join(path.parent().unwrap());
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let file = link.split('#').next().unwrap_or_default();
+            let outside = link.starts_with("https://") || link.starts_with("http://");
+            assert!(outside || file.is_empty() || folder.join(file).exists(), "{}: {link}", path.display());
+        }
+    }
+}
+
+/// Except rows of tables and lines with a link.
+#[test]
+fn no_line_of_the_documents_is_too_long() {
+    let mut texts = documents();
+    for path in [".ci/run", "docker/compose.yaml", "docker/Dockerfile"] {
+        texts.insert(path.into(), fs::read_to_string(root().join(path)).unwrap());
+    }
+    let mut long = Vec::new();
+    for (path, text) in texts {
+        for (i, line) in text.lines().enumerate() {
+            let excepted = line.starts_with('|') || line.contains("](");
+            if !excepted && line.chars().count() > LONGEST_LINE {
+                long.push(format!("{}:{}: {} characters", path.display(), i + 1, line.chars().count()));
+            }
+        }
+    }
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
