@@ -137,7 +137,8 @@ pub(crate) async fn list(
 
 /// List the jobs of a study
 ///
-/// As `GET /v1/jobs?study=`. Newest first, unless `sort` says otherwise: the last replicates of all points come before the first.
+/// As `GET /v1/jobs?study=`. Newest first, unless `sort` says otherwise: the last replicates of all points come before
+/// the first.
 #[utoipa::path(
     get, path = "/v1/studies/{id}/jobs", tag = "studies", operation_id = "list_study_jobs",
     params(StudyPath, JobListParameters),

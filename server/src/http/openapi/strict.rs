@@ -39,8 +39,9 @@ fn strict(schemas: &mut Map<String, Value>) -> Vec<String> {
 }
 
 /// Puts the options of a variant, as of `edmd`, beside its `type`: the derive makes an `allOf` of the two, of which
-/// neither part could refuse unknown fields without refusing the other's. Options that have variants themselves, as those
-/// of meshes by `format`, give a variant each, of which the first is that of an absent `format`.
+/// neither part could refuse unknown fields without refusing the other's. Options that have variants themselves, as
+/// those of meshes by `format`, give a variant each, of which the first is that of an absent `format`. The names of the
+/// options that were joined.
 fn join_options(schemas: &mut Map<String, Value>, name: &str) -> Vec<String> {
     let Some(mut schema) = schemas.get(name).cloned() else { return Vec::new() };
     let Some(variants) = schema.get_mut("oneOf").and_then(Value::as_array_mut) else { return Vec::new() };
@@ -129,7 +130,11 @@ mod tests {
     fn optional_fields_may_be_null_and_others_may_not_be_there() {
         let mix = json!({
             "type": "object", "required": ["grading"],
-            "properties": {"grading": {"$ref": "#/g"}, "volume_fraction_of": {"$ref": "#/b", "default": "all_aggregate"}, "n": {"type": "number"}}
+            "properties": {
+                "grading": {"$ref": "#/g"},
+                "volume_fraction_of": {"$ref": "#/b", "default": "all_aggregate"},
+                "n": {"type": "number"}
+            }
         });
         let mut schemas = Map::from_iter([("Mix".to_owned(), mix)]);
         assert_eq!(strict(&mut schemas), [""; 0]);

@@ -230,8 +230,8 @@ impl Order {
 }
 
 impl Filter {
-    /// Limits a query to the jobs beyond a position, and adds the filters without an index; `seq` is the column with the
-    /// numbers of the jobs.
+    /// Limits a query to the jobs beyond a position, and adds the filters without an index; `seq` is the column with
+    /// the numbers of the jobs.
     fn push(&self, query: &mut QueryBuilder<Sqlite>, seq: &str, after: Position) {
         self.order.push_after(query, seq, after);
         if let Some(name) = &self.name {
@@ -257,7 +257,8 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqli
         let mut query = QueryBuilder::new(select_jobs!("where "));
         filter.push(&mut query, "jobs.seq", after);
         if let Some(state) = filter.state {
-            // Jobs that have ended are many: they are walked in their order. The sign keeps the index by state out of it.
+            // Jobs that have ended are many: they are walked in their order. The sign keeps the index by state out of
+            // it.
             let walked = filter.order.expression().is_some() && state.is_finished();
             query.push(if walked { " and +jobs.state = " } else { " and jobs.state = " });
             query.push_bind(state.name());
