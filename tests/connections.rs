@@ -150,7 +150,7 @@ async fn more_downloads_than_allowed_are_put_off() {
     server.stop().await;
 }
 
-const FIRST: Ipv4Addr = Ipv4Addr::new(127, 0, 0, 1);
+const FIRST: Ipv4Addr = Ipv4Addr::LOCALHOST;
 const SECOND: Ipv4Addr = Ipv4Addr::new(127, 0, 0, 2);
 
 /// Asks once, on a connection that stays open, and returns the head of the answer with the connection.
@@ -186,7 +186,7 @@ async fn one_client_takes_half_of_the_connections_at_most() {
     }
     drop(open.pop());
     patiently("a closed connection to make room", async {
-        while !ask(FIRST, address, "/v1/jobs").await.0.starts_with("HTTP/1.1 200 ") {
+        while !Box::pin(ask(FIRST, address, "/v1/jobs")).await.0.starts_with("HTTP/1.1 200 ") {
             tokio::task::yield_now().await;
         }
     })

@@ -117,7 +117,7 @@ mod tests {
     fn every_point_comes_once_and_rounds_grow() {
         let points: Vec<[f64; 3]> =
             (0..10_000).map(|i| [f64::from(i % 17), f64::from(i % 101), f64::from(i)]).collect();
-        let mut order = insertion_order(&points).unwrap();
+        let mut order = insertion_order(&points).expect("memory");
         order.sort_unstable();
         assert!(order.iter().enumerate().all(|(i, &number)| i as u32 == number));
         let rounds = rounds(points.len());
