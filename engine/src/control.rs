@@ -199,7 +199,9 @@ mod tests {
             for thread in 0..4 {
                 let part = &part;
                 scope.spawn(move || {
-                    (0..100).for_each(|i| part.report(&at(f64::from(4 * i + thread) / 400.0)))
+                    for i in 0..100 {
+                        part.report(&at(f64::from(4 * i + thread) / 400.0));
+                    }
                 });
             }
         });

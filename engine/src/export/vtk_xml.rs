@@ -44,7 +44,9 @@ impl<T: Value, const N: usize> Value for [T; N] {
     const BYTES: u64 = N as u64 * T::BYTES;
 
     fn push(self, bytes: &mut Vec<u8>) {
-        self.into_iter().for_each(|component| component.push(bytes));
+        for component in self {
+            component.push(bytes);
+        }
     }
 }
 
@@ -115,7 +117,7 @@ impl<'a> VtkXml<'a> {
         provenance: Option<&Provenance>,
     ) -> Self {
         let text = |attributes: &[(&str, String)]| -> String {
-            attributes.iter().map(|(name, value)| format!(" {name}=\"{value}\"")).collect()
+            attributes.iter().flat_map(|(name, value)| [" ", *name, "=\"", value.as_str(), "\""]).collect()
         };
         let head = [
             "<?xml version=\"1.0\"?>\n",
@@ -133,13 +135,13 @@ impl<'a> VtkXml<'a> {
     pub(super) fn section(&mut self, tag: &'static str, scalars: Option<&str>) {
         self.end_section();
         let scalars = scalars.map_or_else(String::new, |name| format!(" Scalars=\"{name}\""));
-        self.head.push_str(&format!("      <{tag}{scalars}>\n"));
+        self.head.extend(["      <", tag, &scalars, ">\n"]);
         self.section = Some(tag);
     }
 
     fn end_section(&mut self) {
         if let Some(tag) = self.section.take() {
-            self.head.push_str(&format!("      </{tag}>\n"));
+            self.head.extend(["      </", tag, ">\n"]);
         }
     }
 
@@ -171,10 +173,11 @@ impl<'a> VtkXml<'a> {
         } else {
             format!(" NumberOfComponents=\"{}\"", T::COMPONENTS)
         };
-        self.head.push_str(&format!(
+        let array = format!(
             "        <DataArray type=\"{}\" Name=\"{name}\"{components} format=\"appended\" offset=\"{offset}\"/>\n",
             T::TYPE
-        ));
+        );
+        self.head.push_str(&array);
         self.arrays.push(Array { name, bytes: len as u64 * T::BYTES, fill: Box::new(fill) });
     }
 
