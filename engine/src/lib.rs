@@ -34,8 +34,6 @@ pub mod geometry;
 mod memory;
 pub mod methods;
 pub mod mix;
-#[cfg(feature = "openapi")]
-mod openapi;
 mod pack;
 pub mod packing;
 pub mod plan;

@@ -7,6 +7,8 @@ pub mod ldpm;
 pub mod mesh;
 pub mod picture;
 mod provenance;
+#[cfg(feature = "openapi")]
+mod schema;
 pub mod slice;
 mod steps;
 pub mod tables;

@@ -9,6 +9,8 @@ pub mod decode;
 pub mod edmd;
 pub mod proportions;
 mod read;
+#[cfg(feature = "openapi")]
+mod schema;
 pub mod segregation;
 pub mod standard;
 mod upgrade;
@@ -75,7 +77,7 @@ pub enum Specimen {
     /// A box that spans 0..size on every axis.
     Box {
         /// Edge lengths in x, y, z.
-        #[cfg_attr(feature = "openapi", schema(schema_with = crate::openapi::size_mm))]
+        #[cfg_attr(feature = "openapi", schema(schema_with = schema::size_mm))]
         size_mm: [f64; 3],
         /// What the six faces are; rigid walls when absent.
         #[cfg_attr(feature = "openapi", schema(default = "walls", required = false))]
@@ -186,7 +188,7 @@ pub enum Grading {
     /// Between two sieves the passing is linear in the logarithm of the diameter.
     Sieves {
         /// The points of the curve, at least two.
-        #[cfg_attr(feature = "openapi", schema(schema_with = crate::openapi::points))]
+        #[cfg_attr(feature = "openapi", schema(schema_with = schema::points))]
         points: Vec<[f64; 2]>,
     },
     /// Size classes with their share of the mass; what they leave to 1 is finer than all of them.
@@ -204,7 +206,7 @@ pub enum Grading {
     /// An explicit list; its volume is the mix's.
     Diameters {
         /// Diameter of every grain, in any order.
-        #[cfg_attr(feature = "openapi", schema(schema_with = crate::openapi::diameters_mm))]
+        #[cfg_attr(feature = "openapi", schema(schema_with = schema::diameters_mm))]
         diameters_mm: Vec<f64>,
     },
 }

@@ -50,7 +50,8 @@ impl utoipa::PartialSchema for SliceDocument<'_> {
         use utoipa::ToSchema;
         use utoipa::openapi::schema::{AllOfBuilder, ObjectBuilder, Ref, Schema, Type};
 
-        let circles = crate::openapi::table("The circles of the slice.", &COLUMNS, "One row a circle.");
+        let circles =
+            crate::export::schema::table("The circles of the slice.", &COLUMNS, "One row a circle.");
         let table = ObjectBuilder::new().schema_type(Type::Object);
         let document = AllOfBuilder::new()
             .item(Ref::from_schema_name(SliceReport::name()))

@@ -61,7 +61,8 @@ impl SphereTable<'_> {
 impl utoipa::PartialSchema for SphereTable<'_> {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
         let about = "The grains of a result, largest first; the row number is the grain's id.";
-        utoipa::openapi::Schema::from(crate::openapi::table(about, &COLUMNS, "One row a grain.")).into()
+        utoipa::openapi::Schema::from(crate::export::schema::table(about, &COLUMNS, "One row a grain."))
+            .into()
     }
 }
 

@@ -1,10 +1,10 @@
-//! Schemas for interface documents that no derive makes: of tables that are written row by row, and of bounded items.
+//! Schemas of requests that no derive makes: arrays whose items are bounded.
 
 use serde_json::json;
 use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, Object, ObjectBuilder, Schema, Type};
+use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, ObjectBuilder, Schema, Type};
 
-use crate::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
+use super::{MAX_LENGTH_MM, MIN_LENGTH_MM};
 
 /// A length in mm.
 fn length() -> RefOr<Schema> {
@@ -49,35 +49,4 @@ pub(crate) fn diameters_mm() -> Array {
         .description(Some("Diameter of every grain, in any order."))
         .examples([json!([12.0, 10.0, 8.0])])
         .build()
-}
-
-/// The schema of a table: an object with the names of its `columns` and with `rows` of numbers.
-pub(crate) fn table(description: &str, columns: &[&str], row: &str) -> Object {
-    ObjectBuilder::new()
-        .schema_type(Type::Object)
-        .description(Some(description))
-        .property("columns", names(columns))
-        .required("columns")
-        .property("rows", rows(columns.len(), row))
-        .required("rows")
-        .build()
-}
-
-fn names(columns: &[&str]) -> Array {
-    let name = |name: &&str| {
-        Schema::from(ObjectBuilder::new().schema_type(Type::String).enum_values(Some([*name])).build())
-    };
-    ArrayBuilder::new()
-        .prefix_items(columns.iter().map(name))
-        .items(ArrayItems::False)
-        .min_items(Some(columns.len()))
-        .max_items(Some(columns.len()))
-        .description(Some("Names of the columns."))
-        .build()
-}
-
-fn rows(width: usize, description: &str) -> Array {
-    let number = ObjectBuilder::new().schema_type(Type::Number).build();
-    let row = ArrayBuilder::new().items(number).min_items(Some(width)).max_items(Some(width)).build();
-    ArrayBuilder::new().items(RefOr::from(Schema::from(row))).description(Some(description)).build()
 }
