@@ -82,6 +82,7 @@ pub(crate) fn start(format: LogFormat, default_filter: &str) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use tracing::Level;
 
