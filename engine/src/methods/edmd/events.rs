@@ -34,10 +34,13 @@ impl System {
         self.queue.reset(n, events_per_time)?;
         refill(&mut self.next, n, Next { time: f64::INFINITY, with: NOTHING })?;
         with_instruction_set!(self.cpu, set => set.call(#[inline(always)] || {
-            if self.container.is_periodic() {
-                (0..n).for_each(#[inline(always)] |i| self.predict::<_, true>(set, i, 0.0));
-            } else {
-                (0..n).for_each(#[inline(always)] |i| self.predict::<_, false>(set, i, 0.0));
+            let is_periodic = self.container.is_periodic();
+            for i in 0..n {
+                if is_periodic {
+                    self.predict::<_, true>(set, i, 0.0);
+                } else {
+                    self.predict::<_, false>(set, i, 0.0);
+                }
             }
         }));
         Ok(())
@@ -245,7 +248,8 @@ impl System {
 
     /// The earliest meeting with a neighbour whose velocity did not change after the grain's own.
     ///
-    /// Four pairs at a time: which of them approach is a coin toss that no branch predictor foresees.
+    /// Four pairs at a time: which of them approach is a coin toss that no branch predictor foresees. Arrays are written
+    /// out: code that goes through `array::map` may be left outside of the function that is compiled for the set.
     #[inline(always)]
     fn meet<S: InstructionSet, const PERIODIC: bool>(
         &self,
@@ -257,8 +261,10 @@ impl System {
     ) {
         let growth: Growth = self.growth;
         let mut soonest = best.time - now;
-        let own_position = me.position.map(|x| set.splat(x));
-        let own_velocity = me.velocity.map(|x| set.splat(x));
+        let [x, y, z] = me.position;
+        let own_position = [set.splat(x), set.splat(y), set.splat(z)];
+        let [u, v, w] = me.velocity;
+        let own_velocity = [set.splat(u), set.splat(v), set.splat(w)];
         let (own_time, own_radius) = (set.splat(me.time), set.splat(me.radius));
         let (at, kappa) = (set.splat(now), set.splat(growth.kappa));
         let (alpha, beta) = (set.splat(growth.alpha), set.splat(2.0 * growth.beta));
@@ -268,9 +274,23 @@ impl System {
             let entry = |k: usize| list[(from + k).min(list.len() - 1)];
             let entries = [entry(0), entry(1), entry(2), entry(3)];
             from += 4;
-            let others = entries.map(|entry| &self.hot[unpack(entry).0]);
-            let [x, y, z, time] = S::Lanes::transpose(others.map(|other| other.position_and_time(set)));
-            let [u, v, w, radius] = S::Lanes::transpose(others.map(|other| other.velocity_and_radius(set)));
+            let [a, b, c, d] = entries;
+            let a = &self.hot[unpack(a).0];
+            let b = &self.hot[unpack(b).0];
+            let c = &self.hot[unpack(c).0];
+            let d = &self.hot[unpack(d).0];
+            let [x, y, z, time] = S::Lanes::transpose([
+                a.position_and_time(set),
+                b.position_and_time(set),
+                c.position_and_time(set),
+                d.position_and_time(set),
+            ]);
+            let [u, v, w, radius] = S::Lanes::transpose([
+                a.velocity_and_radius(set),
+                b.velocity_and_radius(set),
+                c.velocity_and_radius(set),
+                d.velocity_and_radius(set),
+            ]);
             let since = at - time;
             let mut d = [
                 x + u * since - own_position[0],
