@@ -11,6 +11,8 @@ use std::time::Duration;
 
 use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::{Control as _, Limits, PackError, Phase, Plan, Progress, Spheres};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
@@ -101,17 +103,19 @@ impl From<Failure> for FailedRun {
 }
 
 impl Runner {
-    /// Runs jobs until the server stops. A job is running until its result is stored, and the next one is leased after
-    /// that: no more jobs are running than there are workers.
+    /// Runs jobs until the server stops. While the result of one is written, which is waiting for the disk, the
+    /// next is packed; one result at a time, so that a slow disk does not pile them up in memory.
     pub(crate) async fn work(self) {
+        let mut writing: Option<JoinHandle<()>> = None;
         while !self.shutdown.is_cancelled() {
             match self.store.claim().await {
                 Ok(Some(claimed)) => {
                     let span = tracing::info_span!("job", job_id = %claimed.lease.id, attempt = claimed.lease.attempt);
-                    let run = tokio::spawn(self.clone().run(claimed).instrument(span));
-                    if let Err(error) = run.await {
-                        tracing::error!(%error, "a run ended by a defect of this program; its lease will run out");
-                    }
+                    let (packing, has_packed) = oneshot::channel();
+                    let run = tokio::spawn(self.clone().run(claimed, packing).instrument(span));
+                    // Nothing is ever sent: the sender goes when the engine is done, however it ends.
+                    let _ = has_packed.await;
+                    end_of(writing.replace(run)).await;
                 }
                 Ok(None) => {
                     tokio::select! {
@@ -128,10 +132,11 @@ impl Runner {
                 }
             }
         }
+        end_of(writing).await;
     }
 
-    /// Runs a job to its end.
-    async fn run(self, claimed: Claimed) {
+    /// Runs a job to its end; `packing` is dropped when only its result is left to be written.
+    async fn run(self, claimed: Claimed, packing: oneshot::Sender<()>) {
         let started = Instant::now();
         let lease = claimed.lease;
         // Another worker may take the next job of a burst that woke only this one.
@@ -145,7 +150,7 @@ impl Runner {
         let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let mut running = tokio::task::spawn_blocking({
             let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
-            move || span.in_scope(|| runner.pack_and_write(&claimed, room, &control))
+            move || span.in_scope(|| runner.pack_and_write(&claimed, room, &control, packing))
         });
         let end = tokio::select! {
             end = &mut running => end,
@@ -221,8 +226,14 @@ impl Runner {
     }
 
     /// The run itself, on a thread that may block.
-    fn pack_and_write(&self, claimed: &Claimed, room: (u64, Bound), control: &RunControl) -> End {
-        match self.try_pack_and_write(claimed, room, control) {
+    fn pack_and_write(
+        &self,
+        claimed: &Claimed,
+        room: (u64, Bound),
+        control: &RunControl,
+        packing: oneshot::Sender<()>,
+    ) -> End {
+        match self.try_pack_and_write(claimed, room, control, packing) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
         }
@@ -233,6 +244,7 @@ impl Runner {
         claimed: &Claimed,
         room: (u64, Bound),
         control: &RunControl,
+        packing: oneshot::Sender<()>,
     ) -> Result<End, FailedRun> {
         let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
@@ -267,6 +279,7 @@ impl Runner {
                 });
             }
         };
+        drop(packing);
         let facts = Facts::of_packing(&packed.report);
         let grains = packed.spheres.len() as u64;
         control.report(&Progress {
@@ -399,6 +412,15 @@ impl Runner {
         if let Err(error) = removed.await {
             tracing::warn!(%error, "checkpoints are left to the sweeper");
         }
+    }
+}
+
+/// Waits for the end of a run, if there is one.
+async fn end_of(run: Option<JoinHandle<()>>) {
+    if let Some(run) = run
+        && let Err(error) = run.await
+    {
+        tracing::error!(%error, "a run ended by a defect of this program; its lease will run out");
     }
 }
 
