@@ -147,6 +147,27 @@ async fn faults_point_to_the_job_and_the_field_and_nothing_is_taken_in() {
     server.stop().await;
 }
 
+/// A worker packs the next job while it stores the result of the one before, and no further ones.
+#[tokio::test]
+async fn no_more_than_two_jobs_of_each_worker_are_running() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(2).start().await;
+    let client = server.client();
+    let study = client.submit_study(&json!({"list": (0..200).map(jobs::quick).collect::<Vec<_>>()})).await;
+    let path = format!("/v1/studies/{}", id_of(&study));
+    let mut looks = 0;
+    loop {
+        let study = client.get(&path).send().await.expect(200).json();
+        assert!(count(&study, "running") <= 4, "{looks}: {study:#}");
+        if !study["finished_at"].is_null() {
+            break;
+        }
+        looks += 1;
+    }
+    assert!(looks > 20, "{looks} looks while it ran");
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn the_same_key_and_body_give_the_same_study() {
     let data_dir = DataDir::new();

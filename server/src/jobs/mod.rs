@@ -31,13 +31,14 @@ pub(crate) use request::JobRequest;
 pub(crate) enum State {
     /// Waits for a worker.
     Queued,
-    /// A worker holds its lease.
+    /// A worker packs it or stores its result. A worker holds up to two leases: it packs the next job while it stores
+    /// a result.
     Running,
     /// Its result is stored.
     Succeeded,
     /// It ended without a result; `error` says why.
     Failed,
-    /// A client called it off.
+    /// A client cancelled it.
     Cancelled,
 }
 

@@ -93,6 +93,7 @@ pub(crate) struct PointWarnings {
 #[schema(as = StudyCounts)]
 pub(crate) struct CountsView {
     queued: u64,
+    /// Up to two for each worker: while it stores the result of one job, it packs the next.
     running: u64,
     succeeded: u64,
     failed: u64,
