@@ -22,9 +22,9 @@ async fn fifteen_power_cuts_lose_nothing() {
 }
 
 #[tokio::test]
-#[ignore = "long: cargo test -p packstone-server --test e2e two_hundred -- --ignored"]
-async fn two_hundred_power_cuts_lose_nothing() {
-    survive(200, 2).await;
+#[ignore = "long: cargo test --release -p packstone-server --test e2e a_thousand -- --ignored"]
+async fn a_thousand_power_cuts_lose_nothing() {
+    survive(1000, 2).await;
 }
 
 /// As many as a job may ask for: one that takes long meets several cuts.
