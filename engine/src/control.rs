@@ -1,4 +1,4 @@
-//! How a run talks to whoever started it: progress out, the wish to stop in.
+//! How a run talks to whoever started it: progress out, requests to stop in.
 //!
 //! The engine knows nothing of clocks, stores or users; it reports often and cheaply, and the
 //! receiver decides what to keep and how to count time.

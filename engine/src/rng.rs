@@ -27,11 +27,11 @@ pub(crate) fn stream(seed: u64, stream: Stream) -> Xoshiro256PlusPlus {
     rng
 }
 
-/// The stream of one epoch of growing grains. Each epoch has its own, so that a run which goes on from
+/// The stream of one cycle of growing grains. Each cycle has its own, so that a run which goes on from
 /// a checkpoint needs no state of a generator.
-pub(crate) fn epoch_stream(seed: u64, epoch: u64) -> Xoshiro256PlusPlus {
+pub(crate) fn cycle_stream(seed: u64, cycle: u64) -> Xoshiro256PlusPlus {
     let mut of_epochs = stream(seed, Stream::Edmd);
-    Xoshiro256PlusPlus::seed_from_u64(of_epochs.next_u64() ^ epoch.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+    Xoshiro256PlusPlus::seed_from_u64(of_epochs.next_u64() ^ cycle.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
 /// A uniform number in `[0, 1)` with 53 bits.

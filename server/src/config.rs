@@ -82,7 +82,7 @@ pub(crate) struct ServeOptions {
     /// Most results being sent at once
     #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64)]
     pub(crate) max_downloads: usize,
-    /// Free space of the data directory's file system, in bytes, below which nothing is taken in [default: 1 GiB, at
+    /// Free space of the data directory's file system, in bytes, below which nothing is accepted [default: 1 GiB, at
     /// most 5 % of the file system]
     #[arg(long, env = "PACKSTONE_MIN_FREE_BYTES")]
     pub(crate) min_free_bytes: Option<u64>,

@@ -17,7 +17,7 @@ const LAYERS: &[&[&str]] = &[
         "hex",
         "ids",
         "memory",
-        "pace",
+        "remaining_time",
         "telemetry",
     ],
     &["strict_json"],

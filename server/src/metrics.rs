@@ -93,12 +93,12 @@ impl Metrics {
         counter.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A job was taken in.
+    /// A job was accepted.
     pub(crate) fn job_submitted(&self) {
         self.submitted.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A study was taken in with so many jobs.
+    /// A study was accepted with so many jobs.
     pub(crate) fn study_submitted(&self, jobs: u64) {
         self.studies_submitted.fetch_add(1, Ordering::Relaxed);
         self.submitted.fetch_add(jobs, Ordering::Relaxed);
@@ -176,9 +176,9 @@ impl Metrics {
         out.line("packstone_http_connections", "", gauges.connections);
         out.head("packstone_results_being_sent", "gauge", "Results that are being converted and sent.");
         out.line("packstone_results_being_sent", "", gauges.results_being_sent);
-        out.head("packstone_jobs_submitted_total", "counter", "Jobs taken in since the start.");
+        out.head("packstone_jobs_submitted_total", "counter", "Jobs accepted since the start.");
         out.line("packstone_jobs_submitted_total", "", self.submitted.load(Ordering::Relaxed));
-        out.head("packstone_studies_submitted_total", "counter", "Studies taken in since the start.");
+        out.head("packstone_studies_submitted_total", "counter", "Studies accepted since the start.");
         out.line("packstone_studies_submitted_total", "", self.studies_submitted.load(Ordering::Relaxed));
         out.head("packstone_job_duration_seconds", "histogram", "Time of runs by outcome.");
         for (outcome, times) in self.ended.lock().unwrap_or_else(PoisonError::into_inner).iter() {

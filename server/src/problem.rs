@@ -58,7 +58,7 @@ kinds! {
         "The requested volume is so small for its grains that whole grains miss it by more than 5 %. Take a larger specimen, a larger volume fraction or a smaller largest grain, list the diameters, or set `mix.allow_coarse`; the deviation is then a warning. As the end of a job: the grains that were sampled for its seed miss the volume."
     TooLarge "too-large" 422 "The packing, the study or the model is too large"
         "More grains, more memory, or more jobs of a study, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off, take a smaller specimen, or make several studies of one. Of a model of a packing: `errors` names the option, and the memory or bytes it would take; choose it coarser."
-    FormatNotAvailable "format-not-available" 422 "Not to be had of this packing"
+    FormatNotAvailable "format-not-available" 422 "Not available for this packing"
         "This format or model does not exist for such a specimen or packing, a surface mesh for a periodic box for example; `detail` says what to do instead."
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."

@@ -1,6 +1,6 @@
 //! How much may be stored: the free space of the disk, a quota of the service, and a quota of each API key.
 //!
-//! Results and kept exports count; the cache does not, for it makes way. A job is estimated before it is taken in and
+//! Results and kept exports count; the cache does not, for it makes way. A job is estimated before it is accepted and
 //! before it runs, an export is watched while it is written.
 
 use std::collections::BTreeMap;

@@ -86,7 +86,7 @@ pub enum SpecimenFace {
     ZMin,
     /// The top.
     ZMax,
-    /// The mantle of a cylinder.
+    /// The lateral surface of a cylinder.
     Side,
 }
 

@@ -25,7 +25,7 @@ use crate::jobs::control::{RunControl, Stop};
 use crate::jobs::runner::{MEMORY_FAULTS, as_recorded};
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
-use crate::pace::Pace;
+use crate::remaining_time::RemainingTime;
 use crate::storage::{Bound, NoRoom, Storage, fits};
 
 /// Progress is recorded no more often than this.
@@ -129,7 +129,7 @@ impl ExportWorker {
             (self.store.subscribe_export(record.id), self.store.subscribe(record.job));
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut pace = Pace::default();
+        let mut remaining = RemainingTime::default();
         loop {
             let wanted = tokio::select! {
                 () = changes.changed() => self.store.export_is_wanted(record).await,
@@ -140,7 +140,7 @@ impl ExportWorker {
                 }
                 _ = tick.tick() => match control.take_progress() {
                     Some(progress) => {
-                        let news = as_recorded(&progress, &mut pace, started.elapsed());
+                        let news = as_recorded(&progress, &mut remaining, started.elapsed());
                         self.store.export_progress(record, news).await
                     }
                     None => continue,

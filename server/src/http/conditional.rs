@@ -9,7 +9,7 @@ use crate::jobs::store::Target;
 /// Longest that an answer is held back.
 pub(crate) const MAX_WAIT_S: u64 = 60;
 
-/// A wish of the client to hold the answer back.
+/// A request of the client to hold the answer back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Wait {
     /// As granted, in whole s.

@@ -1,4 +1,4 @@
-//! Holding an answer back until something is as wished: long polls.
+//! Holding an answer back until something is in the awaited state: long polls.
 
 use std::hash::Hash;
 
@@ -14,14 +14,14 @@ use crate::jobs::store::StoreError;
 
 pub(crate) const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
 
-/// Waits until what `read` gives is as wished, the time is over, or the server stops; what it is then.
+/// Waits until what `read` gives is in the awaited state, the time is over, or the server stops; what it is then.
 /// Whoever calls has subscribed before, so that no change is missed.
 pub(crate) async fn wait_until<Id, T, Reading>(
     app: &App,
     wait: Wait,
     mut changes: Subscription<Id>,
     read: impl Fn() -> Reading,
-    wished: impl Fn(&T) -> bool,
+    reached: impl Fn(&T) -> bool,
 ) -> Result<T, StoreError>
 where
     Id: Copy + Eq + Hash,
@@ -30,7 +30,7 @@ where
     let until = Instant::now() + wait.duration();
     loop {
         let found = read().await?;
-        if wait.s == 0 || wished(&found) {
+        if wait.s == 0 || reached(&found) {
             return Ok(found);
         }
         let changed = async {

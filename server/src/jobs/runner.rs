@@ -3,7 +3,7 @@
 //!
 //! There are as many workers as jobs may be packed at once, so the pool is bounded by them. A worker
 //! watches its run from outside: it records progress at most twice a second, renews the lease, and
-//! passes on a client's wish to cancel, the job's time limit and the server's stop. It alone
+//! passes on a client's request to cancel, the job's time limit and the server's stop. It alone
 //! decides what the end of a run means; the engine only ends.
 
 use std::sync::Arc;
@@ -26,7 +26,7 @@ use crate::disk::Disk;
 use crate::exports::NewExport;
 use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::metrics::Metrics;
-use crate::pace::Pace;
+use crate::remaining_time::RemainingTime;
 use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
 
@@ -180,8 +180,8 @@ impl Runner {
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut renewed = Instant::now();
-        let mut pace = Pace::default();
-        // A wish to cancel that came between the lease and the subscription is seen here.
+        let mut remaining = RemainingTime::default();
+        // A request to cancel that came between the lease and the subscription is seen here.
         let mut look = true;
         let mut last_checkpoint_by: Option<Instant> = None;
         loop {
@@ -189,7 +189,7 @@ impl Runner {
                 match self.store.get(lease.id).await {
                     Ok(Some(job)) if job.cancel_requested => control.stop(Stop::Cancelled),
                     Ok(_) => {}
-                    Err(error) => tracing::warn!(%error, "a wish to cancel may have been missed"),
+                    Err(error) => tracing::warn!(%error, "a request to cancel may have been missed"),
                 }
             }
             look = false;
@@ -211,9 +211,9 @@ impl Runner {
                     }
                     renewed = Instant::now();
                     if control.take_resumed() {
-                        pace.resumed();
+                        remaining.resumed();
                     }
-                    let news = news.map(|p| as_recorded(&p, &mut pace, started.elapsed()));
+                    let news = news.map(|p| as_recorded(&p, &mut remaining, started.elapsed()));
                     match self.store.heartbeat(lease, news).await {
                         Ok(beat) if beat.cancel_requested => control.stop(Stop::Cancelled),
                         Ok(_) => {}
@@ -447,16 +447,20 @@ async fn at(moment: Option<Instant>) {
 }
 
 /// Progress as clients see it: never falling, and with the time that is left.
-pub(crate) fn as_recorded(progress: &Progress, pace: &mut Pace, elapsed: Duration) -> JobProgress {
-    pace.follow(progress, elapsed);
+pub(crate) fn as_recorded(
+    progress: &Progress,
+    remaining: &mut RemainingTime,
+    elapsed: Duration,
+) -> JobProgress {
+    remaining.follow(progress, elapsed);
     JobProgress {
-        fraction: pace.fraction(),
+        fraction: remaining.fraction(),
         phase: progress.phase,
         done: progress.done,
         total: progress.total,
         unit: progress.unit.into(),
         message: progress.message.clone(),
-        eta_s: pace.eta_s(elapsed),
+        eta_s: remaining.eta_s(elapsed),
         growth: progress.growth,
     }
 }

@@ -45,7 +45,7 @@ pub(crate) fn fall_to_zero<S: InstructionSet>(set: S, a: S::Lanes, b: S::Lanes, 
 /// Time after which `c + 2 b t + a t²` rises to zero, where it starts at `c <= 0` or violated by
 /// rounding; infinite if it never does.
 ///
-/// For a point leaving a sphere or a grain reaching the mantle of a cylinder: `c` the squared
+/// For a point leaving a sphere or a grain reaching the lateral surface of a cylinder: `c` the squared
 /// distance from the centre or axis less the squared bound.
 #[inline(always)]
 pub(crate) fn rises_to_zero(a: f64, b: f64, c: f64) -> f64 {

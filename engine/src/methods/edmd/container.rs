@@ -82,8 +82,8 @@ impl Container {
             Self::Cylinder { radius_mm, height_mm } => {
                 let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
                 let bound = radius_mm - distance_mm;
-                let mantle = bound <= 0.0 || x * x + y * y > bound * bound;
-                u32::from(mantle) | ends(2..3, [0.0, 0.0, height_mm])
+                let lateral = bound <= 0.0 || x * x + y * y > bound * bound;
+                u32::from(lateral) | ends(2..3, [0.0, 0.0, height_mm])
             }
         }
     }

@@ -25,7 +25,7 @@ const LEAST_CLOSING: f64 = 1e-12;
 const CONTACT_TOLERANCE: f64 = 1e-7;
 
 impl System {
-    /// Predicts every grain's next event at the start of an epoch.
+    /// Predicts every grain's next event at the start of a cycle.
     ///
     /// # Errors
     /// When the system refuses memory.
@@ -46,7 +46,7 @@ impl System {
         Ok(())
     }
 
-    /// Processes events until the epoch ends, `collisions` have taken place or `looked_at` events of
+    /// Processes events until the cycle ends, `collisions` have taken place or `looked_at` events of
     /// any kind were processed; returns the time that was reached.
     pub(crate) fn run(&mut self, collisions: u64, looked_at: u64) -> f64 {
         with_instruction_set!(self.cpu, set => if self.container.is_periodic() {

@@ -12,12 +12,12 @@ use crate::distance::DistanceRule;
 use crate::memory::OutOfMemory;
 use crate::methods::rsa::Rsa;
 use crate::request::{Boundary, Distance, Specimen};
-use crate::rng::{Stream, epoch_stream, stream};
+use crate::rng::{Stream, cycle_stream, stream};
 
-/// Volume fraction that random placing starts from, and the pace of growth to the one asked for.
+/// Volume fraction that random placing starts from, and the rate of growth to the one asked for.
 const START_FRACTION: f64 = 0.25;
 const PACE: f64 = 0.3;
-/// Collisions per grain between two epochs while nothing grows.
+/// Collisions per grain between two cycles while nothing grows.
 const EVENTS_PER_GRAIN: u64 = 25;
 
 /// A hard-sphere fluid of spheres of diameter 1 mm.
@@ -65,13 +65,13 @@ impl Fluid {
         let radii = vec![scale / 2.0; spheres];
         let system = System::new(Container::new(&specimen), &centers, &radii, &vec![1.0; spheres]);
         let mut system = granted(system);
-        system.set_in_motion(1.0, &mut epoch_stream(seed, 0));
+        system.set_in_motion(1.0, &mut cycle_stream(seed, 0));
         let mut fluid = Self { system, events_per_time: spheres as f64 };
         granted(fluid.system.sort_along_curve());
         while scale < 1.0 {
             let alpha = PACE * fluid.system.thermal_velocity() / (scale / 2.0);
             let end = (0.01_f64).min(1.0 / scale - 1.0) / alpha;
-            fluid.epoch(Growth { alpha, ..Growth::default() }, end, u64::MAX);
+            fluid.cycle(Growth { alpha, ..Growth::default() }, end, u64::MAX);
             scale = if 1.0 / scale - 1.0 <= 0.01 { 1.0 } else { scale * (1.0 + alpha * end) };
             for hot in &mut fluid.system.hot {
                 hot.radius = scale / 2.0;
@@ -80,7 +80,7 @@ impl Fluid {
         fluid
     }
 
-    fn epoch(&mut self, growth: Growth, end: f64, most: u64) -> f64 {
+    fn cycle(&mut self, growth: Growth, end: f64, most: u64) -> f64 {
         let before = self.system.counts.collisions();
         granted(self.system.rebuild_all_lists(growth, end));
         granted(self.system.predict_all(self.events_per_time));
@@ -109,7 +109,7 @@ impl Fluid {
                 };
             }
             let most = (EVENTS_PER_GRAIN * self.system.len() as u64).min(collisions - done);
-            time += self.epoch(Growth::default(), f64::MAX, most);
+            time += self.cycle(Growth::default(), f64::MAX, most);
             virial += self.system.virial;
         }
     }

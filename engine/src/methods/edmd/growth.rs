@@ -3,7 +3,7 @@
 //! A grain has a contact radius `r`, its radius with its share of the distance rule. Over a cycle it grows as `r (1 +
 //! alpha t) + beta t`: isotropic scaling uses `alpha`, uniform growth of all radii `beta`.
 
-/// The growth of one epoch, times counted from its start.
+/// The growth of one cycle, times counted from its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Growth {
     /// Relative rate in 1/s.
@@ -15,21 +15,21 @@ pub(crate) struct Growth {
     pub(crate) kappa: f64,
     /// Contact with a wall is at `wall_factor r + wall_offset` ...
     pub(crate) wall_factor: f64,
-    /// ... at the start of the epoch, in mm,
+    /// ... at the start of the cycle, in mm,
     pub(crate) wall_offset_mm: f64,
     /// and grows at `alpha` times that plus this rate, in mm/s.
     pub(crate) wall_beta: f64,
 }
 
 impl Growth {
-    /// Contact distance of two grains at the start of the epoch, and its rate.
+    /// Contact distance of two grains at the start of the cycle, and its rate.
     #[inline(always)]
     pub(crate) fn pair(&self, r_i: f64, r_j: f64) -> (f64, f64) {
         let start = r_i + r_j + self.kappa * r_i.min(r_j);
         (start, self.alpha * start + 2.0 * self.beta)
     }
 
-    /// Distance from a wall at which a grain touches it at the start of the epoch, and its rate.
+    /// Distance from a wall at which a grain touches it at the start of the cycle, and its rate.
     #[inline(always)]
     pub(crate) fn wall(&self, r: f64) -> (f64, f64) {
         let start = self.wall_factor * r + self.wall_offset_mm;

@@ -7,7 +7,7 @@
 //!
 //! From the inside out: `contact` has the closed forms, `growth` how contact distances change in a compression cycle,
 //! `container` the walls, `grid`, `system` and `queue` find and order what can happen, `events` makes it happen,
-//! `swap` exchanges grains between cycles, `pace` decides how fast to grow, `law` what a distance rule grows, `run`
+//! `swap` exchanges grains between cycles, `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule grows, `run`
 //! strings cycles together, and `exact_fit` ends the growth of grains that fit exactly.
 
 // The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
@@ -15,6 +15,7 @@
 // Axes are indexed in several arrays at once.
 #![allow(clippy::needless_range_loop)]
 
+mod compression_rate;
 mod contact;
 mod container;
 mod events;
@@ -22,8 +23,7 @@ mod exact_fit;
 mod fluid;
 mod grid;
 mod growth;
-mod law;
-mod pace;
+mod growth_protocol;
 mod queue;
 mod run;
 mod state;
@@ -48,8 +48,8 @@ use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
-use law::Law;
-use run::{EPOCH_EVENTS_PER_GRAIN, Ended, Frame, Moments, Run, Stage, start_share};
+use growth_protocol::GrowthProtocol;
+use run::{CYCLE_EVENTS_PER_GRAIN, Ended, Frame, Moments, Run, Stage, start_share};
 pub(crate) use system::MAX_GRAINS;
 use tolerances::{BEYOND_TARGET, EXACT_FIT};
 
@@ -134,9 +134,11 @@ impl Edmd<'_> {
             Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
             _ => None,
         };
-        let laws =
-            [Law::scaled(self.diameters_mm, &rule), Law::lengthened(self.diameters_mm, maximize.flatten())];
-        let earlier = match resume.map(|resume| Run::read(&frame, &laws, &resume.body)) {
+        let protocols = [
+            GrowthProtocol::scaled(self.diameters_mm, &rule),
+            GrowthProtocol::lengthened(self.diameters_mm, maximize.flatten()),
+        ];
+        let earlier = match resume.map(|resume| Run::read(&frame, &protocols, &resume.body)) {
             Some(Err(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
                 return Err(Interrupted::OutOfMemory {
                     bytes: (BYTES_PER_GRAIN * self.diameters_mm.len()) as u64,
@@ -147,7 +149,7 @@ impl Edmd<'_> {
         let mut run = if let Some(run) = earlier {
             run
         } else {
-            let (mut run, rsa) = self.start(&frame, &laws, &rule, maximize.is_some())?;
+            let (mut run, rsa) = self.start(&frame, &protocols, &rule, maximize.is_some())?;
             (run.rsa, run.rsa_s) = (rsa, frame.started.elapsed().as_secs_f64());
             run
         };
@@ -155,16 +157,16 @@ impl Edmd<'_> {
         let growing = Instant::now();
         let mut ended = Ended::As(EdmdEnd::Target);
         if run.stage == Stage::Scale {
-            ended = run.grow(&frame, &laws[0]);
-            if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &laws[0], &rule)? {
+            ended = run.grow(&frame, &protocols[0]);
+            if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &protocols[0], &rule)? {
                 ended = Ended::As(EdmdEnd::Target);
             }
             if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
-                run.lengthen(&frame, &laws[1]);
+                run.lengthen(&frame, &protocols[1]);
             }
         }
         if run.stage == Stage::Length {
-            ended = run.grow(&frame, &laws[1]);
+            ended = run.grow(&frame, &protocols[1]);
         }
         let end = match ended {
             Ended::As(end) => end,
@@ -187,13 +189,18 @@ impl Edmd<'_> {
     }
 
     /// Lets grains that jammed just before their target settle where they fit exactly; says whether they do.
-    fn settle_exactly(&self, run: &mut Run, law: &Law, rule: &DistanceRule) -> Result<bool, OutOfMemory> {
+    fn settle_exactly(
+        &self,
+        run: &mut Run,
+        protocol: &GrowthProtocol,
+        rule: &DistanceRule,
+    ) -> Result<bool, OutOfMemory> {
         if run.size >= BEYOND_TARGET || run.size < 1.0 - EXACT_FIT {
             return Ok(false);
         }
         let settled = exact_fit::settle(&run.centers()?, self.diameters_mm, &self.request.specimen, rule);
         if let Some(centers) = &settled {
-            run.settle(law, centers);
+            run.settle(protocol, centers);
         }
         Ok(settled.is_some())
     }
@@ -202,15 +209,15 @@ impl Edmd<'_> {
     fn start(
         &self,
         frame: &Frame<'_>,
-        laws: &[Law; 2],
+        protocols: &[GrowthProtocol; 2],
         rule: &DistanceRule,
         maximize: bool,
     ) -> Result<(Run, RsaStatistics), Interrupted> {
-        let law = &laws[0];
+        let protocol = &protocols[0];
         let volume = self.request.specimen.volume_mm3();
-        let fraction = law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
+        let fraction = protocol.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
         let mut rng = stream(self.request.seed, Stream::Rsa);
-        let ratio = law.radii_mm[0] / law.radii_mm[law.radii_mm.len() - 1];
+        let ratio = protocol.radii_mm[0] / protocol.radii_mm[protocol.radii_mm.len() - 1];
         let quickly = START_FRACTION.min(EASY_SHARE * rsa::saturation(ratio));
         let mut scale = match self.options.initial_scale {
             Some(scale) => scale,
@@ -219,7 +226,7 @@ impl Edmd<'_> {
             None => (quickly / fraction).cbrt().min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
-        let share = start_share(self.expected_events_per_grain, EPOCH_EVENTS_PER_GRAIN as f64);
+        let share = start_share(self.expected_events_per_grain, CYCLE_EVENTS_PER_GRAIN as f64);
         let control = Part::new(frame.control, 0.0, share);
         for _ in 0..STARTS {
             let placing = Rsa {
@@ -236,9 +243,9 @@ impl Edmd<'_> {
             match outcome.end {
                 rsa::End::Complete => {
                     let run = if maximize && scale >= BEYOND_TARGET {
-                        Run::new(frame, &laws[1], Stage::Length, 0.0, &outcome.centers_mm)
+                        Run::new(frame, &protocols[1], Stage::Length, 0.0, &outcome.centers_mm)
                     } else {
-                        Run::new(frame, law, Stage::Scale, scale, &outcome.centers_mm)
+                        Run::new(frame, protocol, Stage::Scale, scale, &outcome.centers_mm)
                     };
                     return Ok((run?, statistics));
                 }

@@ -48,7 +48,7 @@ impl Queue {
     pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) -> Result<(), OutOfMemory> {
         let per_bin = if grains < READ_AHEAD { PER_BIN } else { PER_BIN_AHEAD };
         let bins = ((grains as f64 / per_bin) as usize).next_power_of_two().clamp(64, 1 << 22);
-        // Bins keep their room from one epoch to the next. Entries come to them in small pieces: they are asked for as
+        // Bins keep their room from one cycle to the next. Entries come to them in small pieces: they are asked for as
         // one.
         let missing = bins.saturating_sub(self.bins.len());
         make_room(&mut self.bins, missing)?;

@@ -26,7 +26,7 @@ const FIRST_SKIN: f64 = 0.3;
 /// Bounds of the skin in contact radii.
 const LEAST_SKIN: f64 = 0.04;
 const MOST_SKIN: f64 = 2.0;
-/// Rebuilds per collision in an epoch above which a grain gets more skin, and below which it gets
+/// Rebuilds per collision in a cycle above which a grain gets more skin, and below which it gets
 /// less: a rebuild costs about as much as ten collisions save by shorter lists.
 const MANY_REBUILDS: f64 = 0.10;
 const FEW_REBUILDS: f64 = 0.04;
@@ -47,11 +47,11 @@ const SPARE: u32 = 3;
 pub(crate) struct Hot {
     /// Centre at `time`, in mm.
     pub(crate) position: [f64; 3],
-    /// When position and velocity last changed, in s since the start of the epoch.
+    /// When position and velocity last changed, in s since the start of the cycle.
     pub(crate) time: f64,
     /// Velocity in mm/s.
     pub(crate) velocity: [f64; 3],
-    /// Contact radius at the start of the epoch, in mm.
+    /// Contact radius at the start of the cycle, in mm.
     pub(crate) radius: f64,
 }
 
@@ -90,7 +90,7 @@ pub(crate) struct Cold {
     pub(crate) center: [f64; 3],
     /// Its radius in mm.
     pub(crate) skin: f64,
-    /// That and the contact radius at the end of the epoch, in mm.
+    /// That and the contact radius at the end of the cycle, in mm.
     pub(crate) cutoff: f64,
     offset: u32,
     len: u32,
@@ -98,9 +98,9 @@ pub(crate) struct Cold {
     cell: u32,
     /// Walls that can be met, as bits.
     pub(crate) walls: u32,
-    /// Collisions in the epoch.
+    /// Collisions in the cycle.
     pub(crate) collisions: u16,
-    /// Rebuilds in the epoch.
+    /// Rebuilds in the cycle.
     pub(crate) rebuilds: u16,
 }
 
@@ -158,11 +158,11 @@ pub(crate) struct System {
     pub(crate) growth: Growth,
     /// Bound of the skin by which no search goes beyond the images there are, in mm.
     most_skin: f64,
-    /// Length of the epoch in s.
+    /// Length of the cycle in s.
     pub(crate) end: f64,
     pub(crate) shifts: Box<[[f64; 3]; IMAGES]>,
     pub(crate) counts: Counts,
-    /// Sum over collisions of impulse times contact distance since the epoch began.
+    /// Sum over collisions of impulse times contact distance since the cycle began.
     pub(crate) virial: f64,
     pub(crate) queue: Queue,
     grid: Grid,
@@ -250,23 +250,23 @@ impl System {
         self.grid.ask(hot.position_at(self.next[grain].time), self.cold[grain].cutoff);
     }
 
-    /// Largest contact radius of the epoch.
+    /// Largest contact radius of the cycle.
     #[inline(always)]
     fn last_radius(&self, grain: usize) -> f64 {
         self.growth.radius(self.hot[grain].radius, self.end)
     }
 
-    /// Whether lists grew so much that the epoch should end.
+    /// Whether lists grew so much that the cycle should end.
     pub(crate) fn is_crowded(&self) -> bool {
         self.slab.len() > 2 * self.slab_at_start + 4096
     }
 
-    /// The memory that a list was refused in the epoch, if one was: the run cannot go on.
+    /// The memory that a list was refused in the cycle, if one was: the run cannot go on.
     pub(crate) fn refused(&self) -> Option<OutOfMemory> {
         self.refused
     }
 
-    /// Starts an epoch of `end` s with all times at 0: NNL spheres around every grain,
+    /// Starts a cycle of `end` s with all times at 0: NNL spheres around every grain,
     /// and new lists.
     ///
     /// # Errors
@@ -406,12 +406,12 @@ impl System {
     fn append(&mut self, grain: usize, entry: u32) {
         let cold = &mut self.cold[grain];
         if cold.len == cold.capacity {
-            // A new place at the end of the slab; the old one stays empty until the next epoch.
+            // A new place at the end of the slab; the old one stays empty until the next cycle.
             let (from, len) = (cold.offset as usize, cold.len as usize);
             let capacity = 2 * cold.capacity + SPARE;
             if let Err(refused) = make_room(&mut self.slab, capacity as usize) {
                 self.refused = Some(refused);
-                // Ends the epoch.
+                // Ends the cycle.
                 self.slab_at_start = 0;
                 return;
             }
@@ -549,7 +549,7 @@ impl System {
         }
     }
 
-    /// Sorts the grains in memory along a space-filling curve, between two epochs, so that neighbours
+    /// Sorts the grains in memory along a space-filling curve, between two cycles, so that neighbours
     /// in space are neighbours in memory.
     ///
     /// # Errors

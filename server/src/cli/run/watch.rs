@@ -11,12 +11,12 @@ use super::super::bar::Bar;
 use super::super::exit::Failure;
 use super::super::signals::stop_on_signals;
 use crate::checkpoints::{self, Schedule};
-use crate::pace::Pace;
+use crate::remaining_time::RemainingTime;
 
 /// Control of a run at the terminal.
 pub(super) struct Watch {
     bar: Bar,
-    pace: Mutex<Pace>,
+    remaining: Mutex<RemainingTime>,
     stop: Arc<AtomicBool>,
     file: PathBuf,
     schedule: Schedule,
@@ -26,13 +26,13 @@ pub(super) struct Watch {
 impl Watch {
     /// Watches a run whose checkpoints go to `file`, and that goes on from one where it is `resumed`.
     pub(super) fn new(file: PathBuf, every: Duration, resumed: bool) -> Result<Self, Failure> {
-        let mut pace = Pace::default();
+        let mut remaining = RemainingTime::default();
         if resumed {
-            pace.resumed();
+            remaining.resumed();
         }
         Ok(Self {
             bar: Bar::new(),
-            pace: Mutex::new(pace),
+            remaining: Mutex::new(remaining),
             stop: stop_on_signals()?,
             file,
             schedule: Schedule::new(every),
@@ -53,9 +53,9 @@ impl Watch {
 
 impl Control for Watch {
     fn report(&self, progress: &Progress) {
-        let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
-        pace.follow(progress, self.bar.elapsed());
-        self.bar.show(pace.fraction(), || message(progress, pace.eta_s(self.bar.elapsed())));
+        let mut remaining = self.remaining.lock().unwrap_or_else(PoisonError::into_inner);
+        remaining.follow(progress, self.bar.elapsed());
+        self.bar.show(remaining.fraction(), || message(progress, remaining.eta_s(self.bar.elapsed())));
     }
 
     fn should_stop(&self) -> bool {

@@ -99,14 +99,14 @@ pub(crate) async fn request(
     Ok(axum::Json(request).into_response())
 }
 
-/// Waits until a job is as wished, the time is over, or the server stops; the job as it is then.
+/// Waits until a job is in the awaited state, the time is over, or the server stops; the job as it is then.
 pub(crate) async fn wait_until(
     app: &App,
     id: JobId,
     wait: Wait,
-    wished: impl Fn(&JobRecord) -> bool,
+    reached: impl Fn(&JobRecord) -> bool,
 ) -> Result<JobRecord, StoreError> {
     let store = &app.shared.store;
     let read = move || async move { store.get(id).await?.ok_or(StoreError::NoJob) };
-    waiting::wait_until(app, wait, store.subscribe(id), read, wished).await
+    waiting::wait_until(app, wait, store.subscribe(id), read, reached).await
 }

@@ -51,14 +51,14 @@ pub(crate) async fn get(
     answered.await.map_err(|error| refused(error, id))
 }
 
-/// Waits until a study is as wished, the time is over, or the server stops; the study as it is then.
+/// Waits until a study is in the awaited state, the time is over, or the server stops; the study as it is then.
 pub(crate) async fn wait_until(
     app: &App,
     id: StudyId,
     wait: Wait,
-    wished: impl Fn(&StudyRecord) -> bool,
+    reached: impl Fn(&StudyRecord) -> bool,
 ) -> Result<StudyRecord, StoreError> {
     let store = &app.shared.store;
     let read = move || async move { store.study(id).await?.ok_or(StoreError::NoStudy) };
-    waiting::wait_until(app, wait, store.subscribe_study(id), read, wished).await
+    waiting::wait_until(app, wait, store.subscribe_study(id), read, reached).await
 }

@@ -35,7 +35,7 @@ use crate::studies::Study;
 ///
 /// Either a `list` of jobs, or a `template` with a `grid` of values for some of its fields, of which every
 /// combination is a point, and a `zip` of values that run together; each point is packed `replicates` times. All jobs
-/// are taken in or none, and the answer comes once they are safe on disk. A fault points to the entry of the request
+/// are accepted or none, and the answer comes once they are safe on disk. A fault points to the entry of the request
 /// that brought it, and names the point.
 ///
 /// Seeds: the job of replicate `r` of a point has as seed the first 53 bits of the SHA-256 of the UTF-8 text made of

@@ -129,7 +129,7 @@ impl Store {
         Ok(Page { jobs, next_after })
     }
 
-    /// How long the job that was taken in first has waited, of those that wait.
+    /// How long the job that was accepted first has waited, of those that wait.
     pub(crate) async fn queue_age(&self) -> Result<std::time::Duration, StoreError> {
         let oldest: Option<i64> = sqlx::query_scalar(
             "select created_at from jobs indexed by jobs_by_state where state = 'queued' order by seq limit 1",

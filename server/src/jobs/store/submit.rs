@@ -20,7 +20,7 @@ pub(crate) struct IdempotencyKey {
     pub(crate) body_sha256: String,
 }
 
-/// A job to take in.
+/// A job to accept.
 #[derive(Clone, Debug)]
 pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
@@ -34,7 +34,7 @@ pub(crate) struct NewJob {
 /// What became of a submission.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Submitted {
-    /// The job was taken in.
+    /// The job was accepted.
     Created(JobRecord),
     /// The same key brought this job before.
     Existing(JobRecord),

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use super::{CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
 use crate::memory::{collected, filled};
-use crate::methods::edmd::law::Law;
+use crate::methods::edmd::growth_protocol::GrowthProtocol;
 use crate::methods::edmd::state::{Decoder, Encoder};
 use crate::methods::edmd::system::{Cold, Counts};
 use crate::methods::edmd::tolerances::BEYOND_TARGET;
@@ -17,7 +17,7 @@ impl Run {
         let counts = self.system.counts;
         for value in [
             u64::from(self.stage == Stage::Length),
-            u64::from(self.pace.is_frozen()),
+            u64::from(self.compression_rate.is_frozen()),
             self.compression_cycles,
             self.rescalings,
             self.pinned_grains,
@@ -76,12 +76,12 @@ impl Run {
     ///
     /// # Errors
     /// When it cannot be one of this request; [`io::ErrorKind::OutOfMemory`].
-    pub(crate) fn read(frame: &Frame<'_>, laws: &[Law; 2], body: &[u8]) -> io::Result<Self> {
+    pub(crate) fn read(frame: &Frame<'_>, protocols: &[GrowthProtocol; 2], body: &[u8]) -> io::Result<Self> {
         let mut input = Decoder(body);
         let mut whole = || input.u64();
         let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
         let frozen = whole()? == 1;
-        let (epochs, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
+        let (cycles, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
         let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
         let counts = Counts {
             grain_collisions: whole()?,
@@ -93,9 +93,9 @@ impl Run {
         let rsa =
             RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
         let size = input.f64()?;
-        let law = &laws[usize::from(stage == Stage::Length)];
-        let n = law.radii_mm.len();
-        let mut run = Self::new(frame, law, stage, size, &filled(n, [0.0; 3])?)?;
+        let protocol = &protocols[usize::from(stage == Stage::Length)];
+        let n = protocol.radii_mm.len();
+        let mut run = Self::new(frame, protocol, stage, size, &filled(n, [0.0; 3])?)?;
         let started_with = run.energy;
         run.first_size = input.f64()?;
         run.pressure = input.f64()?;
@@ -106,8 +106,8 @@ impl Run {
         run.fraction = input.f64()?;
         run.earlier_s = input.f64()?;
         (run.rsa, run.rsa_s) = (rsa, input.f64()?);
-        run.pace = run.pace.with_frozen(frozen);
-        (run.compression_cycles, run.rescalings, run.pinned_grains) = (epochs, rescalings, pinned_grains);
+        run.compression_rate = run.compression_rate.with_frozen(frozen);
+        (run.compression_cycles, run.rescalings, run.pinned_grains) = (cycles, rescalings, pinned_grains);
         (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
         run.resumes = resumes + 1;
         run.system.counts = counts;
@@ -139,7 +139,7 @@ impl Run {
         }
         run.system.mass = collected(rank.iter().map(|&rank| masses[rank as usize]))?;
         run.system.rank = rank;
-        run.set_radii(law);
+        run.set_radii(protocol);
         for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
             run.curve.push(GrowthPoint {
                 packing_time_s: input.f64()?,

@@ -12,9 +12,9 @@ mod report;
 use std::io::Write;
 use std::time::Instant;
 
+use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
 use super::container::Container;
-use super::law::Law;
-use super::pace::{LOOSE_PACE, Pace, room};
+use super::growth_protocol::GrowthProtocol;
 use super::swap::{Swaps, unjam};
 use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
@@ -24,19 +24,19 @@ use crate::memory::{OutOfMemory, collected, filled};
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
 use crate::request::{EdmdOptions, PackingRequest};
-use crate::rng::epoch_stream;
+use crate::rng::cycle_stream;
 use crate::segregation::Preference;
 use forecast::Forecast;
 pub(crate) use forecast::{STALL_EVENTS, start_share};
 pub(crate) use report::Moments;
 
-/// Collisions per grain in an epoch.
-pub(crate) const EPOCH_EVENTS_PER_GRAIN: u64 = 5;
-/// Fewest grains that an epoch is laid out for: smaller packings take more events per grain.
-const LEAST_EPOCH_GRAINS: u64 = 100;
-/// Largest relative growth in an epoch.
-const EPOCH_GROWTH: f64 = 0.01;
-/// Swaps tried per grain in an epoch.
+/// Collisions per grain in a cycle.
+pub(crate) const CYCLE_EVENTS_PER_GRAIN: u64 = 5;
+/// Fewest grains that a cycle is laid out for: smaller packings take more events per grain.
+const LEAST_CYCLE_GRAINS: u64 = 100;
+/// Largest relative growth in a cycle.
+const CYCLE_GROWTH: f64 = 0.01;
+/// Swaps tried per grain in a cycle.
 const SWAPS_PER_GRAIN: f64 = 10.0;
 /// Relative difference of sizes that swaps start with.
 const FIRST_SWAP_WINDOW: f64 = 0.05;
@@ -45,11 +45,11 @@ const ENERGY_DRIFT: f64 = 0.01;
 /// Events between two looks at the control.
 const EVENTS_PER_LOOK: u64 = 20_000;
 /// Epochs between two sortings of grains in memory, and the least number of grains that profit.
-const EPOCHS_PER_SORT: u64 = 16;
+const CYCLES_PER_SORT: u64 = 16;
 const LEAST_SORTED: usize = 20_000;
 /// Most points of the curve; when it is full every other one goes.
 const CURVE_POINTS: usize = 500;
-/// A grain with more than this share of an epoch's collisions is pinned.
+/// A grain with more than this share of a cycle's collisions is pinned.
 const PINNED_SHARE: f64 = 0.25;
 /// Fewer grains than this are few enough for any to have that share.
 const PINNED_AMONG: usize = 50;
@@ -128,7 +128,7 @@ impl Frame<'_> {
     }
 }
 
-/// A run between two epochs, or in one.
+/// A run between two cycles, or in one.
 pub(crate) struct Run {
     pub(crate) system: System,
     pub(crate) stage: Stage,
@@ -137,7 +137,7 @@ pub(crate) struct Run {
     first_size: f64,
     /// Volume fraction with distances at the target.
     target_fraction: f64,
-    pace: Pace,
+    compression_rate: CompressionRate,
     pressure: f64,
     events_per_time: f64,
     energy: f64,
@@ -160,31 +160,31 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// A run from centres by rank at a size of the law.
+    /// A run from centres by rank at a size of the protocol.
     ///
     /// # Errors
     /// When the system refuses memory.
     pub(crate) fn new(
         frame: &Frame<'_>,
-        law: &Law,
+        protocol: &GrowthProtocol,
         stage: Stage,
         size: f64,
         centers: &[[f64; 3]],
     ) -> Result<Self, OutOfMemory> {
-        let radii = radii(law, stage, size)?;
+        let radii = radii(protocol, stage, size)?;
         let container = Container::new(&frame.request.specimen);
         let mut system = System::new(container, centers, &radii, &frame.masses()?)?;
         let velocity = frame.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S);
-        system.set_in_motion(velocity, &mut epoch_stream(frame.request.seed, 0));
+        system.set_in_motion(velocity, &mut cycle_stream(frame.request.seed, 0));
         let energy = system.energy();
-        let mean = law.radii_mm.iter().sum::<f64>() / law.radii_mm.len() as f64;
-        let pace = match frame.options.growth_rate {
+        let mean = protocol.radii_mm.iter().sum::<f64>() / protocol.radii_mm.len() as f64;
+        let rate = match frame.options.growth_rate {
             Some(per_s) => per_s * mean / frame.thermal_velocity(),
-            None => LOOSE_PACE,
+            None => LOOSE_RATE,
         };
-        let mut pace = Pace::new(pace, radii.len());
+        let mut compression_rate = CompressionRate::new(rate, radii.len());
         if stage == Stage::Length {
-            pace = pace.without_target(radii.len(), frame.of_equal_grains());
+            compression_rate = compression_rate.without_target(radii.len(), frame.of_equal_grains());
         }
         let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
         Ok(Self {
@@ -192,9 +192,9 @@ impl Run {
             stage,
             size,
             first_size: size,
-            target_fraction: law.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>()
+            target_fraction: protocol.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>()
                 / frame.request.specimen.volume_mm3(),
-            pace,
+            compression_rate,
             pressure: 1.0,
             events_per_time,
             energy,
@@ -216,16 +216,19 @@ impl Run {
     }
 
     /// Goes over from growth by scale, done, to growth by length.
-    pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, law: &Law) {
-        self.pace = self.pace.with_frozen(false).without_target(law.radii_mm.len(), frame.of_equal_grains());
+    pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) {
+        self.compression_rate = self
+            .compression_rate
+            .with_frozen(false)
+            .without_target(protocol.radii_mm.len(), frame.of_equal_grains());
         self.stage = Stage::Length;
         self.size = 0.0;
         self.first_size = 0.0;
-        self.set_radii(law);
+        self.set_radii(protocol);
     }
 
     /// Grows until something ends it.
-    pub(crate) fn grow(&mut self, frame: &Frame<'_>, law: &Law) -> Ended {
+    pub(crate) fn grow(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> Ended {
         loop {
             if self.stage == Stage::Scale && self.size >= BEYOND_TARGET {
                 return Ended::As(EdmdEnd::Target);
@@ -237,7 +240,7 @@ impl Run {
                 let write = |out: &mut dyn Write| self.write(frame, out);
                 frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
             }
-            match self.epoch(frame, law) {
+            match self.cycle(frame, protocol) {
                 Ok(None) => {}
                 Ok(Some(ended)) => return ended,
                 Err(refused) => return Ended::OutOfMemory(refused),
@@ -245,50 +248,59 @@ impl Run {
         }
     }
 
-    fn epoch(&mut self, frame: &Frame<'_>, law: &Law) -> Result<Option<Ended>, OutOfMemory> {
+    fn cycle(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> Result<Option<Ended>, OutOfMemory> {
         self.compression_cycles += 1;
-        if self.compression_cycles % EPOCHS_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
+        if self.compression_cycles % CYCLES_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
             self.system.sort_along_curve()?;
         }
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
-        let room = match self.stage {
-            Stage::Scale => {
-                room(self.size.powi(3) * self.target_fraction, self.target_fraction, self.pressure)
-            }
+        let distance_to_jamming = match self.stage {
+            Stage::Scale => distance_to_jamming(
+                self.size.powi(3) * self.target_fraction,
+                self.target_fraction,
+                self.pressure,
+            ),
             Stage::Length => 1.0,
         };
-        let speed = self.pace.next(self.pressure, room) * self.system.thermal_velocity();
+        let speed =
+            self.compression_rate.next(self.pressure, distance_to_jamming) * self.system.thermal_velocity();
         let (growth, rate, left) = match self.stage {
             Stage::Scale => {
                 let alpha = speed / mean;
-                (law.by_scale(self.size, alpha), alpha, BEYOND_TARGET / self.size - 1.0)
+                (protocol.by_scale(self.size, alpha), alpha, BEYOND_TARGET / self.size - 1.0)
             }
             Stage::Length => {
                 let left = frame.most_half_distance_mm() - self.size;
                 if left <= 0.0 {
                     return Ok(Some(Ended::As(EdmdEnd::Stalled)));
                 }
-                (law.by_length(self.size, speed), speed, left)
+                (protocol.by_length(self.size, speed), speed, left)
             }
         };
-        let most = if self.stage == Stage::Scale { EPOCH_GROWTH } else { EPOCH_GROWTH * mean };
+        let most = if self.stage == Stage::Scale { CYCLE_GROWTH } else { CYCLE_GROWTH * mean };
         let end = left.min(most) / rate;
         let pinned = self.pinned_grain();
         self.system.rebuild_all_lists(growth, end)?;
-        let mut rng = epoch_stream(frame.request.seed, self.compression_cycles);
+        let mut rng = cycle_stream(frame.request.seed, self.compression_cycles);
         if let Some(grain) = pinned {
             self.pinned_grains += 1;
             unjam(&mut self.system, grain, UNJAM_TRIES, &mut rng);
         }
         if frame.options.swap != Some(false) {
             let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
-            self.swaps.sweep(&mut self.system, &law.radii_mm, frame.preference.as_ref(), tries, &mut rng)?;
+            self.swaps.sweep(
+                &mut self.system,
+                &protocol.radii_mm,
+                frame.preference.as_ref(),
+                tries,
+                &mut rng,
+            )?;
         }
         self.system.predict_all(self.events_per_time)?;
 
         let before = self.system.counts;
-        let most_events = EPOCH_EVENTS_PER_GRAIN * (n as u64).max(LEAST_EPOCH_GRAINS);
+        let most_events = CYCLE_EVENTS_PER_GRAIN * (n as u64).max(LEAST_CYCLE_GRAINS);
         let limit = frame.options.stop.events.unwrap_or(u64::MAX);
         let most_events = most_events.min(limit.saturating_sub(before.collisions()));
         let mut reached;
@@ -315,7 +327,7 @@ impl Run {
             Stage::Length if reached >= end && left <= most => self.size + left,
             Stage::Length => self.size + growth.beta * reached,
         };
-        self.set_radii(law);
+        self.set_radii(protocol);
         self.simulated_s += reached;
         self.measure(&before, reached);
         self.note_point(frame);
@@ -330,14 +342,14 @@ impl Run {
         Ok((stalled && !finished).then_some(Ended::As(EdmdEnd::Stalled)))
     }
 
-    fn set_radii(&mut self, law: &Law) {
+    fn set_radii(&mut self, protocol: &GrowthProtocol) {
         let (stage, size) = (self.stage, self.size);
         for (hot, &rank) in self.system.hot.iter_mut().zip(&self.system.rank) {
-            hot.radius = radius(law.radii_mm[rank as usize], stage, size);
+            hot.radius = radius(protocol.radii_mm[rank as usize], stage, size);
         }
     }
 
-    /// Pressure and rate of the epoch, and the energy brought back to where it was.
+    /// Pressure and rate of the cycle, and the energy brought back to where it was.
     fn measure(&mut self, before: &Counts, reached: f64) {
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
         let energy = self.system.energy();
@@ -353,7 +365,7 @@ impl Run {
         }
     }
 
-    /// The grain that took part in most collisions of the last epoch, if that is too many: it is caught
+    /// The grain that took part in most collisions of the last cycle, if that is too many: it is caught
     /// between others, which push it back and forth while the rest stands still.
     fn pinned_grain(&self) -> Option<usize> {
         let collisions = |grain: &usize| u64::from(self.system.cold[*grain].collisions);
@@ -380,12 +392,12 @@ impl Run {
     }
 
     /// Puts the grains, which jammed just before their target, to where they fit exactly.
-    pub(crate) fn settle(&mut self, law: &Law, centers: &[[f64; 3]]) {
+    pub(crate) fn settle(&mut self, protocol: &GrowthProtocol, centers: &[[f64; 3]]) {
         for (hot, &rank) in self.system.hot.iter_mut().zip(&self.system.rank) {
             hot.position = centers[rank as usize];
         }
         self.size = BEYOND_TARGET;
-        self.set_radii(law);
+        self.set_radii(protocol);
     }
 
     /// Centres by rank.
@@ -401,13 +413,13 @@ impl Run {
     }
 }
 
-fn radius(of_law: f64, stage: Stage, size: f64) -> f64 {
+fn radius(of_protocol: f64, stage: Stage, size: f64) -> f64 {
     match stage {
-        Stage::Scale => of_law * size,
-        Stage::Length => of_law + size,
+        Stage::Scale => of_protocol * size,
+        Stage::Length => of_protocol + size,
     }
 }
 
-fn radii(law: &Law, stage: Stage, size: f64) -> Result<Vec<f64>, OutOfMemory> {
-    collected(law.radii_mm.iter().map(|&r| radius(r, stage, size)))
+fn radii(protocol: &GrowthProtocol, stage: Stage, size: f64) -> Result<Vec<f64>, OutOfMemory> {
+    collected(protocol.radii_mm.iter().map(|&r| radius(r, stage, size)))
 }

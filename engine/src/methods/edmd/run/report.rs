@@ -3,7 +3,7 @@
 //! Reporting changes nothing about the packing: a run gives the same grains with and without it.
 
 use super::{
-    BEYOND_TARGET, CURVE_POINTS, EPOCH_EVENTS_PER_GRAIN, EPOCH_GROWTH, Frame, Run, STALL_EVENTS, Stage,
+    BEYOND_TARGET, CURVE_POINTS, CYCLE_EVENTS_PER_GRAIN, CYCLE_GROWTH, Frame, Run, STALL_EVENTS, Stage,
 };
 use crate::control::{Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
@@ -105,8 +105,8 @@ impl Run {
         let predicted = self.forecast.predict(
             self.events_per_grain(),
             self.compression_cycles as f64,
-            EPOCH_EVENTS_PER_GRAIN as f64,
-            3.0 * EPOCH_GROWTH,
+            CYCLE_EVENTS_PER_GRAIN as f64,
+            3.0 * CYCLE_GROWTH,
         );
         match by_limits {
             Some(share) if share > predicted.fraction => (share, true),

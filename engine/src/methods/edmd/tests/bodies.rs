@@ -11,7 +11,7 @@ use crate::{
     Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, pack_or_resume,
 };
 
-/// Keeps the first checkpoint after some epochs, and stops there.
+/// Keeps the first checkpoint after some cycles, and stops there.
 struct Keeper {
     questions: AtomicU32,
     kept: Mutex<Vec<u8>>,

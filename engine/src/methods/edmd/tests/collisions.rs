@@ -176,7 +176,7 @@ fn a_grain_leaves_every_wall_as_one_that_recedes_as_fast_as_it_grows() {
         });
     tried.unwrap();
     let met = met.map(|count| count.get());
-    assert!(met.iter().all(|&count| count > 50), "every face, the mantle and both ends: {met:?}");
+    assert!(met.iter().all(|&count| count > 50), "every face, the lateral surface and both ends: {met:?}");
 }
 
 /// In contact but for rounding, and receding exactly as fast as they grow: by distances they close, and by

@@ -25,13 +25,13 @@ struct Placed {
     mass: f64,
 }
 
-/// A few grains in one epoch.
+/// A few grains in one cycle.
 struct Scene {
     system: System,
 }
 
 impl Scene {
-    /// Grains at the start of an epoch that lasts `end_s`.
+    /// Grains at the start of a cycle that lasts `end_s`.
     fn new(container: Container, growth: Growth, end_s: f64, grains: &[Placed]) -> Self {
         let positions: Vec<_> = grains.iter().map(|grain| grain.position).collect();
         let radii: Vec<_> = grains.iter().map(|grain| grain.radius).collect();
@@ -45,7 +45,7 @@ impl Scene {
         Self { system }
     }
 
-    /// Lets one collision happen; its time, or `None` where there is none until the epoch ends.
+    /// Lets one collision happen; its time, or `None` where there is none until the cycle ends.
     fn collide(&mut self) -> Option<f64> {
         let before = self.system.counts.collisions();
         let reached = self.system.run(1, u64::MAX);

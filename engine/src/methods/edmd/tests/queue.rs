@@ -25,9 +25,9 @@ enum Step {
     Forget { grain: u32 },
     /// The earliest event comes up.
     Pop,
-    /// The next so many come up, as in the middle of an epoch.
+    /// The next so many come up, as in the middle of a cycle.
     PopMany(usize),
-    /// A new epoch.
+    /// A new cycle.
     Reset { grains: usize, events_per_time: f64 },
 }
 
@@ -150,18 +150,18 @@ proptest! {
         for grain in 0..GRAINS {
             both.push(grain, delays[grain as usize % delays.len()]);
         }
-        let mut pace = 1.0;
+        let mut rate = 1.0;
         for turn in 0..4000_usize {
             let before = both.now;
             let (entry, expected) = both.pop();
             prop_assert_eq!(entry.map(|entry| key(entry.time, entry.grain)), expected);
             let Some(entry) = entry else { break };
             prop_assert!(entry.time >= before);
-            // Rates may rise or fall by orders of magnitude in an epoch.
-            pace *= if turn % 64 == 0 { growing } else { 1.0 };
-            both.push(entry.grain, pace * delays[turn % delays.len()]);
+            // Rates may rise or fall by orders of magnitude in a cycle.
+            rate *= if turn % 64 == 0 { growing } else { 1.0 };
+            both.push(entry.grain, rate * delays[turn % delays.len()]);
             if turn % 5 == 0 {
-                both.push((turn as u32 * 7) % GRAINS, pace * delays[(turn / 5) % delays.len()]);
+                both.push((turn as u32 * 7) % GRAINS, rate * delays[(turn / 5) % delays.len()]);
             }
         }
     }

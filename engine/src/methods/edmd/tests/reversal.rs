@@ -9,7 +9,7 @@ use crate::control::Unattended;
 use crate::distance::DistanceRule;
 use crate::methods::rsa::Rsa;
 use crate::request::{Boundary, Distance, Specimen};
-use crate::rng::{Stream, epoch_stream, stream};
+use crate::rng::{Stream, cycle_stream, stream};
 
 const GRAINS: usize = 24_000;
 const EVENTS: u64 = 100_000;
@@ -30,15 +30,15 @@ fn in_motion(specimen: &Specimen) -> System {
     let radii: Vec<f64> = diameters.iter().map(|d| d / 2.0).collect();
     let masses: Vec<f64> = diameters.iter().map(|d| d.powi(3)).collect();
     let mut system = System::new(Container::new(specimen), &centers, &radii, &masses).unwrap();
-    system.set_in_motion(1.0, &mut epoch_stream(2, 0));
+    system.set_in_motion(1.0, &mut cycle_stream(2, 0));
     system
 }
 
 const NO_GROWTH: Growth =
     Growth { alpha: 0.0, beta: 0.0, kappa: 0.0, wall_factor: 1.0, wall_offset_mm: 0.0, wall_beta: 0.0 };
 
-/// One epoch of at most so much time and so many events; how long it was.
-fn epoch(system: &mut System, time_s: f64, most: u64) -> f64 {
+/// One cycle of at most so much time and so many events; how long it was.
+fn cycle(system: &mut System, time_s: f64, most: u64) -> f64 {
     system.rebuild_all_lists(NO_GROWTH, time_s).unwrap();
     system.predict_all(1e5).unwrap();
     let reached = system.run(most, u64::MAX);
@@ -46,11 +46,11 @@ fn epoch(system: &mut System, time_s: f64, most: u64) -> f64 {
     reached
 }
 
-/// Lets a time pass in epochs no longer than a share of it; lists that have grown too long cut some short.
+/// Lets a time pass in cycles no longer than a share of it; lists that have grown too long cut some short.
 fn pass(system: &mut System, time_s: f64, share: f64) {
     let mut left = time_s;
     while left > 0.0 {
-        left -= epoch(system, left.min(share * time_s), u64::MAX);
+        left -= cycle(system, left.min(share * time_s), u64::MAX);
     }
 }
 
@@ -62,10 +62,10 @@ fn returns(specimen: &Specimen) {
     let mut time_s = 0.0;
     while system.counts.collisions() < EVENTS {
         let most = EVENTS - system.counts.collisions();
-        time_s += epoch(&mut system, 1e3, most);
+        time_s += cycle(&mut system, 1e3, most);
     }
     // On to where nobody is in contact, as at the start.
-    time_s += epoch(&mut system, 1e-5, u64::MAX);
+    time_s += cycle(&mut system, 1e-5, u64::MAX);
     let half_way = counted(&system);
     let there: [u64; 2] = std::array::from_fn(|k| half_way[k] - before[k]);
     system.scale_velocities(-1.0);

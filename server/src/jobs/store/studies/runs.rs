@@ -37,7 +37,7 @@ pub(in super::super) async fn flow_of(
 }
 
 /// Records the run of a job that ends in this transaction, if it is part of a study: `job` has its `study`,
-/// `point` and `replicate`. Returns the jobs that the study's stop rule called off because of it.
+/// `point` and `replicate`. Returns the jobs that the study's stop rule cancelled because of it.
 pub(in super::super) async fn record(
     connection: &mut SqliteConnection,
     job: &SqliteRow,

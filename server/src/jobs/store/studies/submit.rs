@@ -16,7 +16,7 @@ use crate::studies::{Point, Study};
 /// Rows of one insert: a statement has at most 32 766 parameters.
 const ROWS_AT_ONCE: usize = 1000;
 
-/// A study to take in.
+/// A study to accept.
 #[derive(Clone, Debug)]
 pub(crate) struct NewStudy {
     pub(crate) study: Study,
@@ -30,7 +30,7 @@ pub(crate) struct NewStudy {
 /// What became of a submission.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum SubmittedStudy {
-    /// The study was taken in.
+    /// The study was accepted.
     Created(StudyRecord),
     /// The same key brought this study before.
     Existing(StudyRecord),

@@ -7,9 +7,9 @@ use super::growth::Growth;
 use super::tolerances::BEYOND_TARGET;
 use crate::distance::DistanceRule;
 
-/// Contact radii at the target, and what turns them into those of an epoch.
+/// Contact radii at the target, and what turns them into those of a cycle.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Law {
+pub(crate) struct GrowthProtocol {
     /// Contact radii at the target by rank, falling, in mm; where distances grow, the true radii.
     pub(crate) radii_mm: Vec<f64>,
     kappa: f64,
@@ -19,7 +19,7 @@ pub(crate) struct Law {
     fixed_wall_mm: Option<f64>,
 }
 
-impl Law {
+impl GrowthProtocol {
     /// Growth by a scale towards a distance rule.
     pub(crate) fn scaled(diameters_mm: &[f64], rule: &DistanceRule) -> Self {
         let parts = rule.contact();
@@ -45,7 +45,7 @@ impl Law {
         }
     }
 
-    /// The growth of an epoch that starts at a scale, with a relative rate in 1/s.
+    /// The growth of a cycle that starts at a scale, with a relative rate in 1/s.
     pub(crate) fn by_scale(&self, scale: f64, alpha: f64) -> Growth {
         Growth {
             alpha,
@@ -57,7 +57,7 @@ impl Law {
         }
     }
 
-    /// The growth of an epoch in which radii are `half_mm` longer than the true ones at its start,
+    /// The growth of a cycle in which radii are `half_mm` longer than the true ones at its start,
     /// with a rate in mm/s.
     pub(crate) fn by_length(&self, half_mm: f64, beta: f64) -> Growth {
         Growth {

@@ -14,9 +14,9 @@ const ETA_FROM_FRACTION: f64 = 0.02;
 /// time says nothing about that of the growth.
 const ANEW_FROM_FRACTION: f64 = 0.5;
 
-/// The pace of one run.
+/// The fraction of one run that is done, and its remaining time.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Pace {
+pub(crate) struct RemainingTime {
     /// The run continues from a checkpoint, and its first fraction is not known yet.
     resumed: bool,
     growing: bool,
@@ -29,7 +29,7 @@ pub(crate) struct Pace {
     unpredictable: bool,
 }
 
-impl Pace {
+impl RemainingTime {
     /// The run turned out to continue from a checkpoint.
     pub(crate) fn resumed(&mut self) {
         self.resumed = true;
@@ -80,41 +80,41 @@ mod tests {
         Progress { phase, fraction, done: 1, total: 2, unit: "grains", message: String::new(), growth: None }
     }
 
-    fn after(pace: &mut Pace, phase: Phase, fraction: f64) -> (f64, Option<f64>) {
-        pace.follow(&progress(phase, fraction), ELAPSED);
-        (pace.fraction(), pace.eta_s(ELAPSED))
+    fn after(remaining: &mut RemainingTime, phase: Phase, fraction: f64) -> (f64, Option<f64>) {
+        remaining.follow(&progress(phase, fraction), ELAPSED);
+        (remaining.fraction(), remaining.eta_s(ELAPSED))
     }
 
     #[test]
     fn progress_never_falls_and_the_eta_waits_for_a_basis() {
-        let mut pace = Pace::default();
-        assert_eq!(after(&mut pace, Phase::Rsa, 0.01), (0.01, None));
-        assert_eq!(after(&mut pace, Phase::Rsa, 0.5), (0.5, Some(10.0)));
-        assert_eq!(after(&mut pace, Phase::Rsa, 0.4), (0.5, Some(10.0)));
-        assert_eq!(after(&mut pace, Phase::Rsa, f64::NAN), (0.5, Some(10.0)));
-        assert_eq!(after(&mut pace, Phase::Rsa, 7.0), (1.0, Some(0.0)));
+        let mut remaining = RemainingTime::default();
+        assert_eq!(after(&mut remaining, Phase::Rsa, 0.01), (0.01, None));
+        assert_eq!(after(&mut remaining, Phase::Rsa, 0.5), (0.5, Some(10.0)));
+        assert_eq!(after(&mut remaining, Phase::Rsa, 0.4), (0.5, Some(10.0)));
+        assert_eq!(after(&mut remaining, Phase::Rsa, f64::NAN), (0.5, Some(10.0)));
+        assert_eq!(after(&mut remaining, Phase::Rsa, 7.0), (1.0, Some(0.0)));
     }
 
     #[test]
     fn the_pace_counts_from_where_the_run_continued() {
-        let mut pace = Pace::default();
-        pace.resumed();
+        let mut remaining = RemainingTime::default();
+        remaining.resumed();
         let second = |s| Duration::from_secs(s);
-        pace.follow(&progress(Phase::Sampling, 0.0), second(1));
-        pace.follow(&progress(Phase::Edmd, 0.6), second(2));
-        assert_eq!((pace.fraction(), pace.eta_s(second(2))), (0.6, None));
-        pace.follow(&progress(Phase::Edmd, 0.8), second(12));
-        assert_eq!(pace.eta_s(second(12)), Some(10.0));
+        remaining.follow(&progress(Phase::Sampling, 0.0), second(1));
+        remaining.follow(&progress(Phase::Edmd, 0.6), second(2));
+        assert_eq!((remaining.fraction(), remaining.eta_s(second(2))), (0.6, None));
+        remaining.follow(&progress(Phase::Edmd, 0.8), second(12));
+        assert_eq!(remaining.eta_s(second(12)), Some(10.0));
     }
 
     #[test]
     fn growth_after_a_failed_random_addition_has_a_pace_of_its_own() {
-        let mut pace = Pace::default();
-        pace.follow(&progress(Phase::Rsa, 0.9), ELAPSED);
-        pace.follow(&progress(Phase::Edmd, 0.9), ELAPSED);
-        assert_eq!(pace.eta_s(ELAPSED), None);
-        pace.follow(&progress(Phase::Edmd, 0.95), 3 * ELAPSED);
-        assert_eq!(pace.eta_s(3 * ELAPSED), Some(20.0));
+        let mut remaining = RemainingTime::default();
+        remaining.follow(&progress(Phase::Rsa, 0.9), ELAPSED);
+        remaining.follow(&progress(Phase::Edmd, 0.9), ELAPSED);
+        assert_eq!(remaining.eta_s(ELAPSED), None);
+        remaining.follow(&progress(Phase::Edmd, 0.95), 3 * ELAPSED);
+        assert_eq!(remaining.eta_s(3 * ELAPSED), Some(20.0));
     }
 
     #[test]
@@ -127,10 +127,10 @@ mod tests {
             reduced_pressure: None,
             predictable: false,
         };
-        let mut pace = Pace::default();
-        pace.follow(&Progress { growth: Some(growth), ..progress(Phase::Edmd, 0.4) }, ELAPSED);
-        assert_eq!((pace.fraction(), pace.eta_s(ELAPSED)), (0.4, None));
-        pace.follow(&progress(Phase::Edmd, 0.5), ELAPSED);
-        assert_eq!(pace.eta_s(ELAPSED), Some(10.0));
+        let mut remaining = RemainingTime::default();
+        remaining.follow(&Progress { growth: Some(growth), ..progress(Phase::Edmd, 0.4) }, ELAPSED);
+        assert_eq!((remaining.fraction(), remaining.eta_s(ELAPSED)), (0.4, None));
+        remaining.follow(&progress(Phase::Edmd, 0.5), ELAPSED);
+        assert_eq!(remaining.eta_s(ELAPSED), Some(10.0));
     }
 }

@@ -1,0 +1,113 @@
+//! The compression rate: how fast grains grow, from the pressure and the target.
+//!
+//! The rate is that of the growth of the mean radius over the thermal velocity (Lubachevsky and Stillinger 1990, DOI
+//! 10.1007/BF01025983). It is constant while grains are loose. Then the pressure `Z` tells how far the packing is from
+//! jamming in its present structure, and the distance to jamming is compared with the growth that the target still
+//! needs. Where it is longer, growth remains fast. Where it is not, the product of rate and pressure is a low constant:
+//! grains rearrange and are swapped about as fast as they grow, and the volume fraction of jamming rises. A constant
+//! product also closes the gaps of a jammed packing by the same factor for the same number of collisions.
+
+/// CompressionRate while grains are loose, where the request names none.
+pub(crate) const LOOSE_RATE: f64 = 0.1;
+/// Pressure up to which they are.
+const LOOSE: f64 = 40.0;
+/// Product of rate and pressure where the packing jams before its target.
+const SLOW: f64 = 0.12;
+/// How steeply the product rises with the distance to jamming.
+const DISTANCE_EXPONENT: i32 = 8;
+/// Fewer grains than this have fewer ways to rearrange: they grow more slowly in proportion, and by its
+/// square while they are loose and without a target, for it is then that they order;
+const MANY_GRAINS: f64 = 500.0;
+/// down to so few.
+const FEW_GRAINS: f64 = 27.0;
+/// Share of the loose rate at which equal grains grow to the largest distance: they have nothing to
+/// exchange, and order is all that makes them denser.
+const EQUAL_GRAINS: f64 = 0.02;
+/// Pressure past which the structure is taken as it is,
+const FROZEN: f64 = 1500.0;
+/// and the rate at which its gaps close.
+const CLOSING_RATE: f64 = 0.01;
+
+/// Chooses the rate from the pressure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct CompressionRate {
+    loose: f64,
+    slow: f64,
+    frozen: bool,
+}
+
+impl CompressionRate {
+    /// The rate of so many grains towards a target, `loose` while they are loose.
+    pub(crate) fn new(loose: f64, grains: usize) -> Self {
+        Self { loose, slow: SLOW * few(grains), frozen: false }
+    }
+
+    /// The rate towards the largest distance, of grains that may be all equal.
+    pub(crate) fn without_target(self, grains: usize, equal: bool) -> Self {
+        let few = few(grains).powi(2);
+        Self { loose: self.loose * if equal { few.min(EQUAL_GRAINS) } else { few }, ..self }
+    }
+
+    /// The same rate for a structure that was, or was not, found frozen before.
+    pub(crate) fn with_frozen(self, frozen: bool) -> Self {
+        Self { frozen, ..self }
+    }
+
+    /// Whether the structure was found frozen; it stays so.
+    pub(crate) fn is_frozen(&self) -> bool {
+        self.frozen
+    }
+
+    /// The rate for the next cycle, at a [`distance_to_jamming`].
+    pub(crate) fn next(&mut self, reduced_pressure: f64, distance_to_jamming: f64) -> f64 {
+        self.frozen |= reduced_pressure > FROZEN;
+        if reduced_pressure < LOOSE && !self.frozen {
+            return self.loose;
+        }
+        let slow = self.slow * distance_to_jamming.max(1.0).powi(DISTANCE_EXPONENT) / reduced_pressure;
+        self.loose.min(if self.frozen { slow.max(CLOSING_RATE) } else { slow })
+    }
+}
+
+/// What few grains grow more slowly by.
+fn few(grains: usize) -> f64 {
+    ((grains as f64).max(FEW_GRAINS) / MANY_GRAINS).min(1.0)
+}
+
+/// Volume fraction at which a packing jams as it is: near jamming at `phi_j` it has
+/// `Z = 3 / (1 - phi / phi_j)` (free volume; Salsburg and Wood 1962).
+fn jamming(now: f64, reduced_pressure: f64) -> f64 {
+    now / (1.0 - 3.0 / reduced_pressure.max(3.5))
+}
+
+/// Growth up to jamming over the growth up to the target, in volume fraction; 1 and less where the packing would jam
+/// first.
+pub(crate) fn distance_to_jamming(now: f64, target: f64, reduced_pressure: f64) -> f64 {
+    if now >= target { 1.0 } else { (jamming(now, reduced_pressure) - now) / (target - now) }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn growth_slows_down_with_pressure() {
+        let mut rate = CompressionRate::new(0.1, 10_000);
+        assert_eq!(rate.next(2.0, 1.0), 0.1);
+        assert!((rate.next(1000.0, 0.5) - SLOW / 1000.0).abs() < 1e-12);
+        assert!(rate.next(1000.0, 1.5) > 10.0 * rate.next(1000.0, 1.0));
+        assert_eq!(rate.next(1000.0, 1e9), 0.1);
+        assert_eq!(rate.next(1e4, 1.0), CLOSING_RATE);
+        assert!(rate.is_frozen());
+        assert!(CompressionRate::new(0.1, 50).without_target(50, false).next(2.0, 1.0) < 0.0011);
+    }
+
+    #[test]
+    fn the_distance_to_jamming_is_relative_to_that_to_the_target() {
+        let pressure = 3.0 / (1.0 - 0.6 / 0.7);
+        assert!((distance_to_jamming(0.6, 0.65, pressure) - 2.0).abs() < 1e-9);
+        assert!((distance_to_jamming(0.6, 0.7, pressure) - 1.0).abs() < 1e-9);
+        assert_eq!(distance_to_jamming(0.7, 0.7, pressure), 1.0);
+    }
+}
