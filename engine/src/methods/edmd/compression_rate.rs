@@ -7,7 +7,7 @@
 //! grains rearrange and are swapped about as fast as they grow, and the volume fraction of jamming rises. A constant
 //! product also closes the gaps of a jammed packing by the same factor for the same number of collisions.
 
-/// CompressionRate while grains are loose, where the request names none.
+/// Compression rate while grains are loose, where the request names none.
 pub(crate) const LOOSE_RATE: f64 = 0.1;
 /// Pressure up to which they are.
 const LOOSE: f64 = 40.0;
