@@ -1,5 +1,5 @@
-//! States the commit that the binary is built from: `PACKSTONE_COMMIT` where the environment has it (images and packages
-//! are built from a copy without `.git`), else what Git says, else `unknown`.
+//! States the commit that the binary is built from: `PACKSTONE_COMMIT` where the environment has it (images and
+//! packages are built from a copy without `.git`), else what Git says, else `unknown`.
 //!
 //! Only builds that are optimised ask Git again after a commit: a rebuild of the whole server is too much for a test.
 

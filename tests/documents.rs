@@ -1,6 +1,6 @@
 //! The documents against the interface: every address is in `openapi.yaml` with its method and its parameters, every
-//! command and option is known to the binary, every link within the repository leads to a file, and no line is longer
-//! than 120 characters.
+//! command and option is known to the binary, and every link within the repository leads to a file. No line of the
+//! documents, and of the comments in the code, is longer than 120 characters.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -260,5 +260,34 @@ fn no_line_of_the_documents_is_too_long() {
             }
         }
     }
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
+#[test]
+fn no_comment_of_the_code_is_too_long() {
+    let mut folders: Vec<PathBuf> =
+        ["engine", "server", "tests"].into_iter().map(|folder| root().join(folder)).collect();
+    let (mut long, mut files) = (Vec::new(), 0);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                files += 1;
+                for (i, line) in fs::read_to_string(&path).unwrap().lines().enumerate() {
+                    if line.trim_start().starts_with("//") && line.chars().count() > LONGEST_LINE {
+                        long.push(format!(
+                            "{}:{}: {} characters",
+                            path.display(),
+                            i + 1,
+                            line.chars().count()
+                        ));
+                    }
+                }
+            }
+        }
+    }
+    assert!(files > 200, "only {files} files of code were found");
     assert!(long.is_empty(), "{}", long.join("\n"));
 }

@@ -130,7 +130,8 @@ async fn run_draws_what_the_service_draws() {
     assert!(refused.code != Some(0) && refused.stderr.contains("pie") && refused.stderr.contains("radial"));
 }
 
-/// A plot without data is refused, by the service and by the command line with the same reason, instead of an empty frame.
+/// A plot without data is refused, by the service and by the command line with the same reason, instead of an empty
+/// frame.
 #[tokio::test]
 async fn a_plot_that_a_packing_does_not_have_is_refused_with_the_packings_that_have_it() {
     let data_dir = DataDir::new();

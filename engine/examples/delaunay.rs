@@ -1,5 +1,6 @@
-//! Measures the Delaunay tetrahedralisation: `cargo run --release -p packstone-engine --example delaunay [POINTS [CASE]]`,
-//! or prints one for `docs/pictures/delaunay.py`: `... --example delaunay print POINTS`.
+//! Measures the Delaunay tetrahedralisation:
+//! `cargo run --release -p packstone-engine --example delaunay [POINTS [CASE]]`, or prints one for
+//! `docs/pictures/delaunay.py`: `... --example delaunay print POINTS`.
 #![allow(clippy::unwrap_used)]
 
 use std::time::Instant;

@@ -1,4 +1,5 @@
-//! Packs a job and writes a mesh of it, to measure and to look at: `mesh JOB.json msh|geo|stl OUT ['{"segments": 16}']`.
+//! Packs a job and writes a mesh of it, to measure and to look at:
+//! `mesh JOB.json msh|geo|stl OUT ['{"segments": 16}']`.
 #![allow(clippy::unwrap_used)]
 
 use std::fs::File;

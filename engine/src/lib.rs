@@ -40,6 +40,7 @@ pub mod plan;
 pub mod request;
 mod rng;
 mod segregation;
+pub mod shape;
 pub mod specimen;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};

@@ -13,8 +13,8 @@ pub(crate) const PARTIAL: &str = ".tmp";
 /// Writes a file by `write`; `before_rename` is the last that can keep it from its name.
 ///
 /// # Errors
-/// Those of `write`, `before_rename` and the disk; an earlier file of that name is still there then, and the partial one
-/// is not.
+/// Those of `write`, `before_rename` and the disk; an earlier file of that name is still there then, and the partial
+/// one is not.
 pub(crate) fn write<T, E: From<io::Error>>(
     file: &Path,
     write: impl FnOnce(&File) -> Result<T, E>,

@@ -23,8 +23,8 @@ pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 /// Options of `packstone serve`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ServeOptions {
-    /// Address and port to listen on, as `127.0.0.1:8080`, `localhost:8080`, or `:8080` for all addresses; port 0 takes a
-    /// free one
+    /// Address and port to listen on, as `127.0.0.1:8080`, `localhost:8080`, or `:8080` for all addresses; port 0 takes
+    /// a free one
     #[arg(long, env = "PACKSTONE_LISTEN", default_value = "127.0.0.1:8080", value_parser = address)]
     pub(crate) listen: SocketAddr,
     /// Directory of the database and the results; made where it is missing

@@ -80,8 +80,8 @@ pub(crate) struct Disk {
 }
 
 impl Disk {
-    /// The file system below `root`, of which `min_free_bytes` stay free; by default 1 GiB, at most 5 %. Failures for want
-    /// of space are noted in `shortage`.
+    /// The file system below `root`, of which `min_free_bytes` stay free; by default 1 GiB, at most 5 %. Failures for
+    /// want of space are noted in `shortage`.
     pub(crate) fn new(root: PathBuf, min_free_bytes: Option<u64>, shortage: Shortage) -> Self {
         Self { root, min_free_bytes, shortage }
     }

@@ -110,7 +110,8 @@ pub(crate) struct Failure {
     pub(crate) facts: Box<FailureFacts>,
 }
 
-/// Figures that belong to a failure: how far a run came, what was missing. Which of them are present depends on the code.
+/// Figures that belong to a failure: how far a run came, what was missing. Which of them are present depends on the
+/// code.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(no_recursion)]
 pub(crate) struct FailureFacts {

@@ -1,8 +1,9 @@
 //! The accept loop: connections in, a service behind, and an orderly end.
 //!
-//! `axum::serve` waits for slow heads forever and for open event streams at the end; this loop gives a head ten seconds,
-//! bounds the number of connections, in all and of one client, and after the signal to stop lets requests finish until a
-//! deadline. Connections beyond a bound are answered with 503, but for those of probes. Each request carries the address of its client.
+//! `axum::serve` waits for slow heads forever and for open event streams at the end; this loop gives a head ten
+//! seconds, bounds the number of connections, in all and of one client, and after the signal to stop lets requests
+//! finish until a deadline. Connections beyond a bound are answered with 503, but for those of probes. Each request
+//! carries the address of its client.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
@@ -40,8 +41,8 @@ const REFUSED_BODY_BYTES: usize = 1 << 16;
 /// Pause after the system refused a connection, for want of file descriptors for example.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 
-/// Serves until `shutdown`, then drains; returns when all connections are closed. `connections` has a permit for each that
-/// may be open, of which one address may hold `max_per_client`.
+/// Serves until `shutdown`, then drains; returns when all connections are closed. `connections` has a permit for each
+/// that may be open, of which one address may hold `max_per_client`.
 pub(crate) async fn serve(
     listener: TcpListener,
     router: Router,

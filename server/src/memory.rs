@@ -28,8 +28,8 @@ fn machine_bytes(meminfo: &str) -> Option<u64> {
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// The files that may hold a limit, by the text of `/proc/self/cgroup`: of the group, of those above it, and of the root of
-/// the mount, which inside a container is the container's own group.
+/// The files that may hold a limit, by the text of `/proc/self/cgroup`: of the group, of those above it, and of the
+/// root of the mount, which inside a container is the container's own group.
 fn limit_files(groups: &str) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for line in groups.lines() {

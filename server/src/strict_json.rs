@@ -1,9 +1,9 @@
 //! Parses JSON into a value, and reports the place and the reason of a fault.
 //!
 //! Stricter than [`serde_json::Value`]: a key that occurs twice is refused, because one of the two values would be lost
-//! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded: a value
-//! takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes and as little as four bytes of
-//! text.
+//! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded: a
+//! value takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes and as little as four
+//! bytes of text.
 
 use std::cell::Cell;
 use std::fmt;

@@ -1,7 +1,7 @@
 //! Logs: one line an event on standard error, as text or as JSON.
 //!
-//! Standard output is for what a command was asked for. A line that cannot be written, to a full disk or a closed pipe, is
-//! dropped: `eprintln!` would panic, and the panic hook, which logs as well, would end the process with signal 6.
+//! Standard output is for what a command was asked for. A line that cannot be written, to a full disk or a closed pipe,
+//! is dropped: `eprintln!` would panic, and the panic hook, which logs as well, would end the process with signal 6.
 
 use std::io::{self, IsTerminal as _, Write};
 
@@ -44,8 +44,8 @@ pub(crate) fn say(line: &str) {
     let _ = Lossy(io::stderr()).write_all(format!("{line}\n").as_bytes());
 }
 
-/// The levels by target that a text such as `info` or `packstone_server=debug,sqlx=warn` names. Targets that it does not
-/// name log warnings and errors.
+/// The levels by target that a text such as `info` or `packstone_server=debug,sqlx=warn` names. Targets that it does
+/// not name log warnings and errors.
 fn levels(text: &str) -> Result<Targets, ParseError> {
     let targets = text.parse::<Targets>()?;
     Ok(match targets.default_level() {

@@ -269,7 +269,8 @@ impl Server {
         self.peak_bytes()
     }
 
-    /// Lets the server open no file and accept no connection beside those that are open, until what is returned is dropped.
+    /// Lets the server open no file and accept no connection beside those that are open, until what is returned is
+    /// dropped.
     pub(crate) fn without_descriptors(&self) -> NoDescriptors {
         let pid = Pid::from_child(&self.child);
         // The server has the hard limit of this process, and raises its soft one only.

@@ -1,5 +1,5 @@
-//! Pair correlation by size .map(|class| around(class, &classes, options)): how much more often, or more rarely, grains stand at a clear distance
-//! from another than they would if they lay anywhere.
+//! Pair correlation by size class: how much more often, or more rarely, grains stand at a clear distance from another
+//! than they would if they lay anywhere.
 //!
 //! The abscissa is the clear distance in mm, `|p_i - p_j| - (d_i + d_j) / 2`: grains of all sizes touch
 //! at 0, a prescribed distance shows as an edge at its value, and the mortar between grains can be read off.

@@ -1,15 +1,15 @@
 //! How far coarse and fine grains lie apart along a field, and how probable that is by chance.
 //!
-//! The statistic is `D = sum w_i u_i`: `u_i` in 0..1 is where grain `i` lies in the field, `w_i` its weight in the mean over
-//! the coarsest third of the mass less its weight in the mean over the finest. Coarse grains keep one another apart, so
-//! that `D^2` without a gradient is smaller than if sizes were dealt out at random to the same places: by the factor
-//! `S(k)`, the structure factor of the weights at the wave number of the field (Hansen and `McDonald`, Theory of Simple
-//! Liquids, 4th ed. 2013, chapter 4). `S` is measured in the same packing, by sums
-//! `sum w_i f(u_i, v_i, ..)` with products `f` of cosines that have a mirror image across the field, in which a gradient
-//! cancels. `D^2` over the mean square of these sums is a studentised statistic (Welch,
-//! Journal of the American Statistical Association 85, 1990); its p value is that of random permutations of the sizes, for which the same
-//! statistic is computed, so that it holds for few grains too. At wave numbers above the field's `S` is larger, by a factor
-//! `1 + c (k d)^2` that is taken off; `d` is the mean diameter of the coarsest third and `c` is fitted (`RISE`).
+//! The statistic is `D = sum w_i u_i`: `u_i` in 0..1 is where grain `i` lies in the field, `w_i` its weight in the mean
+//! over the coarsest third of the mass less its weight in the mean over the finest. Coarse grains keep one another
+//! apart, so that `D^2` without a gradient is smaller than if sizes were dealt out at random to the same places: by the
+//! factor `S(k)`, the structure factor of the weights at the wave number of the field (Hansen and `McDonald`, Theory of
+//! Simple Liquids, 4th ed. 2013, chapter 4). `S` is measured in the same packing, by sums `sum w_i f(u_i, v_i, ..)`
+//! with products `f` of cosines that have a mirror image across the field, in which a gradient cancels. `D^2` over the
+//! mean square of these sums is a studentised statistic (Welch, Journal of the American Statistical Association 85,
+//! 1990); its p value is that of random permutations of the sizes, for which the same statistic is computed, so that it
+//! holds for few grains too. At wave numbers above the field's `S` is larger, by a factor `1 + c (k d)^2` that is taken
+//! off; `d` is the mean diameter of the coarsest third and `c` is fitted (`RISE`).
 
 use std::f64::consts::PI;
 
@@ -295,8 +295,8 @@ fn permute(
     let weights: Vec<f64> = thirds.order.iter().map(|&grain| thirds.weight(grain as usize)).collect();
     let weight_moments = Moments::of(weights.iter().copied());
     let rest = Moments::of(weights[dealt..].iter().copied());
-    // All functions of the place: shares of fields, then products. Single precision is enough for sums that are compared
-    // with one another, and halves the memory.
+    // All functions of the place: shares of fields, then products. Single precision is enough for sums that are
+    // compared with one another, and halves the memory.
     let fields = measured.len();
     let mut values: Vec<Vec<f32>> =
         measured.iter().map(|field| field.shares.iter().map(|share| *share as f32).collect()).collect();
@@ -307,8 +307,8 @@ fn permute(
     let at = |function: usize, grain: u32| f64::from(values[function][grain as usize]);
     let all: Vec<Moments> =
         values.iter().map(|values| Moments::of(values.iter().map(|value| f64::from(*value)))).collect();
-    // A function that is constant but for rounding, as a cosine across the field of grains on a line along it, has a sum of
-    // rounding errors, which must not be compared with the difference.
+    // A function that is constant but for rounding, as a cosine across the field of grains on a line along it, has a
+    // sum of rounding errors, which must not be compared with the difference.
     let spread_of = |all: &Moments| if all.spread() > ROUNDING * n as f64 { all.spread() } else { 0.0 };
     let spread: Vec<f64> =
         all.iter().map(|all| weight_moments.spread() * spread_of(all) / (n as f64 - 1.0).max(1.0)).collect();

@@ -27,8 +27,8 @@ fn scattered(n: usize, sorted: f64, seed: u64) -> Spheres {
     spheres
 }
 
-/// The exact p value along the first field: the fraction of all permutations of the sizes whose statistic is at least as
-/// large as that of the identity.
+/// The exact p value along the first field: the fraction of all permutations of the sizes whose statistic is at least
+/// as large as that of the identity.
 fn exact_p_value(spheres: &Spheres, field: GradientField) -> f64 {
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &CUBE);
     let fields: Vec<GradientField> =
@@ -82,8 +82,8 @@ fn each_permutation(items: &mut [usize], n: usize, visit: &mut dyn FnMut(&[usize
     }
 }
 
-/// Asserts that reported p values are those of so many random permutations, when the exact p value is `exact`: the mean of
-/// 30 independent reports is within 4 standard deviations of a binomial distribution, which has probability 6e-5.
+/// Asserts that reported p values are those of so many random permutations, when the exact p value is `exact`: the mean
+/// of 30 independent reports is within 4 standard deviations of a binomial distribution, which has probability 6e-5.
 fn assert_p_value(spheres: &Spheres, field: GradientField, exact: f64) {
     const REPORTS: u64 = 30;
     let permutations = f64::from(PERMUTATIONS);
@@ -145,8 +145,8 @@ fn three_grains_are_weighed_by_hand() {
     let found = report(&spheres, UP, 1);
     assert!((found.along.coarsest_third - 0.25).abs() < 1e-5, "{found:?}");
     assert!((found.along.finest_third - 1.0).abs() < 1e-5, "{found:?}");
-    // They lie on a line along the field, so that no sum across the field scales the difference. Of the six permutations
-    // two have a difference of 0.75 or -0.75, and the others a smaller one.
+    // They lie on a line along the field, so that no sum across the field scales the difference. Of the six
+    // permutations two have a difference of 0.75 or -0.75, and the others a smaller one.
     assert_eq!(exact_p_value(&spheres, UP), 1.0 / 3.0);
     assert_p_value(&spheres, UP, 1.0 / 3.0);
 }

@@ -1,11 +1,11 @@
 //! The independent check of a finished packing: all pairs, all walls, the grading.
 //!
-//! For grains `i` and `j` with centres `x` and diameters `d` it requires `|x_i - x_j| >= (d_i + d_j) / 2 + g(d_i, d_j)`,
-//! in a periodic box for the nearest images, and for every wall at distance `w` of a centre `w >= d / 2 + g_wall(d)`,
-//! without tolerance. The required gaps `g` (`required`), the walls, the neighbour table (`table`) and the classes
-//! of the grading (`grading`) are the module's own, and it imports nothing of the packing methods, their distance
-//! rule or their specimen geometry; `tests/layers.rs` holds that. A packing that fails here is never returned. Costs
-//! O(N).
+//! For grains `i` and `j` with centres `x` and diameters `d` it requires
+//! `|x_i - x_j| >= (d_i + d_j) / 2 + g(d_i, d_j)`, in a periodic box for the nearest images, and for every wall at
+//! distance `w` of a centre `w >= d / 2 + g_wall(d)`, without tolerance. The required gaps `g` (`required`), the walls,
+//! the neighbour table (`table`) and the classes of the grading (`grading`) are the module's own, and it imports
+//! nothing of the packing methods, their distance rule or their specimen geometry; `tests/layers.rs` holds that. A
+//! packing that fails here is never returned. Costs O(N).
 //!
 //! ```
 //! use packstone_engine::{PackingRequest, Spheres, check::check};

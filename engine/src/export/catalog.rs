@@ -68,7 +68,8 @@ impl ExportType {
         names
     }
 
-    /// Whether it takes less than a second for every packing, so that it need not wait behind exports that take minutes.
+    /// Whether it takes less than a second for every packing, so that it need not wait behind exports that take
+    /// minutes.
     pub fn is_quick(self) -> bool {
         matches!(self, Self::Slice)
     }

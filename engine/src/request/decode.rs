@@ -1,9 +1,9 @@
 //! Reads a request from parsed JSON and reports all faults at once, each with its place.
 //!
 //! Serde stops at the first fault and loses the path inside internally tagged enums. A person who edits a mix by hand
-//! needs all faults, each with its JSON pointer (RFC 6901), the value found and the bound. The report is bounded, because
-//! a body of 1 MB can have 100 000 faults: at most [`MAX_FAULTS`] faults are kept, texts are shortened, and the fields
-//! that an object may have are listed once per object.
+//! needs all faults, each with its JSON pointer (RFC 6901), the value found and the bound. The report is bounded,
+//! because a body of 1 MB can have 100 000 faults: at most [`MAX_FAULTS`] faults are kept, texts are shortened, and the
+//! fields that an object may have are listed once per object.
 
 use std::cell::{Cell, RefCell};
 use std::fmt::Write as _;

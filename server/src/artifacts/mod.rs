@@ -127,8 +127,8 @@ impl Artifacts {
         Ok(results.collect())
     }
 
-    /// Moves a file that the database does not know to the quarantine, and returns where it lies there. A missing one is
-    /// as good as moved.
+    /// Moves a file that the database does not know to the quarantine, and returns where it lies there. A missing one
+    /// is as good as moved.
     pub(crate) fn quarantine(&self, path: &str, today: Date) -> io::Result<Option<PathBuf>> {
         let to = self.quarantine_root().join(today.to_string()).join(path);
         if let Some(folder) = to.parent() {

@@ -1,8 +1,8 @@
 //! `packstone backup`: a consistent copy of a data directory, of a running service too.
 //!
-//! The database is copied first, by SQLite's `VACUUM INTO`; results and exports after it, by hard link where the target lies
-//! on the same file system. A file is never changed once it has its name, so that each copy is whole; what is deleted
-//! meanwhile is missing, and said to be.
+//! The database is copied first, by SQLite's `VACUUM INTO`; results and exports after it, by hard link where the target
+//! lies on the same file system. A file is never changed once it has its name, so that each copy is whole; what is
+//! deleted meanwhile is missing, and said to be.
 
 use std::path::{Path, PathBuf};
 

@@ -27,8 +27,8 @@ pub(crate) struct PlannedExport {
     pub(crate) estimate: ExportEstimate,
 }
 
-/// Estimates the sizes of exports from the plan of their job. An export that the specimen does not allow has no size and
-/// is left out; [`ExportRequest::check`] gives the reason.
+/// Estimates the sizes of exports from the plan of their job. An export that the specimen does not allow has no size
+/// and is left out; [`ExportRequest::check`] gives the reason.
 pub(crate) fn planned<'a>(
     exports: impl IntoIterator<Item = &'a ExportRequest>,
     request: &PackingRequest,

@@ -1,9 +1,9 @@
 //! Export workers: each claims the next export that waits, has the engine make it on a thread of the blocking pool, and
 //! records how that ended.
 //!
-//! There are few of them beside the workers, and one more for what is made in a moment, so that a cut need not wait for a
-//! lattice model. Each watches its run from outside, as workers do: progress out, the server's stop and the
-//! deletion of what it makes in.
+//! There are few of them beside the workers, and one more for what is made in a moment, so that a cut need not wait for
+//! a lattice model. Each watches its run from outside, as workers do: progress out, the server's stop and the deletion
+//! of what it makes in.
 
 use std::io;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! API keys: who may use the service. Every key sees and may change everything; its name goes into the log.
 //!
-//! The server knows only SHA-256 digests of keys, so that its configuration opens nothing. Keys are 256 random bits from
-//! the operating system, so that a digest without salt or stretching is enough.
+//! The server knows only SHA-256 digests of keys, so that its configuration opens nothing. Keys are 256 random bits
+//! from the operating system, so that a digest without salt or stretching is enough.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -121,8 +121,8 @@ impl KeysFile {
         Ok(Self { path, state: Mutex::new(KeysState { keys, stamp, looked: Instant::now() }) })
     }
 
-    /// The keys as of at most a second ago. An emptied file opens for nobody; a file that cannot be read or has a faulty
-    /// line leaves the keys as they were, with an error in the log.
+    /// The keys as of at most a second ago. An emptied file opens for nobody; a file that cannot be read or has a
+    /// faulty line leaves the keys as they were, with an error in the log.
     pub(crate) fn current(&self) -> Arc<ApiKeys> {
         self.as_of(LOOK_EVERY)
     }

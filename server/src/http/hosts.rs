@@ -1,7 +1,7 @@
 //! The `Host` of requests: exactly one (RFC 9112, section 3.2), and of a known name where a stranger's is dangerous.
 //!
-//! A server on loopback without API keys trusts every local program. A web page of another site can reach it as well, by a
-//! name whose address changes to 127.0.0.1 after the page is loaded (DNS rebinding); its requests carry that name.
+//! A server on loopback without API keys trusts every local program. A web page of another site can reach it as well,
+//! by a name whose address changes to 127.0.0.1 after the page is loaded (DNS rebinding); its requests carry that name.
 
 use std::net::IpAddr;
 

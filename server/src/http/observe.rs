@@ -83,8 +83,8 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     response
 }
 
-/// The address of the client: that of the connection, or behind a trusted proxy the last entry of `X-Forwarded-For`, which
-/// is the one that the proxy itself wrote.
+/// The address of the client: that of the connection, or behind a trusted proxy the last entry of `X-Forwarded-For`,
+/// which is the one that the proxy itself wrote.
 fn client_address(request: &Request, trust_proxy: bool) -> String {
     let forwarded = || {
         let field = request.headers().get_all("x-forwarded-for").iter().next_back()?.to_str().ok()?;

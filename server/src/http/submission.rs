@@ -14,9 +14,9 @@ use crate::problem::{Fault, Problem};
 /// Longest `Idempotency-Key`.
 const MAX_KEY_CHARS: usize = 255;
 
-/// Reads a large or costly body on a thread of the blocking pool, few of them at once. `read` gets a function that tells
-/// whether the client still waits: the reading ends early if it does not. A reading keeps its place until it ends, so
-/// clients that hang up cannot start more of them.
+/// Reads a large or costly body on a thread of the blocking pool, few of them at once. `read` gets a function that
+/// tells whether the client still waits: the reading ends early if it does not. A reading keeps its place until it
+/// ends, so clients that hang up cannot start more of them.
 pub(crate) async fn read_apart<T: Send + 'static>(
     app: &App,
     read: impl FnOnce(&dyn Fn() -> bool) -> Result<T, Failure> + Send + 'static,

@@ -61,8 +61,8 @@ impl RunControl {
         }
     }
 
-    /// Asks for a last checkpoint, after which the run stops as for [`Stop::Shutdown`]. Returns `false` where the run is
-    /// in no phase that keeps one.
+    /// Asks for a last checkpoint, after which the run stops as for [`Stop::Shutdown`]. Returns `false` where the run
+    /// is in no phase that keeps one.
     pub(crate) fn stop_after_checkpoint(&self) -> bool {
         let keeps = self.checkpoints.is_some() && self.growing.load(Ordering::Acquire);
         self.last_checkpoint.store(keeps, Ordering::Release);

@@ -1,8 +1,9 @@
 //! Clearing up at intervals: expired jobs, leases that ran out, files that deletions left behind, and checkpoints.
 //!
-//! Files are listed first, then those of live attempts are left out, then the store is asked; a file that was renamed but
-//! not committed is in flight until its commit. A complete file is removed only where the database says that a deletion
-//! left it behind. One that the database does not know is moved to the quarantine, and removed after some days.
+//! Files are listed first, then those of live attempts are left out, then the store is asked; a file that was renamed
+//! but not committed is in flight until its commit. A complete file is removed only where the database says that a
+//! deletion left it behind. One that the database does not know is moved to the quarantine, and removed after some
+//! days.
 
 use std::sync::Arc;
 use std::time::Duration;

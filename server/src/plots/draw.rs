@@ -1,5 +1,5 @@
-//! Draws a chart as SVG, 160 mm wide. Series differ in colour, dash and marker at once, so that they can be told apart in
-//! a grey copy and with any kind of colour blindness. The legend is below the data.
+//! Draws a chart as SVG, 160 mm wide. Series differ in colour, dash and marker at once, so that they can be told apart
+//! in a grey copy and with any kind of colour blindness. The legend is below the data.
 //!
 //! plotters draws grid, axes and shapes in whole units, [`PER_MM`] to the mm; dashes and the legend are drawn here. The
 //! bytes depend on the chart and on the heading option only.

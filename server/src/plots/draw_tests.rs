@@ -43,8 +43,8 @@ fn a_chart_has_its_size_on_paper_and_its_words() {
     assert_eq!(drawn.matches("<svg").count(), 1);
 }
 
-/// Journals print the title in the caption. Without a heading the picture is lower by its height, and the document keeps
-/// its title for screen readers.
+/// Journals print the title in the caption. Without a heading the picture is lower by its height, and the document
+/// keeps its title for screen readers.
 #[test]
 fn the_heading_can_be_left_out() {
     let chart = chart(vec![Series::marked("rsa", 0, points(&[(1.0, 0.1), (2.0, 20.0)]))]);

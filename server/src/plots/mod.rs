@@ -1,7 +1,7 @@
 //! Plots of a job's result and of a study's table, as SVG for print.
 //!
-//! [`job`] and [`study`] define what is shown, as a [`chart::Chart`]; [`draw`] draws it. The service and the command line
-//! both use these modules, so that the same result gives the same bytes. The figures are computed by
+//! [`job`] and [`study`] define what is shown, as a [`chart::Chart`]; [`draw`] draws it. The service and the command
+//! line both use these modules, so that the same result gives the same bytes. The figures are computed by
 //! `packstone_engine::analysis`.
 
 pub(crate) mod axis;

@@ -260,8 +260,8 @@ fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &Stud
     }
 }
 
-/// The columns that name a series: pointers that vary, except the abscissa. The number and the name of a point in a list
-/// are not among them, because each point would be a series.
+/// The columns that name a series: pointers that vary, except the abscissa. The number and the name of a point in a
+/// list are not among them, because each point would be a series.
 fn varying<'a>(table: &'a Table, x: &str) -> Vec<&'a str> {
     let varies = |column: &&String| {
         let mut values = table.rows.iter().map(|row| value(row, column));

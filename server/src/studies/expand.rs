@@ -131,8 +131,8 @@ impl<'a> Axes<'a> {
         self.grid.iter().chain(self.zip)
     }
 
-    /// The index of the value that each axis has at a point: the last axis of the grid varies faster than the others, and
-    /// the zip faster than the grid.
+    /// The index of the value that each axis has at a point: the last axis of the grid varies faster than the others,
+    /// and the zip faster than the grid.
     fn at(&self, point: usize) -> Vec<usize> {
         let mut rest = point;
         let mut take = |length: u64| {

@@ -1,4 +1,5 @@
-//! The figures of a run for the table of its study, from the report of the engine or from the error of a run that failed.
+//! The figures of a run for the table of its study, from the report of the engine or from the error of a run that
+//! failed.
 
 use packstone_engine::{PackError, Report, TargetNotReached};
 

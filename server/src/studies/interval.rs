@@ -1,6 +1,6 @@
 //! The confidence interval of a success rate: the score interval of Wilson (1927,
-//! <https://doi.org/10.1080/01621459.1927.10502953>), which lies within 0..1 and has nearly its nominal coverage for few runs
-//! and for rates near 0 and 1 (Newcombe 1998).
+//! <https://doi.org/10.1080/01621459.1927.10502953>), which lies within 0..1 and has nearly its nominal coverage for
+//! few runs and for rates near 0 and 1 (Newcombe 1998).
 
 /// 97.5 % quantile of the normal distribution: both tails together have 5 %.
 const Z: f64 = 1.959_963_984_540_054;

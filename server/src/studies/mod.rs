@@ -1,8 +1,8 @@
 //! Studies: many packings from one request, and the table of their results.
 //!
-//! A study is a list of points (a mix, a method), each packed once per replicate. The request is expanded into jobs before
-//! anything is stored or run ([`request`]). The result is a table with one row per point ([`table`]). The service and
-//! `packstone study` both use this module.
+//! A study is a list of points (a mix, a method), each packed once per replicate. The request is expanded into jobs
+//! before anything is stored or run ([`request`]). The result is a table with one row per point ([`table`]). The
+//! service and `packstone study` both use this module.
 
 #[cfg(test)]
 mod examples;

@@ -1,6 +1,7 @@
 //! JSON pointers (RFC 6901) that put values into a document.
 //!
-//! The document as a whole and the place after the end of an array (`-`) are refused, because no value can be put there.
+//! The document as a whole and the place after the end of an array (`-`) are refused, because no value can be put
+//! there.
 
 use serde_json::Value;
 

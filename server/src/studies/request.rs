@@ -40,8 +40,8 @@ impl Study {
         Self::read_while(value, seed, now, limits, &|| true)
     }
 
-    /// Does the same as [`read`](Self::read), but ends with an internal error as soon as `go_on` returns `false`, because the
-    /// client has gone.
+    /// Does the same as [`read`](Self::read), but ends with an internal error as soon as `go_on` returns `false`,
+    /// because the client has gone.
     pub(crate) fn read_while(
         value: &Value,
         seed: u64,
@@ -211,7 +211,8 @@ impl<'a> StudyRequest<'a> {
         Ok(())
     }
 
-    /// Size of the requests, approximately: bytes of all jobs, values of all points. The number of jobs is bounded already.
+    /// Size of the requests, approximately: bytes of all jobs, values of all points. The number of jobs is bounded
+    /// already.
     fn request_size(&self) -> Size {
         let mut size = Size::default();
         match &self.points {

@@ -1,9 +1,9 @@
 //! The seeds of a study's jobs, by a rule that `docs/studies.md` documents.
 //!
-//! A seed consists of bits of a SHA-256 digest of the study's seed, the values of the point's columns, and the number of the
-//! replicate. It does not depend on the other points, so that a study to which values are added packs its earlier points
-//! again with the same seeds. Columns of the method are left out, so that points that differ only in the method pack
-//! the same grains.
+//! A seed consists of bits of a SHA-256 digest of the study's seed, the values of the point's columns, and the number
+//! of the replicate. It does not depend on the other points, so that a study to which values are added packs its
+//! earlier points again with the same seeds. Columns of the method are left out, so that points that differ only in the
+//! method pack the same grains.
 
 use std::fmt::Write as _;
 

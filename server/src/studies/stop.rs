@@ -1,7 +1,7 @@
 //! The rule that stops the runs of a point of a study.
 //!
-//! The caller counts every run that ends in the [`Tally`] of its point, in the order in which the runs end. When the rule is
-//! met, the caller cancels the queued jobs of the point. Running jobs continue, and are counted.
+//! The caller counts every run that ends in the [`Tally`] of its point, in the order in which the runs end. When the
+//! rule is met, the caller cancels the queued jobs of the point. Running jobs continue, and are counted.
 
 use serde::{Deserialize, Serialize};
 

@@ -159,8 +159,8 @@ impl Table {
         Self { columns: keys.columns.clone(), rows: rows.collect() }
     }
 
-    /// Writes the table as CSV (RFC 4180, with LF line ends): one header line; text is quoted where the RFC requires it,
-    /// values that are lists or objects are JSON, `null` is an empty field.
+    /// Writes the table as CSV (RFC 4180, with LF line ends): one header line; text is quoted where the RFC requires
+    /// it, values that are lists or objects are JSON, `null` is an empty field.
     ///
     /// # Errors
     /// Those of the writer.

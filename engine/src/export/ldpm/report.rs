@@ -55,15 +55,16 @@ pub struct NodeReport {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LatticeChecks))]
 pub struct Checks {
-    /// T1: largest difference of a tetrahedron's volume and the sum of its 24 pieces, over the cube of its longest edge.
+    /// T1: largest difference of a tetrahedron's volume and the sum of its 24 pieces, over the cube of its longest
+    /// edge.
     pub tetrahedron_volume_error: f64,
     /// T2: pieces of negative volume, which stick out of their tetrahedron. A tetrahedron falls into 24 pieces, each
     /// between a node, an edge point, a face point and the tetrahedron's own point; in flat tetrahedra the last may lie
     /// outside. Volumes are counted with their sign, so that sums stay exact; programs that count them as positive have
     /// too much mass by `unsigned_excess`.
     pub inverted_pieces: u64,
-    /// T2: tetrahedra with such a piece. A few per million tetrahedra are usual and harmless; many mean that nodes of the
-    /// surface are crowded: choose a smaller `surface_radius` or a larger `spacing`.
+    /// T2: tetrahedra with such a piece. A few per million tetrahedra are usual and harmless; many mean that nodes of
+    /// the surface are crowded: choose a smaller `surface_radius` or a larger `spacing`.
     pub inverted_tetrahedra: u64,
     /// T2: by how much all pieces exceed the volume when each is counted as positive, over the volume.
     pub unsigned_excess: f64,
@@ -99,14 +100,16 @@ pub struct Checks {
     pub projected_area_error: f64,
     /// T8: difference of a third of the sum of signed projected area times length and the volume, over the volume.
     pub projected_volume_error: f64,
-    /// T8: facets whose signed projected area is not positive: the facet faces backwards along its edge, and its springs
-    /// would have a negative area. 0 is what a solver needs. Where it is not 0, choose a smaller `surface_radius`.
+    /// T8: facets whose signed projected area is not positive: the facet faces backwards along its edge, and its
+    /// springs would have a negative area. 0 is what a solver needs. Where it is not 0, choose a smaller
+    /// `surface_radius`.
     pub facets_not_positive: u64,
     /// T9: faces whose points differ in any bit between their two tetrahedra; always 0.
     pub nonconforming_faces: u64,
     /// T10: faces across which the neighbour's node lies inside the circumsphere, exactly; always 0.
     pub delaunay_violations: u64,
-    /// T12: fabric tensor, the sum of projected area times length times n n over three times the volume: xx, yy, zz, xy, yz, zx.
+    /// T12: fabric tensor, the sum of projected area times length times n n over three times the volume: xx, yy, zz,
+    /// xy, yz, zx.
     pub fabric: [f64; 6],
     /// T12: difference of its trace and 1.
     pub fabric_trace_error: f64,

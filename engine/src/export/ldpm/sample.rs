@@ -1,8 +1,8 @@
 //! Points on edges and faces that keep clear of balls: evenly, as Poisson disks until none fits, or at random.
 //!
-//! The faces' sampler is that of Ebeida and others (2012, doi:10.1111/j.1467-8659.2012.03059.x): points are drawn from cells that can still take
-//! one, and cells are split and dropped until none is left. What is drawn is then a maximal set: every point of
-//! the face lies in a ball. Every point that is taken becomes a ball.
+//! The faces' sampler is that of Ebeida and others (2012, doi:10.1111/j.1467-8659.2012.03059.x): points are drawn from
+//! cells that can still take one, and cells are split and dropped until none is left. What is drawn is then a maximal
+//! set: every point of the face lies in a ball. Every point that is taken becomes a ball.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 

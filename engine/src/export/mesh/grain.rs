@@ -3,8 +3,8 @@
 //! A polyhedron with its vertices on the sphere has too little volume: `3 h^2 / (8 R^2)` of it is missing for edges `h`
 //! (1/2 R times the mean of `h^2/3 - r^2` over an equilateral triangle, `r` from its centroid). So vertices are moved
 //! outwards, each in proportion to the area of the triangles around it, which is the `h^2` of that place, until the
-//! volume is that of the sphere. No vertex crosses a plane that leaves half of the gap to what it faces, so polyhedra of
-//! spheres that do not touch stay apart. In the finely meshed regions close to contacts there is little to move.
+//! volume is that of the sphere. No vertex crosses a plane that leaves half of the gap to what it faces, so polyhedra
+//! of spheres that do not touch stay apart. In the finely meshed regions close to contacts there is little to move.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
@@ -56,8 +56,8 @@ impl<'a> Grains<'a> {
         self.options.edge_mm(diameter) / EDGE_PER_GAP
     }
 
-    /// Calls `visit(other, gap, direction)` with what a grain faces within a reach, seen from its centre: the gap to it,
-    /// and the direction of its nearest point.
+    /// Calls `visit(other, gap, direction)` with what a grain faces within a reach, seen from its centre: the gap to
+    /// it, and the direction of its nearest point.
     pub(super) fn for_each_facing(
         &self,
         row: usize,
@@ -151,8 +151,8 @@ struct Room {
 }
 
 impl Room {
-    /// Moves vertices outwards until the polyhedron has the volume of its sphere; returns whether the gaps left room for
-    /// that.
+    /// Moves vertices outwards until the polyhedron has the volume of its sphere; returns whether the gaps left room
+    /// for that.
     fn fill(&self, surface: &mut Surface, diameter: f64) -> bool {
         let target = PI / 6.0 * diameter.powi(3);
         let radius = self.radius;

@@ -215,8 +215,8 @@ pub struct SurfaceReport {
     pub specimen_volume_error: f64,
     /// Volume of the polyhedra.
     pub aggregate_volume_mm3: f64,
-    /// The same over that of the spheres, minus one; 0 where there are no grains. With the correction `scaled` it is what
-    /// the gaps left no room for.
+    /// The same over that of the spheres, minus one; 0 where there are no grains. With the correction `scaled` it is
+    /// what the gaps left no room for.
     pub aggregate_volume_error: f64,
     /// Grains whose gaps left no room for the volume of their spheres, where that was asked for.
     pub grains_short_of_volume: u64,

@@ -21,7 +21,8 @@ pub(super) const DEFAULT_MAX_BYTES: u64 = 500_000_000;
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceOptions {
-    /// Segments of the circumference of each grain; met within 15 % from 8 on. Default: 16, where there is no `size_mm`.
+    /// Segments of the circumference of each grain; met within 15 % from 8 on. Default: 16, where there is no
+    /// `size_mm`.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 6, maximum = 256))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub segments: Option<u32>,

@@ -1,9 +1,9 @@
 //! The unit sphere as an inscribed polyhedron of nearly equal triangles, in any fineness.
 //!
-//! Geodesic polyhedra of the icosahedron (Caspar and Klug 1962, Cold Spring Harbor Symposia 27): a face is the
-//! triangle from 0 to `(b, c)` of the triangular lattice, which holds `T = b^2 + b c + c^2` lattice triangles. The
-//! polyhedron has `20 T` triangles and `10 T + 2` vertices. All pairs `b >= c >= 0` are used, so that `T` is 1, 3, 4, 7,
-//! 9, 12, 13, 16, 19, 21 and so on, and the fineness changes in small steps.
+//! Geodesic polyhedra of the icosahedron (Caspar and Klug 1962, Cold Spring Harbor Symposia 27): a face is the triangle
+//! from 0 to `(b, c)` of the triangular lattice, which holds `T = b^2 + b c + c^2` lattice triangles. The polyhedron
+//! has `20 T` triangles and `10 T + 2` vertices. All pairs `b >= c >= 0` are used, so that `T` is 1, 3, 4, 7, 9, 12,
+//! 13, 16, 19, 21 and so on, and the fineness changes in small steps.
 
 use std::collections::{HashMap, HashSet};
 
@@ -187,7 +187,8 @@ impl Vertices<'_> {
     }
 }
 
-/// The twelve vertices of the icosahedron, turned so that none lies on an axis: grains that touch a wall touch it there.
+/// The twelve vertices of the icosahedron, turned so that none lies on an axis: grains that touch a wall touch it
+/// there.
 fn icosahedron() -> [[f64; 3]; 12] {
     let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut corners = [[0.0; 3]; 12];

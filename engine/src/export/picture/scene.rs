@@ -237,8 +237,8 @@ impl Scene {
         if self.size.x - p.x < margin { Vector::x() } else { -Vector::y() }
     }
 
-    /// Share of the sky above a surface that grains nearby cover, 0..=1: the sum of their solid angles over a half-space,
-    /// `(r / d)^2` times the cosine at their centres, each faded out with the gap to the point.
+    /// Share of the sky above a surface that grains nearby cover, 0..=1: the sum of their solid angles over a
+    /// half-space, `(r / d)^2` times the cosine at their centres, each faded out with the gap to the point.
     pub(super) fn occlusion(&self, at: &Vector, normal: &Vector, but: u32) -> f64 {
         let grid = &self.grid;
         let mut covered = 0.0;

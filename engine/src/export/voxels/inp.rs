@@ -1,10 +1,10 @@
 //! Abaqus keywords of a voxel model: what stands between `*PART` and `*END PART`, to be included there.
 //!
 //! One C3D8 per voxel inside the specimen. Sets of elements `matrix` and `aggregates`; per face of the specimen
-//! (`x_min` to `z_max`, or `side`, `z_min`, `z_max`) a set of nodes, one of elements by its Abaqus face, and a
-//! surface; the surface `itz` between the phases, on the side of the aggregates. Numbers of nodes and elements are those of
-//! the full lattice, counted from 1 with x fastest, so that a voxel's place is known by its number; those outside
-//! of a cylinder are missing.
+//! (`x_min` to `z_max`, or `side`, `z_min`, `z_max`) a set of nodes, one of elements by its Abaqus face, and a surface;
+//! the surface `itz` between the phases, on the side of the aggregates. Numbers of nodes and elements are those of the
+//! full lattice, counted from 1 with x fastest, so that a voxel's place is known by its number; those outside of a
+//! cylinder are missing.
 
 use std::io::{self, Write};
 

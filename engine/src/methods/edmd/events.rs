@@ -248,8 +248,9 @@ impl System {
 
     /// The earliest meeting with a neighbour whose velocity did not change after the grain's own.
     ///
-    /// Four pairs at a time: which of them approach is a coin toss that no branch predictor foresees. Arrays are written
-    /// out: code that goes through `array::map` may be left outside of the function that is compiled for the set.
+    /// Four pairs at a time: which of them approach is a coin toss that no branch predictor foresees. Arrays are
+    /// written out: code that goes through `array::map` may be left outside of the function that is compiled for the
+    /// set.
     #[inline(always)]
     fn meet<S: InstructionSet, const PERIODIC: bool>(
         &self,

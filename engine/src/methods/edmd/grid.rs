@@ -196,7 +196,7 @@ impl Grid {
         batch.flush();
     }
 
-    /// Levels as coarse as or coarser than that of an cutoff.
+    /// Levels as coarse as or coarser than that of a cutoff.
     #[inline(always)]
     pub(crate) fn coarser(&self, cutoff_mm: f64) -> std::ops::Range<usize> {
         0..self.level_of(cutoff_mm) + 1

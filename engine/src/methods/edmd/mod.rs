@@ -6,9 +6,9 @@
 //! 2005, DOI 10.1016/j.jcp.2004.08.014).
 //!
 //! From the inside out: `contact` has the closed forms, `growth` how contact distances change in a compression cycle,
-//! `container` the walls, `grid`, `system` and `queue` find and order what can happen, `events` makes it happen,
-//! `swap` exchanges grains between cycles, `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule grows, `run`
-//! strings cycles together, and `exact_fit` ends the growth of grains that fit exactly.
+//! `container` the walls, `grid`, `system` and `queue` find and order what can happen, `events` makes it happen, `swap`
+//! exchanges grains between cycles, `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule
+//! grows, `run` strings cycles together, and `exact_fit` ends the growth of grains that fit exactly.
 
 // The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
 #![allow(clippy::inline_always)]

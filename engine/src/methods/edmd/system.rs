@@ -34,8 +34,8 @@ const MORE: f64 = 1.15;
 const LESS: f64 = 0.87;
 /// Cache lines of a list that are asked for ahead.
 const LIST_LINES: u32 = 3;
-/// Grains between two reservations of room for pairs while lists are built, and the pairs of a grain that room is reserved
-/// for: on average there are fewer than twenty.
+/// Grains between two reservations of room for pairs while lists are built, and the pairs of a grain that room is
+/// reserved for: on average there are fewer than twenty.
 const GRAINS_PER_RESERVATION: usize = 256;
 const HALF_PER_GRAIN: usize = 64;
 /// Free places of a new list.

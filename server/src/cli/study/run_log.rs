@@ -1,8 +1,8 @@
 //! The run log of a study: a folder with the request and a record of every run that ended, from which a study that was
 //! stopped or killed is resumed.
 //!
-//! `study.json` is the request, with its seed. `runs.jsonl` has one line per run, appended when the run ends. An incomplete
-//! last line is dropped, and its run is repeated.
+//! `study.json` is the request, with its seed. `runs.jsonl` has one line per run, appended when the run ends. An
+//! incomplete last line is dropped, and its run is repeated.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -21,8 +21,8 @@ use crate::studies::{Facts, Outcome, Run, Study};
 
 const STUDY: &str = "study.json";
 const RUNS: &str = "runs.jsonl";
-/// Interval of synchronization: a power cut loses at most the runs of this time. A kill loses none, because the lines are
-/// in the page cache.
+/// Interval of synchronization: a power cut loses at most the runs of this time. A kill loses none, because the lines
+/// are in the page cache.
 const SYNC_EVERY: Duration = Duration::from_secs(2);
 
 /// The content of `study.json`.

@@ -1,7 +1,8 @@
-//! The worker pool of `packstone study`: each thread takes the next job from the queue and packs it as `packstone run` does.
+//! The worker pool of `packstone study`: each thread takes the next job from the queue and packs it as `packstone run`
+//! does.
 //!
-//! A thread writes the files of a result and counts the run in the tally of its point. The record of the run is sent to the
-//! receiver, which writes the run log.
+//! A thread writes the files of a result and counts the run in the tally of its point. The record of the run is sent to
+//! the receiver, which writes the run log.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -29,8 +30,8 @@ use crate::studies::{Facts, Outcome, Study};
 /// The attempt in the names of checkpoints; there is only one.
 const ATTEMPT: i64 = 1;
 
-/// The shared state of the threads: the queued jobs and the counts of those that ended. A thread counts its run with the
-/// lock held, so that no thread starts a job of a point whose stop rule is met.
+/// The shared state of the threads: the queued jobs and the counts of those that ended. A thread counts its run with
+/// the lock held, so that no thread starts a job of a point whose stop rule is met.
 pub(super) struct SharedState {
     /// Point and replicate of the queued jobs, the next one first.
     pub(super) queue: VecDeque<(usize, usize)>,
@@ -80,8 +81,8 @@ impl WorkerPool<'_> {
         }
     }
 
-    /// Counts a run, removes the queued jobs of its point if the stop rule is met, and sends the run. The lock is held, so
-    /// that runs arrive in the order in which they were counted.
+    /// Counts a run, removes the queued jobs of its point if the stop rule is met, and sends the run. The lock is held,
+    /// so that runs arrive in the order in which they were counted.
     fn count(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
         let mut state = self.state();
         let point = run.record.point;

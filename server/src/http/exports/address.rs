@@ -130,8 +130,8 @@ impl Target {
         Ok(Self { job, export, new })
     }
 
-    /// Refuses what cannot be made of the job's specimen, and a file that would not fit on the disk or into a quota. What
-    /// was accepted before is not judged again.
+    /// Refuses what cannot be made of the job's specimen, and a file that would not fit on the disk or into a quota.
+    /// What was accepted before is not judged again.
     ///
     /// # Errors
     /// `format-not-available`, `too-large`, `validation-error` or `insufficient-storage`.

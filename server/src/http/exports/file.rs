@@ -24,10 +24,10 @@ const WAIT: Wait = Wait { s: 60 };
 
 /// Get an export
 ///
-/// Answers with the file if it exists or can be made within the time that `Prefer: wait=N` gives, 60 s when absent. Else
-/// the answer is 202 with the state of the export and `Retry-After`: it goes on being made, and the same request gets it
-/// later. Supports `Range` with one part, `If-Range` and `If-None-Match`. What nobody asked to be kept is a cache: it may
-/// be dropped, and is made again.
+/// Answers with the file if it exists or can be made within the time that `Prefer: wait=N` gives, 60 s when absent.
+/// Else the answer is 202 with the state of the export and `Retry-After`: it goes on being made, and the same request
+/// gets it later. Supports `Range` with one part, `If-Range` and `If-None-Match`. What nobody asked to be kept is a
+/// cache: it may be dropped, and is made again.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "get_export",
     params(

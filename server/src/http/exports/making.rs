@@ -12,8 +12,8 @@ use crate::http::waiting;
 use crate::jobs::store::{Retention, StoreError};
 use crate::problem::{Kind, Problem};
 
-/// How often an export is requested anew whose file went away before it could be sent: dropped from the cache, or damaged
-/// on the disk.
+/// How often an export is requested anew whose file went away before it could be sent: dropped from the cache, or
+/// damaged on the disk.
 const TRIES: u32 = 3;
 
 /// What became of an export within the time.

@@ -33,8 +33,8 @@ parameters! {
 /// Start an export
 ///
 /// The answer does not wait for the file, unless `Prefer: wait=N` says so. The same options name the same export: a
-/// request for one that exists finds it. With `keep=true`, the default, the file stays with its job; else it is part of a
-/// cache. The request has no body.
+/// request for one that exists finds it. With `keep=true`, the default, the file stays with its job; else it is part of
+/// a cache. The request has no body.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "start_export",
     params(

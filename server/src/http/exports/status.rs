@@ -19,8 +19,9 @@ use crate::problem::Problem;
 
 /// Get the state of an export
 ///
-/// With `Prefer: wait=N` the answer is held back as that of a job is: until the export differs from `If-None-Match` (304
-/// if it never does), or without that field until it is finished. 404 says that nobody has asked for the export yet.
+/// With `Prefer: wait=N` the answer is held back as that of a job is: until the export differs from `If-None-Match`
+/// (304 if it never does), or without that field until it is finished. 404 says that nobody has asked for the export
+/// yet.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}/status", tag = "exports", operation_id = "get_export_status",
     params(

@@ -30,8 +30,8 @@ pub(crate) struct Export {
     options: Value,
     /// Where it stands.
     state: ExportState,
-    /// Whether it stays with its job. Else it is part of a cache: it may be dropped at any time, and is made again when it
-    /// is requested again.
+    /// Whether it stays with its job. Else it is part of a cache: it may be dropped at any time, and is made again when
+    /// it is requested again.
     kept: bool,
     /// How far it is while it is being made.
     #[schema(value_type = Option<JobProgress>, required)]

@@ -41,9 +41,9 @@ impl IncludeParameters {
 
 /// Get a job
 ///
-/// With `Prefer: wait=N` the answer is held back for at most N s: until the job differs from
-/// `If-None-Match` (304 if it never does), or without that field until the job is finished. The request, which may be long,
-/// is left out unless `include=request` asks for it; it is at `/v1/jobs/{id}/request`, too.
+/// With `Prefer: wait=N` the answer is held back for at most N s: until the job differs from `If-None-Match` (304 if it
+/// never does), or without that field until the job is finished. The request, which may be long, is left out unless
+/// `include=request` asks for it; it is at `/v1/jobs/{id}/request`, too.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "get_job",
     params(

@@ -16,8 +16,9 @@ use crate::problem::Problem;
 
 /// Plan a job
 ///
-/// What the job in the body amounts to: expected grains, volume fractions, memory, time, whether the mix can fit at all,
-/// and the sizes of the exports that `postprocess` names. Nothing is stored. What a submission refuses, this refuses with the same problem.
+/// What the job in the body amounts to: expected grains, volume fractions, memory, time, whether the mix can fit at
+/// all, and the sizes of the exports that `postprocess` names. Nothing is stored. What a submission refuses, this
+/// refuses with the same problem.
 #[utoipa::path(
     post, path = "/v1/plans", tag = "jobs", operation_id = "plan_job",
     request_body(content = JobRequest, content_type = "application/json"),

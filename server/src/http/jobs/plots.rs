@@ -1,7 +1,7 @@
 //! Plots of a job's result, as SVG.
 //!
-//! A plot is a pure function of the result, the kind and this build's way of drawing, and its strong tag names them. It is
-//! drawn when it is asked for, off the threads that answer, a few at a time.
+//! A plot is a pure function of the result, the kind and this build's way of drawing, and its strong tag names them. It
+//! is drawn when it is asked for, off the threads that answer, a few at a time.
 
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -20,9 +20,9 @@ use crate::problem::Problem;
 /// Get a plot of a result
 ///
 /// An SVG for print, 160 mm wide. `grading`: target and achieved grading curve; `distance`: distance against packing
-/// time, for grains that were grown with a constant or the largest distance; `radial`: pair correlation function against
-/// the gap between grains, by size class; `profile`: volume fraction against depth from the walls. A plot for which the
-/// packing has no data is refused with the reason.
+/// time, for grains that were grown with a constant or the largest distance; `radial`: pair correlation function
+/// against the gap between grains, by size class; `profile`: volume fraction against depth from the walls. A plot for
+/// which the packing has no data is refused with the reason.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(

@@ -77,8 +77,8 @@ parameters! {
 
 /// Get a result
 ///
-/// The grains, in the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with one part,
-/// `If-Range` and `If-None-Match`. Meshes, voxel models, slices and lattice models are exports, at
+/// The grains, in the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with one
+/// part, `If-Range` and `If-None-Match`. Meshes, voxel models, slices and lattice models are exports, at
 /// `/v1/jobs/{id}/exports/{type}`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",

@@ -57,11 +57,11 @@ impl Value for Abscissa {
 
 /// Get a plot of a study
 ///
-/// An SVG for print, 160 mm wide: a figure of the table against one of its columns, one series for each
-/// combination of the other columns that vary. `success`: success rate with its 95 % interval; `time`: time of all runs per
-/// success; `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
-/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event. A plot for which no run
-/// has data is refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
+/// An SVG for print, 160 mm wide: a figure of the table against one of its columns, one series for each combination of
+/// the other columns that vary. `success`: success rate with its 95 % interval; `time`: time of all runs per success;
+/// `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
+/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event. A plot for which no
+/// run has data is refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
 #[utoipa::path(
     get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
     params(

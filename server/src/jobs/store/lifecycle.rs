@@ -17,8 +17,8 @@ use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::studies::{Facts, Outcome};
 
-/// The number of the job to run next. The index is named, because the planner of SQLite would choose the index of all states
-/// and sort the queue at every claim.
+/// The number of the job to run next. The index is named, because the planner of SQLite would choose the index of all
+/// states and sort the queue at every claim.
 macro_rules! next_in_queue {
     () => {
         "select seq from jobs indexed by jobs_queue
@@ -59,8 +59,8 @@ pub(crate) enum Cancelled {
 impl Store {
     /// Leases the next job: the highest priority, then the smallest virtual start time.
     ///
-    /// The claim is not synchronized to the disk. A power cut that undoes it leaves the job queued, and the files of the
-    /// attempt are removed by the sweeper. The next synchronized write includes the claim.
+    /// The claim is not synchronized to the disk. A power cut that undoes it leaves the job queued, and the files of
+    /// the attempt are removed by the sweeper. The next synchronized write includes the claim.
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -112,8 +112,8 @@ impl Store {
         .await
     }
 
-    /// Ends a job with its result, which is on disk already, and queues the exports that its request lists. The facts of
-    /// the run are recorded in its study.
+    /// Ends a job with its result, which is on disk already, and queues the exports that its request lists. The facts
+    /// of the run are recorded in its study.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -324,8 +324,8 @@ impl Store {
         .await
     }
 
-    /// Requeues a failed or cancelled job, with all its attempts; a succeeded one where its result at the path `damaged` is
-    /// no longer what was stored.
+    /// Requeues a failed or cancelled job, with all its attempts; a succeeded one where its result at the path
+    /// `damaged` is no longer what was stored.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::Forbidden`], [`StoreError::QueueFull`], or the database's.

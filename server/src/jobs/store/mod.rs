@@ -5,8 +5,8 @@
 //! in a task of their own: a client that hangs up halfway cannot leave a transaction open or a commit
 //! unannounced. The clock here decides about leases and expiry.
 //!
-//! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the machine
-//! does not outlast its cause: see [`writer`] and [`faults`].
+//! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the
+//! machine does not outlast its cause: see [`writer`] and [`faults`].
 
 mod exports;
 mod faults;

@@ -14,8 +14,8 @@ impl Store {
     /// Changes a job. A new priority moves a waiting job to the end of the queue of that priority.
     ///
     /// # Errors
-    /// [`StoreError::NoJob`], [`StoreError::VersionDiffers`], [`StoreError::Forbidden`] for the priority of a job that no
-    /// longer waits, [`StoreError::TooManyLabels`], or the database's.
+    /// [`StoreError::NoJob`], [`StoreError::VersionDiffers`], [`StoreError::Forbidden`] for the priority of a job that
+    /// no longer waits, [`StoreError::TooManyLabels`], or the database's.
     pub(crate) async fn patch(
         &self,
         job: impl Into<Target<JobId>>,

@@ -1,10 +1,10 @@
 //! Start-time fair queueing of jobs of unit cost (Goyal, Vin and Cheng 1996, <https://doi.org/10.1145/248156.248171>).
 //!
 //! Jobs of one priority start in the order of their virtual start times, the column `turn`. A flow is a study, or all
-//! single jobs together; its jobs have consecutive start times, S(k) = max(V, S(k-1) + 1). The virtual time V is the start
-//! time of the job that started last. So waiting flows alternate, however many jobs each has: a job that is submitted while
-//! ten thousand jobs of a study wait starts next, and the study still gets every other start. Each priority has a virtual
-//! time of its own, so that jobs of a higher priority do not advance that of a lower one.
+//! single jobs together; its jobs have consecutive start times, S(k) = max(V, S(k-1) + 1). The virtual time V is the
+//! start time of the job that started last. So waiting flows alternate, however many jobs each has: a job that is
+//! submitted while ten thousand jobs of a study wait starts next, and the study still gets every other start. Each
+//! priority has a virtual time of its own, so that jobs of a higher priority do not advance that of a lower one.
 
 use sqlx::{Row as _, SqliteConnection};
 

@@ -61,8 +61,8 @@ pub(crate) struct Removed {
 }
 
 impl Store {
-    /// Requeues every running job at start-up, when no worker has it, with its next attempt, or ends it where it has none
-    /// left. Returns how many were running.
+    /// Requeues every running job at start-up, when no worker has it, with its next attempt, or ends it where it has
+    /// none left. Returns how many were running.
     pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         self.reclaim(i64::MAX, checkpoints).await
     }

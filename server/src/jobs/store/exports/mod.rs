@@ -1,9 +1,9 @@
 //! Exports in the store.
 //!
-//! The unique key `(job, key)` makes one row of all requests for the same export. The row is deleted with its job. Exports
-//! have no leases: one service owns the data directory, so that no worker has a row that is running when the service
-//! starts, and such rows are requeued. The update of a worker names its attempt, so that a worker whose export was
-//! requeued changes nothing.
+//! The unique key `(job, key)` makes one row of all requests for the same export. The row is deleted with its job.
+//! Exports have no leases: one service owns the data directory, so that no worker has a row that is running when the
+//! service starts, and such rows are requeued. The update of a worker names its attempt, so that a worker whose export
+//! was requeued changes nothing.
 
 mod query;
 mod request;

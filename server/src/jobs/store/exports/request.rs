@@ -18,9 +18,9 @@ pub(crate) enum Retention {
 }
 
 impl Store {
-    /// Finds an export of a job that succeeded, or adds it to the queue; returns whether it was added. An export that failed
-    /// for a transient reason is requeued. A row that is kept has been synchronized to the disk when this returns; a row
-    /// of the cache has not, because a client can request it again.
+    /// Finds an export of a job that succeeded, or adds it to the queue; returns whether it was added. An export that
+    /// failed for a transient reason is requeued. A row that is kept has been synchronized to the disk when this
+    /// returns; a row of the cache has not, because a client can request it again.
     ///
     /// # Errors
     /// [`StoreError::NoJob`], [`StoreError::TooManyWait`], [`StoreError::TooManyKept`], or the database's.
@@ -75,8 +75,8 @@ impl Store {
         .await
     }
 
-    /// Removes an export, whatever its state, and returns the path of its file, which no row refers to any more. A worker
-    /// that makes the export finds no row and stops.
+    /// Removes an export, whatever its state, and returns the path of its file, which no row refers to any more. A
+    /// worker that makes the export finds no row and stops.
     ///
     /// # Errors
     /// [`StoreError::NoExport`], or the database's.
@@ -155,8 +155,8 @@ async fn find_or_insert(
     Ok(Requested { record, created: known.is_none(), job_changed: keep })
 }
 
-/// A client is waiting: the export moves to the front of the queue, is requeued if it failed (`retried`), and is kept from
-/// now on if `keep` is set.
+/// A client is waiting: the export moves to the front of the queue, is requeued if it failed (`retried`), and is kept
+/// from now on if `keep` is set.
 async fn update(
     connection: &mut SqliteConnection,
     known: &ExportRecord,

@@ -1,4 +1,5 @@
-//! Exports in the store, on real files: one row for one thing, who may move it, what goes with it, and old data directories.
+//! Exports in the store, on real files: one row for one thing, who may move it, what goes with it, and old data
+//! directories.
 
 #![allow(clippy::unwrap_used)]
 

@@ -51,8 +51,8 @@ impl Store {
         rows::json(row.try_get("body")?)
     }
 
-    /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first replicate,
-    /// for all have the same. They leave with that job.
+    /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first
+    /// replicate, for all have the same. They leave with that job.
     ///
     /// # Errors
     /// The database's.
