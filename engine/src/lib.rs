@@ -46,6 +46,7 @@ pub mod specimen;
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
 pub use control::{Control, Growth, Phase, Progress, Unattended};
 pub use error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
+pub use memory::OutOfMemory;
 pub use pack::{pack, pack_or_resume};
 pub use packing::{Packing, Report, Spheres};
 pub use plan::{Limits, Plan};

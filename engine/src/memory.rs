@@ -4,9 +4,11 @@
 //! its grains or cells is reserved here first, so that a refusal ends the run and not the process.
 
 /// The system refused an allocation of so many bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct OutOfMemory {
-    pub(crate) bytes: u64,
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the system refused {bytes} bytes of memory")]
+pub struct OutOfMemory {
+    /// Size of the allocation.
+    pub bytes: u64,
 }
 
 impl From<OutOfMemory> for std::io::Error {

@@ -1,13 +1,15 @@
 //! Files of lattices read by the readers that users have: VTK, meshio, and Project Chrono's rules for its own.
 #![allow(clippy::unwrap_used)]
 
+mod provenance;
+
 use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
+use packstone_engine::export::Model;
 use packstone_engine::export::ldpm::{self, BoundaryNodes, LatticeOptions};
-use packstone_engine::export::{Model, Provenance};
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
 
@@ -34,15 +36,7 @@ fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &LatticeO
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let spheres = pack(&request, &Limits::default(), &Unattended).unwrap().spheres;
-    let provenance = Provenance {
-        job_id: Some("a job".into()),
-        name: Some("a < b".into()),
-        seed: Some(17),
-        engine_version: "test".into(),
-        volume_fraction_mixture: 0.5,
-        volume_fraction_effective: 0.25,
-        result_sha256: Some("ab".into()),
-    };
+    let provenance = provenance::complete();
     let model = Model::new(&request.specimen, &spheres).with_provenance(&provenance);
     let directory = tempfile::tempdir().unwrap();
     let mut volume_mm3 = 0.0;

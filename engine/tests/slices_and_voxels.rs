@@ -1,12 +1,14 @@
 //! Voxel models and cuts read by the programs that users have: VTK, meshio, Gmsh, Pillow, numpy.
 #![allow(clippy::unwrap_used)]
 
+mod provenance;
+
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine::export::{Model, Provenance};
+use packstone_engine::export::Model;
 use packstone_engine::request::decode::{At, Faults, Object};
 use packstone_engine::{
     Limits, PackingRequest, Unattended,
@@ -56,15 +58,7 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-    let provenance = Provenance {
-        job_id: Some("a job".into()),
-        name: Some("a < b".into()),
-        seed: Some(17),
-        engine_version: "test".into(),
-        volume_fraction_mixture: 0.5,
-        volume_fraction_effective: 0.25,
-        result_sha256: Some("ab".into()),
-    };
+    let provenance = provenance::complete();
     let model = Model::new(&request.specimen, &packing.spheres).with_provenance(&provenance);
     let volume = json!({"specimen_volume_mm3": request.specimen.volume_mm3()});
     let grids = [

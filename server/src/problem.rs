@@ -51,53 +51,72 @@ kinds! {
     MalformedJson "malformed-json" 400 "Malformed JSON"
         "The body is not JSON. `errors` points to the place where reading stopped."
     ValidationError "validation-error" 422 "Invalid field"
-        "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of its bounds. `errors` lists every such fault with its place, the value found and the bound."
+        "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of \
+         its bounds. `errors` lists every such fault with its place, the value found and the bound."
     InfeasibleMix "infeasible-mix" 422 "The mix cannot fit"
-        "No arrangement of spheres reaches the volume fraction asked for. Lower it, shorten the distance, or raise the cut-off."
+        "No arrangement of spheres reaches the requested volume fraction. Lower it, shorten the distance, or raise \
+         the smallest diameter."
     CoarseMix "coarse-mix" 422 "Whole grains miss the volume of the mix"
-        "The requested volume is so small for its grains that whole grains miss it by more than 5 %. Take a larger specimen, a larger volume fraction or a smaller largest grain, list the diameters, or set `mix.allow_coarse`; the deviation is then a warning. As the end of a job: the grains that were sampled for its seed miss the volume."
-    TooLarge "too-large" 422 "The packing, the study or the model is too large"
-        "More grains, more memory, or more jobs of a study, than this server allows; `/v1/capabilities` tells the limits. Raise the cut-off, take a smaller specimen, or make several studies of one. Of a model of a packing: `errors` names the option, and the memory or bytes it would take; choose it coarser."
+        "The requested volume is so small for its grains that whole grains miss it by more than 5 %. Take a larger \
+         specimen, a larger volume fraction or a smaller largest grain, list the diameters, or set \
+         `mix.allow_coarse`; the deviation is then a warning. As the end of a job: the grains that were sampled for \
+         its seed miss the volume."
+    TooLarge "too-large" 422 "The packing, the study or the export is too large"
+        "The request needs more grains, more memory, or more jobs of a study, than this server allows; \
+         `/v1/capabilities` tells the limits. Raise the smallest diameter, take a smaller specimen, or divide the \
+         study. For an export, `errors` names the option and the memory or bytes that it would take; choose a \
+         coarser one."
     FormatNotAvailable "format-not-available" 422 "Not available for this packing"
-        "This format or model does not exist for such a specimen or packing, a surface mesh for a periodic box for example; `detail` says what to do instead."
+        "This format or export does not exist for such a specimen or packing, for example a surface mesh for a \
+         periodic box; `detail` says what to do instead."
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."
     NotFound "not-found" 404 "Not found"
-        "There is no such route, job, study or export model; what has expired is gone too."
+        "There is no such route, job, study or export; what has expired is deleted too."
     ResultNotReady "result-not-ready" 409 "No result yet"
-        "The job has not finished. Ask again after `Retry-After`, wait for its end with `Prefer: wait=N` on the job, or follow its events."
+        "The job has not finished. Ask again after `Retry-After`, wait for its end with `Prefer: wait=N` on the job, \
+         or follow its events."
     MethodNotAllowed "method-not-allowed" 405 "Method not allowed"
-        "The route does not know this method; `Allow` names those it does."
+        "The route does not know this method; `Allow` names the methods it knows."
     NotAcceptable "not-acceptable" 406 "Not acceptable"
-        "A result or a table has no format that `Accept` or `?format=` asks for; `formats` lists those it has."
+        "A result or a table has no format that `Accept` or `format` names; `formats` lists the formats it has."
     RequestTimeout "request-timeout" 408 "The request took too long"
         "The body arrived with too long a pause, or too slowly. Send it again without pauses."
     Conflict "conflict" 409 "The state of the job or study forbids it"
-        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an unfinished one cannot be deleted, only a failed or cancelled job can be retried, and a job keeps a bounded number of export models."
+        "The job or study is in a state in which this cannot be done: a finished one cannot be cancelled, an \
+         unfinished one cannot be deleted, only a failed or cancelled job can be retried, and a job keeps a bounded \
+         number of exports."
     JobFailed "job-failed" 409 "The job has no result"
-        "The job failed or was cancelled, so that there never will be a result; `job_error` says why. Retry it, or submit another."
+        "The job failed or was cancelled, so that there never will be a result; `job_error` says why. Retry it, or \
+         submit another."
     ExportFailed "export-failed" 409 "The export failed"
-        "The file could not be made of the result; `export_error` says why. Delete the export, or request it with other options."
+        "The file could not be made of the result; `export_error` says why. Delete the export, or request it with \
+         other options."
     PayloadTooLarge "payload-too-large" 413 "The body is too large"
         "The body is longer than this server reads; `/v1/capabilities` tells the limit."
     UnsupportedMediaType "unsupported-media-type" 415 "Unsupported media type"
         "Bodies are JSON (`Content-Type: application/json`) without content encoding."
     RangeNotSatisfiable "range-not-satisfiable" 416 "The range lies beyond the end"
-        "The first byte asked for does not exist; `Content-Range` tells the length."
+        "The first requested byte does not exist; `Content-Range` tells the length."
     IdempotencyKeyReused "idempotency-key-reused" 422 "Idempotency key reused"
         "The key was used before with another body. Take a new key for a new job or study."
     QueueFull "queue-full" 429 "The queue is full"
-        "The jobs, or the models to be made of results, would be more than this server lets wait. Try again after `Retry-After`."
+        "More jobs, or more exports, would wait than this server allows. Try again after `Retry-After`."
     Busy "busy" 503 "Busy"
-        "As many results are being sent, or plots drawn, as this server can. Try again after `Retry-After`."
+        "The server already sends as many results, draws as many plots, or serves as many connections as it is \
+         configured for. Try again after `Retry-After`."
     PreconditionFailed "precondition-failed" 412 "The resource has changed"
-        "`If-Match` names another state than the present one, so nothing was done. Get the resource again, and repeat the request with its present `ETag` if it is still wanted."
+        "`If-Match` names another state than the present one, so nothing was changed. Get the resource again, and \
+         repeat the request with its present `ETag` if the change is still needed."
     InsufficientStorage "insufficient-storage" 507 "No space is left"
-        "The disk of the server, or a quota, has no space for what this needs; `detail` has the figures. Delete jobs, studies or exports, or ask again after `Retry-After`."
+        "The disk of the server, or a quota, has no space for what this needs; `detail` has the figures. Delete \
+         jobs, studies or exports, or ask again after `Retry-After`."
     MachineFault "machine-fault" 503 "A fault of the machine"
-        "The file system, the database or another resource of the machine failed. Jobs wait and are tried again; repeat the request after `Retry-After`."
+        "The file system, the database or another resource of the machine failed. Jobs wait and are tried again; \
+         repeat the request after `Retry-After`."
     OutOfMemory "out-of-memory" 503 "Out of memory"
-        "The end of a job or of an export: the system refused memory that it needs, in each of six attempts. Take fewer grains or a coarser export, give the server more memory, or lower `--workers`."
+        "The end of a job or of an export: the system refused memory that it needs, in each of six attempts. Take \
+         fewer grains or a coarser export, give the server more memory, or lower `--workers`."
     NotReady "not-ready" 503 "Not ready"
         "The server is starting or stopping, or cannot write to its data directory."
     ResultDamaged "result-damaged" 410 "The stored result is damaged"
@@ -105,13 +124,18 @@ kinds! {
     InternalError "internal-error" 500 "Internal error"
         "A fault of this server, recorded in its log under the request's or the job's id."
     TargetNotReached "target-not-reached" 0 "The packing was not reached"
-        "The end of a job: the method came to its end before all grains were placed, or had grown to their size and distance. The document tells how far it came. Another seed, a lower volume fraction or another method may succeed."
+        "The end of a job: the method ended before all grains were inserted, or before they had grown to their size \
+         and distance. The document tells how far it came. Another seed, a lower volume fraction or another method \
+         may succeed."
     TimedOut "timed-out" 0 "The job timed out"
         "The end of a job: it ran longer than its `timeout_s`."
     AttemptsExhausted "attempts-exhausted" 0 "Too many attempts"
-        "The end of a job, or of a export model: the server stopped while it ran as often as its `max_attempts` allows (three times, of a model). It may be what makes the server stop, by its memory for example."
-    CheckFailed "check-failed" 0 "The packing or the model failed its check"
-        "The end of a job, or of a export model: its independent check refused the packing, or the model. A defect of this program; please report it with the request."
+        "The end of a job or of an export: the server stopped while it ran, as often as its `max_attempts` allows \
+         (three times for an export). The task itself may be what stops the server, for example by the memory it \
+         needs."
+    CheckFailed "check-failed" 0 "The packing or the export failed its check"
+        "The end of a job or of an export: the independent check refused the packing or the file. This is a defect \
+         of the program; please report it with the request."
 }
 
 impl Kind {

@@ -21,19 +21,11 @@ from vtkmodules.vtkFiltersCore import vtkMultiObjectMassProperties
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
+from provenance import PROVENANCE
+
 EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 # The workbench's order: face (opposite that node) and edge of each of the twelve facets.
 FACETS = [(2, 0), (3, 0), (1, 1), (3, 1), (1, 2), (2, 2), (0, 3), (3, 3), (0, 4), (2, 4), (0, 5), (1, 5)]
-# The provenance that the test states.
-PROVENANCE = {
-    "job_id": "a job",
-    "name": "a < b",
-    "engine_version": "test",
-    "result_sha256": "ab",
-    "seed": 17,
-    "volume_fraction_mixture": 0.5,
-    "volume_fraction_effective": 0.25,
-}
 
 
 def near(what, found, expected, tolerance):

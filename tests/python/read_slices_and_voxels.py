@@ -21,18 +21,10 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
+from provenance import PROVENANCE
+
 SEGMENTS = 24
 SVG = "{http://www.w3.org/2000/svg}"
-# The provenance that the test states.
-PROVENANCE = {
-    "job_id": "a job",
-    "name": "a < b",
-    "engine_version": "test",
-    "result_sha256": "ab",
-    "seed": 17,
-    "volume_fraction_mixture": 0.5,
-    "volume_fraction_effective": 0.25,
-}
 
 
 def expect(holds, what, *figures):

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::geometry::cells::{Cells, Sorted};
+use crate::memory::OutOfMemory;
 
 /// A centre and a radius.
 pub(super) type Grain = [f64; 4];
@@ -20,12 +21,17 @@ pub(super) struct NeighborGrid {
 
 impl NeighborGrid {
     /// Sorts grains into cells that are about as wide as `reach_mm`, or hold about two grains each.
-    pub(super) fn new(grains: &[Grain], bounds: [f64; 3], periodic: bool, reach_mm: f64) -> Self {
+    pub(super) fn new(
+        grains: &[Grain],
+        bounds: [f64; 3],
+        periodic: bool,
+        reach_mm: f64,
+    ) -> Result<Self, OutOfMemory> {
         let volume: f64 = bounds.iter().product();
         let sparse = (2.0 * volume / grains.len().max(1) as f64).cbrt();
         let edge = sparse.max(reach_mm / 4.0).max((volume / MAX_CELLS).cbrt());
-        let grains = Sorted::new(Cells::new(bounds, edge), grains, |&[x, y, z, _]| [x, y, z]);
-        Self { bounds, periodic, grains }
+        let grains = Sorted::new(Cells::new(bounds, edge), grains, |&[x, y, z, _]| [x, y, z])?;
+        Ok(Self { bounds, periodic, grains })
     }
 
     /// Calls `visit(squared centre distance, radius)` for all grains with centres within `reach` of a

@@ -16,6 +16,7 @@ use std::f64::consts::PI;
 
 use super::neighbors::{Grain, NeighborGrid};
 use crate::distance::DistanceRule;
+use crate::memory::OutOfMemory;
 use crate::packing::Spheres;
 use crate::request::Specimen;
 
@@ -59,14 +60,17 @@ pub struct SizeRange {
 }
 
 /// The pair correlation of every class that has grains, from fine to coarse.
+///
+/// # Errors
+/// The system refused memory.
 pub fn radial(
     spheres: &Spheres,
     specimen: &Specimen,
     rule: &DistanceRule,
     options: &RadialOptions<'_>,
-) -> Vec<PairCorrelation> {
-    let classes = classes(spheres, specimen, rule, options);
-    classes.iter().map(|class| around(class, &classes, options)).collect()
+) -> Result<Vec<PairCorrelation>, OutOfMemory> {
+    let classes = classes(spheres, specimen, rule, options)?;
+    Ok(classes.iter().map(|class| around(class, &classes, options)).collect())
 }
 
 /// One class with what is expected of its grains as partners.
@@ -88,7 +92,7 @@ fn classes(
     specimen: &Specimen,
     rule: &DistanceRule,
     options: &RadialOptions<'_>,
-) -> Vec<Class> {
+) -> Result<Vec<Class>, OutOfMemory> {
     let mut members: Vec<Vec<Grain>> = vec![Vec::new(); options.upper_mm.len().max(1)];
     for (i, &d) in spheres.d_mm.iter().enumerate() {
         let class = options.upper_mm.iter().position(|&upper| d <= upper).unwrap_or(members.len() - 1);
@@ -108,7 +112,7 @@ fn classes(
                     specimen.bounds_mm(),
                     specimen.is_periodic(),
                     2.0 * largest + options.max_gap_mm,
-                ),
+                )?,
                 radius: largest,
                 clearance: largest + rule.wall_gap_mm(2.0 * largest),
                 moments: [0.0; 4],
@@ -122,7 +126,7 @@ fn classes(
                     *moment += grain[3].powi(power as i32) * per_volume;
                 }
             }
-            class
+            Ok(class)
         })
         .collect()
 }

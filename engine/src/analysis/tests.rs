@@ -41,7 +41,7 @@ fn options(upper_mm: &[f64], max_gap_mm: f64, bins: usize) -> RadialOptions<'_> 
 }
 
 fn correlations(spheres: &Spheres, specimen: &Specimen, options: &RadialOptions<'_>) -> Vec<PairCorrelation> {
-    radial(spheres, specimen, &DistanceRule::new(&TOUCHING, specimen), options)
+    radial(spheres, specimen, &DistanceRule::new(&TOUCHING, specimen), options).unwrap()
 }
 
 #[test]
@@ -130,7 +130,8 @@ fn distances_that_are_kept_show_as_an_edge() {
     let request = PackingRequest::from_json(&request, 3).unwrap();
     let packing = crate::pack(&request, &crate::Limits::default(), &crate::Unattended).unwrap();
     let rule = DistanceRule::new(&request.distance, &request.specimen);
-    let found = radial(&packing.spheres, &request.specimen, &rule, &options(&[4.0, 8.0, 16.0], 3.0, 12));
+    let found =
+        radial(&packing.spheres, &request.specimen, &rule, &options(&[4.0, 8.0, 16.0], 3.0, 12)).unwrap();
     assert!(found.len() >= 2, "{} classes", found.len());
     for class in &found {
         assert_eq!(class.pairs[..2], [0, 0], "{:?} come closer than 0.5 mm", class.class);

@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 
+use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
 /// Share of a cell by which spans are widened, far above rounding.
@@ -93,22 +94,25 @@ pub struct Sorted<T> {
 
 impl<T: Copy> Sorted<T> {
     /// Sorts items, less than 2^32 of them, by the cells of their points.
-    pub fn new(cells: Cells, items: &[T], point_mm: impl Fn(&T) -> [f64; 3]) -> Self {
-        let numbers: Vec<usize> = items.iter().map(|item| cells.cell_of(point_mm(item))).collect();
-        let mut starts = vec![0_u32; cells.count() + 1];
+    ///
+    /// # Errors
+    /// The system refused memory.
+    pub fn new(cells: Cells, items: &[T], point_mm: impl Fn(&T) -> [f64; 3]) -> Result<Self, OutOfMemory> {
+        let numbers: Vec<usize> = collected(items.iter().map(|item| cells.cell_of(point_mm(item))))?;
+        let mut starts = filled(cells.count() + 1, 0_u32)?;
         for &cell in &numbers {
             starts[cell + 1] += 1;
         }
         for i in 1..starts.len() {
             starts[i] += starts[i - 1];
         }
-        let mut next = starts.clone();
-        let mut sorted = items.to_vec();
+        let mut next = copied(&starts)?;
+        let mut sorted = copied(items)?;
         for (item, &cell) in items.iter().zip(&numbers) {
             sorted[next[cell] as usize] = *item;
             next[cell] += 1;
         }
-        Self { cells, starts, items: sorted }
+        Ok(Self { cells, starts, items: sorted })
     }
 
     /// The cells.
@@ -191,15 +195,23 @@ pub struct Octaves {
 
 impl Octaves {
     /// Sorts spheres, whose centres lie between 0 and `bounds_mm`, for searches up to gaps of about `gap_mm`.
-    pub fn new(spheres: &Spheres, bounds_mm: [f64; 3], gap_mm: f64) -> Self {
+    ///
+    /// # Errors
+    /// The system refused memory.
+    pub fn new(spheres: &Spheres, bounds_mm: [f64; 3], gap_mm: f64) -> Result<Self, OutOfMemory> {
         let largest = spheres.d_mm.iter().copied().fold(0.0, f64::max);
-        let mut octaves: Vec<Vec<Sphere>> = Vec::new();
-        for (row, &d_mm) in spheres.d_mm.iter().enumerate() {
-            let octave = (largest / d_mm).log2() as usize;
-            if octaves.len() <= octave {
-                octaves.resize_with(octave + 1, Vec::new);
+        let octave_of = |d_mm: f64| (largest / d_mm).log2() as usize;
+        let mut counts: Vec<usize> = Vec::new();
+        for octave in spheres.d_mm.iter().map(|&d_mm| octave_of(d_mm)) {
+            if counts.len() <= octave {
+                counts.resize(octave + 1, 0);
             }
-            octaves[octave].push(Sphere { center_mm: spheres.center(row), d_mm, row: row as u32 });
+            counts[octave] += 1;
+        }
+        let mut octaves: Vec<Vec<Sphere>> =
+            counts.iter().map(|&count| reserved(count)).collect::<Result<_, _>>()?;
+        for (row, &d_mm) in spheres.d_mm.iter().enumerate() {
+            octaves[octave_of(d_mm)].push(Sphere { center_mm: spheres.center(row), d_mm, row: row as u32 });
         }
         octaves.retain(|spheres| !spheres.is_empty());
         let volume_mm3: f64 = bounds_mm.iter().product();
@@ -208,9 +220,9 @@ impl Octaves {
             // Two cells for each sphere at most: few in much space would need many.
             let sparse_mm = (volume_mm3 / (2.0 * spheres.len() as f64)).cbrt();
             let cells = Cells::new(bounds_mm, (largest_d_mm + gap_mm).max(sparse_mm));
-            Octave { largest_d_mm, sorted: Sorted::new(cells, &spheres, |sphere| sphere.center_mm) }
+            Ok(Octave { largest_d_mm, sorted: Sorted::new(cells, &spheres, |sphere| sphere.center_mm)? })
         };
-        Self { octaves: octaves.into_iter().map(octave).collect() }
+        Ok(Self { octaves: octaves.into_iter().map(octave).collect::<Result<_, _>>()? })
     }
 
     /// Calls `visit` with every sphere whose gap to the sphere of that centre and radius is at most `reach_mm`, and
@@ -261,6 +273,7 @@ impl Octaves {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use std::collections::BTreeSet;
 
@@ -292,7 +305,7 @@ mod tests {
         fn pairs_and_neighbours_in_reach_are_found(
             spheres in spheres(), reach in 0.0..3.0_f64, sorted_for in 0.0..2.0_f64,
         ) {
-            let octaves = Octaves::new(&spheres, BOUNDS, sorted_for);
+            let octaves = Octaves::new(&spheres, BOUNDS, sorted_for).unwrap();
             let mut met = BTreeSet::new();
             let mut twice = false;
             let ended = octaves.for_each_pair(reach, |a, b| {
@@ -319,7 +332,7 @@ mod tests {
         fn items_lie_in_their_cells_in_their_order(spheres in spheres(), width in 0.3..20.0_f64) {
             let cells = Cells::new(BOUNDS, width);
             let rows: Vec<usize> = (0..spheres.len()).collect();
-            let sorted = Sorted::new(cells, &rows, |&row| spheres.center(row));
+            let sorted = Sorted::new(cells, &rows, |&row| spheres.center(row)).unwrap();
             let mut seen = Vec::new();
             for cell in 0..cells.count() {
                 let items = sorted.of_cells(cell..cell + 1);

@@ -96,7 +96,7 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     Ok(match kind {
         JobPlot::Grading => grading(&packing, &diameters(result.spheres)?, name.as_deref()),
         JobPlot::Distance => distance(result.head, &packing, name.as_deref()),
-        JobPlot::Radial => radial(result.head, &packing, &all(result.spheres)?, name.as_deref()),
+        JobPlot::Radial => radial(result.head, &packing, &all(result.spheres)?, name.as_deref())?,
         JobPlot::Profile => profile(result.head, &packing, &all(result.spheres)?, name.as_deref()),
     })
 }
@@ -176,7 +176,7 @@ fn distance(head: &Head, request: &PackingRequest, name: Option<&str>) -> Chart 
     }
 }
 
-fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
+fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> io::Result<Chart> {
     let summary = &head.report.summary;
     let mut distance = request.distance;
     if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (distance, summary.distance_mm) {
@@ -194,7 +194,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
         bins: (spheres.len() / GRAINS_PER_BIN).clamp(*BINS.start(), *BINS.end()),
         max_references: MAX_REFERENCES,
     };
-    let found = analysis::radial(spheres, &request.specimen, &rule, &options);
+    let found = analysis::radial(spheres, &request.specimen, &rule, &options).map_err(io::Error::from)?;
     let mut series = vec![Series::reference("random positions", 1.0, 0.0, options.max_gap_mm)];
     for (number, class) in found.iter().enumerate() {
         let values = class.gap_mm.iter().zip(&class.correlation).zip(&class.expected);
@@ -206,7 +206,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
             .collect();
         series.push(Series::line(class_label(class.class, &upper, summary.d_min_mm), number, points));
     }
-    Chart {
+    Ok(Chart {
         title: title("Pair correlation function by size class", name),
         description: format!(
             "Frequency of a gap between a grain of a class and a grain of any size, over its frequency for grains at \
@@ -219,7 +219,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
         when_empty: "too few grains, or all of them too near the walls, for a pair correlation function: a packing of \
                      more grains has a `radial`"
             .into(),
-    }
+    })
 }
 
 /// Name of a class: its bounds, or its only diameter.

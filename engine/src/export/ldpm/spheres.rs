@@ -30,7 +30,7 @@ pub(super) fn check(
     }
     // Far enough to see the next node on the surface, too.
     let beyond = (clear + spacing).max(nodes.d_min_mm);
-    let sorted = Octaves::new(&all, model.specimen.bounds_mm(), beyond);
+    let sorted = Octaves::new(&all, model.specimen.bounds_mm(), beyond)?;
     let mut least_spacing = f64::INFINITY;
     let mut least_clearance = f64::INFINITY;
     let of_surface = |sphere: &Sphere| (sphere.row as usize) < nodes.boundary;

@@ -72,7 +72,7 @@ pub(super) fn of_model(
 ) -> Result<MeshEstimate, ExportError> {
     check(model.specimen)?;
     let spheres = model.spheres;
-    let grains = Grains::new(model, options);
+    let grains = Grains::new(model, options)?;
     let shell_mm = surface_mean_mm(model);
     let shell =
         Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };

@@ -112,7 +112,7 @@ pub fn write(
             ["side", "z_max", "z_min"].as_slice()
         }
     };
-    let near = Near::new(spheres, model.specimen.bounds_mm());
+    let near = Near::new(spheres, model.specimen.bounds_mm())?;
     let mut volumes = Volumes::default();
     for row in 0..grains {
         if row % super::GRAINS_PER_LOOK == 0 {

@@ -16,6 +16,7 @@ use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
 use crate::export::Model;
+use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
 const GAP_SHARE: f64 = 0.5;
@@ -41,9 +42,9 @@ pub(super) struct Grains<'a> {
 }
 
 impl<'a> Grains<'a> {
-    pub(super) fn new(model: &'a Model<'a>, options: &'a SurfaceOptions) -> Self {
-        let near = Near::new(model.spheres, model.specimen.bounds_mm());
-        Self { model, options, near, finenesses: Finenesses::new(), templates: HashMap::new() }
+    pub(super) fn new(model: &'a Model<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
+        let near = Near::new(model.spheres, model.specimen.bounds_mm())?;
+        Ok(Self { model, options, near, finenesses: Finenesses::new(), templates: HashMap::new() })
     }
 
     /// The fineness of a grain where nothing is close.

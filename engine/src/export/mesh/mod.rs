@@ -263,7 +263,7 @@ impl Mesh {
         }
         // What comes in small pieces is asked for as one.
         memory::probe(estimate.triangles.saturating_mul(BYTES_PER_TRIANGLE) as usize)?;
-        let mut grains = Grains::new(model, options);
+        let mut grains = Grains::new(model, options)?;
         let typical_mm = surface_mean_mm(model);
         let division = Division {
             edge_mm: options.edge_mm(typical_mm),

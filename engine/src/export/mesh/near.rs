@@ -3,6 +3,7 @@
 //! It knows centres and radii; it must never know what is made of them.
 
 use crate::geometry::cells::Octaves;
+use crate::memory::OutOfMemory;
 use crate::packing::Spheres;
 
 /// The grains of a packing, by octave and cell.
@@ -13,8 +14,8 @@ pub(super) struct Near {
 
 impl Near {
     /// Sorts the grains; they lie between 0 and `bounds`.
-    pub(super) fn new(spheres: &Spheres, bounds: [f64; 3]) -> Self {
-        Self { octaves: Octaves::new(spheres, bounds, 0.0) }
+    pub(super) fn new(spheres: &Spheres, bounds: [f64; 3]) -> Result<Self, OutOfMemory> {
+        Ok(Self { octaves: Octaves::new(spheres, bounds, 0.0)? })
     }
 
     /// Calls `visit(row, gap)` for every grain but `own` that stands within `reach_mm` of a sphere.

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 use crate::http::app::App;
 use crate::http::exports::view::Export;
 use crate::http::pages::{self, PageParameters};
-use crate::http::params::{JobPath, Query};
+use crate::http::params::{IdPath, JobPath, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::http::response::set;
@@ -40,7 +40,7 @@ pub(crate) struct ExportPage {
 )]
 pub(crate) async fn list(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     Query(mut page): Query<PageParameters>,
 ) -> Result<Response, Problem> {
     let listing = ("exports", id);

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse as _, Response};
 use crate::http::app::App;
 use crate::http::conditional::target;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, NoParameters, Query};
+use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::{ActionProblems, RetryProblems};
 use crate::jobs::store::Cancelled;
@@ -31,7 +31,7 @@ use crate::problem::Problem;
 )]
 pub(crate) async fn cancel(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -62,7 +62,7 @@ pub(crate) async fn cancel(
 )]
 pub(crate) async fn retry(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -100,7 +100,7 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
 )]
 pub(crate) async fn delete(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {

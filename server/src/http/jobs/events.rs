@@ -19,7 +19,7 @@ use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
-use crate::http::params::{JobPath, NoParameters, Query};
+use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::jobs::notifications::Subscription;
@@ -88,7 +88,7 @@ impl From<JobEvent> for Event {
 )]
 pub(crate) async fn events(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse as _, Response};
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, NoParameters, Query, choices, parameters};
+use crate::http::params::{IdPath, JobPath, NoParameters, Query, choices, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::http::waiting::{self, Asked};
@@ -61,7 +61,7 @@ impl IncludeParameters {
 )]
 pub(crate) async fn get(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -87,7 +87,7 @@ pub(crate) async fn get(
 )]
 pub(crate) async fn request(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
     let store = &app.shared.store;

@@ -10,7 +10,7 @@ use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
 use crate::http::pages::{self, PageParameters};
 use crate::http::params::values::{Labels, OrDefault, Text, Time};
-use crate::http::params::{Choice as _, ParameterSet, Query, StudyPath, choices, parameters};
+use crate::http::params::{Choice as _, IdPath, ParameterSet, Query, StudyPath, choices, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::{ListProblems, StudyProblems};
 use crate::http::response::set;
@@ -150,7 +150,7 @@ pub(crate) async fn list(
 )]
 pub(crate) async fn list_of_study(
     State(app): State<App>,
-    StudyPath(id): StudyPath,
+    IdPath(id): StudyPath,
     Query(mut query): Query<JobListParameters>,
 ) -> Result<Response, Problem> {
     let filter = query.filter(Some(id));

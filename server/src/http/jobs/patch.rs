@@ -11,7 +11,7 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::target;
 use crate::http::jobs::view::{self, Job};
-use crate::http::params::{JobPath, NoParameters, Query};
+use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::PatchProblems;
 use crate::jobs::request::JobPatch;
@@ -37,7 +37,7 @@ use crate::strict_json;
 )]
 pub(crate) async fn patch(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,

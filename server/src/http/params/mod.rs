@@ -10,7 +10,7 @@ mod query;
 pub(crate) mod values;
 
 pub(crate) use choices::{Choice, choices, names};
-pub(crate) use paths::{JobPath, PlotPath, StudyPath, described_path};
+pub(crate) use paths::{IdPath, JobPath, PlotPath, StudyPath, described_path};
 pub(crate) use query::{
     NoParameters, ParameterSet, Query, RawQuery, described, described_query, pairs, parameters,
 };

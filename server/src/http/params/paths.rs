@@ -34,58 +34,64 @@ where
     Path::<T>::from_request_parts(parts, state).await.ok().map(|Path(segments)| segments)
 }
 
-/// The job that a path names.
+/// An ID that a path names.
+pub(crate) trait PathId: Sized + Send {
+    /// What the interface document says of it.
+    const DESCRIPTION: &'static str;
+
+    /// The ID, or that nothing has it.
+    ///
+    /// # Errors
+    /// `not-found`.
+    fn of(text: &str) -> Result<Self, Problem>;
+}
+
+impl PathId for JobId {
+    const DESCRIPTION: &'static str = "ID of the job";
+
+    fn of(text: &str) -> Result<Self, Problem> {
+        Self::parse(text).ok_or_else(|| Problem::no_job(text))
+    }
+}
+
+impl PathId for StudyId {
+    const DESCRIPTION: &'static str = "ID of the study";
+
+    fn of(text: &str) -> Result<Self, Problem> {
+        Self::parse(text).ok_or_else(|| Problem::no_study(text))
+    }
+}
+
+/// The job or study that a path names.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct JobPath(pub(crate) JobId);
+pub(crate) struct IdPath<I>(pub(crate) I);
 
-impl<S: Send + Sync> FromRequestParts<S> for JobPath {
-    type Rejection = Problem;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        let id: Option<String> = segments(parts, state).await;
-        let id = id.ok_or_else(|| Problem::no_job(parts.uri.path()))?;
-        JobId::parse(&id).map(Self).ok_or_else(|| Problem::no_job(&id))
-    }
-}
-
-impl IntoParams for JobPath {
-    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
-        vec![described_path("id", uuid_schema(), "ID of the job")]
-    }
-}
+/// The job that a path names.
+pub(crate) type JobPath = IdPath<JobId>;
 
 /// The study that a path names.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct StudyPath(pub(crate) StudyId);
+pub(crate) type StudyPath = IdPath<StudyId>;
 
-impl<S: Send + Sync> FromRequestParts<S> for StudyPath {
+impl<I: PathId, S: Send + Sync> FromRequestParts<S> for IdPath<I> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let id: Option<String> = segments(parts, state).await;
-        let id = id.ok_or_else(|| Problem::no_study(parts.uri.path()))?;
-        StudyId::parse(&id).map(Self).ok_or_else(|| Problem::no_study(&id))
+        // Where the path is no text, nothing has it as an ID.
+        I::of(id.as_deref().unwrap_or(parts.uri.path())).map(Self)
     }
 }
 
-impl IntoParams for StudyPath {
+impl<I: PathId> IntoParams for IdPath<I> {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
-        vec![described_path("id", uuid_schema(), "ID of the study")]
+        vec![described_path("id", uuid_schema(), I::DESCRIPTION)]
     }
 }
 
 /// A kind of plots, and what it is drawn of.
 pub(crate) trait PlotKind: Choice + Send {
     /// ID of what it is drawn of.
-    type Id: Send;
-    /// What the document says of the ID.
-    const DESCRIPTION: &'static str;
-
-    /// The ID, or that there is none of it.
-    ///
-    /// # Errors
-    /// `not-found`.
-    fn id(text: &str) -> Result<Self::Id, Problem>;
+    type Id: PathId;
 }
 
 impl Choice for JobPlot {
@@ -100,11 +106,6 @@ impl Choice for JobPlot {
 
 impl PlotKind for JobPlot {
     type Id = JobId;
-    const DESCRIPTION: &'static str = "ID of the job";
-
-    fn id(text: &str) -> Result<JobId, Problem> {
-        JobId::parse(text).ok_or_else(|| Problem::no_job(text))
-    }
 }
 
 impl Choice for StudyPlot {
@@ -119,11 +120,6 @@ impl Choice for StudyPlot {
 
 impl PlotKind for StudyPlot {
     type Id = StudyId;
-    const DESCRIPTION: &'static str = "ID of the study";
-
-    fn id(text: &str) -> Result<StudyId, Problem> {
-        StudyId::parse(text).ok_or_else(|| Problem::no_study(text))
-    }
 }
 
 /// The job or study and the kind of plot that a path names.
@@ -138,7 +134,7 @@ impl<K: PlotKind, S: Send + Sync> FromRequestParts<S> for PlotPath<K> {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let found: Option<(String, String)> = segments(parts, state).await;
         let (id, kind) = found.ok_or_else(|| Problem::new(Kind::NotFound, "there is no such plot"))?;
-        let id = K::id(&id)?;
+        let id = K::Id::of(&id)?;
         let kind = K::read(&kind).map_err(|_| {
             let detail = format!("there is no plot {}: must be one of {}", shown(&kind), names::<K>());
             Problem::new(Kind::NotFound, detail)
@@ -150,7 +146,7 @@ impl<K: PlotKind, S: Send + Sync> FromRequestParts<S> for PlotPath<K> {
 impl<K: PlotKind> IntoParams for PlotPath<K> {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
         vec![
-            described_path("id", uuid_schema(), K::DESCRIPTION),
+            described_path("id", uuid_schema(), K::Id::DESCRIPTION),
             described_path("kind", K::schema(), "What is shown"),
         ]
     }

@@ -25,7 +25,7 @@ use crate::http::app::App;
 use crate::http::files::{self, Described};
 use crate::http::negotiation;
 use crate::http::params::values::Named;
-use crate::http::params::{JobPath, NoParameters, Query, parameters};
+use crate::http::params::{IdPath, JobPath, NoParameters, Query, parameters};
 use crate::http::problems::sets::{ResultProblems, SummaryProblems};
 use crate::http::problems::{of_fault, refused};
 use crate::http::results::document::ResultDocument;
@@ -58,7 +58,7 @@ pub(crate) struct ResultSummary {
 )]
 pub(crate) async fn summary(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
     let (job, artifact) = finished(&app, id).await?;
@@ -114,7 +114,7 @@ parameters! {
 )]
 pub(crate) async fn get(
     State(app): State<App>,
-    JobPath(id): JobPath,
+    IdPath(id): JobPath,
     Query(query): Query<ResultParameters>,
     method: Method,
     headers: HeaderMap,

@@ -9,7 +9,7 @@ use axum::response::{IntoResponse as _, Response};
 use crate::http::app::App;
 use crate::http::conditional::target;
 use crate::http::params::values::RetriedStates;
-use crate::http::params::{NoParameters, Query, StudyPath, parameters};
+use crate::http::params::{IdPath, NoParameters, Query, StudyPath, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::{ActionProblems, StudyRetryProblems};
 use crate::http::studies::view::{self, Study};
@@ -33,7 +33,7 @@ use crate::problem::Problem;
 )]
 pub(crate) async fn cancel(
     State(app): State<App>,
-    StudyPath(id): StudyPath,
+    IdPath(id): StudyPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -71,7 +71,7 @@ parameters! {
 )]
 pub(crate) async fn retry(
     State(app): State<App>,
-    StudyPath(id): StudyPath,
+    IdPath(id): StudyPath,
     Query(RetryParameters { state: RetriedStates(states) }): Query<RetryParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -101,7 +101,7 @@ pub(crate) async fn retry(
 )]
 pub(crate) async fn delete(
     State(app): State<App>,
-    StudyPath(id): StudyPath,
+    IdPath(id): StudyPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {

@@ -7,7 +7,7 @@ use axum::response::Response;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::get::IncludeParameters;
-use crate::http::params::{Query, StudyPath};
+use crate::http::params::{IdPath, Query, StudyPath};
 use crate::http::problems::refused;
 use crate::http::problems::sets::StudyProblems;
 use crate::http::studies::view::{self, Study as StudyView};
@@ -38,7 +38,7 @@ use crate::problem::Problem;
 )]
 pub(crate) async fn get(
     State(app): State<App>,
-    StudyPath(id): StudyPath,
+    IdPath(id): StudyPath,
     Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {

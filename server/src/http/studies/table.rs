@@ -8,7 +8,7 @@ use crate::http::app::App;
 use crate::http::conditional;
 use crate::http::negotiation::{self, TableFormat};
 use crate::http::params::values::Named;
-use crate::http::params::{Choice as _, Query, StudyPath, parameters};
+use crate::http::params::{Choice as _, IdPath, Query, StudyPath, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::TableProblems;
 use crate::http::response::set;
@@ -45,7 +45,7 @@ parameters! {
 )]
 pub(crate) async fn get(
     State(app): State<App>,
-    StudyPath(id): StudyPath,
+    IdPath(id): StudyPath,
     Query(query): Query<TableParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
