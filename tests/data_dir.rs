@@ -200,6 +200,6 @@ async fn a_missing_or_damaged_result_is_a_fault_and_harms_nothing_else() {
     fs::remove_file(&file).unwrap();
     client.post(&format!("/v1/jobs/{}/retry", id_of(&job))).send().await.expect(200);
     assert_eq!(client.finished(id_of(&job)).await["state"], "succeeded");
-    assert_eq!(client.result(id_of(&job)).await["spheres"], before["spheres"]);
+    assert_eq!(client.result(id_of(&job)).await["grains"], before["grains"]);
     server.stop().await;
 }

@@ -60,7 +60,7 @@ async fn a_gradient_is_in_the_result_and_its_figures_are_true() {
     // Nor does one without strength move a grain.
     let weak = client.succeed(&sinking(jobs::quick(3), 0.0)).await;
     let weak = client.result(id_of(&weak)).await;
-    assert_eq!(weak["spheres"], result["spheres"]);
+    assert_eq!(weak["grains"], result["grains"]);
     assert!(weak["segregation"]["along"]["p_value"].as_f64().unwrap() > 0.05, "{:#}", weak["segregation"]);
     server.stop().await;
 }

@@ -35,9 +35,9 @@ async fn a_submitted_job_is_created_run_and_answered_with_its_result() {
     assert_eq!(result["job_id"], id);
     assert_eq!(result["request"]["seed"], 7);
     assert_eq!(result["summary"], finished["result"]["summary"]);
-    assert_eq!(result["summary"]["grains"], result["spheres"]["rows"].as_array().unwrap().len());
+    assert_eq!(result["summary"]["grains"], result["grains"]["rows"].as_array().unwrap().len());
     let mut figures = result.clone();
-    for rest in ["spheres", "request"] {
+    for rest in ["grains", "request"] {
         assert!(figures.as_object_mut().unwrap().remove(rest).is_some(), "{rest}");
     }
     let summary = client.get(&format!("/v1/jobs/{id}/result/summary")).send().await.expect(200).json();

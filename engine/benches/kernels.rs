@@ -49,7 +49,7 @@ fn rsa(c: &mut Criterion) {
     ] {
         value["method"] = json!({"type": "rsa"});
         let (request, packing) = packed(&value);
-        group.throughput(Throughput::Elements(packing.spheres.len() as u64));
+        group.throughput(Throughput::Elements(packing.spheres().unwrap().len() as u64));
         group.bench_function(name, |b| b.iter(|| pack(black_box(&request), &Limits::default(), &Unattended)));
     }
 }
@@ -68,7 +68,7 @@ fn edmd(c: &mut Criterion) {
     let mut value = fuller_in(40.0, 0.65);
     value["method"] = json!({"type": "edmd"});
     let (request, packing) = packed(&value);
-    group.throughput(Throughput::Elements(packing.spheres.len() as u64));
+    group.throughput(Throughput::Elements(packing.spheres().unwrap().len() as u64));
     group.bench_function("fuller 0.65 a=40", |b| {
         b.iter(|| pack(black_box(&request), &Limits::default(), &Unattended));
     });
@@ -79,8 +79,10 @@ fn check(c: &mut Criterion) {
     group.sample_size(20);
     for (name, value) in [("fuller 0.60", fuller(0.60)), ("b16 1e5 grains", b16(54.9))] {
         let (request, packing) = packed(&value);
-        group.throughput(Throughput::Elements(packing.spheres.len() as u64));
-        group.bench_function(name, |b| b.iter(|| check::check(black_box(&packing.spheres), &request)));
+        group.throughput(Throughput::Elements(packing.spheres().unwrap().len() as u64));
+        group.bench_function(name, |b| {
+            b.iter(|| check::check(black_box(packing.spheres().unwrap()), &request));
+        });
     }
 }
 
@@ -103,11 +105,14 @@ fn formats(c: &mut Criterion) {
     group.sample_size(20);
     let value = b16(54.9);
     let (_, packing) = packed(&value);
-    let head = Head { job_id: None, request: value, engine: EngineInfo::current(), report: packing.report };
+    let head =
+        Head { job_id: None, request: value, engine: EngineInfo::current(), report: packing.report.clone() };
     for format in Format::ALL {
-        group.throughput(Throughput::Bytes(tables::length(format, &head, &packing.spheres).unwrap()));
+        group.throughput(Throughput::Bytes(
+            tables::length(format, &head, packing.spheres().unwrap()).unwrap(),
+        ));
         group.bench_function(format.name(), |b| {
-            b.iter(|| tables::write(format, &head, &packing.spheres, &mut Sink(0)));
+            b.iter(|| tables::write(format, &head, packing.spheres().unwrap(), &mut Sink(0)));
         });
     }
 }
@@ -122,7 +127,7 @@ fn tetrahedra(c: &mut Criterion) {
     let mut group = c.benchmark_group("delaunay");
     group.sample_size(10);
     let (_, packing) = packed(&b16(54.9));
-    let spheres = &packing.spheres;
+    let spheres = packing.spheres().unwrap();
     let grains: Vec<[f64; 3]> =
         (0..spheres.len()).map(|i| [spheres.x_mm[i], spheres.y_mm[i], spheres.z_mm[i]]).collect();
     // Every tenth moved to a face: flat parts of the hull.

@@ -82,7 +82,7 @@ fn write_packings(dir: &Path) -> Result<(), Box<dyn Error>> {
     ] {
         let packing = pack(&request(phi, &method, strength, 1)?, &Limits::default(), &Unattended)?;
         println!("{name}: {:?}", packing.report.segregation);
-        fs::write(dir.join(format!("{name}.csv")), csv(&packing.spheres)?)?;
+        fs::write(dir.join(format!("{name}.csv")), csv(packing.spheres().ok_or("the grains are spheres")?)?)?;
     }
     Ok(())
 }

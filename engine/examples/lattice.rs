@@ -77,7 +77,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let Some(options) = options.filter(|_| faults.count() == 0) else {
         return Err(format!("{:?}", faults.into_vec()).into());
     };
-    let spheres = pack(&request, &Limits::default(), &Unattended)?.spheres;
+    let grains = pack(&request, &Limits::default(), &Unattended)?.grains;
 
     let mut since = (Instant::now(), processor_s());
     let mut lap = |what: &str, more: &str| {
@@ -86,7 +86,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{what:<20} {clock_s:7.2} s, {:6.2} s of a processor  {more}", now.1 - since.1);
         since = now;
     };
-    let model = Model::new(&request.specimen, &spheres);
+    let model = Model::new(&request.specimen, &grains);
     let lattice = Lattice::make(&model, &options, &Limits::default(), &Unattended)?;
     lap("lattice with checks", "");
     let nodes = lattice.nodes().points_mm.clone();

@@ -20,7 +20,7 @@ fn main() {
     let request = PackingRequest::from_json(&job, 1).unwrap();
     let limits = Limits::default();
     let packing = pack(&request, &limits, &Unattended).unwrap();
-    let model = Model::new(&request.specimen, &packing.spheres);
+    let model = Model::new(&request.specimen, &packing.grains);
     let options: Value = options
         .first()
         .map_or(Value::Object(serde_json::Map::new()), |text| serde_json::from_str(text).unwrap());

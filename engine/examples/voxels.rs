@@ -69,8 +69,8 @@ fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slic
 
 fn main() {
     let (request, packing) = a16(150.0, "walls", 0.7, 0.0);
-    let model = Model::new(&request.specimen, &packing.spheres);
-    println!("A16 in 150 mm: {} grains", packing.spheres.len());
+    let model = Model::new(&request.specimen, &packing.grains);
+    println!("A16 in 150 mm: {} grains", packing.grains.len());
 
     println!("\nform, options: time in s, bytes");
     for (format, options) in [
@@ -124,7 +124,7 @@ fn main() {
     }
 
     let (small_request, small_packing) = a16(60.0, "walls", 0.7, 0.0);
-    let small = Model::new(&small_request.specimen, &small_packing.spheres);
+    let small = Model::new(&small_request.specimen, &small_packing.grains);
     println!(
         "\nroot mean square error of the shares of voxels that a surface cuts (60 mm, 60 cells, against 16 lines):"
     );
@@ -146,13 +146,13 @@ fn main() {
     let options = json!({"cells": 120, "label": "grain"});
     grid(&small, voxels::VoxelFormat::Vti, &options, &mut file("voxels.vti"));
     let (request, packing) = a16(100.0, "periodic", 0.7, 0.0);
-    let periodic = Model::new(&request.specimen, &packing.spheres);
+    let periodic = Model::new(&request.specimen, &packing.grains);
     let report = cut(&periodic, &json!({"format": "geo"}), &mut file("slice-periodic.geo"));
     println!("\nslice-periodic.geo: {} circles", report.circle_count);
     let report = cut(&model, &json!({"format": "svg"}), &mut file("slice-150.svg"));
     for distance_mm in [0.1, 0.25, 0.5, 1.0] {
         let (request, packing) = a16(60.0, "walls", 0.5, distance_mm);
-        let apart = Model::new(&request.specimen, &packing.spheres);
+        let apart = Model::new(&request.specimen, &packing.grains);
         cut(&apart, &json!({"format": "geo"}), &mut file(&format!("slice-apart-{distance_mm}.geo")));
     }
     println!("slice-150.geo: {} circles", report.circle_count);

@@ -16,7 +16,7 @@
 //! }), 1).unwrap();
 //! assert!(Plan::new(&request, &Limits::default()).is_ok());
 //! let packing = pack(&request, &Limits::default(), &Unattended)?;
-//! assert_eq!(packing.spheres.len() as u64, packing.report.summary.grains);
+//! assert_eq!(packing.grains.len() as u64, packing.report.summary.grains);
 //! # Ok::<(), packstone_engine::PackError>(())
 //! ```
 // Allowed in `cpu` alone.
@@ -48,7 +48,7 @@ pub use control::{Control, Growth, Phase, Progress, Unattended};
 pub use error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 pub use memory::OutOfMemory;
 pub use pack::{pack, pack_or_resume};
-pub use packing::{Packing, Report, Spheres};
+pub use packing::{Ellipsoids, Grains, Packing, Report, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
 

@@ -12,7 +12,9 @@ use crate::memory::{self, OutOfMemory, collected};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, deviation, sampling::sample, sphere_volume};
-use crate::packing::{GrowthPoint, MethodUsed, Packing, Report, Spheres, Statistics, Summary, Timings};
+use crate::packing::{
+    Grains, GrowthPoint, MethodUsed, Packing, Report, Spheres, Statistics, Summary, Timings,
+};
 use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, EdmdOptions, Method, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
@@ -125,7 +127,7 @@ pub fn pack_or_resume(
         Segregation::None {} => None,
     };
     Ok(Packing {
-        spheres,
+        grains: Grains::Spheres(spheres),
         report: Report {
             summary,
             timings_s: Timings {

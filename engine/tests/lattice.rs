@@ -35,7 +35,7 @@ fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &LatticeO
         "distance": distance,
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
-    let spheres = pack(&request, &Limits::default(), &Unattended).unwrap().spheres;
+    let spheres = pack(&request, &Limits::default(), &Unattended).unwrap().into_spheres().unwrap();
     let provenance = provenance::complete();
     let model = Model::new(&request.specimen, &spheres).with_provenance(&provenance);
     let directory = tempfile::tempdir().unwrap();

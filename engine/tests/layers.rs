@@ -47,7 +47,7 @@ fn module_of(name: &str) -> &str {
         "Checkpoint" | "CheckpointError" | "Resume" => "checkpoint",
         "Control" | "Growth" | "Phase" | "Progress" | "Unattended" => "control",
         "PackError" | "PlanError" => "error",
-        "Packing" | "Report" | "Spheres" => "packing",
+        "Ellipsoids" | "Grains" | "Packing" | "Report" | "Spheres" => "packing",
         "Plan" | "Limits" => "plan",
         "PackingRequest" | "FieldError" => "request",
         other => other,

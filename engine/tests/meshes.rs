@@ -32,7 +32,7 @@ fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
     let request = PackingRequest::from_json(job, 1).unwrap();
     let limits = Limits::default();
     let packing = pack(&request, &limits, &Unattended).unwrap();
-    let model = Model::new(&request.specimen, &packing.spheres);
+    let model = Model::new(&request.specimen, packing.spheres().unwrap());
     std::fs::create_dir(folder).unwrap();
     let file = |name: &str| File::create(folder.join(name)).unwrap();
     let report = msh::write(&model, options, &limits, &Unattended, &mut file("packing.msh")).unwrap();
@@ -47,7 +47,7 @@ fn write(folder: &Path, job: &Value, options: &SurfaceOptions) {
         &mut file("packing.geo"),
     )
     .unwrap();
-    let spheres_mm3: f64 = packing.spheres.d_mm.iter().map(|d| PI / 6.0 * d.powi(3)).sum();
+    let spheres_mm3: f64 = packing.spheres().unwrap().d_mm.iter().map(|d| PI / 6.0 * d.powi(3)).sum();
     let [x, y, z] = request.specimen.bounds_mm();
     let planes = match request.specimen {
         Specimen::Box { .. } => {

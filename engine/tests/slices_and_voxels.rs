@@ -59,7 +59,7 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
     let provenance = provenance::complete();
-    let model = Model::new(&request.specimen, &packing.spheres).with_provenance(&provenance);
+    let model = Model::new(&request.specimen, packing.spheres().unwrap()).with_provenance(&provenance);
     let volume = json!({"specimen_volume_mm3": request.specimen.volume_mm3()});
     let grids = [
         ("voxels", voxels::VoxelFormat::Vti, json!({"cells": 41, "label": "grain", "fractions": true})),

@@ -9,7 +9,7 @@ pub(crate) type Rows = Vec<[f64; 4]>;
 
 /// From `format=json`.
 pub(crate) fn from_json(result: &Value) -> Rows {
-    let spheres = &result["spheres"];
+    let spheres = &result["grains"];
     assert_eq!(spheres["columns"], serde_json::json!(["x_mm", "y_mm", "z_mm", "d_mm"]));
     let rows = spheres["rows"].as_array().expect("rows");
     rows.iter()

@@ -74,7 +74,7 @@ def expected_classes(summary, diameters):
 
 def main(directory):
     result = json.loads((directory / "result.json").read_text())
-    spheres = np.array(result["spheres"]["rows"], dtype=np.float64).reshape(-1, 4)
+    spheres = np.array(result["grains"]["rows"], dtype=np.float64).reshape(-1, 4)
     points, diameters = spheres[:, :3], spheres[:, 3]
     if len(spheres) != result["summary"]["grains"]:
         sys.exit("json: another number of spheres than the summary says")

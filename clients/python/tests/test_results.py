@@ -23,7 +23,7 @@ def test_arrays_tables_and_files_agree(result: packstone.Result, tmp_path: Path)
     assert spheres.shape == (result.summary["grains"], 4) and spheres.dtype == np.float64
     assert (np.diff(spheres[:, 3]) <= 0).all(), "largest first"
     written = json.loads(result.save(tmp_path / "packing.json").read_text())
-    assert np.array_equal(spheres, np.array(written["spheres"]["rows"]))
+    assert np.array_equal(spheres, np.array(written["grains"]["rows"]))
     assert written["summary"] == result.summary == result.report["summary"]
     table = result.to_dataframe()
     assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "d_mm"]

@@ -5,7 +5,6 @@
 
 use crate::mix::class::Law;
 use crate::mix::{GradedMix, sphere_volume};
-use crate::packing::Spheres;
 
 /// Diameters per curve, evenly spaced in the logarithm; the sieves come on top.
 const POINTS: usize = 160;
@@ -32,13 +31,30 @@ pub struct GradingPoint {
     pub achieved: f64,
 }
 
-/// The grading of `spheres` beside that of the mix they were drawn from.
-pub fn grading(spheres: &Spheres, mix: &GradedMix) -> GradingCurve {
+/// A grain as sieves see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SizedGrain {
+    /// Size that the grading curve classifies: the diameter of a sphere.
+    pub size_mm: f64,
+    /// Volume.
+    pub volume_mm3: f64,
+}
+
+impl SizedGrain {
+    /// A sphere.
+    #[must_use]
+    pub fn sphere(d_mm: f64) -> Self {
+        Self { size_mm: d_mm, volume_mm3: sphere_volume(d_mm) }
+    }
+}
+
+/// The grading of grains beside that of the mix they were drawn from.
+pub fn grading(grains: Vec<SizedGrain>, mix: &GradedMix) -> GradingCurve {
     let mut edges: Vec<f64> = mix.sieve_classes.iter().flat_map(|c| [c.low_mm, c.high_mm]).collect();
     edges.sort_unstable_by(f64::total_cmp);
     edges.dedup();
     let target = Target::new(mix);
-    let achieved = Cumulative::new(&spheres.d_mm);
+    let achieved = Cumulative::new(grains);
     // Volume of all aggregate of the mix, the part that is not placed included.
     let all_mm3 = mix.volume_fraction_mixture * mix.specimen_volume_mm3;
     let at = |d_mm: f64| GradingPoint {
@@ -70,7 +86,9 @@ enum Target<'a> {
 impl<'a> Target<'a> {
     fn new(mix: &'a GradedMix) -> Self {
         match &mix.list {
-            Some(list) => Self::List(Cumulative::new(list)),
+            Some(list) => {
+                Self::List(Cumulative::new(list.iter().map(|&d_mm| SizedGrain::sphere(d_mm)).collect()))
+            }
             None => Self::Classes(mix),
         }
     }
@@ -100,24 +118,23 @@ impl<'a> Target<'a> {
 
 /// Grains from fine to coarse with the volume of all that are coarser.
 struct Cumulative {
-    d_mm: Vec<f64>,
+    size_mm: Vec<f64>,
     /// `above_mm3[i]`: volume of the grains from `i` on.
     above_mm3: Vec<f64>,
 }
 
 impl Cumulative {
-    fn new(diameters: &[f64]) -> Self {
-        let mut d_mm = diameters.to_vec();
-        d_mm.sort_unstable_by(f64::total_cmp);
-        let mut above_mm3 = vec![0.0; d_mm.len() + 1];
-        for i in (0..d_mm.len()).rev() {
-            above_mm3[i] = above_mm3[i + 1] + sphere_volume(d_mm[i]);
+    fn new(mut grains: Vec<SizedGrain>) -> Self {
+        grains.sort_by(|a, b| a.size_mm.total_cmp(&b.size_mm));
+        let mut above_mm3 = vec![0.0; grains.len() + 1];
+        for (i, grain) in grains.iter().enumerate().rev() {
+            above_mm3[i] = above_mm3[i + 1] + grain.volume_mm3;
         }
-        Self { d_mm, above_mm3 }
+        Self { size_mm: grains.iter().map(|grain| grain.size_mm).collect(), above_mm3 }
     }
 
     /// Volume of the grains that a sieve of this size retains.
     fn above_mm3(&self, d: f64) -> f64 {
-        self.above_mm3[self.d_mm.partition_point(|&x| x <= d)]
+        self.above_mm3[self.size_mm.partition_point(|&x| x <= d)]
     }
 }

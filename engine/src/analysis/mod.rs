@@ -12,7 +12,7 @@ pub mod radial;
 mod separation;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};
-pub use grading::{GradingCurve, GradingPoint, grading};
+pub use grading::{GradingCurve, GradingPoint, SizedGrain, grading};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
 pub use separation::separation;
 

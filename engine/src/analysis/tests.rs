@@ -131,7 +131,8 @@ fn distances_that_are_kept_show_as_an_edge() {
     let packing = crate::pack(&request, &crate::Limits::default(), &crate::Unattended).unwrap();
     let rule = DistanceRule::new(&request.distance, &request.specimen);
     let found =
-        radial(&packing.spheres, &request.specimen, &rule, &options(&[4.0, 8.0, 16.0], 3.0, 12)).unwrap();
+        radial(packing.spheres().unwrap(), &request.specimen, &rule, &options(&[4.0, 8.0, 16.0], 3.0, 12))
+            .unwrap();
     assert!(found.len() >= 2, "{} classes", found.len());
     for class in &found {
         assert_eq!(class.pairs[..2], [0, 0], "{:?} come closer than 0.5 mm", class.class);
@@ -257,6 +258,10 @@ fn mix(grading: &serde_json::Value, volume_fraction: Option<f64>, d_min: Option<
     GradedMix::new(&request.mix, request.specimen.volume_mm3())
 }
 
+fn sized(spheres: &Spheres) -> Vec<SizedGrain> {
+    spheres.d_mm.iter().map(|&d_mm| SizedGrain::sphere(d_mm)).collect()
+}
+
 fn taken(mix: &GradedMix) -> Spheres {
     let d_mm = crate::mix::sampling::sample(mix, &mut stream(2, Stream::Sampling), &|| false).unwrap();
     Spheres { d_mm, ..Spheres::default() }
@@ -265,7 +270,7 @@ fn taken(mix: &GradedMix) -> Spheres {
 #[test]
 fn the_target_is_the_standard_and_the_grains_drawn_follow_it() {
     let mix = mix(&json!({"type": "standard", "name": "A16"}), Some(0.6), Some(2.0));
-    let found = grading(&taken(&mix), &mix);
+    let found = grading(sized(&taken(&mix)), &mix);
     let sieves: Vec<(f64, f64)> = found.sieves.iter().map(|p| (p.d_mm, p.target)).collect();
     for ((d, target), (expected_d, expected)) in
         sieves.iter().zip([(2.0, 0.21), (4.0, 0.36), (8.0, 0.60), (16.0, 1.0)])
@@ -290,7 +295,7 @@ fn equal_grains_and_lists_are_steps() {
     let equal = mix(&json!({"type": "monodisperse", "diameter_mm": 5.0}), Some(0.3), None);
     let listed = mix(&json!({"type": "diameters", "diameters_mm": [5.0, 5.0, 5.0]}), None, None);
     for mix in [equal, listed] {
-        let found = grading(&taken(&mix), &mix);
+        let found = grading(sized(&taken(&mix)), &mix);
         for point in &found.curve {
             let expected = if point.d_mm < 5.0 { 0.0 } else { 1.0 };
             assert!((point.target - expected).abs() < 1e-12, "{point:?}");

@@ -115,12 +115,12 @@ fn other_grains_than_those_of_the_mix_are_found() {
     )
     .unwrap();
     let packing = pack(&curve, &Limits::default(), &Unattended).unwrap();
-    let mut fewer = packing.spheres.clone();
+    let mut fewer = packing.spheres().unwrap().clone();
     for column in [&mut fewer.x_mm, &mut fewer.y_mm, &mut fewer.z_mm, &mut fewer.d_mm] {
         column.remove(0);
     }
     assert!(matches!(check(&fewer, &curve), Err(Fault::Grading(_))));
-    let mut broken = packing.spheres;
+    let mut broken = packing.into_spheres().unwrap();
     broken.x_mm[3] = f64::NAN;
     assert_eq!(check(&broken, &curve), Err(Fault::NotANumber { grain: 3 }));
 }
@@ -236,7 +236,7 @@ fn classes_of_every_grading_are_those_of_the_mix() {
         let request = PackingRequest::from_json(&value, 1).unwrap();
         let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
         let expected = sieve_classes(&GradedMix::new(&request.mix, request.specimen.volume_mm3()));
-        let found = check(&packing.spheres, &request).unwrap().classes;
+        let found = check(packing.spheres().unwrap(), &request).unwrap().classes;
         assert_eq!(found.len(), expected.len(), "{mix}");
         for (found, expected) in found.iter().zip(&expected) {
             assert_eq!((found.d_min_mm, found.d_max_mm), (expected.low_mm, expected.high_mm), "{mix}");

@@ -77,7 +77,8 @@ fn packings() -> Vec<Spheres> {
                     "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2.0, "volume_fraction": 0.4},
                 });
                 let request = PackingRequest::from_json(&value, 5).unwrap();
-                packings.push(pack(&request, &Limits::default(), &Unattended).unwrap().spheres);
+                packings
+                    .push(pack(&request, &Limits::default(), &Unattended).unwrap().into_spheres().unwrap());
             }
         }
     }

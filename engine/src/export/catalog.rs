@@ -179,11 +179,11 @@ impl ExportRequest {
     /// # Errors
     /// [`ExportError::Unavailable`] where it cannot be made of such a specimen.
     pub fn estimate(&self, model: &Model<'_>) -> Result<ExportEstimate, ExportError> {
-        let d_mm = &model.spheres.d_mm;
+        let diameters_mm = || model.grains.diameters_mm();
         let grains = Sizes {
-            number: model.spheres.len() as f64,
-            sum_mm: d_mm.iter().sum(),
-            least_mm: d_mm.iter().copied().fold(f64::INFINITY, f64::min),
+            number: model.grains.len() as f64,
+            sum_mm: diameters_mm().sum(),
+            least_mm: diameters_mm().fold(f64::INFINITY, f64::min),
         };
         match self {
             Self::Mesh(mesh) => {

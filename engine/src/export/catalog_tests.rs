@@ -125,7 +125,7 @@ fn files_are_as_long_as_estimated() {
         let request = job(gap_mm, 32.0);
         let plan = Plan::new(&request, &limits).unwrap();
         let packing = crate::pack(&request, &limits, &crate::Unattended).unwrap();
-        let model = Model::new(&request.specimen, &packing.spheres);
+        let model = Model::new(&request.specimen, packing.spheres().unwrap());
         for (export, options) in [
             (ExportType::Mesh, vec![]),
             (ExportType::Mesh, vec![("segments", "10")]),
@@ -172,7 +172,7 @@ fn meshes_beyond_their_limit_are_refused_with_advice() {
     let request = job(0.0, 32.0);
     let limits = Limits::default();
     let packing = crate::pack(&request, &limits, &crate::Unattended).unwrap();
-    let model = Model::new(&request.specimen, &packing.spheres);
+    let model = Model::new(&request.specimen, packing.spheres().unwrap());
     let export = ExportRequest::from_text(ExportType::Mesh, [("max_bytes", "1000000")]).unwrap();
     let refused = export.write(&model, &limits, &crate::Unattended, &mut std::io::sink()).unwrap_err();
     let ExportError::TooLarge(fault) = refused else { panic!("{refused}") };

@@ -21,7 +21,7 @@ use thiserror::Error;
 
 use crate::control::Control;
 use crate::memory::OutOfMemory;
-use crate::packing::Spheres;
+use crate::packing::{GrainsRef, Spheres};
 use crate::request::{FieldError, Specimen};
 
 pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
@@ -36,15 +36,15 @@ pub struct Model<'a> {
     /// The region.
     pub specimen: &'a Specimen,
     /// The grains, largest first; none overlaps another or leaves the region.
-    pub spheres: &'a Spheres,
+    pub grains: GrainsRef<'a>,
     /// Where it comes from; VTK files state it.
     pub provenance: Option<&'a Provenance>,
 }
 
 impl<'a> Model<'a> {
     /// A packing of unknown provenance.
-    pub fn new(specimen: &'a Specimen, spheres: &'a Spheres) -> Self {
-        Self { specimen, spheres, provenance: None }
+    pub fn new(specimen: &'a Specimen, grains: impl Into<GrainsRef<'a>>) -> Self {
+        Self { specimen, grains: grains.into(), provenance: None }
     }
 
     /// The same packing, with its provenance.
@@ -52,6 +52,32 @@ impl<'a> Model<'a> {
     pub fn with_provenance(self, provenance: &'a Provenance) -> Self {
         Self { provenance: Some(provenance), ..self }
     }
+
+    /// The packing as one of spheres.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] where the grains are not spheres; the text names the export.
+    pub(crate) fn of_spheres(&self, export: &str) -> Result<SphereModel<'a>, ExportError> {
+        match self.grains {
+            GrainsRef::Spheres(spheres) => {
+                Ok(SphereModel { specimen: self.specimen, spheres, provenance: self.provenance })
+            }
+            GrainsRef::Ellipsoids(_) => Err(ExportError::Unavailable(format!(
+                "{export} cannot be made of ellipsoids yet: the tables of the result (json, csv, npy, vtp) can"
+            ))),
+        }
+    }
+}
+
+/// A finished packing of spheres, in memory.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SphereModel<'a> {
+    /// The region.
+    pub(crate) specimen: &'a Specimen,
+    /// The grains, largest first; none overlaps another or leaves the region.
+    pub(crate) spheres: &'a Spheres,
+    /// Where it comes from; VTK files state it.
+    pub(crate) provenance: Option<&'a Provenance>,
 }
 
 /// Why something was not made of a packing.

@@ -72,8 +72,15 @@ fn counted(packing: &Packing) -> EdmdStatistics {
 
 fn assert_same(one: &Packing, other: &Packing, what: &str) {
     let bits = |column: &[f64]| column.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-    let columns =
-        |p: &Packing| [&p.spheres.x_mm, &p.spheres.y_mm, &p.spheres.z_mm, &p.spheres.d_mm].map(|c| bits(c));
+    let columns = |p: &Packing| {
+        [
+            &p.spheres().unwrap().x_mm,
+            &p.spheres().unwrap().y_mm,
+            &p.spheres().unwrap().z_mm,
+            &p.spheres().unwrap().d_mm,
+        ]
+        .map(|c| bits(c))
+    };
     assert_eq!(columns(one), columns(other), "{what}");
     assert_eq!(counted(one), counted(other), "{what}");
     assert_eq!(one.report.summary, other.report.summary, "{what}");

@@ -47,7 +47,7 @@ fn rule(distance: &Distance, maximized: f64, d_i: f64, d_j: f64) -> (f64, f64) {
 /// Says what is wrong with a packing: every grain against every other in all 125 images near by, against
 /// its own images and against every wall.
 pub(super) fn fault(packing: &Packing, request: &PackingRequest) -> Option<String> {
-    let spheres = &packing.spheres;
+    let spheres = packing.spheres().unwrap();
     let maximized = packing.report.summary.distance_mm.unwrap_or(0.0);
     let periodic = matches!(request.specimen, Specimen::Box { boundary: Boundary::Periodic, .. });
     let size = match request.specimen {

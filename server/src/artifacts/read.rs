@@ -7,7 +7,7 @@ use std::os::unix::fs::FileExt as _;
 use std::sync::PoisonError;
 
 use packstone_engine::Unattended;
-use packstone_engine::export::tables::{Column, Head, SphereSource, stored::Layout};
+use packstone_engine::export::tables::{Column, GrainSource, Head, stored::Layout};
 use packstone_engine::request::upgrade;
 use sha2::{Digest, Sha256};
 
@@ -93,7 +93,7 @@ impl Artifacts {
 }
 
 impl StoredResult {
-    /// All but the spheres.
+    /// All but the grains.
     pub(crate) fn head(&self) -> &Head {
         &self.layout.head
     }
@@ -104,13 +104,17 @@ impl StoredResult {
     }
 }
 
-impl SphereSource for StoredResult {
+impl GrainSource for StoredResult {
     fn len(&self) -> usize {
         self.layout.rows as usize
     }
 
+    fn columns(&self) -> &'static [Column] {
+        self.layout.columns
+    }
+
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        let mut offset = self.layout.offset(column, start as u64);
+        let mut offset = self.layout.offset(column, start as u64)?;
         let mut bytes = [0; COLUMN_BLOCK_BYTES];
         for part in block.chunks_mut(COLUMN_BLOCK_BYTES / 8) {
             let bytes = &mut bytes[..8 * part.len()];

@@ -41,12 +41,12 @@ impl Stored {
 
     fn write(&self) -> ArtifactRecord {
         let place = self.artifacts.begin("job-ab", 1);
-        self.artifacts.write(&place, &self.head, &self.packing.spheres, &Unattended).unwrap()
+        self.artifacts.write(&place, &self.head, &self.packing.grains, &Unattended).unwrap()
     }
 
     fn formatted(&self, format: Format) -> Vec<u8> {
         let mut bytes = Vec::new();
-        tables::write(format, &self.head, &self.packing.spheres, &mut bytes).unwrap();
+        tables::write(format, &self.head, &self.packing.grains, &mut bytes).unwrap();
         bytes
     }
 }
@@ -56,7 +56,7 @@ async fn every_format_and_range_comes_back_as_it_was() {
     let stored = Stored::new();
     let record = stored.write();
     assert_eq!(record.path, "ab/job-ab.1.packstone");
-    assert_eq!(record.report["summary"]["grains"], stored.packing.spheres.len() as u64);
+    assert_eq!(record.report["summary"]["grains"], stored.packing.grains.len() as u64);
     let file = fs::read(stored.folder.path().join(&record.path)).unwrap();
     assert_eq!((record.bytes, record.sha256.clone()), (file.len() as u64, crate::hex::sha256(&file)));
     assert_eq!(stored.artifacts.read(&record).unwrap().count_lengths().unwrap(), record.format_lengths);
@@ -107,7 +107,7 @@ fn a_stopped_write_leaves_nothing_behind() {
     let control = RunControl::default();
     control.stop(Stop::Cancelled);
     let place = stored.artifacts.begin("job-ab", 1);
-    let error = stored.artifacts.write(&place, &stored.head, &stored.packing.spheres, &control).unwrap_err();
+    let error = stored.artifacts.write(&place, &stored.head, &stored.packing.grains, &control).unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::ConnectionAborted);
     drop(place);
     assert_eq!(stored.artifacts.settled().unwrap(), []);

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 
 use packstone_engine::Control;
-use packstone_engine::export::tables::{self, Format, Head, SphereSource, stored};
+use packstone_engine::export::tables::{self, Format, GrainSource, Head, stored};
 use serde_json::Map;
 use sha2::{Digest, Sha256};
 
@@ -26,7 +26,7 @@ impl Artifacts {
         &self,
         place: &InFlight,
         head: &Head,
-        spheres: &dyn SphereSource,
+        grains: &dyn GrainSource,
         control: &dyn Control,
     ) -> io::Result<ArtifactRecord> {
         let mut format_lengths = BTreeMap::new();
@@ -34,8 +34,8 @@ impl Artifacts {
             place,
             u64::MAX,
             control,
-            |out| stored::write(head, spheres, out),
-            || count_lengths(head, spheres, control).map(|lengths| format_lengths = lengths),
+            |out| stored::write(head, grains, out),
+            || count_lengths(head, grains, control).map(|lengths| format_lengths = lengths),
         )?;
         let report = match serde_json::to_value(&head.report)? {
             serde_json::Value::Object(report) => report,
@@ -85,14 +85,14 @@ impl Artifacts {
 /// Length in bytes of each format, by name.
 pub(super) fn count_lengths(
     head: &Head,
-    spheres: &dyn SphereSource,
+    grains: &dyn GrainSource,
     control: &dyn Control,
 ) -> io::Result<BTreeMap<String, u64>> {
     Format::ALL
         .into_iter()
         .map(|format| {
             check(control)?;
-            Ok((format.name().to_owned(), tables::length(format, head, spheres)?))
+            Ok((format.name().to_owned(), tables::length(format, head, grains)?))
         })
         .collect()
 }

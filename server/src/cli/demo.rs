@@ -65,7 +65,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         print(&format!("{}\n", file.display()))?;
     }
     let packed = export::read(&files[0])?;
-    write_picture(&Model::new(&packed.specimen, &packed.spheres), &picture, &stop_on_signals()?)?;
+    write_picture(&Model::new(&packed.specimen, &packed.grains), &picture, &stop_on_signals()?)?;
     eprintln!(
         "\nNext: look at {}. In ParaView, open the .vtp file and add a Glyph filter",
         picture.display()

@@ -5,11 +5,11 @@ use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use packstone_engine::export::tables::EngineInfo;
-use packstone_engine::export::tables::stored::{Layout, MAGIC};
+use packstone_engine::export::tables::stored::{Layout, MAGIC_BYTES, is_stored};
+use packstone_engine::export::tables::{self, Column, EngineInfo, Table};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
-use packstone_engine::{Limits, Spheres};
+use packstone_engine::{Grains, Limits};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -39,7 +39,7 @@ pub(super) struct Options {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let Packed { specimen, spheres, provenance } = read(&options.result)?;
+    let Packed { specimen, grains, provenance } = read(&options.result)?;
     let limits = Limits { max_model_bytes: default_memory_bytes(1), ..Limits::default() };
     let outputs = Output::all(options.exports.iter().cloned(), &options.out);
     for output in &outputs {
@@ -50,7 +50,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     refuse_existing(&files, options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     let stop = stop_on_signals()?;
-    let model = Model { specimen: &specimen, spheres: &spheres, provenance: provenance.as_ref() };
+    let model = Model { specimen: &specimen, grains: (&grains).into(), provenance: provenance.as_ref() };
     exports::write_all(&outputs, &model, &limits, &stop)?;
     picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, &stop))
 }
@@ -58,7 +58,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 /// What exports need of a result.
 pub(super) struct Packed {
     pub(super) specimen: Specimen,
-    pub(super) spheres: Spheres,
+    pub(super) grains: Grains,
     /// Absent for JSON that does not state it.
     pub(super) provenance: Option<Provenance>,
 }
@@ -67,7 +67,7 @@ pub(super) struct Packed {
 #[derive(Deserialize)]
 struct Document {
     request: Value,
-    spheres: Rows,
+    grains: Rows,
     job_id: Option<String>,
     engine: Option<EngineInfo>,
     summary: Option<VolumeFractions>,
@@ -75,7 +75,8 @@ struct Document {
 
 #[derive(Deserialize)]
 struct Rows {
-    rows: Vec<[f64; 4]>,
+    columns: Vec<String>,
+    rows: Vec<Vec<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -107,41 +108,47 @@ pub(super) fn read(file: &Path) -> Result<Packed, Failure> {
     let mut input = File::open(file)
         .map(|file| BufReader::with_capacity(1 << 18, file))
         .map_err(|error| cannot_be("read", file, &error))?;
-    let (request, spheres, provenance) = read_either(&mut input).map_err(|error| unread(&error))?;
+    let (request, grains, provenance) = read_either(&mut input).map_err(|error| unread(&error))?;
     let specimen =
         Specimen::from_json(&request["specimen"]).map_err(|faults| unread(&exports::listed(&faults)))?;
-    Ok(Packed { specimen, spheres, provenance })
+    Ok(Packed { specimen, grains, provenance })
 }
 
-fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Spheres, Option<Provenance>)> {
-    let mut magic = [0; MAGIC.len()];
-    let is_stored = input.read_exact(&mut magic).is_ok() && magic == MAGIC;
+fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Grains, Option<Provenance>)> {
+    let mut magic = [0; MAGIC_BYTES];
+    let is_stored = input.read_exact(&mut magic).is_ok() && is_stored(magic);
     input.seek(SeekFrom::Start(0))?;
     if is_stored {
         let layout = Layout::read(input)?;
         input.seek(SeekFrom::Start(layout.columns_offset))?;
-        let spheres = columns(input, layout.rows as usize)?;
+        let grains = tables::load(&columns(input, &layout)?)?;
         let provenance = Provenance::from(&layout.head);
-        return Ok((layout.head.request, spheres, Some(provenance)));
+        return Ok((layout.head.request, grains, Some(provenance)));
     }
     let document: Document = serde_json::from_reader(input)?;
     let provenance = document.provenance();
-    let mut spheres = Spheres::with_capacity(document.spheres.rows.len());
-    for [x, y, z, d] in document.spheres.rows {
-        spheres.push([x, y, z], d);
+    let Rows { columns, rows } = document.grains;
+    let invalid = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what.to_owned());
+    let columns = Column::of_names(&columns)
+        .ok_or_else(|| invalid("the columns of its `grains` are not those of a result"))?;
+    if rows.iter().any(|row| row.len() != columns.len()) {
+        return Err(invalid("a row of its `grains` has more or fewer values than there are columns"));
     }
-    Ok((document.request, spheres, provenance))
+    let values = (0..columns.len()).map(|column| rows.iter().map(|row| row[column]).collect()).collect();
+    Ok((document.request, tables::load(&Table::new(columns, values)?)?, provenance))
 }
 
-fn columns(input: &mut impl std::io::Read, rows: usize) -> std::io::Result<Spheres> {
+fn columns(input: &mut impl std::io::Read, layout: &Layout) -> std::io::Result<Table> {
+    let rows = layout.rows;
     let mut column = || -> std::io::Result<Vec<f64>> {
         let mut bytes = Vec::new();
-        input.by_ref().take(8 * rows as u64).read_to_end(&mut bytes)?;
-        if bytes.len() != 8 * rows {
+        input.by_ref().take(8 * rows).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 != 8 * rows {
             return Err(std::io::ErrorKind::UnexpectedEof.into());
         }
         let number = |eight: &[u8]| f64::from_le_bytes(std::array::from_fn(|i| eight[i]));
         Ok(bytes.chunks_exact(8).map(number).collect())
     };
-    Ok(Spheres { x_mm: column()?, y_mm: column()?, z_mm: column()?, d_mm: column()? })
+    let values = layout.columns.iter().map(|_| column()).collect::<std::io::Result<_>>()?;
+    Table::new(layout.columns, values)
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::Limits;
-use packstone_engine::export::tables::{self, SphereSource as _};
+use packstone_engine::export::tables;
 use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
@@ -32,8 +32,6 @@ use crate::storage::{Bound, NoRoom, Storage, fits};
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
 /// A store that fails gets this much time before the next try.
 const STORE_PAUSE: Duration = Duration::from_secs(1);
-/// Memory of a sphere in columns.
-const SPHERE_BYTES: u64 = 32;
 
 /// What each of them needs.
 #[derive(Clone, Debug)]
@@ -184,10 +182,9 @@ impl ExportWorker {
             .map_err(|error| if is_passing(&error) { NotMade::fault(&error) } else { unreadable(&error) })?;
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
-        let spheres = tables::load(&stored).map_err(|error| match error.kind() {
-            io::ErrorKind::OutOfMemory => {
-                failed(ExportError::OutOfMemory { bytes: SPHERE_BYTES * stored.len() as u64 })
-            }
+        let loaded_bytes = tables::loaded_bytes(&stored);
+        let grains = tables::load(&stored).map_err(|error| match error.kind() {
+            io::ErrorKind::OutOfMemory => failed(ExportError::OutOfMemory { bytes: loaded_bytes }),
             _ if is_passing(&error) => NotMade::fault(&error),
             _ => unreadable(&error),
         })?;
@@ -196,10 +193,9 @@ impl ExportWorker {
             ..Provenance::from(stored.head())
         };
         drop(stored);
-        let loaded_bytes = SPHERE_BYTES * spheres.len() as u64;
         let max_model_bytes = self.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.limits };
-        let model = Model::new(&specimen, &spheres).with_provenance(&provenance);
+        let model = Model::new(&specimen, &grains).with_provenance(&provenance);
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }

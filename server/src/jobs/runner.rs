@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::export::tables::{EngineInfo, Head};
-use packstone_engine::{Control as _, Limits, PackError, Phase, Plan, Progress, Spheres};
+use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Plan, Progress};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
@@ -281,7 +281,7 @@ impl Runner {
         };
         drop(packing);
         let facts = Facts::of_packing(&packed.report);
-        let grains = packed.spheres.len() as u64;
+        let grains = packed.grains.len() as u64;
         control.report(&Progress {
             phase: Phase::Write,
             fraction: 1.0,
@@ -298,7 +298,7 @@ impl Runner {
             report: packed.report,
         };
         let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
-        let Some(artifact) = self.write(&place, &head, &packed.spheres, control) else {
+        let Some(artifact) = self.write(&place, &head, &packed.grains, control) else {
             return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
         };
         let postprocess =
@@ -311,12 +311,12 @@ impl Runner {
         &self,
         place: &InFlight,
         head: &Head,
-        spheres: &Spheres,
+        grains: &Grains,
         control: &RunControl,
     ) -> Option<ArtifactRecord> {
         let mut pauses = WRITE_PAUSES.iter();
         loop {
-            let error = match self.artifacts.write(place, head, spheres, control) {
+            let error = match self.artifacts.write(place, head, grains, control) {
                 Ok(artifact) => return Some(artifact),
                 Err(error) => error,
             };

@@ -18,6 +18,20 @@ pub(crate) struct Chart {
     pub(crate) when_empty: String,
 }
 
+impl Chart {
+    /// A chart with nothing to draw, and the reason.
+    pub(crate) fn without_points(reason: &str) -> Self {
+        Self {
+            title: String::new(),
+            description: String::new(),
+            x: Axis::linear(""),
+            y: Axis::linear(""),
+            series: Vec::new(),
+            when_empty: reason.into(),
+        }
+    }
+}
+
 /// A series of points.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Series {

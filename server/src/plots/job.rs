@@ -3,9 +3,9 @@
 use std::io;
 
 use packstone_engine::Spheres;
-use packstone_engine::analysis::{self, RadialOptions, SizeRange, Surface};
+use packstone_engine::analysis::{self, RadialOptions, SizeRange, SizedGrain, Surface};
 use packstone_engine::distance::DistanceRule;
-use packstone_engine::export::tables::{Column, Head, SphereSource};
+use packstone_engine::export::tables::{self, Column, GrainSource, Head};
 use packstone_engine::mix::GradedMix;
 use packstone_engine::request::{Distance, Method, PackingRequest};
 
@@ -47,7 +47,7 @@ const PERCENT: f64 = 100.0;
 /// What a plot reads of a result.
 pub(crate) struct JobResult<'a> {
     pub(crate) head: &'a Head,
-    pub(crate) spheres: &'a dyn SphereSource,
+    pub(crate) grains: &'a dyn GrainSource,
 }
 
 /// Why no packing of a request can have a plot; `None` where it depends on the result, or every result has it.
@@ -73,6 +73,10 @@ fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
 const NOT_GROWN: &str = "random sequential addition inserts grains at their full size and distance: a packing that was \
                          grown by the method `edmd` has a `distance` over time";
 
+/// Why a packing of other grains than spheres does not have a plot.
+const OF_SPHERES_ALONE: &str =
+    "the plot is made of spheres alone: a packing of ellipsoids has the plot `grading`";
+
 /// Refuses a plot that no packing of a request can have.
 ///
 /// # Errors
@@ -84,7 +88,7 @@ pub(crate) fn check(kind: JobPlot, request: &PackingRequest) -> Result<(), PlotE
 /// Makes a plot of a result. A chart without points states why, and is refused by [`super::draw::svg`].
 ///
 /// # Errors
-/// Those of the source of the spheres; `InvalidData` where the stored request cannot be read.
+/// Those of the source of the grains; `InvalidData` where the stored request cannot be read.
 pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> {
     let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
     let request = JobRequest::read(&result.head.request, 0, None).map_err(|faults| {
@@ -93,11 +97,15 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     })?;
     let name = request.name.clone();
     let packing = request.packing();
+    let is_spherical = result.grains.columns() == Column::OF_SPHERES;
+    if !is_spherical && matches!(kind, JobPlot::Radial | JobPlot::Profile) {
+        return Ok(Chart::without_points(OF_SPHERES_ALONE));
+    }
     Ok(match kind {
-        JobPlot::Grading => grading(&packing, &diameters(result.spheres)?, name.as_deref()),
+        JobPlot::Grading => grading(&packing, sized(result)?, name.as_deref()),
         JobPlot::Distance => distance(result.head, &packing, name.as_deref()),
-        JobPlot::Radial => radial(result.head, &packing, &all(result.spheres)?, name.as_deref())?,
-        JobPlot::Profile => profile(result.head, &packing, &all(result.spheres)?, name.as_deref()),
+        JobPlot::Radial => radial(result.head, &packing, &all(result.grains)?, name.as_deref())?,
+        JobPlot::Profile => profile(result.head, &packing, &all(result.grains)?, name.as_deref()),
     })
 }
 
@@ -106,18 +114,24 @@ fn title(what: &str, name: Option<&str>) -> String {
     name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"))
 }
 
-fn column(spheres: &dyn SphereSource, column: Column) -> io::Result<Vec<f64>> {
-    let mut values = vec![0.0; spheres.len()];
-    spheres.read(column, 0, &mut values)?;
+fn column(grains: &dyn GrainSource, column: Column) -> io::Result<Vec<f64>> {
+    let mut values = vec![0.0; grains.len()];
+    grains.read(column, 0, &mut values)?;
     Ok(values)
 }
 
-/// The spheres without their positions.
-fn diameters(spheres: &dyn SphereSource) -> io::Result<Spheres> {
-    Ok(Spheres { d_mm: column(spheres, Column::Diameter)?, ..Spheres::default() })
+/// The grains as sieves see them.
+fn sized(result: &JobResult<'_>) -> io::Result<Vec<SizedGrain>> {
+    let diameters = column(result.grains, Column::Diameter)?;
+    let grains = diameters.into_iter().map(SizedGrain::sphere);
+    if tables::nominal_size(result.head, result.grains) == Column::Diameter {
+        return Ok(grains.collect());
+    }
+    let sizes = column(result.grains, Column::Sieve)?;
+    Ok(grains.zip(sizes).map(|(grain, size_mm)| SizedGrain { size_mm, ..grain }).collect())
 }
 
-fn all(spheres: &dyn SphereSource) -> io::Result<Spheres> {
+fn all(spheres: &dyn GrainSource) -> io::Result<Spheres> {
     Ok(Spheres {
         x_mm: column(spheres, Column::X)?,
         y_mm: column(spheres, Column::Y)?,
@@ -126,9 +140,10 @@ fn all(spheres: &dyn SphereSource) -> io::Result<Spheres> {
     })
 }
 
-fn grading(request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
+fn grading(request: &PackingRequest, grains: Vec<SizedGrain>, name: Option<&str>) -> Chart {
+    let number = grains.len();
     let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-    let found = analysis::grading(spheres, &mix);
+    let found = analysis::grading(grains, &mix);
     let target = |p: &analysis::GradingPoint| Point::new(p.d_mm, PERCENT * p.target);
     let achieved = |p: &analysis::GradingPoint| Point::new(p.d_mm, PERCENT * p.achieved);
     let sieves: Vec<f64> = found.sieves.iter().map(|p| p.d_mm).collect();
@@ -138,7 +153,7 @@ fn grading(request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> C
         description: format!(
             "Mass passing against grain diameter, requested and packed with {} grains; at the sieves the two differ by \
              at most {} percentage points.",
-            spheres.len(),
+            number,
             plain(PERCENT * missed, Some(2))
         ),
         x: Axis { ticks: sieves, ..Axis::log("grain diameter in mm") },

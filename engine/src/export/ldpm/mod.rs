@@ -33,7 +33,7 @@ pub use report::{Checks, LatticeReport, NodeReport};
 
 use crate::control::{Control, Part};
 use crate::export::steps::Steps;
-use crate::export::{ExportError, Model, Provenance};
+use crate::export::{ExportError, Model, Provenance, SphereModel};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::memory;
 use crate::plan::Limits;
@@ -103,6 +103,7 @@ impl Lattice {
         limits: &Limits,
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
+        let model = &model.of_spheres("a lattice model")?;
         check(model.specimen, options, limits)?;
         let grains = model.spheres;
         if grains.is_empty() {
@@ -226,12 +227,12 @@ pub(super) fn expected_bytes(
 }
 
 /// Smallest diameter of a packing, by which the options are multiplied.
-fn d_min_mm(model: &Model<'_>) -> f64 {
+fn d_min_mm(model: &SphereModel<'_>) -> f64 {
     model.spheres.d_mm.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// Refuses to make a prism of fewer than six sides of a cylinder.
-fn check_spacing(model: &Model<'_>, options: &LatticeOptions) -> Result<(), ExportError> {
+fn check_spacing(model: &SphereModel<'_>, options: &LatticeOptions) -> Result<(), ExportError> {
     let spacing_mm = options.spacing * d_min_mm(model);
     match *model.specimen {
         Specimen::Cylinder { diameter_mm, .. } if spacing_mm > diameter_mm / 2.0 => {
@@ -263,7 +264,11 @@ fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
     Ok(())
 }
 
-fn check_memory(model: &Model<'_>, options: &LatticeOptions, limits: &Limits) -> Result<(), ExportError> {
+fn check_memory(
+    model: &SphereModel<'_>,
+    options: &LatticeOptions,
+    limits: &Limits,
+) -> Result<(), ExportError> {
     let boundary = nodes::expected_on_boundary(model.specimen, options, d_min_mm(model));
     let grains = model.spheres.len() as f64;
     let bytes = (boundary + grains) * BYTES_PER_NODE;

@@ -11,7 +11,7 @@ use super::sample;
 use super::surface::{Edge, Face, LateralSurface, Surface};
 use super::tessellation::point;
 use crate::control::Control;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, SphereModel, go_on};
 use crate::memory::{make_room, reserved};
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -176,7 +176,7 @@ fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
 
 /// Lays nodes on the surface of a model, and appends its grains.
 pub(super) fn lay(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     options: &LatticeOptions,
     control: &dyn Control,
 ) -> Result<Nodes, ExportError> {

@@ -5,7 +5,7 @@ use super::nodes::Nodes;
 use super::report::{Checks, NodeReport};
 use super::tessellation::point;
 use crate::control::Control;
-use crate::export::{ExportError, Model};
+use crate::export::{ExportError, SphereModel};
 use crate::geometry::cells::{Octaves, Sphere};
 use crate::packing::Spheres;
 
@@ -15,7 +15,7 @@ const ROUNDING: f64 = 1.0e-9;
 /// Looks at all pairs; `clear` is the clearance that surface nodes ought to have, `spacing` how far apart they
 /// are at least.
 pub(super) fn check(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     nodes: &Nodes,
     [clear, spacing]: [f64; 2],
     control: &dyn Control,

@@ -18,7 +18,7 @@ use super::sphere::Finenesses;
 use super::{GRAINS_PER_LOOK, check, surface_mean_mm};
 use crate::control::Control;
 use crate::distance::DistanceRule;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, SphereModel, go_on};
 use crate::plan::ClassPlan;
 use crate::request::Specimen;
 
@@ -66,7 +66,7 @@ impl MeshEstimate {
 /// # Errors
 /// [`ExportError::Unavailable`] for a periodic box, [`ExportError::Stopped`].
 pub(super) fn of_model(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     options: &SurfaceOptions,
     control: &dyn Control,
 ) -> Result<MeshEstimate, ExportError> {

@@ -13,7 +13,7 @@ use super::near::Near;
 use super::options::VolumeCorrection;
 use super::shell::walls;
 use crate::control::Control;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, Model, SphereModel, go_on};
 use crate::plan::Limits;
 use crate::request::Specimen;
 use crate::request::decode::Object;
@@ -89,6 +89,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<GeoReport, ExportError> {
+    let model = &model.of_spheres("a surface mesh")?;
     super::check(model.specimen)?;
     let mut out = std::io::BufWriter::with_capacity(1 << 16, out);
     let spheres = model.spheres;
@@ -172,7 +173,7 @@ struct Volumes {
 
 /// The radius that a grain's sphere gets so that Gmsh's polyhedron has its volume, as far as gaps leave room.
 fn radius_mm(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     near: &Near,
     row: usize,
     edge_mm: f64,

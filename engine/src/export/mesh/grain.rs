@@ -15,7 +15,7 @@ use super::shell::walls;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
-use crate::export::Model;
+use crate::export::SphereModel;
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
@@ -33,7 +33,7 @@ const MOST_STEPS: usize = 60;
 
 /// Makes the surfaces of grains.
 pub(super) struct Grains<'a> {
-    model: &'a Model<'a>,
+    model: &'a SphereModel<'a>,
     options: &'a SurfaceOptions,
     near: Near,
     finenesses: Finenesses,
@@ -42,7 +42,7 @@ pub(super) struct Grains<'a> {
 }
 
 impl<'a> Grains<'a> {
-    pub(super) fn new(model: &'a Model<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
+    pub(super) fn new(model: &'a SphereModel<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
         let near = Near::new(model.spheres, model.specimen.bounds_mm())?;
         Ok(Self { model, options, near, finenesses: Finenesses::new(), templates: HashMap::new() })
     }

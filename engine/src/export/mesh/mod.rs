@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, Model, SphereModel, go_on};
 use crate::memory::{self, make_room, reserved};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
@@ -119,6 +119,7 @@ impl MeshRequest {
 
     /// Says how long the file of a packing will be, and how many triangles it will have.
     pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
+        let model = &model.of_spheres("a surface mesh")?;
         check(model.specimen)?;
         match self {
             Self::Geo(_) => Ok((geo::expected_bytes(model.spheres.len() as f64), None)),
@@ -250,7 +251,7 @@ struct Mesh {
 impl Mesh {
     /// Meshes a packing, and tells what came out.
     fn new(
-        model: &Model<'_>,
+        model: &SphereModel<'_>,
         options: &SurfaceOptions,
         limits: &Limits,
         control: &dyn Control,
@@ -323,7 +324,7 @@ impl Mesh {
 
 /// Refuses a mesh, and says how to get below the limit.
 fn too_large(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     options: &SurfaceOptions,
     estimate: Option<MeshEstimate>,
     limits: &Limits,
@@ -354,14 +355,14 @@ fn too_large(
 
 /// Mean diameter of the grains by surface, which is what most triangles are on; without grains, the shortest
 /// length of the specimen.
-fn surface_mean_mm(model: &Model<'_>) -> f64 {
+fn surface_mean_mm(model: &SphereModel<'_>) -> f64 {
     let [x, y, z] = model.specimen.bounds_mm();
     let shortest = x.min(y).min(z);
     let of_power = |n: i32| model.spheres.d_mm.iter().map(|d| d.powi(n)).sum::<f64>();
     if model.spheres.is_empty() { shortest } else { (of_power(3) / of_power(2)).min(shortest) }
 }
 
-fn report_of(model: &Model<'_>, shell: &Surface) -> SurfaceReport {
+fn report_of(model: &SphereModel<'_>, shell: &Surface) -> SurfaceReport {
     let (shortest_edge_mm, longest_edge_mm) = shell.edges_mm();
     let volume = shell.volume_mm3();
     SurfaceReport {
@@ -389,7 +390,7 @@ impl SurfaceReport {
         self.grains_short_of_volume += u64::from(!full);
     }
 
-    fn finish(&mut self, model: &Model<'_>) {
+    fn finish(&mut self, model: &SphereModel<'_>) {
         let exact: f64 = model.spheres.d_mm.iter().map(|d| PI / 6.0 * d.powi(3)).sum();
         if exact > 0.0 {
             self.aggregate_volume_error = self.aggregate_volume_mm3 / exact - 1.0;

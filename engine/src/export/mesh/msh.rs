@@ -11,7 +11,7 @@ use super::outline::Outline;
 use super::{GRAINS_PER_LOOK, Mesh};
 use super::{SurfaceOptions, SurfaceReport};
 use crate::control::Control;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, Model, SphereModel, go_on};
 use crate::plan::Limits;
 use crate::request::Specimen;
 
@@ -43,6 +43,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<SurfaceReport, ExportError> {
+    let model = &model.of_spheres("a surface mesh")?;
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
     let outline = Outline::new(&mesh.shell);
     let mut file =
@@ -69,7 +70,7 @@ struct File<'a, W: Write> {
     out: W,
     mesh: &'a Mesh,
     outline: &'a Outline,
-    model: &'a Model<'a>,
+    model: &'a SphereModel<'a>,
 }
 
 impl<W: Write> File<'_, W> {

@@ -38,6 +38,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<SurfaceReport, ExportError> {
+    let model = &model.of_spheres("a surface mesh")?;
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
     let shell = &mesh.shell.surface;
     if shell.triangles.len() + mesh.grain_triangles() > MAX_TRIANGLES {

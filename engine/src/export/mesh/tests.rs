@@ -35,7 +35,13 @@ fn crowded() -> Spheres {
 }
 
 fn mesh(specimen: &Specimen, spheres: &Spheres, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
-    Mesh::new(&Model::new(specimen, spheres), options, &Limits::default(), &Unattended).unwrap()
+    Mesh::new(
+        &Model::new(specimen, spheres).of_spheres("it").unwrap(),
+        options,
+        &Limits::default(),
+        &Unattended,
+    )
+    .unwrap()
 }
 
 /// Every edge is met once in each direction, and vertices, edges and triangles make a sphere.
@@ -266,12 +272,12 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
         let mut before = 0;
         for segments in [8, 10, 12, 16, 20, 24] {
             let options = SurfaceOptions::default().with_segments(segments);
-            let (_, report) = mesh(&request.specimen, &packing.spheres, &options);
+            let (_, report) = mesh(&request.specimen, packing.spheres().unwrap(), &options);
             assert!(report.aggregate_volume_error.abs() < 1e-3, "{segments}: {report:?}");
             assert!(report.triangles > before, "{segments}: {report:?} after {before}");
             before = report.triangles;
-            let model = Model::new(&request.specimen, &packing.spheres);
-            let guess = estimate::of_model(&model, &options, &Unattended).unwrap();
+            let model = Model::new(&request.specimen, packing.spheres().unwrap());
+            let guess = estimate::of_model(&model.of_spheres("it").unwrap(), &options, &Unattended).unwrap();
             let ratio = guess.triangles as f64 / report.triangles as f64;
             assert!(
                 (1.0 / 1.5..1.5).contains(&ratio),

@@ -51,6 +51,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<(), ExportError> {
+    let model = &model.of_spheres("a picture")?;
     go_on(control)?;
     let scene = Scene::new(model);
     let edges = lines::edges(model.specimen);

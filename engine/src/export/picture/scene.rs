@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-use crate::export::Model;
+use crate::export::SphereModel;
 use crate::request::Specimen;
 
 /// Points and directions, in mm.
@@ -135,7 +135,7 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    pub(super) fn new(model: &Model<'_>) -> Self {
+    pub(super) fn new(model: &SphereModel<'_>) -> Self {
         let size = Vector::from(model.specimen.bounds_mm());
         let grains = with_images(model);
         let sections: f64 = model.spheres.d_mm.iter().map(|d| PI / 4.0 * d * d).sum();
@@ -259,7 +259,7 @@ impl Scene {
 }
 
 /// The grains, with those images of a periodic box that reach into it.
-fn with_images(model: &Model<'_>) -> Vec<Grain> {
+fn with_images(model: &SphereModel<'_>) -> Vec<Grain> {
     let size = Vector::from(model.specimen.bounds_mm());
     let shifts: &[f64] = if model.specimen.is_periodic() { &[0.0, -1.0, 1.0] } else { &[0.0] };
     let mut grains = Vec::with_capacity(model.spheres.len());

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use super::{Axis, SliceReport, overlap};
-use crate::export::Model;
+use crate::export::SphereModel;
 use crate::request::Specimen;
 
 /// The part of a plane inside the specimen.
@@ -83,7 +83,7 @@ pub struct Cut {
 
 impl Cut {
     /// Cuts a packing where the plane meets its specimen, which [`super::check`] has seen to.
-    pub fn new(model: &Model<'_>, axis: Axis, at_mm: f64) -> Self {
+    pub(crate) fn new(model: &SphereModel<'_>, axis: Axis, at_mm: f64) -> Self {
         let bounds = model.specimen.bounds_mm();
         let [u, v] = axis.plane().map(Axis::index);
         let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });

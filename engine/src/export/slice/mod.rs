@@ -212,6 +212,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<SliceReport, ExportError> {
+    let model = &model.of_spheres("a slice")?;
     check(model.specimen, options, limits)?;
     go_on(control)?;
     let cut = Cut::new(model, options.axis, options.at_mm(model.specimen));

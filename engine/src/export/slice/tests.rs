@@ -48,7 +48,7 @@ fn packed(specimen: &Value, volume_fraction: f64) -> (Specimen, Spheres) {
         "mix": {"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "volume_fraction": volume_fraction},
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
-    (request.specimen, pack(&request, &Limits::default(), &Unattended).unwrap().spheres)
+    (request.specimen, pack(&request, &Limits::default(), &Unattended).unwrap().into_spheres().unwrap())
 }
 
 #[test]
@@ -136,10 +136,10 @@ fn no_circle_of_a_periodic_slice_is_a_ghost() {
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-    let model = Model::new(&request.specimen, &packing.spheres);
+    let model = Model::new(&request.specimen, packing.spheres().unwrap());
     for axis in Axis::ALL {
         for at_mm in (0..10).map(|i| 4.0 * f64::from(i)) {
-            for circle in Cut::new(&model, axis, at_mm).circles {
+            for circle in Cut::new(&model.of_spheres("a slice").unwrap(), axis, at_mm).circles {
                 let outside = circle.center_mm.map(|x| (-x).max(x - 40.0).max(0.0));
                 assert!(outside[0].hypot(outside[1]) < circle.radius_mm, "{circle:?}");
                 assert!(circle.area_mm2 > 1e-12, "{circle:?}");
@@ -176,7 +176,11 @@ fn cuts_add_up_to_the_volume() {
             let length = specimen.bounds_mm()[axis.index()];
             let step = length / CUTS as f64;
             let sum: f64 = (0..CUTS)
-                .map(|i| Cut::new(&model, axis, (i as f64 + 0.5) * step).aggregate_area_mm2() * step)
+                .map(|i| {
+                    Cut::new(&model.of_spheres("a slice").unwrap(), axis, (i as f64 + 0.5) * step)
+                        .aggregate_area_mm2()
+                        * step
+                })
                 .sum();
             assert!((sum / volume - 1.0).abs() < 1e-4, "{specimen:?} {axis:?}: {sum} {volume}");
         }
@@ -255,7 +259,7 @@ proptest! {
     ) {
         let one = spheres(&[(center, d)]);
         let specimen = cube(Boundary::Periodic);
-        let cut = Cut::new(&Model::new(&specimen, &one), Axis::Z, at_mm);
+        let cut = Cut::new(&Model::new(&specimen, &one).of_spheres("a slice").unwrap(), Axis::Z, at_mm);
         let height = (center[2] - at_mm).abs();
         let height = height.min(10.0 - height);
         let whole = PI * (d * d / 4.0 - height * height).max(0.0);

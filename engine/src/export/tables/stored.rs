@@ -1,28 +1,53 @@
 //! The form in which a result is stored: one file with its head as JSON and its columns as raw f64.
 //!
-//! Spheres do not compress, and every format can be made from columns while streaming. Layout, all
-//! little-endian: magic `PACKSTN1`, `u64` length of the head, `u64` number of rows, the head as
-//! JSON padded with spaces to a multiple of 64 from the start of the file, then the columns x, y, z, d.
+//! Grains do not compress, and every format can be made from columns while streaming. Layout, all little-endian: a
+//! magic, `u64` length of the head, `u64` number of rows, the head as JSON padded with spaces to a multiple of 64 from
+//! the start of the file, then the columns one after the other. Revision 1 (magic `PACKSTN1`) holds spheres: its
+//! columns are x, y, z, d. Revision 2 (magic `PACKSTN2`) names its columns: its head is
+//! `{"columns": [names], "head": head}`.
 
 use std::io::{self, Read, Write};
 
-use super::npy::write_columns;
-use super::{Column, Head, SphereSource};
+use serde::{Deserialize, Serialize};
 
-/// First bytes of a stored result.
-pub const MAGIC: [u8; 8] = *b"PACKSTN1";
+use super::columns::{names, no_column};
+use super::npy::write_columns;
+use super::{Column, GrainSource, Head};
+
+/// First bytes of a stored result of spheres.
+const MAGIC_1: [u8; 8] = *b"PACKSTN1";
+/// First bytes of a stored result that names its columns.
+const MAGIC_2: [u8; 8] = *b"PACKSTN2";
+
+/// Length of the first bytes that tell a stored result from other files.
+pub const MAGIC_BYTES: usize = 8;
 
 /// Magic and two lengths.
 const FIXED: usize = 24;
 /// Columns start at a multiple of this.
 const ALIGNMENT: usize = 64;
 
+/// Whether a file that begins with these bytes is a stored result.
+#[must_use]
+pub fn is_stored(first: [u8; MAGIC_BYTES]) -> bool {
+    first == MAGIC_1 || first == MAGIC_2
+}
+
+/// The head of revision 2.
+#[derive(Serialize, Deserialize)]
+struct Named<N, H> {
+    columns: N,
+    head: H,
+}
+
 /// What a stored result holds and where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
-    /// All but the spheres.
+    /// All but the grains.
     pub head: Head,
-    /// Number of spheres.
+    /// The columns in their order.
+    pub columns: &'static [Column],
+    /// Number of grains.
     pub rows: u64,
     /// Offset of the first column from the start of the file, in bytes.
     pub columns_offset: u64,
@@ -36,12 +61,10 @@ impl Layout {
     pub fn read(from: &mut dyn Read) -> io::Result<Self> {
         let mut fixed = [0; FIXED];
         from.read_exact(&mut fixed)?;
-        let (magic, lengths) = fixed.split_at(8);
-        if magic != MAGIC {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidData,
-                "not a stored result: its magic is missing",
-            ));
+        let (magic, lengths) = fixed.split_at(MAGIC_BYTES);
+        let invalid = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
+        if magic != MAGIC_1 && magic != MAGIC_2 {
+            return Err(invalid("not a stored result: its magic is missing"));
         }
         let number = |i: usize| u64::from_le_bytes(std::array::from_fn(|b| lengths[8 * i + b]));
         let (head_length, rows) = (number(0), number(1));
@@ -50,32 +73,46 @@ impl Layout {
         if text.len() as u64 != head_length {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        let head = serde_json::from_slice(&text)?;
-        Ok(Self { head, rows, columns_offset: FIXED as u64 + head_length })
+        let (columns, head) = if magic == MAGIC_1 {
+            (Column::OF_SPHERES, serde_json::from_slice(&text)?)
+        } else {
+            let Named::<Vec<String>, Head> { columns, head } = serde_json::from_slice(&text)?;
+            let known = Column::of_names(&columns);
+            (known.ok_or_else(|| invalid("a stored result with unknown columns"))?, head)
+        };
+        Ok(Self { head, columns, rows, columns_offset: FIXED as u64 + head_length })
     }
 
     /// Offset of a row of a column from the start of the file, in bytes.
-    pub fn offset(&self, column: Column, row: u64) -> u64 {
-        self.columns_offset + 8 * (column as u64 * self.rows + row)
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidInput`] for a column that the result does not have.
+    pub fn offset(&self, column: Column, row: u64) -> io::Result<u64> {
+        let position = self.columns.iter().position(|own| *own == column).ok_or_else(|| no_column(column))?;
+        Ok(self.columns_offset + 8 * (position as u64 * self.rows + row))
     }
 
     /// Length of the whole file, in bytes.
     pub fn file_length(&self) -> u64 {
-        self.columns_offset + 32 * self.rows
+        self.columns_offset + 8 * self.columns.len() as u64 * self.rows
     }
 }
 
-/// Writes the stored form.
+/// Writes the stored form: revision 1 for spheres, revision 2 for other grains.
 ///
 /// # Errors
 /// Those of the writer and of the source.
-pub fn write(head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
-    let mut text = serde_json::to_vec(head)?;
+pub fn write(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
+    let (magic, mut text) = if grains.columns() == Column::OF_SPHERES {
+        (MAGIC_1, serde_json::to_vec(head)?)
+    } else {
+        (MAGIC_2, serde_json::to_vec(&Named { columns: names(grains.columns()), head })?)
+    };
     let padded = (FIXED + text.len()).next_multiple_of(ALIGNMENT) - FIXED;
     text.resize(padded, b' ');
-    out.write_all(&MAGIC)?;
+    out.write_all(&magic)?;
     out.write_all(&(padded as u64).to_le_bytes())?;
-    out.write_all(&(spheres.len() as u64).to_le_bytes())?;
+    out.write_all(&(grains.len() as u64).to_le_bytes())?;
     out.write_all(&text)?;
-    write_columns(spheres, out)
+    write_columns(grains, out)
 }

@@ -1,11 +1,15 @@
 #![allow(clippy::unwrap_used)]
 
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::json;
 
+use super::columns::BLOCK_ROWS;
 use super::stored::Layout;
 use super::*;
 use crate::packing::{EdmdEnd, EdmdStatistics};
-use crate::{Limits, PackingRequest, Unattended, pack};
+use crate::packing::{Ellipsoids, Grains};
+use crate::shape::{Ellipsoid, Pose};
+use crate::{Limits, PackingRequest, Spheres, Unattended, pack};
 
 fn result() -> (Head, Spheres) {
     let request = json!({
@@ -14,10 +18,11 @@ fn result() -> (Head, Spheres) {
     });
     let packing =
         pack(&PackingRequest::from_json(&request, 1).unwrap(), &Limits::default(), &Unattended).unwrap();
-    assert!(packing.spheres.len() > BLOCK_ROWS, "the blocks must be crossed");
+    let spheres = packing.spheres().unwrap().clone();
+    assert!(spheres.len() > BLOCK_ROWS, "the blocks must be crossed");
     let head =
         Head { job_id: Some("j".into()), request, engine: EngineInfo::current(), report: packing.report };
-    (head, packing.spheres)
+    (head, spheres)
 }
 
 fn bytes_of(format: Format, head: &Head, spheres: &Spheres) -> Vec<u8> {
@@ -33,8 +38,8 @@ fn json_holds_the_report_and_reads_back_exactly() {
     let value: serde_json::Value = serde_json::from_slice(&bytes_of(Format::Json, &head, &spheres)).unwrap();
     assert_eq!(value["summary"]["grains"], spheres.len());
     assert_eq!(value["job_id"], "j");
-    assert_eq!(value["spheres"]["columns"], json!(["x_mm", "y_mm", "z_mm", "d_mm"]));
-    let rows = value["spheres"]["rows"].as_array().unwrap();
+    assert_eq!(value["grains"]["columns"], json!(["x_mm", "y_mm", "z_mm", "d_mm"]));
+    let rows = value["grains"]["rows"].as_array().unwrap();
     assert_eq!(rows.len(), spheres.len());
     for (i, row) in rows.iter().enumerate() {
         let numbers: Vec<f64> = row.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
@@ -144,7 +149,7 @@ fn the_stored_form_reads_back() {
     assert_eq!(layout.head, head);
     assert_eq!(layout.file_length(), bytes.len() as u64);
     assert_eq!(layout.columns_offset % 64, 0);
-    let at = layout.offset(Column::Z, 17) as usize;
+    let at = layout.offset(Column::Z, 17).unwrap() as usize;
     assert_eq!(f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()), spheres.z_mm[17]);
     assert!(Layout::read(&mut &bytes[..100]).is_err());
     bytes[0] = b'X';
@@ -198,5 +203,76 @@ fn an_empty_result_is_well_formed_in_every_format() {
         assert_eq!(Format::from_name(format.name()), Some(format));
     }
     let value: serde_json::Value = serde_json::from_slice(&bytes_of(Format::Json, &head, &empty)).unwrap();
-    assert_eq!(value["spheres"]["rows"], json!([]));
+    assert_eq!(value["grains"]["rows"], json!([]));
+}
+
+/// Two ellipsoids, one of them with a quaternion whose length is not exactly 1.
+fn ellipsoids() -> Ellipsoids {
+    let turned = UnitQuaternion::new_unchecked(Quaternion::new(0.8, 0.1, -0.3, 0.500_000_1));
+    Ellipsoids {
+        shapes: vec![Ellipsoid::new([4.0, 3.0, 2.0]).unwrap(), Ellipsoid::new([2.0, 1.5, 1.0]).unwrap()],
+        poses: vec![
+            Pose { center_mm: Vector3::new(5.0, 6.0, 7.0), orientation: turned },
+            Pose::at(Vector3::new(15.0, 6.0, 7.0)),
+        ],
+    }
+}
+
+#[test]
+fn ellipsoids_are_stored_with_named_columns_and_read_back_exactly() {
+    let (head, _) = result();
+    let grains = ellipsoids();
+    let mut bytes = Vec::new();
+    stored::write(&head, &grains, &mut bytes).unwrap();
+    assert!(stored::is_stored(bytes[..8].try_into().unwrap()) && bytes.starts_with(b"PACKSTN2"));
+    let layout = Layout::read(&mut &bytes[..]).unwrap();
+    assert_eq!((&layout.head, layout.rows, layout.columns), (&head, 2, Column::OF_ELLIPSOIDS));
+    assert_eq!(layout.file_length(), bytes.len() as u64);
+    let value = |column, row| {
+        let at = layout.offset(column, row).unwrap() as usize;
+        f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+    };
+    let values = Column::OF_ELLIPSOIDS.iter().map(|&column| vec![value(column, 0), value(column, 1)]);
+    let table = Table::new(layout.columns, values.collect()).unwrap();
+    assert_eq!(load(&table).unwrap(), Grains::Ellipsoids(grains));
+    assert_eq!(value(Column::Sieve, 0), 26.0_f64.sqrt());
+    assert!((value(Column::Diameter, 0) - 2.0 * 24.0_f64.cbrt()).abs() < 1e-15);
+    // The first magic with columns of ellipsoids, or unknown columns, is no result.
+    let unknown = String::from_utf8_lossy(&bytes[24..]).find("sieve_mm").unwrap() + 24;
+    bytes[unknown] = b'S';
+    assert_eq!(Layout::read(&mut &bytes[..]).unwrap_err().kind(), io::ErrorKind::InvalidData);
+}
+
+#[test]
+fn tables_of_ellipsoids_have_twelve_columns() {
+    let (head, _) = result();
+    let grains = ellipsoids();
+    let mut bytes = Vec::new();
+    write(Format::Csv, &head, &grains, &mut bytes).unwrap();
+    let text = String::from_utf8(bytes).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines[0], "x_mm,y_mm,z_mm,d_mm,sieve_mm,qw,qx,qy,qz,a_mm,b_mm,c_mm");
+    assert_eq!(lines.len(), 3);
+    assert!(
+        lines[1].ends_with(",0.8,0.1,-0.3,0.5000001,4,3,2") || lines[1].ends_with(",4.0,3.0,2.0"),
+        "{text}"
+    );
+    let mut npy = Vec::new();
+    write(Format::Npy, &head, &grains, &mut npy).unwrap();
+    assert!(String::from_utf8_lossy(&npy[..128]).contains("'shape': (2, 12)"));
+    for format in Format::ALL {
+        let mut bytes = Vec::new();
+        write(format, &head, &grains, &mut bytes).unwrap();
+        assert_eq!(length(format, &head, &grains).unwrap(), bytes.len() as u64, "{format:?}");
+    }
+}
+
+#[test]
+fn a_grain_without_positive_semi_axes_is_no_ellipsoid() {
+    let columns = vec![vec![1.0]; 11].into_iter().chain([vec![0.0]]).collect();
+    let table = Table::new(Column::OF_ELLIPSOIDS, columns).unwrap();
+    let error = load(&table).unwrap_err();
+    assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+    assert!(error.to_string().contains("grain 0"), "{error}");
+    assert!(Table::new(Column::OF_ELLIPSOIDS, vec![vec![1.0]; 4]).is_err());
 }

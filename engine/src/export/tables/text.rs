@@ -2,15 +2,15 @@
 
 use std::io::{self, Write};
 
-use super::{Column, Head, SphereSource, for_each_block};
+#[cfg(feature = "openapi")]
+use super::Column;
+use super::columns::{for_each_rows, names};
+use super::{GrainSource, Head};
 
-/// Names of the columns, in the order of [`Column::ALL`].
-const COLUMNS: [&str; 4] = ["x_mm", "y_mm", "z_mm", "d_mm"];
-
-pub(super) fn write_csv(spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(out, "{}", COLUMNS.join(","))?;
+pub(super) fn write_csv(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "{}", names(grains.columns()).join(","))?;
     let mut text = Vec::new();
-    for_each_block(spheres, Column::ALL, |columns| {
+    for_each_rows(grains, grains.columns(), |columns| {
         text.clear();
         for row in 0..columns[0].len() {
             push_row(&mut text, columns, row);
@@ -20,30 +20,30 @@ pub(super) fn write_csv(spheres: &dyn SphereSource, out: &mut dyn Write) -> io::
     })
 }
 
-/// The head's fields, then the spheres as the last field of the same object.
-pub(super) fn write_json(head: &Head, spheres: SphereTable<'_>, out: &mut dyn Write) -> io::Result<()> {
+/// The head's fields, then the grains as the last field of the same object.
+pub(super) fn write_json(head: &Head, grains: GrainTable<'_>, out: &mut dyn Write) -> io::Result<()> {
     let mut text = serde_json::to_vec(head)?;
-    // The object is opened again for the spheres, which would not fit into memory as a value.
+    // The object is opened again for the grains, which would not fit into memory as a value.
     text.pop();
-    text.extend_from_slice(br#","spheres":"#);
+    text.extend_from_slice(br#","grains":"#);
     out.write_all(&text)?;
-    spheres.write(out)?;
+    grains.write(out)?;
     out.write_all(b"}\n")
 }
 
 /// The grains of a result as one JSON object: the names of the columns, and one row a grain.
 #[derive(Clone, Copy)]
-pub struct SphereTable<'a>(pub &'a dyn SphereSource);
+pub struct GrainTable<'a>(pub &'a dyn GrainSource);
 
-impl SphereTable<'_> {
+impl GrainTable<'_> {
     /// Writes the object.
     ///
     /// # Errors
     /// Those of the writer and of the source.
     pub fn write(self, out: &mut dyn Write) -> io::Result<()> {
-        write!(out, "{{\"columns\":{},\"rows\":[", serde_json::to_string(&COLUMNS)?)?;
+        write!(out, "{{\"columns\":{},\"rows\":[", serde_json::to_string(&names(self.0.columns()))?)?;
         let (mut text, mut first) = (Vec::new(), true);
-        for_each_block(self.0, Column::ALL, |columns| {
+        for_each_rows(self.0, self.0.columns(), |columns| {
             text.clear();
             for row in 0..columns[0].len() {
                 text.extend_from_slice(if first { b"\n[" } else { b",\n[" });
@@ -58,22 +58,29 @@ impl SphereTable<'_> {
 }
 
 #[cfg(feature = "openapi")]
-impl utoipa::PartialSchema for SphereTable<'_> {
+impl utoipa::PartialSchema for GrainTable<'_> {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
-        let about = "The grains of a result, largest first; the row number is the grain's id.";
-        utoipa::openapi::Schema::from(crate::export::schema::table(about, &COLUMNS, "One row a grain."))
-            .into()
+        let table =
+            |about: &str, columns| crate::export::schema::table(about, &names(columns), "One row a grain.");
+        utoipa::openapi::Schema::from(
+            utoipa::openapi::OneOfBuilder::new()
+                .item(table("Spheres.", Column::OF_SPHERES))
+                .item(table("Ellipsoids: centre, diameter of the sphere of equal volume, sieve size, orientation, semi-axes.", Column::OF_ELLIPSOIDS))
+                .description(Some("The grains of a result, largest first; the row number is the grain's id."))
+                .build(),
+        )
+        .into()
     }
 }
 
 #[cfg(feature = "openapi")]
-impl utoipa::ToSchema for SphereTable<'_> {
+impl utoipa::ToSchema for GrainTable<'_> {
     fn name() -> std::borrow::Cow<'static, str> {
-        "SphereTable".into()
+        "GrainTable".into()
     }
 }
 
-fn push_row(text: &mut Vec<u8>, columns: [&[f64]; 4], row: usize) {
+fn push_row(text: &mut Vec<u8>, columns: &[&[f64]], row: usize) {
     let mut digits = zmij::Buffer::new();
     for (i, column) in columns.iter().enumerate() {
         if i > 0 {

@@ -1,24 +1,36 @@
-//! The VTK forms: points with arrays for a sphere glyph, legacy (big-endian) and XML (raw appended). The XML form has
-//! field data too: job ID, name, version of the engine, seed and volume fractions.
+//! The VTK forms: points with arrays for glyphs, legacy (big-endian) and XML (raw appended). The XML form has field
+//! data too: job ID, name, version of the engine, seed and volume fractions.
 //!
-//! Arrays: `diameter` and `radius` (float64, mm), `sieve_class` (int32, counted from fine to coarse
-//! in the order of the summary's classes), `id` (int32, the row in the other formats).
+//! Arrays of all grains: `diameter` (float64, mm; of the sphere of equal volume), `sieve_class` (int32, counted from
+//! fine to coarse in the order of the summary's classes), `id` (int32, the row in the other formats). Spheres have
+//! `radius` (float64, mm). Ellipsoids have `sieve` (float64, mm), `semi_axes` (3 float64, mm), `orientation` (4 float64:
+//! the quaternion w, x, y, z), and `tensor`: `R diag(2a, 2b, 2c) Rᵀ` in mm, which ParaView's Tensor Glyph applies to a
+//! sphere of radius 0.5. The XML form has its six components in VTK's order XX, YY, ZZ, XY, YZ, XZ, the legacy form all
+//! nine.
 
 use std::io::{self, Write};
 
-use super::{Column, Head, SphereSource, for_each_block};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+
+use super::columns::{BLOCK_ROWS, for_each_block};
+use super::{Column, GrainSource, Head, nominal_size};
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Provenance};
 use crate::mix::sieve::class_of;
+use crate::shape::Pose;
 
 const POSITION: [Column; 3] = [Column::X, Column::Y, Column::Z];
+const SEMI_AXES: [Column; 3] = [Column::A, Column::B, Column::C];
+const ORIENTATION: [Column; 4] = [Column::Qw, Column::Qx, Column::Qy, Column::Qz];
+const BODY: [Column; 7] = [Column::Qw, Column::Qx, Column::Qy, Column::Qz, Column::A, Column::B, Column::C];
 
-pub(super) fn write_legacy(head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
-    let n = spheres.len();
+pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
+    let n = grains.len();
+    let be = f64::to_be_bytes;
     write!(out, "# vtk DataFile Version 3.0\n{}\nBINARY\nDATASET POLYDATA\n", title(head))?;
     writeln!(out, "POINTS {n} double")?;
     let mut bytes = Vec::new();
-    write_points(spheres, &mut bytes, out, f64::to_be_bytes)?;
+    write_values(grains, POSITION, &mut bytes, out, |point| point, be)?;
     writeln!(out, "\nVERTICES {n} {}", 2 * n)?;
     write_rows(n, &mut bytes, out, |row, bytes| {
         bytes.extend(1_i32.to_be_bytes());
@@ -26,20 +38,50 @@ pub(super) fn write_legacy(head: &Head, spheres: &dyn SphereSource, out: &mut dy
     })?;
     writeln!(out, "\nPOINT_DATA {n}")?;
     writeln!(out, "SCALARS diameter double 1\nLOOKUP_TABLE default")?;
-    write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend(d.to_be_bytes()))?;
+    write_values(grains, [Column::Diameter], &mut bytes, out, |d| d, be)?;
+    let is_spherical = grains.columns() == Column::OF_SPHERES;
+    if !is_spherical {
+        writeln!(out, "\nTENSORS tensor double")?;
+        write_values(
+            grains,
+            BODY,
+            &mut bytes,
+            out,
+            |body| tensor(body).into(),
+            |row: [f64; 3]| {
+                // Symmetric, so that the order of rows and columns does not matter.
+                let mut nine = [0; 24];
+                for (eight, x) in nine.chunks_exact_mut(8).zip(row) {
+                    eight.copy_from_slice(&x.to_be_bytes());
+                }
+                nine
+            },
+        )?;
+    }
     // Readers keep one array of scalars only, but all of a field.
-    write!(out, "\nFIELD arrays 3\nradius 1 {n} double\n")?;
-    write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend((d / 2.0).to_be_bytes()))?;
+    write!(out, "\nFIELD arrays {}\n", if is_spherical { 3 } else { 5 })?;
+    if is_spherical {
+        writeln!(out, "radius 1 {n} double")?;
+        write_values(grains, [Column::Diameter], &mut bytes, out, |[d]| [d / 2.0], be)?;
+    } else {
+        writeln!(out, "sieve 1 {n} double")?;
+        write_values(grains, [Column::Sieve], &mut bytes, out, |size| size, be)?;
+        writeln!(out, "\nsemi_axes 3 {n} double")?;
+        write_values(grains, SEMI_AXES, &mut bytes, out, |axes| axes, be)?;
+        writeln!(out, "\norientation 4 {n} double")?;
+        write_values(grains, ORIENTATION, &mut bytes, out, |q| q, be)?;
+    }
     write!(out, "\nsieve_class 1 {n} int\n")?;
     let class = classifier(head);
-    write_diameters(spheres, &mut bytes, out, |d, bytes| bytes.extend(class(d).to_be_bytes()))?;
+    let size = nominal_size(head, grains);
+    write_values(grains, [size], &mut bytes, out, |[d]| [class(d)], i32::to_be_bytes)?;
     write!(out, "\nid 1 {n} int\n")?;
     write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i32).to_be_bytes()))?;
     writeln!(out)
 }
 
-pub(super) fn write_xml(head: &Head, spheres: &dyn SphereSource, out: &mut dyn Write) -> io::Result<()> {
-    let n = spheres.len();
+pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
+    let n = grains.len();
     let counts = [
         ("NumberOfPoints", n),
         ("NumberOfVerts", n),
@@ -48,16 +90,27 @@ pub(super) fn write_xml(head: &Head, spheres: &dyn SphereSource, out: &mut dyn W
         ("NumberOfPolys", 0),
     ];
     let piece = counts.map(|(name, count)| (name, count.to_string()));
+    let le = f64::to_le_bytes;
     let mut file = VtkXml::new("PolyData", &[], &piece, Some(&Provenance::from(head)));
     file.section("Points", None);
-    file.fill::<[f64; 3]>("Points", n, |sink| {
-        write_points(spheres, &mut Vec::new(), sink, f64::to_le_bytes).map_err(ExportError::Write)
-    });
+    file.fill::<[f64; 3]>("Points", n, |sink| fill(grains, POSITION, sink, |point| point, le));
     file.section("PointData", Some("diameter"));
-    file.fill::<f64>("diameter", n, |sink| fill_diameters(spheres, sink, f64::to_le_bytes));
-    file.fill::<f64>("radius", n, |sink| fill_diameters(spheres, sink, |d| (d / 2.0).to_le_bytes()));
+    file.fill::<f64>("diameter", n, |sink| fill(grains, [Column::Diameter], sink, |d| d, le));
+    if grains.columns() == Column::OF_SPHERES {
+        file.fill::<f64>("radius", n, |sink| fill(grains, [Column::Diameter], sink, |[d]| [d / 2.0], le));
+    } else {
+        file.fill::<f64>("sieve", n, |sink| fill(grains, [Column::Sieve], sink, |size| size, le));
+        file.fill::<[f64; 3]>("semi_axes", n, |sink| fill(grains, SEMI_AXES, sink, |axes| axes, le));
+        file.fill::<[f64; 4]>("orientation", n, |sink| fill(grains, ORIENTATION, sink, |q| q, le));
+        file.fill::<[f64; 6]>("tensor", n, |sink| {
+            fill(grains, BODY, sink, |body| symmetric(&tensor(body)), le)
+        });
+    }
     let class = classifier(head);
-    file.fill::<i32>("sieve_class", n, move |sink| fill_diameters(spheres, sink, |d| class(d).to_le_bytes()));
+    let size = nominal_size(head, grains);
+    file.fill::<i32>("sieve_class", n, move |sink| {
+        fill(grains, [size], sink, |[d]| [class(d)], i32::to_le_bytes)
+    });
     file.array("id", n, (0..n).map(|row| row as i32));
     file.section("Verts", None);
     file.array("connectivity", n, (0..n).map(|row| row as i64));
@@ -68,14 +121,27 @@ pub(super) fn write_xml(head: &Head, spheres: &dyn SphereSource, out: &mut dyn W
     })
 }
 
-/// Fills an array with what each diameter becomes.
-fn fill_diameters<const BYTES: usize>(
-    spheres: &dyn SphereSource,
+/// The tensor of an ellipsoid with this orientation and these semi-axes.
+fn tensor([w, i, j, k, a, b, c]: [f64; 7]) -> Matrix3<f64> {
+    let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+    let rotation = Pose { center_mm: Vector3::zeros(), orientation }.rotation();
+    rotation * Matrix3::from_diagonal(&Vector3::new(2.0 * a, 2.0 * b, 2.0 * c)) * rotation.transpose()
+}
+
+/// The components of a symmetric tensor in VTK's order.
+fn symmetric(tensor: &Matrix3<f64>) -> [f64; 6] {
+    [tensor.m11, tensor.m22, tensor.m33, tensor.m12, tensor.m23, tensor.m13]
+}
+
+/// Fills an array with what the columns of each row become.
+fn fill<T: Copy, const N: usize, const M: usize, const BYTES: usize>(
+    grains: &dyn GrainSource,
+    columns: [Column; N],
     sink: &mut Sink<'_>,
-    encode: impl Fn(f64) -> [u8; BYTES],
+    convert: impl Fn([f64; N]) -> [T; M],
+    encode: impl Fn(T) -> [u8; BYTES],
 ) -> Result<(), ExportError> {
-    let written = write_diameters(spheres, &mut Vec::new(), sink, |d, bytes| bytes.extend(encode(d)));
-    written.map_err(ExportError::Write)
+    write_values(grains, columns, &mut Vec::new(), sink, convert, encode).map_err(ExportError::Write)
 }
 
 /// The one free line of the legacy form: at most 256 characters, no line break.
@@ -90,31 +156,20 @@ fn classifier(head: &Head) -> impl Fn(f64) -> i32 + '_ {
     move |d| class_of(d, classes.iter().map(|c| c.d_max_mm)) as i32
 }
 
-fn write_points(
-    spheres: &dyn SphereSource,
+fn write_values<T: Copy, const N: usize, const M: usize, const BYTES: usize>(
+    grains: &dyn GrainSource,
+    columns: [Column; N],
     bytes: &mut Vec<u8>,
     out: &mut dyn Write,
-    encode: fn(f64) -> [u8; 8],
+    convert: impl Fn([f64; N]) -> [T; M],
+    encode: impl Fn(T) -> [u8; BYTES],
 ) -> io::Result<()> {
-    for_each_block(spheres, POSITION, |[x, y, z]| {
+    for_each_block(grains, columns, |columns| {
         bytes.clear();
-        for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
-            bytes.extend([x, y, z].map(encode).as_flattened());
-        }
-        out.write_all(bytes)
-    })
-}
-
-fn write_diameters(
-    spheres: &dyn SphereSource,
-    bytes: &mut Vec<u8>,
-    out: &mut dyn Write,
-    push: impl Fn(f64, &mut Vec<u8>),
-) -> io::Result<()> {
-    for_each_block(spheres, [Column::Diameter], |[d]| {
-        bytes.clear();
-        for &d in d {
-            push(d, bytes);
+        for row in 0..columns[0].len() {
+            for value in convert(columns.map(|column| column[row])) {
+                bytes.extend(encode(value));
+            }
         }
         out.write_all(bytes)
     })
@@ -128,7 +183,7 @@ fn write_rows(
 ) -> io::Result<()> {
     let mut start = 0;
     while start < n {
-        let end = n.min(start + super::BLOCK_ROWS);
+        let end = n.min(start + BLOCK_ROWS);
         bytes.clear();
         (start..end).for_each(|row| push(row, bytes));
         out.write_all(bytes)?;

@@ -1,6 +1,6 @@
 //! Grains as voxels, layer by layer in z, from the lowest up.
 
-use crate::export::Model;
+use crate::export::SphereModel;
 use crate::memory::{OutOfMemory, filled, reserved};
 use crate::packing::Spheres;
 
@@ -34,7 +34,7 @@ impl<'a> Layers<'a> {
     ///
     /// # Errors
     /// When the system refuses memory.
-    pub(super) fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
+    pub(super) fn new(model: &SphereModel<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
         let spheres = model.spheres;
         let bounds = model.specimen.bounds_mm();
         let mut waiting = reserved(spheres.len())?;

@@ -26,7 +26,7 @@ pub use options::{
 use self::layers::Layers;
 use crate::control::Control;
 use crate::export::steps::Steps;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, Model, SphereModel, go_on};
 use crate::memory::filled;
 use crate::plan::Limits;
 use crate::request::Specimen;
@@ -85,6 +85,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<VoxelReport, ExportError> {
+    let model = &model.of_spheres("a voxel model")?;
     let grid = VoxelGrid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
@@ -157,7 +158,7 @@ impl<'a> LayerSteps<'a> {
 
 /// Writes the labels, x fastest, little-endian, and nothing else.
 fn labels(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     grid: &VoxelGrid,
     label: Label,
     layers_done: &LayerSteps<'_>,
@@ -173,7 +174,7 @@ fn labels(
 }
 
 fn labels_as<const BYTES: usize>(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     grid: &VoxelGrid,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,

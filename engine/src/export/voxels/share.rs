@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::VoxelGrid;
 use crate::control::Control;
-use crate::export::{ExportError, Model, go_on};
+use crate::export::{ExportError, SphereModel, go_on};
 use crate::packing::Spheres;
 
 /// Lines between two looks at whether to stop; a millisecond or so.
@@ -21,7 +21,7 @@ pub(super) fn exact_mm3(spheres: &Spheres) -> f64 {
 /// The lines of a periodic box meet those of its neighbours, so that a grain that crosses its faces is measured
 /// in one piece.
 pub(super) fn volume_mm3(
-    model: &Model<'_>,
+    model: &SphereModel<'_>,
     grid: &VoxelGrid,
     samples: u32,
     control: &dyn Control,

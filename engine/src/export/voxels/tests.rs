@@ -39,7 +39,7 @@ fn packed(specimen: &Value) -> (Specimen, Spheres) {
         "mix": {"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "volume_fraction": 0.5},
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
-    (request.specimen, pack(&request, &Limits::default(), &Unattended).unwrap().spheres)
+    (request.specimen, pack(&request, &Limits::default(), &Unattended).unwrap().into_spheres().unwrap())
 }
 
 fn specimens() -> [Value; 3] {

@@ -11,7 +11,9 @@ use std::time::Duration;
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::{FieldError, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume};
+use packstone_engine::{
+    FieldError, Grains, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume,
+};
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
@@ -216,12 +218,12 @@ impl Files {
             report: packing.report,
         };
         for (format, file) in &self.tables {
-            write(file, *format, &head, &packing.spheres)
+            write(file, *format, &head, &packing.grains)
                 .map_err(|error| cannot_be("written", file, &error))?;
             print(&format!("{}\n", file.display()))?;
         }
         let provenance = Provenance::from(&head);
-        let model = Model::new(&request.specimen, &packing.spheres).with_provenance(&provenance);
+        let model = Model::new(&request.specimen, &packing.grains).with_provenance(&provenance);
         if let Some(file) = &self.picture {
             exports::write_picture(&model, file, watch.stop())?;
         }
@@ -229,7 +231,7 @@ impl Files {
         // The plots that the packing has are written before one that it does not have ends the command.
         let mut refused = Ok(());
         for (kind, file) in &self.plots {
-            let result = JobResult { head: &head, spheres: &packing.spheres };
+            let result = JobResult { head: &head, grains: &packing.grains };
             match plot(*kind, &result, self.plot_titles, file) {
                 Ok(()) => print(&format!("{}\n", file.display()))?,
                 Err(error) => refused = refused.and(Err(not_drawn(file, error))),
@@ -299,13 +301,8 @@ pub(super) fn listed(job: &Path, faults: &[FieldError]) -> String {
     format!("{} is refused:\n  {}", job.display(), lines.join("\n  "))
 }
 
-pub(super) fn write(
-    file: &Path,
-    format: Format,
-    head: &Head,
-    spheres: &packstone_engine::Spheres,
-) -> std::io::Result<()> {
-    write_whole(file, |out| tables::write(format, head, spheres, out))
+pub(super) fn write(file: &Path, format: Format, head: &Head, grains: &Grains) -> std::io::Result<()> {
+    write_whole(file, |out| tables::write(format, head, grains, out))
 }
 
 fn plot(kind: JobPlot, result: &JobResult<'_>, heading: bool, file: &Path) -> Result<(), PlotError> {

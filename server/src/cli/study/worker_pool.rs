@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::{EngineInfo, Format, Head};
 use packstone_engine::export::{ExportError, Model, Provenance};
-use packstone_engine::{Checkpoint, Control, Limits, PackError, Progress, Spheres};
+use packstone_engine::{Checkpoint, Control, Grains, Limits, PackError, Progress};
 
 use super::super::exports;
 use super::super::outputs::Names;
@@ -176,13 +176,13 @@ impl WorkerPool<'_> {
                 engine: EngineInfo::current(),
                 report: packing.report,
             };
-            match self.export(&id, &job, &head, &packing.spheres, &control) {
+            match self.export(&id, &job, &head, &packing.grains, &control) {
                 Ok(()) => {}
                 Err(ExportError::Stopped) => return Ok(None),
                 Err(ExportError::Write(error)) => return Err(named(&self.results, &error)),
                 Err(error) => unmade = Some(exports::explained(error)),
             }
-            self.keep(&id, &head, &packing.spheres)?;
+            self.keep(&id, &head, &packing.grains)?;
         }
         self.checkpoints.remove(&id, ATTEMPT);
         let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, distance_curve };
@@ -195,7 +195,7 @@ impl WorkerPool<'_> {
         id: &str,
         job: &JobRequest,
         head: &Head,
-        spheres: &Spheres,
+        grains: &Grains,
         control: &Watch<'_>,
     ) -> Result<(), ExportError> {
         let items = job.postprocess.items();
@@ -206,7 +206,7 @@ impl WorkerPool<'_> {
         let control = Untimed(control);
         let mut names = Names::of(id);
         let provenance = Provenance::from(head);
-        let model = Model::new(&job.specimen, spheres).with_provenance(&provenance);
+        let model = Model::new(&job.specimen, grains).with_provenance(&provenance);
         for (_, export) in items {
             let file = self.results.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;
@@ -215,10 +215,10 @@ impl WorkerPool<'_> {
     }
 
     /// Writes a packing in the requested formats.
-    fn keep(&self, id: &str, head: &Head, spheres: &Spheres) -> io::Result<()> {
+    fn keep(&self, id: &str, head: &Head, grains: &Grains) -> io::Result<()> {
         for format in self.formats {
             let file = self.results.join(format!("{id}.{}", format.name()));
-            run::write(&file, *format, head, spheres).map_err(|error| named(&file, &error))?;
+            run::write(&file, *format, head, grains).map_err(|error| named(&file, &error))?;
         }
         Ok(())
     }

@@ -60,7 +60,7 @@ pub(crate) async fn get(
     let artifacts = app.shared.artifacts.clone();
     let drawn = blocking(id, move || {
         let stored = artifacts.read(&artifact)?;
-        let chart = job_plots::chart(kind, &JobResult { head: stored.head(), spheres: &stored })?;
+        let chart = job_plots::chart(kind, &JobResult { head: stored.head(), grains: &stored })?;
         let drawn = draw::svg(&chart, heading);
         // Held until the work has ended, even if the client has gone.
         drop(permit);

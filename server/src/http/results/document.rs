@@ -1,6 +1,6 @@
 //! What the interface document says of a result in JSON.
 
-use packstone_engine::export::tables::{Head, SphereTable};
+use packstone_engine::export::tables::{GrainTable, Head};
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AllOfBuilder, ObjectBuilder, Ref, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
@@ -15,10 +15,10 @@ impl PartialSchema for ResultDocument {
         let of_job = ObjectBuilder::new()
             .schema_type(Type::Object)
             .property("request", Ref::from_schema_name(JobRequest::name()))
-            .property("spheres", Ref::from_schema_name(SphereTable::name()))
+            .property("grains", Ref::from_schema_name(GrainTable::name()))
             .required("job_id")
             .required("request")
-            .required("spheres");
+            .required("grains");
         let document = AllOfBuilder::new()
             .item(Ref::from_schema_name(Head::name()))
             .item(of_job)
@@ -31,7 +31,7 @@ impl ToSchema for ResultDocument {
     fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
         schemas.push((Head::name().into_owned(), Head::schema()));
         Head::schemas(schemas);
-        schemas.push((SphereTable::name().into_owned(), SphereTable::schema()));
+        schemas.push((GrainTable::name().into_owned(), GrainTable::schema()));
         schemas.push((JobRequest::name().into_owned(), JobRequest::schema()));
         JobRequest::schemas(schemas);
     }

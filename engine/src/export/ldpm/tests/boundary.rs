@@ -17,7 +17,7 @@ fn distance(p: [f64; 3], q: [f64; 3]) -> f64 {
 }
 
 fn laid(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Nodes {
-    lay(&Model::new(specimen, spheres), options, &Unattended).unwrap()
+    lay(&Model::new(specimen, spheres).of_spheres("it").unwrap(), options, &Unattended).unwrap()
 }
 
 /// Smallest distance of two nodes on the surface.

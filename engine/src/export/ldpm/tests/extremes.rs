@@ -53,7 +53,7 @@ proptest! {
         let mix = json!({"grading": grading, "d_min_mm": 3, "volume_fraction": fraction});
         let request = PackingRequest::from_json(&json!({"specimen": specimen, "mix": mix}), seed).unwrap();
         let Ok(packing) = pack(&request, &Limits::default(), &Unattended) else { return Ok(()) };
-        let model = Model::new(&request.specimen, &packing.spheres);
+        let model = Model::new(&request.specimen, packing.spheres().unwrap());
         // Enough for some 10 000 nodes: finer ones take long, and are no less regular.
         let limits = Limits { max_memory_bytes: 6_000_000, ..Limits::default() };
         match Lattice::make(&model, &options, &limits, &Unattended) {

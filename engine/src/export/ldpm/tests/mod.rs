@@ -22,7 +22,10 @@ fn packed(specimen: &Value, volume_fraction: f64, distance: &Value) -> (Specimen
         "distance": distance,
     });
     let request = PackingRequest::from_json(&request, 7).unwrap();
-    (request.specimen, pack(&request, &crate::Limits::default(), &Unattended).unwrap().spheres)
+    (
+        request.specimen,
+        pack(&request, &crate::Limits::default(), &Unattended).unwrap().into_spheres().unwrap(),
+    )
 }
 
 fn in_box() -> (Specimen, Spheres) {

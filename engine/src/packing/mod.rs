@@ -3,66 +3,26 @@
 //! Every file format writes these types and the server stores them. Reports that an earlier revision wrote can be
 //! read: renamed fields have aliases, and fields that were added have defaults.
 
+mod grains;
+
 use serde::{Deserialize, Serialize};
+
+pub use grains::{Ellipsoids, Grains, GrainsRef, Spheres};
 
 /// Name and version of the random generator, recorded in every result: the stream behind a seed
 /// is part of what a seed means.
 pub const RNG_NAME: &str = "xoshiro256++ (rand_xoshiro 0.8), streams by splitmix64";
 
-/// Spheres in columns of equal length, largest first; the row number is the grain's id.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Spheres {
-    /// Centres, x in mm.
-    pub x_mm: Vec<f64>,
-    /// Centres, y in mm.
-    pub y_mm: Vec<f64>,
-    /// Centres, z in mm.
-    pub z_mm: Vec<f64>,
-    /// Diameters in mm.
-    pub d_mm: Vec<f64>,
-}
-
-impl Spheres {
-    /// Number of spheres.
-    pub fn len(&self) -> usize {
-        self.d_mm.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.d_mm.is_empty()
-    }
-
-    /// Columns with room for `n` spheres.
-    pub fn with_capacity(n: usize) -> Self {
-        let column = || Vec::with_capacity(n);
-        Self { x_mm: column(), y_mm: column(), z_mm: column(), d_mm: column() }
-    }
-
-    /// Appends one sphere.
-    pub fn push(&mut self, [x, y, z]: [f64; 3], d: f64) {
-        self.x_mm.push(x);
-        self.y_mm.push(y);
-        self.z_mm.push(z);
-        self.d_mm.push(d);
-    }
-
-    /// Centre of sphere `i`.
-    pub fn center(&self, i: usize) -> [f64; 3] {
-        [self.x_mm[i], self.y_mm[i], self.z_mm[i]]
-    }
-}
-
 /// A finished, checked packing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packing {
     /// The grains.
-    pub spheres: Spheres,
+    pub grains: Grains,
     /// All that is known about them.
     pub report: Report,
 }
 
-/// What is known about a packing, but for its spheres.
+/// What is known about a packing, but for its grains.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Report {
@@ -85,6 +45,23 @@ pub struct Report {
     /// How far coarse and fine grains lie apart, where a gradient was requested.
     #[serde(default, skip_serializing_if = "Option::is_none", alias = "placement")]
     pub segregation: Option<SegregationReport>,
+}
+
+impl Packing {
+    /// The grains, where they are spheres.
+    #[must_use]
+    pub fn spheres(&self) -> Option<&Spheres> {
+        self.grains.spheres()
+    }
+
+    /// The grains, where they are spheres.
+    #[must_use]
+    pub fn into_spheres(self) -> Option<Spheres> {
+        match self.grains {
+            Grains::Spheres(spheres) => Some(spheres),
+            Grains::Ellipsoids(_) => None,
+        }
+    }
 }
 
 impl Report {

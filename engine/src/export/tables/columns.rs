@@ -1,0 +1,367 @@
+//! The columns of a result: what they are called, in which order they are stored, and how they are read.
+//!
+//! Spheres have four columns: the centre and the diameter. Ellipsoids have these four, whose diameter is that of the
+//! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes.
+
+use std::io;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::memory::{filled, reserved};
+use crate::packing::{Ellipsoids, Grains, GrainsRef, Spheres};
+use crate::shape::{Ellipsoid, Pose};
+
+/// A column of a result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Column {
+    /// x of the centre in mm.
+    X,
+    /// y of the centre in mm.
+    Y,
+    /// z of the centre in mm.
+    Z,
+    /// Diameter of the sphere of equal volume in mm.
+    Diameter,
+    /// Smallest square sieve opening that the grain passes, in mm.
+    Sieve,
+    /// Real part of the orientation quaternion.
+    Qw,
+    /// First imaginary part of the orientation quaternion.
+    Qx,
+    /// Second imaginary part of the orientation quaternion.
+    Qy,
+    /// Third imaginary part of the orientation quaternion.
+    Qz,
+    /// Largest semi-axis in mm.
+    A,
+    /// Middle semi-axis in mm.
+    B,
+    /// Smallest semi-axis in mm.
+    C,
+}
+
+impl Column {
+    /// The columns of spheres, in the order of storage.
+    pub const OF_SPHERES: &'static [Self] = &[Self::X, Self::Y, Self::Z, Self::Diameter];
+
+    /// The columns of ellipsoids, in the order of storage.
+    pub const OF_ELLIPSOIDS: &'static [Self] = &[
+        Self::X,
+        Self::Y,
+        Self::Z,
+        Self::Diameter,
+        Self::Sieve,
+        Self::Qw,
+        Self::Qx,
+        Self::Qy,
+        Self::Qz,
+        Self::A,
+        Self::B,
+        Self::C,
+    ];
+
+    /// Its name in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::X => "x_mm",
+            Self::Y => "y_mm",
+            Self::Z => "z_mm",
+            Self::Diameter => "d_mm",
+            Self::Sieve => "sieve_mm",
+            Self::Qw => "qw",
+            Self::Qx => "qx",
+            Self::Qy => "qy",
+            Self::Qz => "qz",
+            Self::A => "a_mm",
+            Self::B => "b_mm",
+            Self::C => "c_mm",
+        }
+    }
+
+    /// The columns of these names, where they are those of a kind of grains.
+    #[must_use]
+    pub fn of_names(names: &[String]) -> Option<&'static [Self]> {
+        let has_names = |columns: &[Self]| {
+            columns.iter().map(|column| column.name()).eq(names.iter().map(String::as_str))
+        };
+        [Self::OF_SPHERES, Self::OF_ELLIPSOIDS].into_iter().find(|columns| has_names(columns))
+    }
+}
+
+/// Names of columns, in their order.
+pub(super) fn names(columns: &[Column]) -> Vec<&'static str> {
+    columns.iter().map(|column| column.name()).collect()
+}
+
+/// Where the columns of a result come from: memory, or a file of the caller's.
+pub trait GrainSource {
+    /// Number of grains.
+    fn len(&self) -> usize;
+
+    /// Whether there is none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Its columns in the order of storage: [`Column::OF_SPHERES`] or [`Column::OF_ELLIPSOIDS`].
+    fn columns(&self) -> &'static [Column];
+
+    /// Reads rows `start..start + block.len()` of one of its columns.
+    ///
+    /// # Errors
+    /// Those of the storage behind; [`io::ErrorKind::InvalidInput`] for a column that it does not have.
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()>;
+}
+
+/// The fault of a column that a source does not have.
+pub(super) fn no_column(column: Column) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, format!("there is no column {}", column.name()))
+}
+
+impl GrainSource for Spheres {
+    fn len(&self) -> usize {
+        Self::len(self)
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        Column::OF_SPHERES
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let all = match column {
+            Column::X => &self.x_mm,
+            Column::Y => &self.y_mm,
+            Column::Z => &self.z_mm,
+            Column::Diameter => &self.d_mm,
+            other => return Err(no_column(other)),
+        };
+        block.copy_from_slice(&all[start..start + block.len()]);
+        Ok(())
+    }
+}
+
+impl GrainSource for Ellipsoids {
+    fn len(&self) -> usize {
+        Self::len(self)
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        Column::OF_ELLIPSOIDS
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let rows = start..start + block.len();
+        for ((value, shape), pose) in block.iter_mut().zip(&self.shapes[rows.clone()]).zip(&self.poses[rows])
+        {
+            let q = pose.orientation.quaternion();
+            *value = match column {
+                Column::X => pose.center_mm.x,
+                Column::Y => pose.center_mm.y,
+                Column::Z => pose.center_mm.z,
+                Column::Diameter => shape.equivalent_diameter_mm(),
+                Column::Sieve => shape.sieve_size_mm(),
+                Column::Qw => q.w,
+                Column::Qx => q.i,
+                Column::Qy => q.j,
+                Column::Qz => q.k,
+                Column::A => shape.semi_axes_mm().x,
+                Column::B => shape.semi_axes_mm().y,
+                Column::C => shape.semi_axes_mm().z,
+            };
+        }
+        Ok(())
+    }
+}
+
+impl GrainSource for Grains {
+    fn len(&self) -> usize {
+        Self::len(self)
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        GrainsRef::from(self).columns()
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        GrainsRef::from(self).read(column, start, block)
+    }
+}
+
+impl GrainSource for GrainsRef<'_> {
+    fn len(&self) -> usize {
+        Self::len(self)
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        match self {
+            Self::Spheres(spheres) => spheres.columns(),
+            Self::Ellipsoids(ellipsoids) => ellipsoids.columns(),
+        }
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        match self {
+            Self::Spheres(spheres) => spheres.read(column, start, block),
+            Self::Ellipsoids(ellipsoids) => ellipsoids.read(column, start, block),
+        }
+    }
+}
+
+/// Columns in memory, as they were read from a file.
+#[derive(Clone, Debug)]
+pub struct Table {
+    columns: &'static [Column],
+    values: Vec<Vec<f64>>,
+}
+
+impl Table {
+    /// A table of these columns, whose values stand in the same order.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] unless there are as many vectors as columns, all of the same length.
+    pub fn new(columns: &'static [Column], values: Vec<Vec<f64>>) -> io::Result<Self> {
+        let rows = values.first().map_or(0, Vec::len);
+        if values.len() != columns.len() || values.iter().any(|column| column.len() != rows) {
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                "the columns of the grains differ in length",
+            ));
+        }
+        Ok(Self { columns, values })
+    }
+}
+
+impl GrainSource for Table {
+    fn len(&self) -> usize {
+        self.values.first().map_or(0, Vec::len)
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        self.columns
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let position = self.columns.iter().position(|own| *own == column).ok_or_else(|| no_column(column))?;
+        block.copy_from_slice(&self.values[position][start..start + block.len()]);
+        Ok(())
+    }
+}
+
+/// Memory that the grains of a result take, in bytes: 32 a sphere, 80 an ellipsoid.
+pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
+    let is_spherical = source.columns() == Column::OF_SPHERES;
+    let bytes = if is_spherical { 4 * size_of::<f64>() } else { size_of::<Ellipsoid>() + size_of::<Pose>() };
+    (source.len() as u64).saturating_mul(bytes as u64)
+}
+
+/// Reads all columns of a result into memory: [`loaded_bytes`].
+///
+/// # Errors
+/// Those of the source, [`io::ErrorKind::OutOfMemory`], and [`io::ErrorKind::InvalidData`] for an ellipsoid whose
+/// semi-axes are not positive.
+pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
+    let column = |column| -> io::Result<Vec<f64>> {
+        let mut values = filled(source.len(), 0.0)?;
+        source.read(column, 0, &mut values)?;
+        Ok(values)
+    };
+    if source.columns() == Column::OF_SPHERES {
+        return Ok(Grains::Spheres(Spheres {
+            x_mm: column(Column::X)?,
+            y_mm: column(Column::Y)?,
+            z_mm: column(Column::Z)?,
+            d_mm: column(Column::Diameter)?,
+        }));
+    }
+    let mut grains = Ellipsoids { shapes: reserved(source.len())?, poses: reserved(source.len())? };
+    let mut fault = None;
+    for_each_block(source, ELLIPSOID_ROW, |columns| {
+        for row in 0..columns[0].len() {
+            let [x, y, z, w, i, j, k, a, b, c] = columns.map(|column| column[row]);
+            let Some(shape) = Ellipsoid::new([a, b, c]) else {
+                fault.get_or_insert(grains.shapes.len());
+                continue;
+            };
+            let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+            grains.shapes.push(shape);
+            grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
+        }
+        Ok(())
+    })?;
+    match fault {
+        None => Ok(Grains::Ellipsoids(grains)),
+        Some(grain) => Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("the semi-axes of grain {grain} are not positive numbers"),
+        )),
+    }
+}
+
+/// What an ellipsoid is read from.
+const ELLIPSOID_ROW: [Column; 10] = [
+    Column::X,
+    Column::Y,
+    Column::Z,
+    Column::Qw,
+    Column::Qx,
+    Column::Qy,
+    Column::Qz,
+    Column::A,
+    Column::B,
+    Column::C,
+];
+
+/// A source of that many rows of zeros.
+pub(super) struct Zeros {
+    pub(super) rows: usize,
+    pub(super) columns: &'static [Column],
+}
+
+impl GrainSource for Zeros {
+    fn len(&self) -> usize {
+        self.rows
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        self.columns
+    }
+
+    fn read(&self, _: Column, _: usize, block: &mut [f64]) -> io::Result<()> {
+        block.fill(0.0);
+        Ok(())
+    }
+}
+
+/// Rows that are read, converted and written at a time.
+pub(super) const BLOCK_ROWS: usize = 4096;
+
+/// Calls `visit` with blocks of rows, as slices of these columns, from the first row to the last.
+pub(super) fn for_each_block<const N: usize>(
+    grains: &dyn GrainSource,
+    columns: [Column; N],
+    mut visit: impl FnMut([&[f64]; N]) -> io::Result<()>,
+) -> io::Result<()> {
+    for_each_rows(grains, &columns, |columns| visit(std::array::from_fn(|i| columns[i])))
+}
+
+/// [`for_each_block`] for a number of columns that is not known at compile time.
+pub(super) fn for_each_rows(
+    grains: &dyn GrainSource,
+    columns: &[Column],
+    mut visit: impl FnMut(&[&[f64]]) -> io::Result<()>,
+) -> io::Result<()> {
+    let most = BLOCK_ROWS.min(grains.len());
+    let mut buffers: Vec<Vec<f64>> = columns.iter().map(|_| vec![0.0; most]).collect();
+    let mut start = 0;
+    while start < grains.len() {
+        let rows = BLOCK_ROWS.min(grains.len() - start);
+        for (column, buffer) in columns.iter().zip(&mut buffers) {
+            grains.read(*column, start, &mut buffer[..rows])?;
+        }
+        let views: Vec<&[f64]> = buffers.iter().map(|buffer| &buffer[..rows]).collect();
+        visit(&views)?;
+        start += rows;
+    }
+    Ok(())
+}
