@@ -1,4 +1,5 @@
-//! Pair tests of grains that are not spheres, over pairs near contact: `cargo bench -p packstone-engine --bench shapes`.
+//! Pair tests of grains that are not spheres, over pairs near contact: `cargo bench -p packstone-engine --bench
+//! shapes`.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use std::hint::black_box;

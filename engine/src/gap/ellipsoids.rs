@@ -1,17 +1,17 @@
 //! Two ellipsoids: whether they keep a gap, how long the gap is, and by which factor both may grow until they touch.
 //!
-//! With `C(l) = (1 - l) A + l B` and `n = C⁻¹ r` the function `F(l) = l (1 - l) r · n` is concave on `[0, 1]`; its largest
-//! value is `mu²`, and both ellipsoids scaled by `mu` about their centres touch (Perram and Wertheim 1985,
-//! DOI 10.1016/0021-9991(85)90171-8, as used by Donev, Torquato and Stillinger 2005, DOI 10.1016/j.jcp.2004.08.014).
-//! The root of `F'` is the fixed point of `l <- h_A(n) / (h_A(n) + h_B(n))`. On the way each `n` may give either proof:
+//! With `C(l) = (1 - l) A + l B` and `n = C⁻¹ r` the function `F(l) = l (1 - l) r · n` is concave on `[0, 1]`; its
+//! largest value is `mu²`, and both ellipsoids scaled by `mu` about their centres touch (Perram and Wertheim 1985, DOI
+//! 10.1016/0021-9991(85)90171-8, as used by Donev, Torquato and Stillinger 2005, DOI 10.1016/j.jcp.2004.08.014). The
+//! root of `F'` is the fixed point of `l <- h_A(n) / (h_A(n) + h_B(n))`. On the way each `n` may give either proof:
 //!
 //! - apart, where `r · n >= h_A(n) + h_B(n) + g |n|`;
 //! - overlap, where `(1 - l) h_A(n) <= 1` and `l h_B(n) <= 1`: then `x_A + (1 - l) A n` lies in both.
 //!
 //! The gap is the largest `s(n)` on the unit sphere, found by Newton's method. With `h = sqrt(n · K n)` the gradient is
-//! `w = r - A n / h_A - B n / h_B`, the Hessian of a support function is `(K - (K n)(K n)ᵀ / h²) / h`, and on the tangent
-//! plane the radial part `w · n = s(n)` adds `-s(n)`. The points of both surfaces whose normal is `n` lie `|w|` apart, so
-//! that `s(n) <= gap <= |w|` wherever the bodies are disjoint.
+//! `w = r - A n / h_A - B n / h_B`, the Hessian of a support function is `(K - (K n)(K n)ᵀ / h²) / h`, and on the
+//! tangent plane the radial part `w · n = s(n)` adds `-s(n)`. The points of both surfaces whose normal is `n` lie `|w|`
+//! apart, so that `s(n) <= gap <= |w|` wherever the bodies are disjoint.
 //!
 //! An ellipsoid whose semi-axes are longer by `g / 2` lies inside the parallel body at the distance `g / 2`. Two such
 //! ellipsoids that only touch are therefore closer than `g`: they are no test of a gap.

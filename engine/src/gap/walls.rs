@@ -1,16 +1,16 @@
 //! An ellipsoid and the walls of a specimen.
 //!
-//! A plane wall with the inward normal `m` at the offset `o` is kept at the distance `x · m - h(m) - o`. In a cylinder the
-//! clearance is its radius less the distance of the ellipsoid's farthest point from the axis. Across the axis the ellipsoid
-//! is an ellipse with the centre `c` and the squared semi-axes `e_1 >= e_2`. In their directions its farthest point
-//! maximizes `|c + diag(sqrt(e)) v|²` over `|v| = 1`; the dual function
+//! A plane wall with the inward normal `m` at the offset `o` is kept at the distance `x · m - h(m) - o`. In a cylinder
+//! the clearance is its radius less the distance of the ellipsoid's farthest point from the axis. Across the axis the
+//! ellipsoid is an ellipse with the centre `c` and the squared semi-axes `e_1 >= e_2`. In their directions its farthest
+//! point maximizes `|c + diag(sqrt(e)) v|²` over `|v| = 1`; the dual function
 //!
 //! ```text
 //! D(t) = |c|² + t + sum of e_i c_i² / (t - e_i),   t >= e_1
 //! ```
 //!
-//! is at least the square of that distance for every `t`, and equal to it at its minimum (the trust-region problem; Moré and
-//! Sorensen 1983, DOI 10.1137/0904038). So whatever `t` the iteration ends with, the clearance is proven.
+//! is at least the square of that distance for every `t`, and equal to it at its minimum (the trust-region problem;
+//! Moré and Sorensen 1983, DOI 10.1137/0904038). So whatever `t` the iteration ends with, the clearance is proven.
 
 use super::ellipsoids::Body;
 use super::linear::{Vector, dot};
