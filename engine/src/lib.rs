@@ -30,6 +30,7 @@ mod cpu;
 pub mod distance;
 pub mod error;
 pub mod export;
+pub mod gap;
 pub mod geometry;
 mod memory;
 pub mod methods;

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 20] = [
+const LAYERS: [&str; 21] = [
     "cpu",
     "memory",
     "rng",
@@ -19,6 +19,7 @@ const LAYERS: [&str; 20] = [
     "geometry",
     "specimen",
     "distance",
+    "gap",
     "mix",
     "segregation",
     "methods",

@@ -1,0 +1,112 @@
+//! An ellipsoid and the walls of a specimen.
+//!
+//! A plane wall with the inward normal `m` at the offset `o` is kept at the distance `x · m - h(m) - o`. In a cylinder
+//! the clearance is its radius less the distance of the ellipsoid's farthest point from the axis. Across the axis the
+//! ellipsoid is an ellipse with the centre `c` and the squared semi-axes `e_1 >= e_2`. In their directions its farthest
+//! point maximizes `|c + diag(sqrt(e)) v|²` over `|v| = 1`; the dual function
+//!
+//! ```text
+//! D(t) = |c|² + t + sum of e_i c_i² / (t - e_i),   t >= e_1
+//! ```
+//!
+//! is at least the square of that distance for every `t`, and equal to it at its minimum (the trust-region problem;
+//! Moré and Sorensen 1983, DOI 10.1137/0904038). So whatever `t` the iteration ends with, the clearance is proven.
+
+use super::ellipsoids::Body;
+use super::linear::{Vector, dot};
+use crate::request::{Boundary, Specimen};
+
+/// Most steps of Newton's method; few are needed.
+const MOST_STEPS: u32 = 30;
+/// Directions in the plane of the cylinder's section with the squared semi-axes of the ellipse.
+const ACROSS: usize = 2;
+
+impl Body {
+    /// Smallest clear distance to the walls in mm, negative where the body reaches beyond one; infinite without walls.
+    #[must_use]
+    pub fn wall_gap_mm(&self, specimen: &Specimen) -> f64 {
+        match *specimen {
+            Specimen::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
+            Specimen::Box { size_mm, .. } => {
+                (0..3).map(|axis| self.between_planes_mm(axis, size_mm[axis])).fold(f64::INFINITY, f64::min)
+            }
+            Specimen::Cylinder { diameter_mm, height_mm } => {
+                let radius = diameter_mm / 2.0;
+                (radius - self.reach_from_axis_mm([radius, radius])).min(self.between_planes_mm(2, height_mm))
+            }
+        }
+    }
+
+    /// Smaller distance in mm to the planes at 0 and at a length along an axis.
+    #[inline(always)]
+    #[must_use]
+    pub fn between_planes_mm(&self, axis: usize, length_mm: f64) -> f64 {
+        let half = self.matrix_mm2.0[[0, 3, 5][axis]].sqrt();
+        (self.center_mm[axis] - half).min(length_mm - self.center_mm[axis] - half)
+    }
+
+    /// Distance in mm of the farthest point from an axis along z.
+    #[must_use]
+    pub fn reach_from_axis_mm(&self, axis_mm: [f64; 2]) -> f64 {
+        farthest(self, axis_mm).0
+    }
+
+    /// The direction across the axis to the farthest point, as a unit vector.
+    #[must_use]
+    pub fn reach_direction(&self, axis_mm: [f64; 2]) -> Vector {
+        farthest(self, axis_mm).1
+    }
+}
+
+/// Distance of the farthest point from an axis along z, and the direction to it.
+fn farthest(body: &Body, axis_mm: [f64; 2]) -> (f64, Vector) {
+    let [xx, xy, _, yy, ..] = body.matrix_mm2.0;
+    let c = [body.center_mm[0] - axis_mm[0], body.center_mm[1] - axis_mm[1]];
+    // Eigenvalues and vectors of the section; the smaller one by the determinant, which does not cancel.
+    let half = (xx - yy) / 2.0;
+    let root = (half * half + xy * xy).sqrt();
+    let larger = (xx + yy) / 2.0 + root;
+    let e = [larger, (xx * yy - xy * xy) / larger];
+    let first = if half >= 0.0 { [half + root, xy] } else { [xy, root - half] };
+    let length = (first[0] * first[0] + first[1] * first[1]).sqrt();
+    let first = if length > 0.0 { [first[0] / length, first[1] / length] } else { [1.0, 0.0] };
+    let second = [-first[1], first[0]];
+    let along = [c[0] * first[0] + c[1] * first[1], c[0] * second[0] + c[1] * second[1]];
+    // Weights of the constraint |v| = 1, which holds at the root of 1 / |v(t)| = 1; it is met from below.
+    let w: [f64; ACROSS] = std::array::from_fn(|i| e[i].sqrt() * along[i].abs());
+    let mut t = (e[0] + w[0]).max(e[1] + w[1]);
+    let value = |t: f64| {
+        let part = |i: usize| if w[i] > 0.0 { w[i] * w[i] / (t - e[i]) } else { 0.0 };
+        along[0] * along[0] + along[1] * along[1] + t + part(0) + part(1)
+    };
+    let mut least = value(t);
+    for _ in 0..MOST_STEPS {
+        let part = |i: usize| if w[i] > 0.0 { w[i] / (t - e[i]) } else { 0.0 };
+        let v = [part(0), part(1)];
+        let norm2 = v[0] * v[0] + v[1] * v[1];
+        let slope = (0..ACROSS).map(|i| if v[i] > 0.0 { v[i] * v[i] / (t - e[i]) } else { 0.0 }).sum::<f64>();
+        if norm2 <= 1.0 || slope <= 0.0 {
+            break;
+        }
+        t += norm2 * (norm2.sqrt() - 1.0) / slope;
+        let next = value(t);
+        if next >= least {
+            break;
+        }
+        least = next;
+    }
+    // The point: v_1 takes what is left where the centre lies on the short axis.
+    let v_1 = if w[1] > 0.0 { (w[1] / (t - e[1])).min(1.0) } else { 0.0 };
+    let v_0 = (1.0 - v_1 * v_1).max(0.0).sqrt();
+    let point = [along[0].abs() + e[0].sqrt() * v_0, along[1].abs() + e[1].sqrt() * v_1];
+    let signed = [point[0].copysign(along[0]), point[1].copysign(along[1])];
+    let across = [0, 1].map(|a| signed[0] * first[a] + signed[1] * second[a]);
+    let length = (across[0] * across[0] + across[1] * across[1]).sqrt();
+    (least.sqrt(), [across[0] / length, across[1] / length, 0.0])
+}
+
+/// Distance in mm of a body from a plane through `point` with the inward unit normal `m`.
+#[must_use]
+pub fn plane_gap_mm(body: &Body, point_mm: Vector, m: Vector) -> f64 {
+    dot(body.center_mm, m) - dot(point_mm, m) - body.support_mm(m)
+}

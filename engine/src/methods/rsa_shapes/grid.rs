@@ -1,0 +1,276 @@
+//! The inserted grains by cell: each cell lists those that can come closer than allowed to a new grain whose centre
+//! lies in it.
+//!
+//! The lists are built for a stage; grains inserted since are chained to them.
+
+use nalgebra::Vector3;
+
+use super::Stage;
+use crate::distance::DistanceRule;
+use crate::gap::ellipsoids::Body;
+use crate::gap::linear::{Symmetric, Vector, minus};
+use crate::memory::{OutOfMemory, filled, make_room};
+use crate::request::Specimen;
+use crate::shape::{Ellipsoid, Pose};
+
+/// Edge of a cell over the shortest semi-axis of the stage, gap included.
+const CELL_EDGE: f64 = 2.0;
+/// Most cells per inserted and expected grain: few grains in much space need no fine cells.
+const MOST_CELLS: f64 = 2e6;
+/// Images of a periodic box skin two boxes to either side.
+const IMAGES_PER_AXIS: usize = 5;
+const IMAGES: usize = 125;
+/// The code of no shift at all.
+const HOME: usize = 62;
+/// Grains are named by 25 bits; the upper 7 bits of an entry name the image.
+const IMAGE_SHIFT: u32 = 25;
+const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
+/// End of a chain.
+const NONE: u32 = u32::MAX;
+/// A voxel is said to be covered with this margin, far above rounding.
+const COVERED_MARGIN: f64 = 1.0 - 1e-12;
+
+/// A grain that was inserted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Inserted {
+    pub(super) body: Body,
+    pub(super) d_mm: f64,
+    semi_axes_mm: Vector,
+    rows: [Vector; 3],
+    /// Inverse shape matrix of the ellipsoid that no centre of a stage's grains lies in.
+    excluded: Symmetric,
+    /// One over that ellipsoid's shortest semi-axis.
+    per_shortest: f64,
+    /// Gap and longest semi-axes: beyond this distance of the centres there is nothing to test.
+    reach_mm: f64,
+}
+
+impl Inserted {
+    pub(super) fn new(body: Body, shape: &Ellipsoid, pose: &Pose) -> Self {
+        let r = pose.rotation();
+        Self {
+            body,
+            d_mm: shape.equivalent_diameter_mm(),
+            semi_axes_mm: shape.semi_axes_mm().into(),
+            rows: [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]]),
+            excluded: Symmetric([0.0; 6]),
+            per_shortest: 0.0,
+            reach_mm: 0.0,
+        }
+    }
+
+    /// Makes the exclusion that of a stage.
+    pub(super) fn cover(&mut self, stage: &Stage, rule: &DistanceRule) {
+        let [largest, smallest] = stage.diameters.map(|d_mm| rule.gap_mm(d_mm, self.d_mm));
+        let axes = self.semi_axes_mm.map(|axis| axis + stage.inner + smallest);
+        self.excluded = Symmetric::rotated_diagonal(&self.rows, axes.map(|axis| 1.0 / (axis * axis)));
+        self.per_shortest = 1.0 / axes[2];
+        self.reach_mm = (self.body.outer_mm + stage.outer + largest) * (1.0 + 1e-12);
+    }
+
+    /// Whether the exclusion covers a ball around a point, of the image at an offset.
+    #[inline(always)]
+    pub(super) fn covers(&self, shift: Vector, point: Vector, radius_mm: f64) -> bool {
+        let r = minus(minus(point, self.body.center_mm), shift);
+        let left = COVERED_MARGIN - radius_mm * self.per_shortest;
+        left > 0.0 && self.excluded.quadratic(r) <= left * left
+    }
+}
+
+/// The grid of a stage.
+#[derive(Debug)]
+pub(super) struct Grid {
+    bounds_mm: Vector,
+    pub(super) counts: [usize; 3],
+    pub(super) edge: Vector,
+    is_periodic: bool,
+    /// Offsets of the images.
+    shifts: Vec<Vector>,
+    /// Entries of cell `i` known at the build are `entries[starts[i]..starts[i + 1]]`.
+    starts: Vec<u32>,
+    entries: Vec<u32>,
+    /// Entries since: head of each cell's chain, and the chains.
+    heads: Vec<u32>,
+    links: Vec<[u32; 2]>,
+}
+
+impl Grid {
+    pub(super) fn new(
+        specimen: &Specimen,
+        stage: &Stage,
+        rule: &DistanceRule,
+        inserted: &[Inserted],
+    ) -> Result<Self, OutOfMemory> {
+        let bounds_mm = specimen.bounds_mm();
+        let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
+        let edge_mm = wanted.max((bounds_mm.iter().product::<f64>() / MOST_CELLS).cbrt());
+        let counts = bounds_mm.map(|length| (length / edge_mm).round().max(1.0) as usize);
+        let size = bounds_mm;
+        let shifts = (0..IMAGES).map(|code| {
+            let of = |a: usize, divisor: usize| {
+                let steps = (code / divisor % IMAGES_PER_AXIS) as f64 - (IMAGES_PER_AXIS / 2) as f64;
+                steps * size[a]
+            };
+            [of(0, IMAGES_PER_AXIS * IMAGES_PER_AXIS), of(1, IMAGES_PER_AXIS), of(2, 1)]
+        });
+        let number = counts.iter().product::<usize>();
+        let mut grid = Self {
+            bounds_mm,
+            counts,
+            edge: std::array::from_fn(|a| bounds_mm[a] / counts[a] as f64),
+            is_periodic: specimen.is_periodic(),
+            shifts: shifts.collect(),
+            starts: filled(number + 1, 0)?,
+            entries: Vec::new(),
+            heads: filled(number, NONE)?,
+            links: Vec::new(),
+        };
+        let mut starts = std::mem::take(&mut grid.starts);
+        for one in inserted {
+            grid.for_each_touched(one, |cell, _| starts[cell + 1] += 1);
+        }
+        for i in 0..number {
+            starts[i + 1] += starts[i];
+        }
+        let mut entries = filled(starts[number] as usize, 0)?;
+        for (id, one) in inserted.iter().enumerate() {
+            grid.for_each_touched(one, |cell, image| {
+                entries[starts[cell] as usize] = entry(id, image);
+                starts[cell] += 1;
+            });
+        }
+        starts.rotate_right(1);
+        starts[0] = 0;
+        (grid.starts, grid.entries) = (starts, entries);
+        Ok(grid)
+    }
+
+    /// Adds a grain to the lists of all cells that it can matter to.
+    pub(super) fn insert(&mut self, id: usize, inserted: &Inserted) -> Result<(), OutOfMemory> {
+        let mut touched = 0;
+        self.for_each_touched(inserted, |_, _| touched += 1);
+        make_room(&mut self.links, touched)?;
+        let (mut heads, mut links) = (std::mem::take(&mut self.heads), std::mem::take(&mut self.links));
+        self.for_each_touched(inserted, |cell, image| {
+            links.push([entry(id, image), heads[cell]]);
+            heads[cell] = (links.len() - 1) as u32;
+        });
+        (self.heads, self.links) = (heads, links);
+        Ok(())
+    }
+
+    /// Number of the cell at these positions.
+    #[inline(always)]
+    pub(super) fn number(&self, [x, y, z]: [usize; 3]) -> usize {
+        (z * self.counts[1] + y) * self.counts[0] + x
+    }
+
+    /// Lower corner of a cell.
+    #[inline(always)]
+    pub(super) fn corner(&self, cell: usize) -> Vector {
+        let [nx, ny, _] = self.counts;
+        let at = [cell % nx, cell / nx % ny, cell / (nx * ny)];
+        std::array::from_fn(|a| at[a] as f64 * self.edge[a])
+    }
+
+    /// Calls `visit` with the entries of a cell, from the largest grain down within each list.
+    #[inline(always)]
+    pub(super) fn any_near(&self, cell: usize, mut visit: impl FnMut(usize, Vector) -> bool) -> bool {
+        let range = self.starts[cell] as usize..self.starts[cell + 1] as usize;
+        for &entry in &self.entries[range] {
+            if visit((entry & ID_MASK) as usize, self.shifts[(entry >> IMAGE_SHIFT) as usize]) {
+                return true;
+            }
+        }
+        let mut link = self.heads[cell];
+        while link != NONE {
+            let [entry, next] = self.links[link as usize];
+            if visit((entry & ID_MASK) as usize, self.shifts[(entry >> IMAGE_SHIFT) as usize]) {
+                return true;
+            }
+            link = next;
+        }
+        false
+    }
+
+    /// The grain whose exclusion holds a point of a cell, with the offset of its image.
+    #[inline(always)]
+    pub(super) fn covering(
+        &self,
+        cell: usize,
+        point: Vector,
+        inserted: &[Inserted],
+    ) -> Option<(usize, Vector)> {
+        self.covering_ball(cell, point, 0.0, inserted)
+    }
+
+    /// The grain whose exclusion holds a ball around a point of a cell.
+    #[inline(always)]
+    pub(super) fn covering_ball(
+        &self,
+        cell: usize,
+        point: Vector,
+        radius_mm: f64,
+        inserted: &[Inserted],
+    ) -> Option<(usize, Vector)> {
+        let mut found = None;
+        self.any_near(cell, |grain, shift| {
+            let is_covered = inserted[grain].covers(shift, point, radius_mm);
+            if is_covered {
+                found = Some((grain, shift));
+            }
+            is_covered
+        });
+        found
+    }
+
+    /// Whether a body comes closer than a gap to an image of its own.
+    pub(super) fn meets_own_image(&self, body: &Body, gap_mm: f64) -> bool {
+        let shortest = self.bounds_mm.into_iter().fold(f64::INFINITY, f64::min);
+        if !self.is_periodic || 2.0 * body.outer_mm + gap_mm < shortest {
+            return false;
+        }
+        // One of each pair of opposite images.
+        self.shifts[HOME + 1..].iter().any(|shift| {
+            let at: Vector3<f64> = Vector3::from(body.center_mm) + Vector3::from(*shift);
+            !body.with_at(body, at.into()).decide(gap_mm).is_apart
+        })
+    }
+
+    /// Calls `visit` with every cell, and the image, that a grain can matter to.
+    fn for_each_touched(&self, inserted: &Inserted, mut visit: impl FnMut(usize, usize)) {
+        let images = if self.is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
+        for image in images {
+            let shift = self.shifts[image];
+            let center: Vector = std::array::from_fn(|a| inserted.body.center_mm[a] + shift[a]);
+            let reach = inserted.reach_mm;
+            if (0..3).any(|a| center[a] + reach < 0.0 || center[a] - reach > self.bounds_mm[a]) {
+                continue;
+            }
+            let index = |a: usize, x: f64| ((x / self.edge[a]).max(0.0) as usize).min(self.counts[a] - 1);
+            let span = |a: usize| index(a, center[a] - reach)..index(a, center[a] + reach) + 1;
+            let gap2 = |a: usize, i: usize| {
+                let low = i as f64 * self.edge[a];
+                let gap = (low - center[a]).max(center[a] - low - self.edge[a]).max(0.0);
+                gap * gap
+            };
+            for z in span(2) {
+                for y in span(1) {
+                    let left = reach * reach - gap2(2, z) - gap2(1, y);
+                    if left < 0.0 {
+                        continue;
+                    }
+                    for x in span(0) {
+                        if gap2(0, x) <= left {
+                            visit(self.number([x, y, z]), image);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn entry(id: usize, image: usize) -> u32 {
+    id as u32 | (image as u32) << IMAGE_SHIFT
+}

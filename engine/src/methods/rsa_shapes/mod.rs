@@ -1,0 +1,356 @@
+//! Random sequential addition of ellipsoids: each, from the largest to the smallest, gets the first pose drawn at
+//! random that keeps its gaps to all grains inserted before and to the walls.
+//!
+//! An attempt of the textbook algorithm draws a uniform centre from the region that keeps the shortest semi-axis and
+//! the wall gap from the walls, and an orientation. Most centres lie in or near a grain. For an inserted grain with the
+//! semi-axes `a, b, c` and a new one with the shortest semi-axis `r_in`, no centre in the ellipsoid with the semi-axes
+//! `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the body parallel
+//! to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore dropped, and
+//! centres are drawn from the voxels that are left. Attempts that would have fallen elsewhere are counted by a
+//! geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no voxel
+//! is left, saturation is proven.
+//!
+//! `grid` has the inserted grains by cell, `voxels` what is left for centres. A stage is a range of grains of similar
+//! size, for which both are built.
+
+#![allow(clippy::inline_always)]
+
+mod grid;
+mod orientation;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+mod voxels;
+
+use nalgebra::UnitQuaternion;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use crate::control::{Control, Phase, Progress};
+use crate::distance::DistanceRule;
+use crate::gap::ellipsoids::Body;
+use crate::memory::{OutOfMemory, reserved};
+use crate::methods::rsa::End;
+use crate::packing::RsaStatistics;
+use crate::request::Specimen;
+use crate::rng::uniform;
+use crate::shape::{Ellipsoid, Pose};
+use crate::specimen::Region;
+use grid::{Grid, Inserted};
+pub use orientation::uniform_orientation;
+use voxels::Voxels;
+
+/// Draws between two looks at the control: less than a millisecond.
+const DRAWS_PER_LOOK: u64 = 2000;
+/// Grains of a stage differ by less than this factor in equivalent diameter.
+const STAGE_RATIO: f64 = 1.1;
+/// A stage ends when it has inserted as many grains as there were, but not before so many.
+const LEAST_STAGE: usize = 400;
+/// Draws per grain of a stage beyond which the next one begins with smaller voxels, and the levels of subdivision.
+const CROWDED: u64 = 50;
+const LOOSE_LEVEL: usize = 1;
+const CROWDED_LEVEL: usize = 2;
+/// Failed draws after which voxels are split where a draw fails.
+const SPLIT_AFTER: u64 = 200;
+/// Most draws for one grain where the number of attempts is not limited: what voxels cannot prove must end somewhere.
+const MOST_DRAWS: u64 = 20_000_000;
+/// Share of the lengths of a pair, and of the specimen, by which gaps are longer than requested, so that the check,
+/// which rounds differently, never sees a violation in the last digit.
+const ROUNDING_MARGIN: f64 = 1e-13;
+
+/// Draws an orientation.
+pub type Orientation<'a> = dyn Fn(&mut Xoshiro256PlusPlus) -> UnitQuaternion<f64> + 'a;
+
+/// What random sequential addition is asked for.
+pub struct EllipsoidRsa<'a> {
+    /// Grains by equivalent diameter from the largest down.
+    pub shapes: &'a [Ellipsoid],
+    /// Where they go.
+    pub specimen: &'a Specimen,
+    /// The gaps they keep.
+    pub rule: DistanceRule,
+    /// Attempts per grain; `None` goes on until saturation is proven, or to a number beyond all use.
+    pub attempts_per_grain: Option<u64>,
+    /// Draws orientations; [`uniform_orientation`] where none is preferred.
+    pub orientation: &'a Orientation<'a>,
+}
+
+/// How it ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Poses in the order of the shapes, of those inserted.
+    pub poses: Vec<Pose>,
+    /// What was counted.
+    pub statistics: RsaStatistics,
+    /// Why it ended.
+    pub end: End,
+}
+
+/// The search for one grain.
+struct Search {
+    grain: usize,
+    d_mm: f64,
+    wall_gap_mm: f64,
+    /// Where an attempt may fall, and its volume in mm³.
+    region: Region,
+    region_mm3: f64,
+    attempts: u64,
+    failed: u64,
+    limit: Option<u64>,
+}
+
+enum Found {
+    Pose(Pose, Body),
+    NotYet,
+    Nothing { saturation_proven: bool },
+    Stopped,
+}
+
+struct Run<'a> {
+    rsa: &'a EllipsoidRsa<'a>,
+    control: &'a dyn Control,
+    poses: Vec<Pose>,
+    inserted: Vec<Inserted>,
+    statistics: RsaStatistics,
+    draws: u64,
+    /// Draws per grain of the last stage.
+    draws_per_grain: u64,
+}
+
+/// What the grains of a stage have in common; lengths in mm.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stage {
+    /// Equivalent diameters of the largest and the smallest grain.
+    diameters: [f64; 2],
+    /// Longest of the longest, and shortest of the shortest semi-axes.
+    outer: f64,
+    inner: f64,
+}
+
+impl EllipsoidRsa<'_> {
+    /// Inserts the grains.
+    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+        let count = self.shapes.len();
+        let (poses, inserted) = match reserved(count).and_then(|poses| Ok((poses, reserved(count)?))) {
+            Ok(both) => both,
+            Err(OutOfMemory { bytes }) => {
+                let statistics = RsaStatistics::default();
+                return Outcome { poses: Vec::new(), statistics, end: End::OutOfMemory { bytes } };
+            }
+        };
+        let statistics = RsaStatistics::default();
+        let mut run = Run { rsa: self, control, poses, inserted, statistics, draws: 0, draws_per_grain: 0 };
+        let end = run.insert_all(rng);
+        run.report();
+        Outcome { poses: run.poses, statistics: run.statistics, end }
+    }
+
+    /// The stage that begins with a grain, and the first grain after it.
+    fn stage(&self, first: usize) -> (Stage, usize) {
+        let d = |grain: usize| self.shapes[grain].equivalent_diameter_mm();
+        let most = first + first.max(LEAST_STAGE);
+        let mut end = first + 1;
+        while end < self.shapes.len().min(most) && d(end) * STAGE_RATIO > d(first) {
+            end += 1;
+        }
+        let axes = || self.shapes[first..end].iter().map(Ellipsoid::semi_axes_mm);
+        let stage = Stage {
+            diameters: [d(first), d(end - 1)],
+            outer: axes().map(|axes| axes.x).fold(0.0, f64::max),
+            inner: axes().map(|axes| axes.z).fold(f64::INFINITY, f64::min),
+        };
+        (stage, end)
+    }
+}
+
+impl Run<'_> {
+    fn insert_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
+        let rsa = self.rsa;
+        let mut first = 0;
+        while first < rsa.shapes.len() {
+            let (stage, end) = rsa.stage(first);
+            match self.insert_stage(&stage, first..end, rng) {
+                Ok(()) => first = end,
+                Err(end) => return end,
+            }
+        }
+        End::Complete
+    }
+
+    fn insert_stage(
+        &mut self,
+        stage: &Stage,
+        grains: std::ops::Range<usize>,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Result<(), End> {
+        let rsa = self.rsa;
+        let least = stage.inner + rsa.rule.wall_gap_mm(stage.diameters[1]);
+        let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
+        let Some(region) = rsa.specimen.center_region(least) else { return Err(no_place) };
+        for inserted in &mut self.inserted {
+            inserted.cover(stage, &rsa.rule);
+        }
+        let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted)?;
+        let level = if self.draws_per_grain > CROWDED { CROWDED_LEVEL } else { LOOSE_LEVEL };
+        let tested = &mut self.statistics.voxels_tested;
+        let mut voxels = Voxels::new(region, level, &grid, &self.inserted, tested)?;
+        let (count, draws_before) = (grains.len() as u64, self.draws);
+        for grain in grains {
+            let shape = &rsa.shapes[grain];
+            let d_mm = shape.equivalent_diameter_mm();
+            let wall_gap_mm = rsa.rule.wall_gap_mm(d_mm);
+            let own = rsa.specimen.center_region(shape.semi_axes_mm().z + wall_gap_mm);
+            let own = own.ok_or(no_place)?;
+            let mut search = Search {
+                grain,
+                d_mm,
+                wall_gap_mm: wall_gap_mm + ROUNDING_MARGIN * rsa.specimen.bounds_mm().iter().sum::<f64>(),
+                region: own,
+                region_mm3: own.volume_mm3(),
+                attempts: 0,
+                failed: 0,
+                limit: rsa.attempts_per_grain,
+            };
+            let found = loop {
+                match self.try_once(&mut search, &mut voxels, &grid, rng)? {
+                    Found::NotYet => {}
+                    found => break found,
+                }
+            };
+            self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
+            self.statistics.attempts += search.attempts;
+            match found {
+                Found::Pose(pose, body) => {
+                    let mut inserted = Inserted::new(body, shape, &pose);
+                    inserted.cover(stage, &rsa.rule);
+                    grid.insert(self.inserted.len(), &inserted)?;
+                    self.inserted.push(inserted);
+                    self.poses.push(pose);
+                }
+                Found::Nothing { saturation_proven } => {
+                    return Err(End::InsertionFailed { saturation_proven, attempts: search.attempts });
+                }
+                Found::Stopped | Found::NotYet => return Err(End::Stopped),
+            }
+        }
+        self.draws_per_grain = (self.draws - draws_before) / count;
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn try_once(
+        &mut self,
+        search: &mut Search,
+        voxels: &mut Voxels,
+        grid: &Grid,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Result<Found, OutOfMemory> {
+        self.draws += 1;
+        if self.draws.is_multiple_of(DRAWS_PER_LOOK) {
+            self.report();
+            if self.control.should_stop() {
+                return Ok(Found::Stopped);
+            }
+        }
+        let Some(draw) = voxels.draw(grid, rng) else {
+            return Ok(Found::Nothing { saturation_proven: true });
+        };
+        let inside = search.region.contains(draw.point);
+        if search.count(voxels.volume_mm3(), rng) {
+            return Ok(Found::Nothing { saturation_proven: false });
+        }
+        let blocked_by = if inside {
+            match self.pose(search, draw.point, draw.cell, grid, rng) {
+                Ok((pose, body)) => return Ok(Found::Pose(pose, body)),
+                Err(blocked_by) => blocked_by,
+            }
+        } else {
+            None
+        };
+        search.failed += 1;
+        let dropped = blocked_by
+            .is_some_and(|(grain, shift)| voxels.drop_if_covered(&draw, &self.inserted[grain], shift));
+        if !dropped && search.failed > SPLIT_AFTER {
+            voxels.split(&draw, grid, &self.inserted, &mut self.statistics.voxels_tested)?;
+        }
+        Ok(Found::NotYet)
+    }
+
+    /// The pose at a point with an orientation drawn for it, if all gaps are kept; else the grain whose exclusion
+    /// ellipsoid holds the point, with the offset of its image, if it was one.
+    #[inline(always)]
+    #[allow(clippy::type_complexity)]
+    fn pose(
+        &self,
+        search: &Search,
+        point: [f64; 3],
+        cell: usize,
+        grid: &Grid,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Result<(Pose, Body), Option<(usize, [f64; 3])>> {
+        let rsa = self.rsa;
+        // What excludes the point for any orientation.
+        if let Some(blocking) = grid.covering(cell, point, &self.inserted) {
+            return Err(Some(blocking));
+        }
+        let orientation = (rsa.orientation)(rng);
+        let pose = Pose { center_mm: point.into(), orientation };
+        let body = Body::new(&rsa.shapes[search.grain], &pose);
+        if body.wall_gap_mm(rsa.specimen) < search.wall_gap_mm {
+            return Err(None);
+        }
+        let blocked = grid.any_near(cell, |grain, shift| {
+            let other = &self.inserted[grain];
+            let margin_mm = ROUNDING_MARGIN * (body.outer_mm + other.body.outer_mm);
+            let gap_mm = rsa.rule.gap_mm(search.d_mm, other.d_mm) + margin_mm;
+            let center: [f64; 3] = std::array::from_fn(|a| other.body.center_mm[a] + shift[a]);
+            let pair = body.with_at(&other.body, center);
+            let far = body.outer_mm + other.body.outer_mm + gap_mm;
+            pair.r[0] * pair.r[0] + pair.r[1] * pair.r[1] + pair.r[2] * pair.r[2] < far * far
+                && !pair.decide(gap_mm).is_apart
+        });
+        let blocked = blocked || grid.meets_own_image(&body, rsa.rule.gap_mm(search.d_mm, search.d_mm));
+        if blocked { Err(None) } else { Ok((pose, body)) }
+    }
+
+    fn report(&self) {
+        let (done, total) = (self.poses.len() as u64, self.rsa.shapes.len() as u64);
+        let present = self.rsa.shapes.get(self.poses.len()).or(self.rsa.shapes.last());
+        self.control.report(&Progress {
+            phase: Phase::Rsa,
+            fraction: done as f64 / total.max(1) as f64,
+            done,
+            total,
+            unit: "grains",
+            message: format!(
+                "placing grains of {:.3} mm",
+                present.map_or(0.0, Ellipsoid::equivalent_diameter_mm)
+            ),
+            growth: None,
+        });
+    }
+}
+
+impl Search {
+    /// Counts the textbook attempts that one draw from so much volume stands for; says whether the limit is passed.
+    ///
+    /// Attempts come as often per volume as draws: one over `p`, the volume of the voxels over that of the region, per
+    /// draw. Those that missed the voxels have failed unseen. Voxels may reach beyond the region; where they are larger
+    /// than the region, not every draw is an attempt.
+    #[inline(always)]
+    fn count(&mut self, volume_mm3: f64, rng: &mut Xoshiro256PlusPlus) -> bool {
+        let Some(limit) = self.limit else {
+            self.attempts += 1;
+            return self.attempts > MOST_DRAWS;
+        };
+        let p = volume_mm3 / self.region_mm3;
+        if p < 1.0 {
+            let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
+            self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
+        } else if uniform(rng) * p >= 1.0 {
+            return false;
+        }
+        let spent = self.attempts == limit;
+        self.attempts += u64::from(!spent);
+        spent
+    }
+}

@@ -1,0 +1,314 @@
+//! Every pair of every packing again, by a formula and a search of their own.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+
+use super::*;
+use crate::control::Unattended;
+use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
+use crate::request::{Boundary, Distance};
+
+fn boxed(size_mm: [f64; 3], boundary: Boundary) -> Specimen {
+    Specimen::Box { size_mm, boundary }
+}
+
+/// Ellipsoids of diameters from `d_max` down to `d_min`, with these axis ratios.
+fn shapes(count: usize, d_max: f64, d_min: f64, ratios: [f64; 3]) -> Vec<Ellipsoid> {
+    let unit = ratios.iter().product::<f64>().cbrt();
+    let d = |i: usize| d_max * (d_min / d_max).powf(i as f64 / (count - 1) as f64);
+    (0..count).map(|i| Ellipsoid::new(ratios.map(|r| r / unit * d(i) / 2.0)).unwrap()).collect()
+}
+
+fn support(shape: &Ellipsoid, pose: &Pose, n: Vector3<f64>) -> f64 {
+    shape.semi_axes_mm().component_mul(&(pose.orientation.inverse() * n)).norm()
+}
+
+/// The largest `s(n)` found, or one that is enough: along the bisection for the root of `F'`, then at random.
+fn best_separation(a: (&Ellipsoid, &Pose), b: (&Ellipsoid, &Pose), r: Vector3<f64>, enough: f64) -> f64 {
+    let (p, q): (Matrix3<f64>, Matrix3<f64>) = (a.0.matrix_mm2(a.1), b.0.matrix_mm2(b.1));
+    let s = |n: Vector3<f64>| r.dot(&n) - support(a.0, a.1, n) - support(b.0, b.1, n);
+    let (mut low, mut high, mut best) = (0.0, 1.0, s(r.normalize()));
+    for _ in 0..50 {
+        let l = (low + high) / 2.0;
+        let n = ((1.0 - l) * p + l * q).lu().solve(&r).unwrap();
+        best = best.max(s(n.normalize()));
+        let more = (1.0 - l) * (1.0 - l) * n.dot(&(p * n)) > l * l * n.dot(&(q * n));
+        if more { low = l } else { high = l }
+    }
+    // From the normal of contact to that of the gap, by steps at random that shrink.
+    let l = (low + high) / 2.0;
+    let mut n = ((1.0 - l) * p + l * q).lu().solve(&r).unwrap().normalize();
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
+    let mut step = 0.1;
+    while step > 1e-7 && best < enough {
+        let mut gained = false;
+        for _ in 0..8 {
+            let m = (n + Vector3::from_fn(|_, _| step * (2.0 * uniform(&mut rng) - 1.0))).normalize();
+            if s(m) > s(n) {
+                (n, gained) = (m, true);
+            }
+        }
+        best = best.max(s(n));
+        step *= if gained { 1.2 } else { 0.6 };
+    }
+    best
+}
+
+/// Fails unless all gaps are kept.
+fn assert_valid(rsa: &EllipsoidRsa, poses: &[Pose]) {
+    let bounds = rsa.specimen.bounds_mm();
+    let images: Vec<Vector3<f64>> = (0..27)
+        .map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(f64::from))
+        .map(|[x, y, z]| Vector3::new(x * bounds[0], y * bounds[1], z * bounds[2]))
+        .filter(|shift| rsa.specimen.is_periodic() || shift.norm() == 0.0)
+        .collect();
+    for (i, a) in poses.iter().enumerate() {
+        let shape = &rsa.shapes[i];
+        let d_i = shape.equivalent_diameter_mm();
+        let wall = Body::new(shape, a).wall_gap_mm(rsa.specimen);
+        assert!(wall >= rsa.rule.wall_gap_mm(d_i), "{wall}");
+        for (j, b) in poses.iter().enumerate().skip(i) {
+            let other = &rsa.shapes[j];
+            let gap_mm = rsa.rule.gap_mm(d_i, other.equivalent_diameter_mm());
+            for shift in &images {
+                let r = b.center_mm + shift - a.center_mm;
+                let far = shape.semi_axes_mm().x + other.semi_axes_mm().x + gap_mm;
+                if r.norm() == 0.0 || r.norm() >= far {
+                    continue;
+                }
+                let s = best_separation((shape, a), (other, b), r, gap_mm);
+                assert!(s >= gap_mm, "{i} {j}: {s} {gap_mm}");
+            }
+        }
+    }
+}
+
+#[test]
+fn packings_keep_all_gaps_in_all_specimens() {
+    let specimens = [
+        boxed([30.0, 25.0, 20.0], Boundary::Walls),
+        boxed([30.0, 25.0, 20.0], Boundary::Periodic),
+        Specimen::Cylinder { diameter_mm: 28.0, height_mm: 24.0 },
+    ];
+    let distances = [
+        Distance::None { wall_gap_mm: None },
+        Distance::Constant { gap_mm: 0.3, wall_gap_mm: Some(0.7) },
+        Distance::Proportional { factor: 0.1, wall_gap_mm: None },
+        Distance::SmallerDiameter { factor: 0.15, wall_gap_mm: Some(0.0) },
+    ];
+    for (ratios, count, d_max) in [([1.5, 1.2, 1.0], 55, 8.0), ([4.0, 2.0, 1.0], 45, 5.0)] {
+        let shapes = shapes(count, d_max, 2.0, ratios);
+        for specimen in &specimens {
+            for distance in &distances {
+                let rsa = EllipsoidRsa {
+                    shapes: &shapes,
+                    specimen,
+                    rule: DistanceRule::new(distance, specimen),
+                    attempts_per_grain: Some(1_000_000),
+                    orientation: &uniform_orientation,
+                };
+                let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
+                let outcome = run();
+                assert_eq!(outcome.end, End::Complete, "{specimen:?} {distance:?}");
+                assert_valid(&rsa, &outcome.poses);
+                assert_eq!(outcome, run());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
+    let specimen = boxed([9.0, 10.0, 9.5], Boundary::Periodic);
+    // The longest axis is longer than every edge: the grain would meet its own image along an edge.
+    let shapes = vec![Ellipsoid::new([6.0, 1.5, 1.0]).unwrap(), Ellipsoid::new([2.0, 1.0, 1.0]).unwrap()];
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
+    let rsa = EllipsoidRsa {
+        shapes: &shapes,
+        specimen: &specimen,
+        rule,
+        attempts_per_grain: Some(100_000),
+        orientation: &uniform_orientation,
+    };
+    for seed in 0..20 {
+        let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
+        assert_eq!(outcome.end, End::Complete);
+        assert_valid(&rsa, &outcome.poses);
+    }
+    let along_an_edge = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
+    let outcome = EllipsoidRsa { orientation: &along_an_edge, ..rsa }
+        .run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended);
+    assert_eq!(outcome.end, End::InsertionFailed { saturation_proven: false, attempts: 100_000 });
+}
+
+#[test]
+fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
+    let specimen = boxed([10.0; 3], Boundary::Walls);
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
+    let run = |axes: [[f64; 3]; 2]| {
+        let shapes = axes.map(|axes| Ellipsoid::new(axes).unwrap());
+        let rsa = EllipsoidRsa {
+            shapes: &shapes,
+            specimen: &specimen,
+            rule,
+            attempts_per_grain: None,
+            orientation: &uniform_orientation,
+        };
+        rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended)
+    };
+    // Spheres of 9 mm and 8 mm in a box of 10 mm.
+    let outcome = run([[4.5; 3], [4.0; 3]]);
+    assert!(matches!(outcome.end, End::InsertionFailed { saturation_proven: true, .. }), "{:?}", outcome.end);
+    assert_eq!(outcome.poses.len(), 1);
+    // A grain that is wider than the specimen.
+    let outcome = run([[6.0; 3], [4.0; 3]]);
+    assert!(matches!(outcome.end, End::InsertionFailed { saturation_proven: true, .. }));
+    // A corner is free.
+    assert_eq!(run([[4.5; 3], [0.8; 3]]).end, End::Complete);
+}
+
+/// The law of places is that of the textbook algorithm: means and spreads of coordinates over many runs, with few
+/// attempts wasted in one and all of them counted in the other.
+#[test]
+fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
+    let specimen = boxed([10.0; 3], Boundary::Walls);
+    let shapes = shapes(6, 4.4, 3.6, [1.6, 1.2, 1.0]);
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
+    let rsa = EllipsoidRsa {
+        shapes: &shapes,
+        specimen: &specimen,
+        rule,
+        attempts_per_grain: Some(1_000_000),
+        orientation: &uniform_orientation,
+    };
+    let textbook = |rng: &mut Xoshiro256PlusPlus| {
+        let (mut poses, mut attempts): (Vec<Pose>, u64) = (Vec::new(), 0);
+        for (i, shape) in shapes.iter().enumerate() {
+            let inner = shape.semi_axes_mm().z;
+            loop {
+                attempts += 1;
+                let center_mm = Vector3::from_fn(|_, _| inner + (10.0 - 2.0 * inner) * uniform(rng));
+                let pose = Pose { center_mm, orientation: uniform_orientation(rng) };
+                let body = Body::new(shape, &pose);
+                let is_clear = |j: usize| body.with(&Body::new(&shapes[j], &poses[j])).decide(0.0).is_apart;
+                if body.wall_gap_mm(&specimen) >= 0.0 && (0..i).all(is_clear) {
+                    poses.push(pose);
+                    break;
+                }
+            }
+        }
+        (poses, attempts)
+    };
+    // Distance of the last grain from the middle, its longest axis along x, and the attempts.
+    let measure = |poses: &[Pose], attempts: u64| {
+        let last = poses.last().unwrap();
+        let long = last.orientation * Vector3::x();
+        [(last.center_mm - Vector3::from([5.0; 3])).norm(), long.x * long.x, (attempts as f64).ln()]
+    };
+    let runs = 1500;
+    let mut sums = [[[0.0_f64; 2]; 3]; 2];
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(11);
+    for _ in 0..runs {
+        let outcome = rsa.run(&mut rng, &Unattended);
+        assert_eq!(outcome.end, End::Complete);
+        let (poses, attempts) = textbook(&mut rng);
+        let both = [measure(&outcome.poses, outcome.statistics.attempts), measure(&poses, attempts)];
+        for (sum, of) in sums.iter_mut().zip(both) {
+            for (sum, x) in sum.iter_mut().zip(of) {
+                *sum = [sum[0] + x, sum[1] + x * x];
+            }
+        }
+    }
+    let count = f64::from(runs);
+    for (ours, theirs) in sums[0].iter().zip(&sums[1]) {
+        let [mean, other] = [ours, theirs].map(|sum| sum[0] / count);
+        let variance = (ours[1] + theirs[1]) / count - mean * mean - other * other;
+        let error = (variance / count).sqrt();
+        assert!((mean - other).abs() < 4.0 * error, "{mean} {other} {error}");
+    }
+}
+
+/// Spheres as ellipsoids take as many attempts as spheres.
+#[test]
+fn spheres_are_placed_as_spheres() {
+    let specimen = boxed([20.0; 3], Boundary::Walls);
+    let shapes = shapes(36, 6.0, 4.0, [1.0; 3]);
+    let diameters: Vec<f64> = shapes.iter().map(Ellipsoid::equivalent_diameter_mm).collect();
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    for seed in 0..200 {
+        let rsa = EllipsoidRsa {
+            shapes: &shapes,
+            specimen: &specimen,
+            rule,
+            attempts_per_grain: Some(10_000_000),
+            orientation: &uniform_orientation,
+        };
+        let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
+        assert_eq!(outcome.end, End::Complete);
+        ours.push((outcome.statistics.attempts as f64).ln());
+        let spheres = Rsa {
+            diameters_mm: &diameters,
+            specimen: &specimen,
+            rule,
+            attempts_per_grain: Some(10_000_000),
+            preference: None,
+        };
+        let SphereOutcome { statistics, .. } =
+            spheres.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed + 1000), &Unattended);
+        theirs.push((statistics.attempts as f64).ln());
+    }
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+    let variance = |x: &[f64]| x.iter().map(|y| (y - mean(x)).powi(2)).sum::<f64>() / x.len() as f64;
+    let error = ((variance(&ours) + variance(&theirs)) / 200.0).sqrt();
+    assert!((mean(&ours) - mean(&theirs)).abs() < 4.0 * error, "{} {}", mean(&ours), mean(&theirs));
+}
+
+#[test]
+fn orientations_are_uniform() {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
+    let count = 100_000;
+    let mut second = Matrix3::zeros();
+    let mut cubes = 0.0;
+    for _ in 0..count {
+        let q = uniform_orientation(&mut rng);
+        let axis = q * Vector3::x();
+        second += axis * axis.transpose() / f64::from(count);
+        // The angle has the density (1 - cos t) / pi: its cosine has the mean -1/2.
+        cubes += q.angle().cos() / f64::from(count);
+    }
+    assert!((second - Matrix3::identity() / 3.0).abs().max() < 0.005, "{second}");
+    assert!((cubes + 0.5).abs() < 0.01, "{cubes}");
+}
+
+#[test]
+fn a_stop_is_obeyed_and_progress_reported() {
+    struct Stops(AtomicU64);
+    impl Control for Stops {
+        fn report(&self, progress: &Progress) {
+            assert_eq!((progress.phase, progress.unit), (Phase::Rsa, "grains"));
+            assert!((0.0..=1.0).contains(&progress.fraction));
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+        fn should_stop(&self) -> bool {
+            self.0.load(Ordering::Relaxed) >= 3
+        }
+    }
+    let specimen = boxed([10.0; 3], Boundary::Walls);
+    let shapes = shapes(40, 5.0, 4.0, [2.0, 1.5, 1.0]);
+    let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
+    let rsa = EllipsoidRsa {
+        shapes: &shapes,
+        specimen: &specimen,
+        rule,
+        attempts_per_grain: None,
+        orientation: &uniform_orientation,
+    };
+    let control = Stops(AtomicU64::new(0));
+    let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &control);
+    assert_eq!(outcome.end, End::Stopped);
+    assert!(outcome.poses.len() < shapes.len());
+}

@@ -1,0 +1,181 @@
+//! What may be left for centres: voxels that no single exclusion ellipsoid covers.
+//!
+//! A point drawn uniformly from the voxels and kept if it is free is uniform in the free space, for the voxels always
+//! hold all of it. Which voxels are dropped or split depends on failed draws alone, so that the law of accepted points
+//! stays.
+
+use rand::rand_core::Rng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::grid::{Grid, Inserted};
+use crate::gap::linear::Vector;
+use crate::memory::{OutOfMemory, make_room};
+use crate::rng::uniform;
+use crate::specimen::Region;
+
+/// Deepest level: a cell's edge over 2^20. What is left there counts as a voxel for good.
+const MOST_LEVELS: usize = 20;
+
+/// A voxel of some level: its cell, and its place in the cell in units of its own edge.
+#[derive(Clone, Copy, Debug)]
+struct Voxel {
+    cell: u32,
+    at: [u32; 3],
+}
+
+/// A point that was drawn, and where.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Draw {
+    pub(super) point: Vector,
+    pub(super) cell: usize,
+    level: usize,
+    index: usize,
+    center: Vector,
+    radius_mm: f64,
+}
+
+/// The voxels of a stage by level.
+#[derive(Debug)]
+pub(super) struct Voxels {
+    levels: Vec<Vec<Voxel>>,
+    region: Region,
+    cell_mm3: f64,
+}
+
+impl Voxels {
+    /// All of the region that is not covered, down to a level of subdivision.
+    pub(super) fn new(
+        region: Region,
+        level: usize,
+        grid: &Grid,
+        inserted: &[Inserted],
+        tested: &mut u64,
+    ) -> Result<Self, OutOfMemory> {
+        let mut voxels =
+            Self { levels: vec![Vec::new(); MOST_LEVELS + 1], region, cell_mm3: grid.edge.iter().product() };
+        for cell in 0..grid.counts.iter().product() {
+            voxels.keep(Voxel { cell: cell as u32, at: [0; 3] }, 0, level, grid, inserted, tested)?;
+        }
+        Ok(voxels)
+    }
+
+    /// Keeps what is left of a voxel at a level of subdivision, in voxels of a deeper one.
+    fn keep(
+        &mut self,
+        voxel: Voxel,
+        level: usize,
+        upto: usize,
+        grid: &Grid,
+        inserted: &[Inserted],
+        tested: &mut u64,
+    ) -> Result<(), OutOfMemory> {
+        let (corner, edge) = place(&voxel, level, grid);
+        let half = edge.map(|e| e / 2.0);
+        let center = std::array::from_fn(|a| corner[a] + half[a]);
+        *tested += 1;
+        if self.region.misses_cuboid(center, half)
+            || grid.covering_ball(voxel.cell as usize, center, length(half), inserted).is_some()
+        {
+            return Ok(());
+        }
+        if level == upto {
+            make_room(&mut self.levels[level], 1)?;
+            self.levels[level].push(voxel);
+            return Ok(());
+        }
+        self.keep_parts(voxel, level, upto, grid, inserted, tested)
+    }
+
+    fn keep_parts(
+        &mut self,
+        voxel: Voxel,
+        level: usize,
+        upto: usize,
+        grid: &Grid,
+        inserted: &[Inserted],
+        tested: &mut u64,
+    ) -> Result<(), OutOfMemory> {
+        for part in 0..8 {
+            let at = std::array::from_fn(|a| 2 * voxel.at[a] + (part >> a & 1));
+            self.keep(Voxel { cell: voxel.cell, at }, level + 1, upto, grid, inserted, tested)?;
+        }
+        Ok(())
+    }
+
+    /// Volume of the voxels in mm³.
+    #[inline(always)]
+    pub(super) fn volume_mm3(&self) -> f64 {
+        let mut volume = 0.0;
+        for level in self.levels.iter().rev() {
+            volume = volume / 8.0 + level.len() as f64;
+        }
+        volume * self.cell_mm3
+    }
+
+    /// A uniform point of the voxels, which is in the region or not; `None` when nothing is left.
+    #[inline(always)]
+    pub(super) fn draw(&self, grid: &Grid, rng: &mut Xoshiro256PlusPlus) -> Option<Draw> {
+        let mut left = uniform(rng) * self.volume_mm3() / self.cell_mm3;
+        let (mut chosen, mut weight) = (None, 1.0);
+        for (level, voxels) in self.levels.iter().enumerate() {
+            if !voxels.is_empty() {
+                chosen = Some(level);
+                left -= voxels.len() as f64 * weight;
+                if left < 0.0 {
+                    break;
+                }
+            }
+            weight /= 8.0;
+        }
+        let level = chosen?;
+        let index = ((u128::from(rng.next_u64()) * self.levels[level].len() as u128) >> 64) as usize;
+        let voxel = self.levels[level][index];
+        let (corner, edge) = place(&voxel, level, grid);
+        Some(Draw {
+            point: std::array::from_fn(|a| corner[a] + uniform(rng) * edge[a]),
+            cell: voxel.cell as usize,
+            level,
+            index,
+            center: std::array::from_fn(|a| corner[a] + edge[a] / 2.0),
+            radius_mm: length(edge.map(|e| e / 2.0)),
+        })
+    }
+
+    /// Drops the voxel of a draw if one exclusion covers it; says whether.
+    pub(super) fn drop_if_covered(&mut self, draw: &Draw, by: &Inserted, shift: Vector) -> bool {
+        let is_covered = by.covers(shift, draw.center, draw.radius_mm);
+        if is_covered {
+            self.levels[draw.level].swap_remove(draw.index);
+        }
+        is_covered
+    }
+
+    /// Splits the voxel of a draw into what is left of its eight parts.
+    pub(super) fn split(
+        &mut self,
+        draw: &Draw,
+        grid: &Grid,
+        inserted: &[Inserted],
+        tested: &mut u64,
+    ) -> Result<(), OutOfMemory> {
+        if draw.level == MOST_LEVELS {
+            return Ok(());
+        }
+        let voxel = self.levels[draw.level].swap_remove(draw.index);
+        self.keep_parts(voxel, draw.level, draw.level + 1, grid, inserted, tested)
+    }
+}
+
+/// Lower corner and edges of a voxel.
+#[inline(always)]
+fn place(voxel: &Voxel, level: usize, grid: &Grid) -> (Vector, Vector) {
+    let scale = 1.0 / (1_u64 << level) as f64;
+    let corner = grid.corner(voxel.cell as usize);
+    let edge = grid.edge.map(|e| e * scale);
+    (std::array::from_fn(|a| corner[a] + f64::from(voxel.at[a]) * edge[a]), edge)
+}
+
+#[inline(always)]
+fn length(v: Vector) -> f64 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
