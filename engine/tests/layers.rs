@@ -159,7 +159,14 @@ fn the_check_uses_nothing_of_what_makes_packings() {
             assert!(is_allowed, "{}: crate::{path}", file.display());
         }
         // Of a shape and its pose the check reads the stored numbers alone.
-        for method in ["rotation()", "matrix_mm2(", "equivalent_diameter_mm(", "volume_mm3()", "sieve_mm("] {
+        for method in [
+            "rotation()",
+            "matrix_mm2(",
+            "equivalent_diameter_mm(",
+            "volume_mm3()",
+            "sieve_size_mm(",
+            "support_mm(",
+        ] {
             assert!(!code(&file).contains(&format!(".{method}")), "{}: {method}", file.display());
         }
     }

@@ -1,9 +1,9 @@
 //! An ellipsoid as the check sees it: axes, support function and rounding errors from the stored numbers alone.
 //!
 //! With the centre `x`, the semi-axes `a_k` and the columns `R_k` of the rotation of the stored quaternion `q`, divided
-//! by `|q|^2`, the support function is `h(n) = |v|`, `v_k = a_k R_k . n`. It is evaluated in this form, in which rounding
-//! costs at most 46 units (`2^-53`) of `a |n|`: 20 of each column, 4 of the products, times `sqrt 3` for three axes, and 3
-//! of the norm. The form `sqrt(n . A n)` would lose the square of the ratio of the axes.
+//! by `|q|^2`, the support function is `h(n) = |v|`, `v_k = a_k R_k . n`. It is evaluated in this form, in which
+//! rounding costs at most 46 units (`2^-53`) of `a |n|`: 20 of each column, 4 of the products, times `sqrt 3` for three
+//! axes, and 3 of the norm. The form `sqrt(n . A n)` would lose the square of the ratio of the axes.
 
 use nalgebra::{Matrix3, Quaternion, Vector3};
 

@@ -280,8 +280,8 @@ fn spheres_give_the_figures_of_the_sphere_check() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
-    /// Pairs anywhere, of any ratio up to 10:1: the check agrees with the largest `s` of many directions on whether they
-    /// overlap, and on how far apart they are where they do not.
+    /// Pairs anywhere, of any ratio up to 10:1: the check agrees with the largest `s` of many directions on whether
+    /// they overlap, and on how far apart they are where they do not.
     #[test]
     fn random_pairs_are_judged_as_by_brute_force(
         seed in 0_u64..1_000_000_000, size in 0.3..3.0_f64, ratio in 1.0..10.0_f64, near in 0.2..1.5_f64,
@@ -353,7 +353,8 @@ proptest! {
     /// The farthest point from the axis of a cylinder, against many points of the surface.
     #[test]
     fn walls_are_judged_as_by_brute_force(
-        seed in 0_u64..1_000_000_000, ratio in 1.0..10.0_f64, size in 0.2..15.9_f64, place in 0.0..1.0_f64, kind in 0..2_u64,
+        seed in 0_u64..1_000_000_000, ratio in 1.0..10.0_f64, size in 0.2..15.9_f64, place in 0.0..1.0_f64,
+        kind in 0..2_u64,
     ) {
         let mut rng = stream(seed, Stream::Sampling);
         let shape = ellipsoid(&mut rng, size, ratio);

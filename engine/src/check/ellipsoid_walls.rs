@@ -1,8 +1,8 @@
 //! Ellipsoids and walls: planes by the support function, the lateral surface of a cylinder by the farthest point from
 //! its axis.
 //!
-//! Seen along the axis of the cylinder, the ellipsoid is the ellipse `c + L u`, `|u| <= 1`, where `c` leads from the axis
-//! to the centre and `P = L L^T` is the upper left block of the shape matrix. For every `l` above the larger
+//! Seen along the axis of the cylinder, the ellipsoid is the ellipse `c + L u`, `|u| <= 1`, where `c` leads from the
+//! axis to the centre and `P = L L^T` is the upper left block of the shape matrix. For every `l` above the larger
 //! eigenvalue of `P`, weak duality gives
 //!
 //! ```text

@@ -211,7 +211,8 @@ fn check_cumulative(classes: &[ClassReport], largest: &[f64], rounding: f64) -> 
         allowed = if class.grains > 0 { largest } else { allowed - class.target_volume_mm3 };
         if excess < -rounding || excess > allowed + rounding {
             return Err(format!(
-                "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} mm3",
+                "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} \
+                 mm3",
                 class.d_min_mm
             ));
         }

@@ -182,8 +182,8 @@ pub fn check_ellipsoids(
     })
 }
 
-/// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than `closer_than_mm`,
-/// in the order of their rows.
+/// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than
+/// `closer_than_mm`, in the order of their rows.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`]. The grading is not looked at.
