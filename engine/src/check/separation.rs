@@ -5,10 +5,10 @@
 //! minus the depth.
 //!
 //! Directions: the line of the centres; two steps on the contact function of Perram and Wertheim 1985
-//! ([doi:10.1016/0021-9991(85)90171-8](https://doi.org/10.1016/0021-9991(85)90171-8)), `n = C^-1 r` with `C = (1 - l) A
-//! + l B`; Newton steps on the unit sphere, with the gradient `r - A n / h_A - B n / h_B`. Before a pair is refused,
-//! the zero in `l` of `(1 - l) h_A - l h_B`, at which the scaled bodies touch, is found by bisection, and the Newton
-//! steps start from there: for disjoint bodies `s` is positive there, and `s` has one maximum.
+//! ([doi:10.1016/0021-9991(85)90171-8](https://doi.org/10.1016/0021-9991%2885%2990171-8)), `n = C^-1 r` with the matrix
+//! `C = (1 - l) A + l B`; Newton steps on the unit sphere, with the gradient `r - A n / h_A - B n / h_B`. Before a pair
+//! is refused, the zero in `l` of `(1 - l) h_A - l h_B`, at which the scaled bodies touch, is found by bisection, and
+//! the Newton steps start from there: for disjoint bodies `s` is positive there, and `s` has one maximum.
 //!
 //! Decision: floating point where `s` is clear of `g` by [`ERROR`] times the lengths involved, else double-double
 //! arithmetic, in which `n` is improved too.
