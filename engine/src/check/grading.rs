@@ -6,37 +6,94 @@
 //! volume above any sieve exceeds what the curve asks for by less than the last grain sampled. That is checked at
 //! every sieve; an explicit list must come back as it was.
 //!
+//! The size of a grain that is not a sphere is that of its sieve, or the diameter of the sphere of its volume; its
+//! volume is its own in either case, so that the curve holds by mass.
+//!
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
 //! ([`crate::mix::sampling`]); the table of the standard curves is data that both read.
 
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
 
-use crate::packing::{ClassReport, Spheres};
+use crate::packing::ClassReport;
 use crate::request::standard;
 use crate::request::{Grading, Mix, PackingRequest, Specimen, VolumeFractionOf};
 
 /// Sums of millions of volumes agree to this.
 const ROUNDING: f64 = 1.0e-9;
+/// Largest relative error of a size that was computed from the dimensions of a body.
+const SIZE_ROUNDING: f64 = 1.0e-12;
 /// Principal sizes of ISO 565 that concrete laboratories use, in mm.
 const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
 
+/// Sizes and volumes of the grains of a packing.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Grains<'a> {
+    /// Spheres by their diameters.
+    Spheres(&'a [f64]),
+    /// Other bodies by size and volume. The size was computed from the dimensions of the body, which were computed
+    /// from the size that was sampled: it is known within [`SIZE_ROUNDING`].
+    Bodies(&'a [(f64, f64)]),
+}
+
+impl Grains<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Spheres(d) => d.len(),
+            Self::Bodies(grains) => grains.len(),
+        }
+    }
+
+    /// Size in mm and volume in mm³.
+    fn get(&self, row: usize) -> (f64, f64) {
+        match self {
+            Self::Spheres(d) => (d[row], volume_mm3(d[row])),
+            Self::Bodies(grains) => grains[row],
+        }
+    }
+
+    /// Largest relative error of the sizes.
+    fn size_error(&self) -> f64 {
+        match self {
+            Self::Spheres(_) => 0.0,
+            Self::Bodies(_) => SIZE_ROUNDING,
+        }
+    }
+}
+
 /// The classes from fine to coarse, and the largest miss of one as a share of the volume of all grains.
-pub(super) fn check(spheres: &Spheres, request: &PackingRequest) -> Result<(Vec<ClassReport>, f64), String> {
+pub(super) fn check(grains: Grains<'_>, request: &PackingRequest) -> Result<(Vec<ClassReport>, f64), String> {
     let (mut classes, list) = asked(&request.mix, specimen_volume_mm3(&request.specimen));
     let (d_min, d_max) = bounds_mm(&classes);
-    for (row, &d) in spheres.d_mm.iter().enumerate() {
-        if d < d_min || d > d_max {
+    let error = grains.size_error();
+    // Largest grain that a class may hold: the overshoot of the last one.
+    let mut largest: Vec<f64> = match grains {
+        Grains::Spheres(_) => classes.iter().map(|class| volume_mm3(class.d_max_mm)).collect(),
+        Grains::Bodies(_) => vec![0.0; classes.len()],
+    };
+    for row in 0..grains.len() {
+        let (d, volume_mm3) = grains.get(row);
+        if d < d_min * (1.0 - error) || d > d_max * (1.0 + error) {
             return Err(format!("grain {row} of {d} mm lies outside {d_min}..{d_max} mm"));
         }
-        add(&mut classes, d, |class| {
+        if let Some(index) = class_of(&classes, d * (1.0 - error)) {
+            let class = &mut classes[index];
             class.grains += 1;
-            &mut class.volume_mm3
-        });
+            class.volume_mm3 += volume_mm3;
+            largest[index] = largest[index].max(volume_mm3);
+        }
     }
     let all: f64 = classes.iter().map(|c| c.volume_mm3).sum();
     match &list {
-        Some(list) => check_list(&spheres.d_mm, list)?,
-        None => check_cumulative(&classes, ROUNDING * all.max(1.0))?,
+        Some(list) => {
+            check_list(grains, list)?;
+            if let Grains::Bodies(_) = grains {
+                // A list names sizes; their volumes are those of the bodies.
+                for class in &mut classes {
+                    class.target_volume_mm3 = class.volume_mm3;
+                }
+            }
+        }
+        None => check_cumulative(&classes, &largest, ROUNDING * all.max(1.0))?,
     }
     let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs() / all;
     let worst = classes.iter().map(miss).fold(0.0, f64::max);
@@ -59,13 +116,9 @@ fn bounds_mm(classes: &[ClassReport]) -> (f64, f64) {
     (classes.first().map_or(0.0, |c| c.d_min_mm), classes.last().map_or(0.0, |c| c.d_max_mm))
 }
 
-/// Adds a grain to the class that holds its diameter: the finest whose upper sieve lets it pass.
-fn add(classes: &mut [ClassReport], d: f64, volume_of: impl Fn(&mut ClassReport) -> &mut f64) {
-    let last = classes.len().saturating_sub(1);
-    let class = classes.iter().position(|c| d <= c.d_max_mm).unwrap_or(last);
-    if let Some(class) = classes.get_mut(class) {
-        *volume_of(class) += volume_mm3(d);
-    }
+/// The class that holds a size: the finest whose upper sieve lets it pass.
+fn class_of(classes: &[ClassReport], d: f64) -> Option<usize> {
+    classes.iter().position(|c| d <= c.d_max_mm).or(classes.len().checked_sub(1))
 }
 
 /// The classes of a mix with the volumes that it asks for, and its diameters from the coarsest down where it lists
@@ -78,7 +131,9 @@ fn asked(mix: &Mix, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f
         let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
         let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
         for &d in &list {
-            add(&mut classes, d, |class| &mut class.target_volume_mm3);
+            if let Some(index) = class_of(&classes, d) {
+                classes[index].target_volume_mm3 += volume_mm3(d);
+            }
         }
         return (classes, Some(list));
     }
@@ -135,27 +190,29 @@ fn between_sieves((low, high): (f64, f64)) -> impl Iterator<Item = (f64, f64)> {
     std::iter::once(low).chain(inner).zip(upper)
 }
 
-fn check_list(found: &[f64], list: &[f64]) -> Result<(), String> {
-    let mut found = found.to_vec();
+fn check_list(grains: Grains<'_>, list: &[f64]) -> Result<(), String> {
+    let mut found: Vec<f64> = (0..grains.len()).map(|row| grains.get(row).0).collect();
     found.sort_unstable_by(|a, b| b.total_cmp(a));
     if found.len() != list.len() {
         return Err(format!("{} grains instead of {}", found.len(), list.len()));
     }
-    match found.iter().zip(list).find(|(a, b)| a != b) {
+    let error = grains.size_error();
+    match found.iter().zip(list).find(|&(a, b)| (a - b).abs() > error * b) {
         Some((a, b)) => Err(format!("a grain of {a} mm instead of {b} mm")),
         None => Ok(()),
     }
 }
 
-fn check_cumulative(classes: &[ClassReport], rounding: f64) -> Result<(), String> {
+/// Compares the volume above each sieve with what the curve asks for; `largest` are the largest grains of the classes.
+fn check_cumulative(classes: &[ClassReport], largest: &[f64], rounding: f64) -> Result<(), String> {
     let (mut excess, mut allowed) = (0.0, 0.0);
-    for class in classes.iter().rev() {
+    for (class, &largest) in classes.iter().zip(largest).rev() {
         excess += class.volume_mm3 - class.target_volume_mm3;
-        allowed =
-            if class.grains > 0 { volume_mm3(class.d_max_mm) } else { allowed - class.target_volume_mm3 };
+        allowed = if class.grains > 0 { largest } else { allowed - class.target_volume_mm3 };
         if excess < -rounding || excess > allowed + rounding {
             return Err(format!(
-                "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} mm3",
+                "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} \
+                 mm3",
                 class.d_min_mm
             ));
         }

@@ -7,6 +7,10 @@
 //! nothing of the packing methods, their distance rule or their specimen geometry; `tests/layers.rs` holds that. A
 //! packing that fails here is never returned. Costs O(N).
 //!
+//! Of bodies that are not spheres, [`check_ellipsoids`] requires that their surfaces keep the gap of the diameters of
+//! equal volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`), which
+//! [`certify_ellipsoids`] returns for anyone to evaluate again.
+//!
 //! ```
 //! use packstone_engine::{PackingRequest, Spheres, check::check};
 //! use serde_json::json;
@@ -28,8 +32,13 @@
 // Forced inlining carries the instruction set of the loop over pairs to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]
 
+mod double_double;
+mod ellipsoid;
+mod ellipsoid_walls;
+mod ellipsoids;
 mod grading;
 mod required;
+mod separation;
 mod table;
 
 use nalgebra::Vector3;
@@ -39,6 +48,8 @@ use crate::cpu::Cpu;
 use crate::memory::OutOfMemory;
 use crate::packing::{CheckReport, ClassReport, Spheres};
 use crate::request::PackingRequest;
+use crate::shape::{Ellipsoid, Pose};
+use grading::Grains;
 use required::Required;
 use table::{Grain, Table};
 
@@ -60,6 +71,12 @@ pub enum Fault {
     /// A coordinate or a diameter is no number, or a diameter is not positive.
     #[error("grain {grain} has a coordinate that is no number, or no positive diameter")]
     NotANumber {
+        /// Row of the grain.
+        grain: usize,
+    },
+    /// The semi-axes, the position and the quaternion of a grain describe no body.
+    #[error("the dimensions, the position or the orientation of grain {grain} describe no body")]
+    NotABody {
         /// Row of the grain.
         grain: usize,
     },
@@ -107,6 +124,81 @@ impl From<OutOfMemory> for Fault {
     }
 }
 
+/// What the sizes of a grading mean for a grain that is not a sphere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GrainSize {
+    /// The smallest square opening that the grain passes; of an ellipsoid `sqrt(2 (b² + c²))`.
+    Sieve,
+    /// The diameter of the sphere of equal volume.
+    Equivalent,
+}
+
+/// A direction that shows how far apart two grains lie.
+///
+/// With the centres `x`, the support functions `h` and `r = x_second + image * period - x_first`, the distance of the
+/// grains is at least `s(n) = (r . n) / |n| - h_first(n / |n|) - h_second(-n / |n|)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeparationCertificate {
+    /// Row of one grain.
+    pub first: usize,
+    /// Row of the other, or the same where it meets its own periodic image.
+    pub second: usize,
+    /// Periods by which the second grain is moved.
+    pub image: [i32; 3],
+    /// The direction `n` from the first grain to the second; its length is 1 within rounding.
+    pub normal: [f64; 3],
+    /// `s(n)` in mm, the gap of the pair within rounding.
+    pub separation_mm: f64,
+    /// Gap that the rule demands, in mm.
+    pub required_mm: f64,
+}
+
+/// Checks a packing of ellipsoids against its request. Shape and pose of a grain have the same index.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_ellipsoids(
+    shapes: &[Ellipsoid],
+    poses: &[Pose],
+    request: &PackingRequest,
+    size: GrainSize,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let packing = ellipsoids::Packing::new(shapes, poses, request)?;
+    let min_wall_gap_mm = packing.check_walls()?;
+    let pairs = packing.check_pairs(control)?;
+    let grains = ellipsoids::sizes(shapes, size)?;
+    let (classes, max_class_mass_error) =
+        grading::check(Grains::Bodies(&grains), request).map_err(Fault::Grading)?;
+    Ok(Check {
+        found: CheckReport {
+            min_gap_mm: pairs.min_gap_mm,
+            min_wall_gap_mm,
+            min_excess_gap_mm: pairs.min_excess_gap_mm,
+            max_class_mass_error,
+            pairs_checked: pairs.checked,
+        },
+        classes,
+    })
+}
+
+/// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than
+/// `closer_than_mm`, in the order of their rows.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`]. The grading is not looked at.
+pub fn certify_ellipsoids(
+    shapes: &[Ellipsoid],
+    poses: &[Pose],
+    request: &PackingRequest,
+    closer_than_mm: f64,
+    control: &dyn Control,
+) -> Result<Vec<SeparationCertificate>, Fault> {
+    let packing = ellipsoids::Packing::new(shapes, poses, request)?;
+    packing.check_walls()?;
+    packing.certificates(closer_than_mm, control)
+}
+
 /// Checks a packing against its request.
 ///
 /// # Errors
@@ -138,7 +230,8 @@ pub fn check_with(
     let required = Required::new(request.distance, request.specimen);
     let min_wall_gap_mm = check_walls(spheres, &required)?;
     let pairs = check_pairs(spheres, &required, control)?;
-    let (classes, max_class_mass_error) = grading::check(spheres, request).map_err(Fault::Grading)?;
+    let (classes, max_class_mass_error) =
+        grading::check(Grains::Spheres(&spheres.d_mm), request).map_err(Fault::Grading)?;
     Ok(Check {
         found: CheckReport {
             min_gap_mm: pairs.min_gap_mm,
@@ -290,5 +383,7 @@ fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
     Ok(pairs)
 }
 
+#[cfg(test)]
+mod ellipsoid_tests;
 #[cfg(test)]
 mod tests;
