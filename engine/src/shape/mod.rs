@@ -2,8 +2,11 @@
 //!
 //! A shape knows its volume, its sieve size and its support function; it knows neither specimens nor packings.
 
+mod carlson;
 mod ellipsoid;
+mod form;
 mod pose;
 
 pub use ellipsoid::Ellipsoid;
+pub use form::{Form, SizeMeasure, Zingg};
 pub use pose::Pose;
