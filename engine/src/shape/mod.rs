@@ -5,8 +5,16 @@
 mod carlson;
 mod ellipsoid;
 mod form;
+mod indices;
 mod pose;
+mod quantile;
+pub mod ratios;
+mod sampler;
+mod target;
 
 pub use ellipsoid::Ellipsoid;
 pub use form::{Form, SizeMeasure, Zingg};
+pub use indices::{BodyAxis, flakiness_index, orientation_tensor, shape_index};
 pub use pose::Pose;
+pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};
+pub use sampler::RatioSampler;
