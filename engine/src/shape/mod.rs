@@ -2,8 +2,19 @@
 //!
 //! A shape knows its volume, its sieve size and its support function; it knows neither specimens nor packings.
 
+mod carlson;
 mod ellipsoid;
+mod form;
+mod indices;
 mod pose;
+mod quantile;
+pub mod ratios;
+mod sampler;
+mod target;
 
 pub use ellipsoid::Ellipsoid;
+pub use form::{Form, SizeMeasure, Zingg};
+pub use indices::{BodyAxis, flakiness_index, orientation_tensor, shape_index};
 pub use pose::Pose;
+pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};
+pub use sampler::RatioSampler;

@@ -1,0 +1,139 @@
+//! Figures of a set of grains: flakiness index, shape index, orientation tensor.
+
+use nalgebra::Matrix3;
+
+use super::{Ellipsoid, Pose};
+
+/// Particle size fractions `d_i/D_i` of EN 933-3:2012, table 1, with the width of the slots, `D_i/2` as rounded there;
+/// in mm.
+pub(super) const FLAKINESS_FRACTIONS_MM: [[f64; 3]; 14] = [
+    [4.0, 5.0, 2.5],
+    [5.0, 6.3, 3.15],
+    [6.3, 8.0, 4.0],
+    [8.0, 10.0, 5.0],
+    [10.0, 12.5, 6.3],
+    [12.5, 16.0, 8.0],
+    [16.0, 20.0, 10.0],
+    [20.0, 25.0, 12.5],
+    [25.0, 31.5, 16.0],
+    [31.5, 40.0, 20.0],
+    [40.0, 50.0, 25.0],
+    [50.0, 63.0, 31.5],
+    [63.0, 80.0, 40.0],
+    [80.0, 100.0, 50.0],
+];
+/// Sizes that EN 933-4:2008 applies to, in mm.
+const SHAPE_INDEX_RANGE_MM: [f64; 2] = [4.0, 63.0];
+/// Length over thickness above which EN 933-4 calls a grain non-cubical.
+pub(super) const NON_CUBICAL: f64 = 3.0;
+
+/// Whether a grain passes the slots of its fraction in EN 933-3; `None` where it lies in none.
+///
+/// A grain passes a slot that is wider than its thickness `2c`.
+fn is_flaky(grain: &Ellipsoid) -> Option<bool> {
+    let size = grain.sieve_size_mm();
+    let fraction = FLAKINESS_FRACTIONS_MM.iter().find(|[low, high, _]| *low < size && size <= *high)?;
+    Some(2.0 * grain.semi_axes_mm().z < fraction[2])
+}
+
+fn is_non_cubical(grain: &Ellipsoid) -> Option<bool> {
+    let [low, high] = SHAPE_INDEX_RANGE_MM;
+    let size = grain.sieve_size_mm();
+    (low < size && size <= high).then(|| grain.length_over_thickness() > NON_CUBICAL)
+}
+
+/// Share of the volume of the grains for which `judge` is true, of all for which it is something.
+fn share(grains: &[Ellipsoid], judge: fn(&Ellipsoid) -> Option<bool>) -> Option<f64> {
+    let (mut of, mut all) = (0.0, 0.0);
+    for grain in grains {
+        if let Some(counts) = judge(grain) {
+            let volume = grain.volume_mm3();
+            all += volume;
+            of += if counts { volume } else { 0.0 };
+        }
+    }
+    (all > 0.0).then(|| of / all)
+}
+
+/// Flakiness index of EN 933-3, 0 to 1: the share of the mass of the grains from 4 to 100 mm by sieve size that pass
+/// slots of half the upper sieve of their fraction. `None` where there are no such grains.
+#[must_use]
+pub fn flakiness_index(grains: &[Ellipsoid]) -> Option<f64> {
+    share(grains, is_flaky)
+}
+
+/// Shape index of EN 933-4, 0 to 1: the share of the mass of the grains from 4 to 63 mm by sieve size that are more
+/// than three times as long as thick. `None` where there are no such grains.
+#[must_use]
+pub fn shape_index(grains: &[Ellipsoid]) -> Option<f64> {
+    share(grains, is_non_cubical)
+}
+
+/// An axis of a grain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BodyAxis {
+    /// The longest, along x of the body.
+    Long,
+    /// The middle one, along y of the body.
+    Middle,
+    /// The shortest, along z of the body.
+    Short,
+}
+
+/// Orientation tensor: the mean of `n nᵀ` over the poses, where `n` is an axis of the body in the frame of the
+/// specimen. Its trace is 1; without a preferred direction it is a third of the unit tensor. `None` without poses.
+#[must_use]
+pub fn orientation_tensor(poses: &[Pose], axis: BodyAxis) -> Option<Matrix3<f64>> {
+    let mut sum = Matrix3::zeros();
+    for pose in poses {
+        let rotation = pose.rotation();
+        let direction = rotation.column(axis as usize);
+        sum += direction * direction.transpose();
+    }
+    (!poses.is_empty()).then(|| sum / poses.len() as f64)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::shape::Form;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    fn grain(size: f64, flatness: f64) -> Ellipsoid {
+        Ellipsoid::with_sieve_size(size, Form { elongation: 0.5, flatness }).unwrap()
+    }
+
+    #[test]
+    fn flaky_is_what_passes_half_the_upper_sieve() {
+        // Certain below 0.378, none above 0.493 in fractions 1 : 1.25.
+        for size in [4.01, 4.9, 8.01, 9.9, 16.01, 80.01] {
+            assert_eq!(is_flaky(&grain(size, 0.377)), Some(true), "{size}");
+            assert_eq!(is_flaky(&grain(size, 0.494)), Some(false), "{size}");
+        }
+        assert_eq!(is_flaky(&grain(4.1, 0.45)), Some(true));
+        assert_eq!(is_flaky(&grain(4.9, 0.45)), Some(false));
+        assert_eq!((is_flaky(&grain(3.9, 0.3)), is_flaky(&grain(101.0, 0.3))), (None, None));
+    }
+
+    #[test]
+    fn indices_are_shares_of_the_mass() {
+        let (flaky, round) = (grain(5.0, 0.3), grain(10.0, 1.0));
+        let share = flaky.volume_mm3() / (flaky.volume_mm3() + round.volume_mm3());
+        assert_eq!(flakiness_index(&[flaky, round, grain(2.0, 0.3)]), Some(share));
+        // a/c is 6.7 and 2.
+        assert_eq!(shape_index(&[flaky, round, grain(70.0, 0.3)]), Some(share));
+        assert_eq!((flakiness_index(&[]), shape_index(&[grain(2.0, 0.3)])), (None, None));
+    }
+
+    #[test]
+    fn the_orientation_tensor_follows_the_axes() {
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+        let poses = [Pose::at(Vector3::zeros()), Pose { orientation: turned, ..Pose::at(Vector3::zeros()) }];
+        let long = orientation_tensor(&poses, BodyAxis::Long).unwrap();
+        assert!((long - Matrix3::from_diagonal(&Vector3::new(0.5, 0.5, 0.0))).norm() < 1e-15, "{long}");
+        let short = orientation_tensor(&poses, BodyAxis::Short).unwrap();
+        assert!((short - Matrix3::from_diagonal(&Vector3::z())).norm() < 1e-15, "{short}");
+        assert_eq!(orientation_tensor(&[], BodyAxis::Long), None);
+    }
+}
