@@ -251,11 +251,11 @@ fn spheres_give_the_figures_of_the_sphere_check() {
             "mix": {"grading": {"type": "standard", "name": "B8"}, "volume_fraction": 0.3, "allow_coarse": true}});
         let request = PackingRequest::from_json(&value, kind).unwrap();
         let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-        let expected = check(&packing.spheres, &request).unwrap();
-        let grains: Vec<Grain> = (0..packing.spheres.len())
+        let expected = check(packing.spheres().unwrap(), &request).unwrap();
+        let grains: Vec<Grain> = (0..packing.spheres().unwrap().len())
             .map(|row| {
-                let center_mm = packing.spheres.center(row).into();
-                let shape = Ellipsoid::new([0.5 * packing.spheres.d_mm[row]; 3]).unwrap();
+                let center_mm = packing.spheres().unwrap().center(row).into();
+                let shape = Ellipsoid::new([0.5 * packing.spheres().unwrap().d_mm[row]; 3]).unwrap();
                 (shape, Pose { center_mm, orientation: orientation(&mut rng) })
             })
             .collect();

@@ -150,13 +150,6 @@ impl Ellipsoid {
         self.volume_mm3() / 5.0 * (Vector3::repeat(squares.sum()) - squares)
     }
 
-    /// Side `D_s = sqrt(2 (b² + c²))` of the smallest square opening that the ellipsoid passes, in mm.
-    #[must_use]
-    pub fn sieve_size_mm(&self) -> f64 {
-        let [_, b, c]: [f64; 3] = self.semi_axes_mm.into();
-        (2.0 * (b * b + c * c)).sqrt()
-    }
-
     /// The shape matrix `A = R diag(a², b², c²) Rᵀ` in mm²: the support function along `n` is `sqrt(n · A n)`.
     #[must_use]
     pub fn matrix_mm2(&self, pose: &Pose) -> Matrix3<f64> {
