@@ -10,6 +10,7 @@ mod provenance;
 #[cfg(feature = "openapi")]
 mod schema;
 pub mod slice;
+mod solids;
 mod steps;
 pub mod tables;
 pub mod voxels;
@@ -59,9 +60,7 @@ impl<'a> Model<'a> {
     /// [`ExportError::Unavailable`] where the grains are not spheres; the text names the export.
     pub(crate) fn of_spheres(&self, export: &str) -> Result<SphereModel<'a>, ExportError> {
         match self.grains {
-            GrainsRef::Spheres(spheres) => {
-                Ok(SphereModel { specimen: self.specimen, spheres, provenance: self.provenance })
-            }
+            GrainsRef::Spheres(spheres) => Ok(SphereModel { specimen: self.specimen, spheres }),
             GrainsRef::Ellipsoids(_) => Err(ExportError::Unavailable(format!(
                 "{export} cannot be made of ellipsoids yet: the tables of the result (json, csv, npy, vtp) can"
             ))),
@@ -76,8 +75,6 @@ pub(crate) struct SphereModel<'a> {
     pub(crate) specimen: &'a Specimen,
     /// The grains, largest first; none overlaps another or leaves the region.
     pub(crate) spheres: &'a Spheres,
-    /// Where it comes from; VTK files state it.
-    pub(crate) provenance: Option<&'a Provenance>,
 }
 
 /// Why something was not made of a packing.

@@ -2,9 +2,11 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-use crate::export::SphereModel;
+use crate::export::Model;
+use crate::export::solids::{Solids, quadratic};
+use crate::memory::{OutOfMemory, reserved};
 use crate::request::Specimen;
 
 /// Points and directions, in mm.
@@ -88,9 +90,60 @@ impl View {
 #[derive(Clone, Copy)]
 pub(super) struct Grain {
     pub(super) center: Vector,
+    /// Radius of the sphere of equal volume.
     pub(super) radius: f64,
+    /// Radius of the smallest sphere around the grain.
+    outer: f64,
+    /// Inverse shape matrix in 1/mm² of an ellipsoid; none of a sphere.
+    form: Option<Matrix3<f64>>,
     /// The number of the grain, the same for its images.
     pub(super) number: u32,
+}
+
+impl Grain {
+    /// Whether a point lies inside.
+    fn contains(&self, p: &Vector) -> bool {
+        let to = p - self.center;
+        match &self.form {
+            None => to.norm_squared() < self.radius * self.radius,
+            Some(form) => quadratic(form, &to) < 1.0,
+        }
+    }
+
+    /// Outward normal at a point of the surface.
+    pub(super) fn normal(&self, at: &Vector) -> Vector {
+        let to = at - self.center;
+        self.form.map_or_else(|| to / self.radius, |form| (form * to).normalize())
+    }
+
+    /// Distance along a ray to where it enters the grain.
+    fn entry(&self, from: &Vector, direction: &Vector) -> Option<f64> {
+        let to = self.center - from;
+        let Some(form) = &self.form else {
+            let along = to.dot(direction);
+            let root = self.radius * self.radius - (to.norm_squared() - along * along);
+            return (root > 0.0).then(|| along - root.sqrt());
+        };
+        let image = form * direction;
+        let (a, b) = (direction.dot(&image), to.dot(&image));
+        let root = b * b - a * (quadratic(form, &to) - 1.0);
+        (root > 0.0).then(|| (b - root.sqrt()) / a)
+    }
+
+    /// Distance in mm from a point inside to the edge of the section by the plane through it with a unit normal, along
+    /// the line from the centre of the section.
+    pub(super) fn to_edge(&self, at: &Vector, normal: &Vector) -> f64 {
+        let to = at - self.center;
+        let height = to.dot(normal);
+        let Some(form) = &self.form else {
+            let disc = (self.radius * self.radius - height * height).max(0.0).sqrt();
+            return disc - (to - normal * height).norm();
+        };
+        // To first order: what the form lacks over its gradient within the plane.
+        let gradient = form * to * 2.0;
+        let within = (gradient - normal * gradient.dot(normal)).norm();
+        if within > 0.0 { (1.0 - quadratic(form, &to)) / within } else { f64::INFINITY }
+    }
 }
 
 /// What a ray meets first.
@@ -135,18 +188,17 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    pub(super) fn new(model: &SphereModel<'_>) -> Self {
+    pub(super) fn new(model: &Model<'_>) -> Result<Self, OutOfMemory> {
         let size = Vector::from(model.specimen.bounds_mm());
-        let grains = with_images(model);
-        let sections: f64 = model.spheres.d_mm.iter().map(|d| PI / 4.0 * d * d).sum();
+        let grains = with_images(model)?;
+        let sections: f64 = model.grains.diameters_mm().map(|d| PI / 4.0 * d * d).sum();
         let diameters = model
-            .spheres
-            .d_mm
-            .iter()
-            .fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], &d| [low.min(d), high.max(d)]);
+            .grains
+            .diameters_mm()
+            .fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], d| [low.min(d), high.max(d)]);
         let fade = FADE_PER_FREE_PATH * (model.specimen.volume_mm3() / sections).min(size.norm());
         let specimen = *model.specimen;
-        Self { specimen, size, grid: SceneGrid::new(grains, size), diameters, fade, eye: axes()[2] }
+        Ok(Self { specimen, size, grid: SceneGrid::new(grains, size), diameters, fade, eye: axes()[2] })
     }
 
     /// Number of grains, images included.
@@ -259,24 +311,26 @@ impl Scene {
 }
 
 /// The grains, with those images of a periodic box that reach into it.
-fn with_images(model: &SphereModel<'_>) -> Vec<Grain> {
+fn with_images(model: &Model<'_>) -> Result<Vec<Grain>, OutOfMemory> {
+    let solids = Solids::new(model.grains)?;
     let size = Vector::from(model.specimen.bounds_mm());
     let shifts: &[f64] = if model.specimen.is_periodic() { &[0.0, -1.0, 1.0] } else { &[0.0] };
-    let mut grains = Vec::with_capacity(model.spheres.len());
-    for i in 0..model.spheres.len() {
-        let (center, radius) = (Vector::from(model.spheres.center(i)), model.spheres.d_mm[i] / 2.0);
+    let mut grains = reserved(solids.len())?;
+    for (i, diameter) in model.grains.diameters_mm().enumerate() {
+        let (center, half, radius) = (Vector::from(solids.center(i)), solids.half_extents(i), diameter / 2.0);
+        let (form, outer) = (solids.inverse(i), solids.outer_radius(i));
         for &x in shifts {
             for &y in shifts {
                 for &z in shifts {
                     let center = center + Vector::new(x, y, z).component_mul(&size);
-                    if (0..3).all(|a| center[a] + radius > 0.0 && center[a] - radius < size[a]) {
-                        grains.push(Grain { center, radius, number: i as u32 });
+                    if (0..3).all(|a| center[a] + half[a] > 0.0 && center[a] - half[a] < size[a]) {
+                        grains.push(Grain { center, radius, outer, form, number: i as u32 });
                     }
                 }
             }
         }
     }
-    grains
+    Ok(grains)
 }
 
 /// Grains by cell.
@@ -342,7 +396,7 @@ impl SceneGrid {
     /// Calls back for each cell that a grain comes as near to as `reach`.
     fn touched(&self, grain: &Grain, reach: f64, mut each: impl FnMut(usize)) {
         // A margin, because a ray may round into the next cell.
-        let radius = (grain.radius + reach) * (1.0 + 1e-9);
+        let radius = (grain.outer + reach) * (1.0 + 1e-9);
         let [x, y, z] = std::array::from_fn(|a| {
             self.coordinate(a, grain.center[a] - radius)..=self.coordinate(a, grain.center[a] + radius)
         });
@@ -374,10 +428,7 @@ impl SceneGrid {
     /// The grain around a point.
     fn around(&self, p: &Vector) -> Option<u32> {
         let list = self.inside.of(self.index(self.cell_of(p)));
-        list.iter().copied().find(|&i| {
-            let grain = &self.grains[i as usize];
-            (p - grain.center).norm_squared() < grain.radius * grain.radius
-        })
+        list.iter().copied().find(|&i| self.grains[i as usize].contains(p))
     }
 
     /// The first grain that a ray from a point inside the specimen meets within a distance.
@@ -392,15 +443,11 @@ impl SceneGrid {
         let mut best: Option<(u32, f64)> = None;
         loop {
             for &i in self.inside.of(self.index(cell)) {
-                let grain = &self.grains[i as usize];
-                let to = grain.center - from;
-                let along = to.dot(direction);
-                let root = grain.radius * grain.radius - (to.norm_squared() - along * along);
-                if root > 0.0 {
-                    let t = along - root.sqrt();
-                    if t >= 0.0 && best.is_none_or(|(_, nearest)| t < nearest) {
-                        best = Some((i, t));
-                    }
+                if let Some(t) = self.grains[i as usize].entry(from, direction)
+                    && t >= 0.0
+                    && best.is_none_or(|(_, nearest)| t < nearest)
+                {
+                    best = Some((i, t));
                 }
             }
             let axis = if leaves[0] <= leaves[1] && leaves[0] <= leaves[2] {

@@ -27,9 +27,9 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
         Hit::Background => return BACKGROUND,
         Hit::Deep { at } => scaled(DEPTH, light(&scene.normal(&at))),
         Hit::Grain { grain, at, depth } => {
-            let sphere = scene.grain(grain);
-            let normal = (at - sphere.center) / sphere.radius;
-            let open = 1.0 - 0.85 * scene.occlusion(&at, &normal, sphere.number);
+            let body = scene.grain(grain);
+            let normal = body.normal(&at);
+            let open = 1.0 - 0.85 * scene.occlusion(&at, &normal, body.number);
             let halfway = (Vector::from(TOWARDS_LIGHT).normalize() + view.eye).normalize();
             let shine = 0.10 * normal.dot(&halfway).max(0.0).powi(40);
             let lit = scaled(tone(scene, grain), light(&normal) * open).map(|c| c + shine * open);
@@ -51,16 +51,11 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
     linear.map(|c| c.clamp(0.0, 1.0) as f32)
 }
 
-/// Colour of a plane that cuts grains: matrix, or a disc with a line around it.
+/// Colour of a plane that cuts grains: matrix, or a section with a line around it.
 fn flat(scene: &Scene, view: &View, at: &Vector, normal: &Vector, grain: Option<u32>) -> [f64; 3] {
     let Some(grain) = grain else { return MATRIX };
-    let sphere = scene.grain(grain);
-    let to = at - sphere.center;
-    let height = to.dot(normal);
-    let disc = (sphere.radius * sphere.radius - height * height).max(0.0).sqrt();
-    let from_center = (to - normal * height).norm();
     let line = LINE_PIXELS * view.stroke() / view.pixels_per_mm;
-    let is_line = disc - from_center < line;
+    let is_line = scene.grain(grain).to_edge(at, normal) < line;
     scaled(tone(scene, grain), if is_line { LINE } else { CUT })
 }
 

@@ -75,7 +75,7 @@ fn the_grid_finds_the_nearest_grain() {
         (cube(Boundary::Periodic), shifted(&lattice(), 1.7)),
         (Specimen::Cylinder { diameter_mm: 40.0, height_mm: 40.0 }, within_cylinder(&lattice())),
     ] {
-        let scene = Scene::new(&Model::new(&specimen, &spheres).of_spheres("it").unwrap());
+        let scene = Scene::new(&Model::new(&specimen, &spheres)).unwrap();
         let view = View::framing(&specimen, 90);
         let mut found = [0; 3];
         for y in 0..view.pixels[1] {
@@ -150,7 +150,7 @@ fn a_sphere_has_its_true_size_in_the_picture() {
     let mut spheres = Spheres::default();
     // In the corner next to the eye, below the cut, before everything else.
     spheres.push([36.0, 4.0, 10.0], 8.0);
-    let scene = Scene::new(&Model::new(&specimen, &spheres).of_spheres("it").unwrap());
+    let scene = Scene::new(&Model::new(&specimen, &spheres)).unwrap();
     let view = View::framing(&specimen, 700);
     let mut columns = Vec::new();
     for y in 0..view.pixels[1] {

@@ -10,7 +10,7 @@ use std::io::{self, Write};
 
 use super::layers::Layers;
 use super::{Found, LayerSteps, VoxelGrid};
-use crate::export::{ExportError, SphereModel};
+use crate::export::{ExportError, Model};
 use crate::memory::{OutOfMemory, copied, filled};
 
 /// Passes over the layers: matrix, aggregates, interface.
@@ -45,7 +45,7 @@ const AGGREGATE: u8 = 1;
 const OUTSIDE: u8 = 2;
 
 pub(super) fn write(
-    model: &SphereModel<'_>,
+    model: &Model<'_>,
     grid: &VoxelGrid,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
@@ -90,7 +90,7 @@ struct Phases<'a> {
 }
 
 impl<'a> Phases<'a> {
-    fn new(model: &SphereModel<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
+    fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
         let layer = filled(grid.shape[0] * grid.shape[1], MATRIX)?;
         Ok(Self { grid, layers: Layers::new(model, grid)?, layer })
     }
@@ -270,7 +270,7 @@ fn write_set(numbers: &[usize], out: &mut dyn Write) -> io::Result<()> {
 
 /// Faces of aggregate voxels towards the matrix.
 fn write_interface(
-    model: &SphereModel<'_>,
+    model: &Model<'_>,
     lattice: &Lattice<'_>,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,

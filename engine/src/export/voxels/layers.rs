@@ -1,8 +1,10 @@
 //! Grains as voxels, layer by layer in z, from the lowest up.
 
-use crate::export::SphereModel;
+use std::ops::Range;
+
+use crate::export::Model;
+use crate::export::solids::{Section, Solids};
 use crate::memory::{OutOfMemory, filled, reserved};
-use crate::packing::Spheres;
 
 use super::VoxelGrid;
 
@@ -18,7 +20,7 @@ struct Body {
 
 /// The bodies that have a part in the layers to come.
 pub(super) struct Layers<'a> {
-    spheres: &'a Spheres,
+    solids: Solids<'a>,
     grid: &'a VoxelGrid,
     bounds: [f64; 3],
     /// Those that no layer has reached, the lowest last.
@@ -34,21 +36,21 @@ impl<'a> Layers<'a> {
     ///
     /// # Errors
     /// When the system refuses memory.
-    pub(super) fn new(model: &SphereModel<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
-        let spheres = model.spheres;
+    pub(super) fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
+        let solids = Solids::new(model.grains)?;
         let bounds = model.specimen.bounds_mm();
-        let mut waiting = reserved(spheres.len())?;
+        let mut waiting = reserved(solids.len())?;
         let shifts: &[i8] = if model.specimen.is_periodic() { &[-1, 0, 1] } else { &[0] };
-        for grain in 0..spheres.len() {
-            let (center, radius) = (spheres.center(grain), spheres.d_mm[grain] / 2.0);
+        for grain in 0..solids.len() {
+            let (center, half) = (solids.center(grain), solids.half_extents(grain));
             let reaches = |axis: usize, shift: i8| {
                 let at = center[axis] + f64::from(shift) * bounds[axis];
-                at + radius > 0.0 && at - radius < bounds[axis]
+                at + half[axis] > 0.0 && at - half[axis] < bounds[axis]
             };
             for &x in shifts.iter().filter(|shift| reaches(0, **shift)) {
                 for &y in shifts.iter().filter(|shift| reaches(1, **shift)) {
                     for &z in shifts.iter().filter(|shift| reaches(2, **shift)) {
-                        let low = center[2] + f64::from(z) * bounds[2] - radius;
+                        let low = center[2] + f64::from(z) * bounds[2] - half[2];
                         waiting.push(Body { low, grain: grain as u32, shift: [x, y, z] });
                     }
                 }
@@ -56,24 +58,24 @@ impl<'a> Layers<'a> {
         }
         // Stable, so that the order is that of the grains where heights are equal.
         waiting.sort_by(|a, b| b.low.total_cmp(&a.low));
-        let seen = filled(spheres.len().div_ceil(64), 0)?;
-        Ok(Self { spheres, grid, bounds, waiting, active: Vec::new(), seen })
+        let seen = filled(solids.len().div_ceil(64), 0)?;
+        Ok(Self { solids, grid, bounds, waiting, active: Vec::new(), seen })
     }
 
-    /// Calls `visit` with grain, centre and radius of each body at a height, which must rise from call to call.
-    fn for_each_at(&mut self, z: f64, mut visit: impl FnMut(usize, [f64; 3], f64)) {
+    /// Calls `visit` with each grain at a height and its section there. The height must rise from call to call.
+    fn for_each_at(&mut self, z: f64, mut visit: impl FnMut(usize, &Section)) {
         while let Some(body) = self.waiting.pop_if(|body| body.low <= z) {
             self.active.push(body);
         }
-        let d_mm = &self.spheres.d_mm;
-        self.active.retain(|body| body.low + d_mm[body.grain as usize] >= z);
+        let solids = &self.solids;
+        self.active.retain(|body| body.low + 2.0 * solids.half_extents(body.grain as usize)[2] >= z);
         for body in &self.active {
             let grain = body.grain as usize;
-            let mut center = self.spheres.center(grain);
+            let mut center = solids.center(grain);
             for ((x, shift), length) in center.iter_mut().zip(body.shift).zip(self.bounds) {
                 *x += f64::from(shift) * length;
             }
-            visit(grain, center, d_mm[grain] / 2.0);
+            visit(grain, &solids.section(grain, center, z - center[2]));
         }
     }
 
@@ -82,15 +84,13 @@ impl<'a> Layers<'a> {
         let grid = self.grid;
         let z = grid.center(2, k);
         let mut seen = std::mem::take(&mut self.seen);
-        self.for_each_at(z, |grain, center, radius| {
-            let dz = z - center[2];
-            let disc = ((radius - dz) * (radius + dz)).max(0.0).sqrt();
+        self.for_each_at(z, |grain, section| {
             let value = label(grain);
             let mut any = false;
-            for j in grid.centers_within(1, center[1] - disc, center[1] + disc) {
-                let dy = grid.center(1, j) - center[1];
-                let half_chord = ((disc - dy) * (disc + dy)).max(0.0).sqrt();
-                let row = grid.centers_within(0, center[0] - half_chord, center[0] + half_chord);
+            let [low, high] = section.y();
+            for j in grid.centers_within(1, low, high) {
+                let [low, high] = section.x_at(grid.center(1, j));
+                let row = grid.centers_within(0, low, high);
                 any |= !row.is_empty();
                 let start = j * grid.shape[0];
                 layer[start + row.start..start + row.end].fill(value);
@@ -109,21 +109,14 @@ impl<'a> Layers<'a> {
         let weight = 1.0 / (samples * samples) as f32;
         for sample in 0..samples {
             let z = (k as f64 + (f64::from(sample) + 0.5) / lines) * dz;
-            self.for_each_at(z, |_, center, radius| {
-                let height = z - center[2];
-                let disc = ((radius - height) * (radius + height)).max(0.0).sqrt();
-                for_each_line(
-                    center[1],
-                    disc,
-                    dy / lines,
-                    grid.shape[1] * samples as usize,
-                    |line, half_chord| {
-                        let start = line / samples as usize * grid.shape[0];
-                        let row = &mut layer[start..start + grid.shape[0]];
-                        let ends = [center[0] - half_chord, center[0] + half_chord];
-                        add_interval(row, ends.map(|x| x / dx), weight);
-                    },
-                );
+            self.for_each_at(z, |_, section| {
+                let step = dy / lines;
+                for line in lines_within(section.y(), step, grid.shape[1] * samples as usize) {
+                    let start = line / samples as usize * grid.shape[0];
+                    let row = &mut layer[start..start + grid.shape[0]];
+                    let ends = section.x_at((line as f64 + 0.5) * step);
+                    add_interval(row, ends.map(|x| x / dx), weight);
+                }
             });
         }
     }
@@ -131,17 +124,14 @@ impl<'a> Layers<'a> {
     /// Grains that have not got a voxel in all layers so far.
     pub(super) fn grains_without_voxel(&self) -> u64 {
         let with: u64 = self.seen.iter().map(|bits| u64::from(bits.count_ones())).sum();
-        self.spheres.len() as u64 - with
+        self.solids.len() as u64 - with
     }
 }
 
-/// Calls `visit` with the number and half the chord of each of `n` lines, `step` apart, that meet a disc.
-fn for_each_line(center: f64, disc: f64, step: f64, n: usize, mut visit: impl FnMut(usize, f64)) {
+/// Numbers of those of `n` lines, `step` apart, that lie between two coordinates.
+fn lines_within([low, high]: [f64; 2], step: f64, n: usize) -> Range<usize> {
     let number = |y: f64| (y / step - 0.5).ceil().clamp(0.0, n as f64) as usize;
-    for line in number(center - disc)..number(center + disc) {
-        let dy = (line as f64 + 0.5) * step - center;
-        visit(line, ((disc - dy) * (disc + dy)).max(0.0).sqrt());
-    }
+    number(low)..number(high)
 }
 
 /// Adds to each voxel of a row the part of it that an interval covers, in units of voxels, times a weight.

@@ -25,8 +25,9 @@ pub use options::{
 
 use self::layers::Layers;
 use crate::control::Control;
+use crate::export::solids::Solids;
 use crate::export::steps::Steps;
-use crate::export::{ExportError, Model, SphereModel, go_on};
+use crate::export::{ExportError, Model, go_on};
 use crate::memory::filled;
 use crate::plan::Limits;
 use crate::request::Specimen;
@@ -85,7 +86,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<VoxelReport, ExportError> {
-    let model = &model.of_spheres("a voxel model")?;
+    let solids = Solids::new(model.grains)?;
     let grid = VoxelGrid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
@@ -99,7 +100,7 @@ pub fn write(
     let sampled_mm3 = if options.fractions {
         None
     } else {
-        Some(share::volume_mm3(model, &grid, options.samples, control)?)
+        Some(share::volume_mm3(&solids, &grid, options.samples, control)?)
     };
     let found = match options.format {
         VoxelFormat::Inp => inp::write(model, &grid, &layers_done, &mut out)?,
@@ -120,7 +121,7 @@ pub fn write(
         inside_voxels: found.inside,
         aggregate_voxels: found.aggregate,
         grains_without_voxel: found.grains_without_voxel,
-        volume_fraction: share::exact_mm3(model.spheres) / volume_mm3,
+        volume_fraction: share::exact_mm3(&solids) / volume_mm3,
         volume_fraction_labels: found.aggregate as f64 / found.inside as f64,
         volume_fraction_samples: sampled_mm3 / volume_mm3,
     })
@@ -158,7 +159,7 @@ impl<'a> LayerSteps<'a> {
 
 /// Writes the labels, x fastest, little-endian, and nothing else.
 fn labels(
-    model: &SphereModel<'_>,
+    model: &Model<'_>,
     grid: &VoxelGrid,
     label: Label,
     layers_done: &LayerSteps<'_>,
@@ -174,7 +175,7 @@ fn labels(
 }
 
 fn labels_as<const BYTES: usize>(
-    model: &SphereModel<'_>,
+    model: &Model<'_>,
     grid: &VoxelGrid,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,

@@ -5,7 +5,7 @@ use std::io::Write;
 use super::layers::Layers;
 use super::{Found, Label, LayerSteps, VoxelGrid, VoxelOptions, labels};
 use crate::export::vtk_xml::{Sink, VtkXml};
-use crate::export::{ExportError, SphereModel};
+use crate::export::{ExportError, Model};
 use crate::memory::filled;
 
 /// Bytes of all arrays per voxel.
@@ -14,7 +14,7 @@ pub(super) fn bytes_per_voxel(options: &VoxelOptions) -> u64 {
 }
 
 pub(super) fn write(
-    model: &SphereModel<'_>,
+    model: &Model<'_>,
     grid: &VoxelGrid,
     options: &VoxelOptions,
     layers_done: &LayerSteps<'_>,
@@ -53,7 +53,7 @@ pub(super) fn write(
 
 /// Writes the voxels' shares of aggregate, and returns their volume.
 fn fractions(
-    model: &SphereModel<'_>,
+    model: &Model<'_>,
     grid: &VoxelGrid,
     samples: u32,
     layers_done: &LayerSteps<'_>,
