@@ -167,6 +167,11 @@ impl<'a> At<'a> {
         self.faults.add(self.pointer.clone(), detail);
     }
 
+    /// Reports a fault at a place below this one, by its pointer from here.
+    pub fn fault_below(&self, pointer: &str, detail: impl Into<String>) {
+        self.faults.add(format!("{}{pointer}", self.pointer), detail);
+    }
+
     fn expected<T>(&self, what: &str) -> Option<T> {
         self.fault(format!("{} is not {what}", shown(self.value)));
         None

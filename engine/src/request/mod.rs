@@ -12,16 +12,19 @@ mod read;
 #[cfg(feature = "openapi")]
 mod schema;
 pub mod segregation;
+pub mod shape;
 pub mod standard;
 mod upgrade;
 
 use serde::Serialize;
 
+pub use crate::shape::SizeMeasure;
 pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
+pub use shape::{GrainShape, MixturePart, Orientation, PlainShape, ShapeClass};
 pub use upgrade::{upgrade, upgrade_export};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
@@ -135,9 +138,35 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(default = false, required = false))]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_coarse: bool,
+    /// The shape of all grains; spheres when absent.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape: Option<GrainShape>,
+    /// The shapes by size, in place of `shape`.
+    #[cfg_attr(feature = "openapi", schema(required = false, max_items = 16))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub shapes: Vec<ShapeClass>,
+    /// What the diameters of the grading, the cut-off and the size classes are of grains that are no spheres.
+    #[cfg_attr(feature = "openapi", schema(default = "sieve", required = false))]
+    #[serde(skip_serializing_if = "SizeMeasure::is_sieve")]
+    pub size: SizeMeasure,
+    /// How grains that are no spheres are oriented; uniform when absent.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "Orientation::is_uniform")]
+    pub orientation: Orientation,
 }
 
 impl Mix {
+    /// The shapes of the grains with the size above which they hold, from the coarsest down; `None` where all grains
+    /// are spheres.
+    pub fn grain_shapes(&self) -> Option<Vec<(f64, &GrainShape)>> {
+        let shapes: Vec<(f64, &GrainShape)> = match &self.shape {
+            Some(shape) => vec![(0.0, shape)],
+            None => self.shapes.iter().map(|class| (class.above_mm, &class.shape)).collect(),
+        };
+        (!shapes.iter().all(|(_, shape)| shape.is_sphere())).then_some(shapes)
+    }
+
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;
     /// `None` where explicit diameters prescribe it.
     pub fn requested_fraction(&self) -> Option<f64> {

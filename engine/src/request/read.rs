@@ -6,10 +6,11 @@ use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
 use super::proportions::{MixProportions, read_proportions};
 use super::segregation::read_segregation;
+use super::shape::read_shapes;
 use super::{
     Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_CURVE_POINTS, MAX_LENGTH_MM, MAX_SEED,
     MIN_FULLER_EXPONENT, MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Segregation, SizeClass,
-    Specimen, StandardCurve, VolumeFractionOf,
+    SizeMeasure, Specimen, StandardCurve, VolumeFractionOf,
 };
 use crate::request::standard;
 
@@ -190,6 +191,11 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         Some(at) => at.boolean(),
         None => Some(false),
     };
+    let shapes = read_shapes(&mut object);
+    let size = match object.optional("size") {
+        Some(at) => at.choice(&[("sieve", SizeMeasure::Sieve), ("equivalent", SizeMeasure::Equivalent)]),
+        None => Some(SizeMeasure::default()),
+    };
     object.finish();
     let (grading, grading_at) = (grading?, grading_at?);
     // An unreadable cut-off is reported already; the default would only add a second fault.
@@ -200,6 +206,7 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         (Grading::Standard { .. } | Grading::Fuller { .. }, None) => Some(DEFAULT_D_MIN_MM),
         (_, given) => given,
     };
+    let shapes = shapes?;
     Some(Mix {
         grading,
         d_min_mm,
@@ -207,6 +214,10 @@ fn read_mix(at: &At<'_>) -> Option<Mix> {
         proportions,
         volume_fraction_of: volume_fraction_of?,
         allow_coarse: allow_coarse?,
+        shape: shapes.of_all,
+        shapes: shapes.by_size,
+        size: size?,
+        orientation: shapes.orientation,
     })
 }
 

@@ -1,0 +1,234 @@
+#![allow(clippy::unwrap_used)]
+
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+use crate::request::{PackingRequest, SizeMeasure};
+
+fn request(fields: &Value) -> Value {
+    let mut mix = json!({"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4});
+    for (name, value) in fields.as_object().unwrap() {
+        mix[name] = value.clone();
+    }
+    json!({"specimen": {"type": "box", "size_mm": [80, 80, 80]}, "mix": mix})
+}
+
+fn faults(fields: &Value) -> Vec<String> {
+    match PackingRequest::from_json(&request(fields), 1) {
+        Ok(request) => panic!("accepted: {request:?}"),
+        Err(faults) => faults.iter().map(ToString::to_string).collect(),
+    }
+}
+
+/// The mix as it is written after it was read.
+fn written(fields: &Value) -> Value {
+    let first = PackingRequest::from_json(&request(fields), 1).unwrap();
+    let text = serde_json::to_value(&first).unwrap();
+    assert_eq!(PackingRequest::from_json(&text, 2).unwrap(), first);
+    first.validate().unwrap();
+    text["mix"].clone()
+}
+
+fn ellipsoid(ratios: &Value) -> Value {
+    json!({"type": "ellipsoid", "ratios": ratios})
+}
+
+#[test]
+fn a_request_without_shapes_is_written_as_before() {
+    let read = PackingRequest::from_json(&request(&json!({})), 7).unwrap();
+    assert_eq!(
+        serde_json::to_string(&read).unwrap(),
+        r#"{"seed":7,"specimen":{"type":"box","size_mm":[80.0,80.0,80.0],"boundary":"walls"},"mix":{"grading":{"type":"standard","name":"A16"},"d_min_mm":2.0,"volume_fraction":0.4,"volume_fraction_of":"all_aggregate"},"distance":{"type":"none"},"method":{"type":"auto"}}"#
+    );
+    assert!(read.mix.grain_shapes().is_none());
+    let defaults = json!({"size": "sieve", "orientation": {"type": "uniform"}, "shape": null});
+    assert_eq!(PackingRequest::from_json(&request(&defaults), 7).unwrap(), read);
+}
+
+#[test]
+fn every_law_is_written_as_it_is_read_with_its_defaults() {
+    let default_elongation = json!({"type": "uniform", "min": 0.5, "max": 0.9});
+    let table = json!({"type": "table", "values": [0.5, 0.75], "weights": [1.0, 3.0]});
+    for (ratios, known) in [
+        (
+            json!({"type": "constant", "elongation": 0.8, "flatness": 0.75}),
+            json!({"type": "constant", "elongation": 0.8, "flatness": 0.75}),
+        ),
+        (
+            json!({"type": "constant", "b_over_a": 0.5, "c_over_a": 0.25}),
+            json!({"type": "constant", "elongation": 0.5, "flatness": 0.5}),
+        ),
+        (
+            json!({"type": "independent", "elongation": 1, "flatness": {"type": "beta", "mean": 0.6, "standard_deviation": 0.1}}),
+            json!({"type": "independent", "elongation": 1.0, "flatness": {"type": "beta", "mean": 0.6, "standard_deviation": 0.1}}),
+        ),
+        (
+            json!({"type": "independent", "elongation": table, "flatness": {"type": "uniform", "min": 0.25, "max": 1}}),
+            json!({"type": "independent", "elongation": table, "flatness": {"type": "uniform", "min": 0.25, "max": 1.0}}),
+        ),
+        (json!({"type": "triangle", "k": 0.25}), json!({"type": "triangle", "k": 0.25})),
+        (
+            json!({"type": "measured", "axes": [[7, 6, 3], [1.5, 1.0, 1.25]]}),
+            json!({"type": "measured", "axes": [[7.0, 6.0, 3.0], [1.5, 1.0, 1.25]]}),
+        ),
+        (
+            json!({"type": "flakiness", "index": 0.15}),
+            json!({"type": "flakiness", "index": 0.15, "elongation": default_elongation}),
+        ),
+        (
+            json!({"type": "shape_index", "index": 0.15, "elongation": 0.5}),
+            json!({"type": "shape_index", "index": 0.15, "elongation": 0.5}),
+        ),
+    ] {
+        assert_eq!(written(&json!({"shape": ellipsoid(&ratios)}))["shape"], ellipsoid(&known));
+    }
+}
+
+#[test]
+fn shapes_by_size_size_and_orientation_are_written_as_they_are_read() {
+    let triangle = ellipsoid(&json!({"type": "triangle", "k": 0.5}));
+    let mixture = json!({"type": "mixture", "of": [
+        {"share": 0.25, "shape": {"type": "sphere"}}, {"share": 0.75, "shape": triangle}]});
+    let fine = json!({"above_mm": 0.0, "shape": {"type": "sphere"}});
+    let coarse = json!({"above_mm": 8.0, "shape": mixture});
+    let orientation = json!({"type": "axis", "axis": "z", "concentration": 4.0});
+    let mix = written(&json!({"shapes": [fine, coarse], "size": "equivalent", "orientation": orientation}));
+    assert_eq!(mix["shapes"], json!([coarse, fine]));
+    assert_eq!((&mix["size"], &mix["orientation"]), (&json!("equivalent"), &orientation));
+    let read = PackingRequest::from_json(&request(&json!({"shapes": [coarse, fine]})), 1).unwrap().mix;
+    let shapes = read.grain_shapes().unwrap();
+    assert_eq!(shapes.iter().map(|(above, _)| *above).collect::<Vec<_>>(), [8.0, 0.0]);
+    assert_eq!(read.size, SizeMeasure::Sieve);
+    // Spheres by another name.
+    let spheres = json!({"shape": {"type": "mixture", "of": [{"share": 1, "shape": {"type": "sphere"}}]}});
+    assert!(PackingRequest::from_json(&request(&spheres), 1).unwrap().mix.grain_shapes().is_none());
+}
+
+#[test]
+fn every_fault_names_its_place_the_value_and_the_bound() {
+    let ratios = |ratios: Value| json!({"shape": ellipsoid(&ratios)});
+    let sphere = json!({"type": "sphere"});
+    let cases = [
+        (
+            json!({"shape": {"type": "polyhedron", "faces": 24}}),
+            "/mix/shape/type: polyhedra are not available yet: must be one of \"sphere\", \"ellipsoid\", \"mixture\"",
+        ),
+        (
+            json!({"shape": {"type": "cube"}}),
+            "/mix/shape/type: \"cube\" is unknown: must be one of \"sphere\", \"ellipsoid\", \"mixture\"",
+        ),
+        (
+            json!({"shape": {"type": "mixture", "of": [{"share": 1, "shape": {"type": "mixture"}}]}}),
+            "/mix/shape/of/0/shape/type: \"mixture\" is unknown: must be one of \"sphere\", \"ellipsoid\"",
+        ),
+        (
+            json!({"shape": {"type": "mixture", "of": [{"share": 0.5, "shape": sphere}, {"share": 0.4, "shape": sphere}]}}),
+            "/mix/shape/of: the shares sum to 0.9: must sum to 1",
+        ),
+        (
+            json!({"shape": sphere, "shapes": []}),
+            "/mix/shapes: the mix has a shape for all sizes too: leave one of the two out",
+        ),
+        (json!({"shapes": []}), "/mix/shapes: has 0 classes: must have at least 1"),
+        (
+            json!({"shapes": [{"above_mm": 4, "shape": sphere}]}),
+            "/mix/shapes: grains up to 4 mm have no shape: the above_mm of one class must be 0",
+        ),
+        (
+            json!({"shapes": [{"above_mm": 0, "shape": sphere}, {"above_mm": 0, "shape": sphere}]}),
+            "/mix/shapes/1: above_mm 0 is that of another class: must differ",
+        ),
+        (json!({"size": "mesh"}), "/mix/size: \"mesh\" is unknown: must be one of \"sieve\", \"equivalent\""),
+        (
+            json!({"orientation": {"type": "axis", "axis": "z", "concentration": 5}}),
+            "/mix/orientation: spheres have no orientation: must be \"uniform\", or the mix must have a shape",
+        ),
+        (
+            json!({"shape": sphere, "orientation": {"type": "axis", "axis": "z", "concentration": 500}}),
+            "/mix/orientation/concentration: 500 is out of range: must be at least -100 and at most 100",
+        ),
+        (
+            ratios(json!({"type": "constant"})),
+            "/mix/shape/ratios/elongation: is missing: the field is required",
+        ),
+        (
+            ratios(json!({"type": "constant", "b_over_a": 0.5, "c_over_a": 0.6})),
+            "/mix/shape/ratios/c_over_a: 0.6 is out of range: must be at most b_over_a 0.5",
+        ),
+        (
+            ratios(json!({"type": "constant", "b_over_a": 0.5, "elongation": 0.6})),
+            "/mix/shape/ratios/elongation: the ratios are given by b_over_a and c_over_a too: leave one of the two \
+             pairs out",
+        ),
+        (
+            ratios(json!({"type": "triangle", "k": 0})),
+            "/mix/shape/ratios/k: 0 is out of range: must be at least 0.1 and at most 1",
+        ),
+        (
+            ratios(json!({"type": "independent", "elongation": "flat", "flatness": 1})),
+            "/mix/shape/ratios/elongation: must be a number, or an object with the type \"uniform\", \"beta\" or \
+             \"table\"",
+        ),
+        (
+            ratios(
+                json!({"type": "independent", "elongation": 0.2, "flatness": {"type": "uniform", "min": 0.3, "max": 1}}),
+            ),
+            "/mix/shape/ratios: the smallest elongation times flatness, c/a, is 0.0600: must be at least 0.1",
+        ),
+        (
+            ratios(json!({"type": "flakiness", "index": 15})),
+            "/mix/shape/ratios/index: 15 is out of range: must be at least 0 and at most 1",
+        ),
+        (
+            ratios(json!({"type": "triangle", "k": 0.5, "d": 1})),
+            "/mix/shape/ratios/d: unknown field: this object has type, k",
+        ),
+    ];
+    for (fields, known) in cases {
+        let found = faults(&fields);
+        assert_eq!(found[0], known, "{found:?}");
+    }
+    let several = faults(&ratios(
+        json!({"type": "measured", "axes": [[1, 2], [1, 1, 1], [1, "x", 1]], "weights": [1, null, "y"]}),
+    ));
+    assert_eq!(several.len(), 4, "{several:?}");
+}
+
+fn number() -> impl Strategy<Value = Value> {
+    prop_oneof![4 => (0.05..1.1).prop_map(|x: f64| json!(x)), 1 => any::<f64>().prop_map(|x| json!(x)), 1 => Just(json!("x"))]
+}
+
+fn law() -> impl Strategy<Value = Value> {
+    prop_oneof![
+        number(),
+        (number(), number()).prop_map(|(min, max)| json!({"type": "uniform", "min": min, "max": max})),
+        (number(), number())
+            .prop_map(|(mean, sd)| json!({"type": "beta", "mean": mean, "standard_deviation": sd})),
+        (prop::collection::vec(number(), 0..4), prop::collection::vec(number(), 0..4))
+            .prop_map(|(values, weights)| json!({"type": "table", "values": values, "weights": weights})),
+    ]
+}
+
+fn ratios() -> impl Strategy<Value = Value> {
+    prop_oneof![
+        (number(), number()).prop_map(|(b, c)| json!({"type": "constant", "b_over_a": b, "c_over_a": c})),
+        (number(), number()).prop_map(|(e, f)| json!({"type": "constant", "elongation": e, "flatness": f})),
+        (law(), law()).prop_map(|(e, f)| json!({"type": "independent", "elongation": e, "flatness": f})),
+        number().prop_map(|k| json!({"type": "triangle", "k": k})),
+        prop::collection::vec([number(), number(), number()], 0..4)
+            .prop_map(|axes| json!({"type": "measured", "axes": axes})),
+        (number(), law()).prop_map(|(i, e)| json!({"type": "flakiness", "index": i, "elongation": e})),
+        (number(), law()).prop_map(|(i, e)| json!({"type": "shape_index", "index": i, "elongation": e})),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn whatever_is_accepted_is_written_as_it_is_read(ratios in ratios()) {
+        let value = request(&json!({"shape": ellipsoid(&ratios)}));
+        if let Ok(first) = PackingRequest::from_json(&value, 1) {
+            let text = serde_json::to_value(&first).unwrap();
+            prop_assert_eq!(PackingRequest::from_json(&text, 2).unwrap(), first);
+        }
+    }
+}
