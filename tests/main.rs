@@ -45,6 +45,7 @@ mod python_readers;
 mod ranges;
 mod readme;
 mod scheduling;
+mod shapes;
 mod shutdown;
 mod storage;
 mod streaming;

@@ -20,6 +20,8 @@ pub enum Phase {
     Rsa,
     /// Growing grains by event-driven molecular dynamics.
     Edmd,
+    /// Growing grains by hard-particle Monte Carlo.
+    MonteCarlo,
     /// The independent check.
     Check,
     /// Making a model of the finished packing: a mesh, voxels, a lattice.
@@ -56,7 +58,7 @@ pub struct Growth {
     /// Constant distance that all grains keep at present, where one is asked for.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub distance_mm: Option<f64>,
-    /// Events so far.
+    /// Events so far; of hard-particle Monte Carlo the moves tried.
     pub events: u64,
     /// Events per second of wall-clock time, lately.
     pub events_per_s: f64,

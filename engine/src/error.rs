@@ -1,7 +1,7 @@
 //! What can go wrong between a request and a packing.
 
 use crate::memory::OutOfMemory;
-use crate::packing::EdmdEnd;
+use crate::packing::GrowthEnd;
 use crate::request::FieldError;
 
 /// Why a plan cannot be made: always something the user can change.
@@ -104,6 +104,25 @@ impl std::fmt::Display for InsertionFailed {
     }
 }
 
+/// What a run that grew grains took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GrowthEffort {
+    /// Event-driven molecular dynamics.
+    Events {
+        /// Events of the run.
+        events: u64,
+        /// Simulated time of the run.
+        simulated_time_s: f64,
+    },
+    /// Hard-particle Monte Carlo.
+    Cycles {
+        /// Compression cycles.
+        cycles: u64,
+        /// Moves tried.
+        moves: u64,
+    },
+}
+
 /// How far growth came.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct GrowthStopped {
@@ -119,12 +138,10 @@ pub struct GrowthStopped {
     pub distance_mm_asked: Option<f64>,
     /// Size reached over size asked for, the distance included.
     pub scale_reached: f64,
-    /// Events of the run.
-    pub events: u64,
-    /// Simulated time of the run.
-    pub simulated_time_s: f64,
+    /// What the run took.
+    pub effort: GrowthEffort,
     /// What ended the run.
-    pub end: EdmdEnd,
+    pub end: GrowthEnd,
 }
 
 impl std::fmt::Display for GrowthStopped {
@@ -137,20 +154,31 @@ impl std::fmt::Display for GrowthStopped {
         if let (Some(reached), Some(asked)) = (self.distance_mm_reached, self.distance_mm_asked) {
             write!(f, ", distance {reached:.4} of {asked:.4} mm")?;
         }
-        write!(f, ") after {} events and {:.3} s of simulated time: ", self.events, self.simulated_time_s)?;
+        match self.effort {
+            GrowthEffort::Events { events, simulated_time_s } => {
+                write!(f, ") after {events} events and {simulated_time_s:.3} s of simulated time: ")?;
+            }
+            GrowthEffort::Cycles { cycles, moves } => {
+                write!(f, ") after {cycles} compression cycles and {moves} moves: ")?;
+            }
+        }
         let less = if self.distance_mm_asked.is_some() {
             "lower the volume fraction or the distance"
         } else {
             "lower the volume fraction"
         };
         match self.end {
-            EdmdEnd::Stalled => write!(
-                f,
-                "it stalled, for the grains jam before their target; {less}, or try another seed or a lower growth_rate"
-            ),
-            EdmdEnd::TimeLimit => write!(f, "the time limit was reached; raise stop.time_s, or {less}"),
-            EdmdEnd::EventLimit => write!(f, "the event limit was reached; raise stop.events, or {less}"),
-            EdmdEnd::Target => write!(f, "it ended short of its target; {less}"),
+            GrowthEnd::Stalled => {
+                write!(f, "it stalled, for the grains jam before their target; {less}, or try another seed")?;
+                if matches!(self.effort, GrowthEffort::Events { .. }) {
+                    write!(f, " or a lower growth_rate")?;
+                }
+                Ok(())
+            }
+            GrowthEnd::TimeLimit => write!(f, "the time limit was reached; raise stop.time_s, or {less}"),
+            GrowthEnd::EventLimit => write!(f, "the event limit was reached; raise stop.events, or {less}"),
+            GrowthEnd::SweepLimit => write!(f, "the sweep limit was reached; raise stop.sweeps, or {less}"),
+            GrowthEnd::Target => write!(f, "it ended short of its target; {less}"),
         }
     }
 }
@@ -168,9 +196,8 @@ mod tests {
             distance_mm_reached: None,
             distance_mm_asked: None,
             scale_reached: 0.99909,
-            events: 12_000_000,
-            simulated_time_s: 2.5,
-            end: EdmdEnd::Stalled,
+            effort: GrowthEffort::Events { events: 12_000_000, simulated_time_s: 2.5 },
+            end: GrowthEnd::Stalled,
         };
         assert_eq!(
             TargetNotReached::GrowthStopped(not_grown.clone()).to_string(),
@@ -181,7 +208,7 @@ mod tests {
         let limited = GrowthStopped {
             distance_mm_reached: Some(0.92),
             distance_mm_asked: Some(1.0),
-            end: EdmdEnd::TimeLimit,
+            end: GrowthEnd::TimeLimit,
             ..not_grown
         };
         let said = limited.to_string();

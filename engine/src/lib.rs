@@ -35,23 +35,23 @@ pub mod geometry;
 mod memory;
 pub mod methods;
 pub mod mix;
-mod pack;
 pub mod packing;
 pub mod plan;
 pub mod request;
 mod rng;
+mod run;
 mod segregation;
 pub mod shape;
 pub mod specimen;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
 pub use control::{Control, Growth, Phase, Progress, Unattended};
-pub use error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
+pub use error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 pub use memory::OutOfMemory;
-pub use pack::{pack, pack_or_resume};
 pub use packing::{Ellipsoids, Grains, Packing, Report, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
+pub use run::{pack, pack_or_resume};
 
 /// Version of the engine, recorded in every result.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -16,6 +16,8 @@ pub(crate) enum Stream {
     Edmd,
     /// The chance that a gradient is compared with.
     Segregation,
+    /// Shapes of grains that are no spheres.
+    Shape,
 }
 
 /// The stream of a seed for one use.

@@ -27,15 +27,16 @@ const LAYERS: [&str; 21] = [
     "check",
     "analysis",
     "export",
-    "pack",
+    "run",
 ];
 
 /// Folders whose modules form no circle.
-const WITHOUT_CIRCLES: [&str; 8] = [
+const WITHOUT_CIRCLES: [&str; 9] = [
     "cpu",
     "check",
     "geometry",
     "geometry/delaunay",
+    "gap",
     "methods",
     "methods/rsa",
     "methods/edmd",
@@ -167,6 +168,8 @@ fn the_check_uses_nothing_of_what_makes_packings() {
             "volume_mm3()",
             "sieve_size_mm(",
             "support_mm(",
+            "world_vertices_mm(",
+            "volume()",
         ] {
             assert!(!code(&file).contains(&format!(".{method}")), "{}: {method}", file.display());
         }

@@ -5,9 +5,10 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use packstone_engine::packing::EdmdEnd;
+use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{
-    Control, Limits, PackError, PackingRequest, Phase, Progress, TargetNotReached, Unattended, check, pack,
+    Control, GrowthEffort, Limits, PackError, PackingRequest, Phase, Progress, TargetNotReached, Unattended,
+    check, pack,
 };
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -86,7 +87,8 @@ proptest! {
                 prop_assert!(grows, "{}", short);
                 prop_assert!(short.scale_reached > 0.0 && short.scale_reached < 1.0, "{:?}", short);
                 prop_assert!(short.volume_fraction_reached < short.volume_fraction_asked, "{:?}", short);
-                prop_assert!(short.end == EdmdEnd::Stalled || short.events >= 100_000, "{:?}", short);
+                let is_spent = matches!(short.effort, GrowthEffort::Events { events, .. } if events >= 100_000);
+                prop_assert!(short.end == GrowthEnd::Stalled || is_spent, "{:?}", short);
             }
             Err(PackError::Plan(_)) => {}
             Err(other) => prop_assert!(false, "{}", other),

@@ -5,8 +5,8 @@
 //! nothing of the service.
 
 use packstone_engine::export::ExportError;
-use packstone_engine::packing::EdmdEnd;
-use packstone_engine::{FieldError, PackError, PlanError, TargetNotReached};
+use packstone_engine::packing::GrowthEnd;
+use packstone_engine::{FieldError, GrowthEffort, PackError, PlanError, TargetNotReached};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -155,10 +155,14 @@ pub(crate) struct FailureFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
     pub(crate) simulated_time_s: Option<f64>,
+    /// Compression cycles of hard-particle Monte Carlo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, nullable = false)]
+    pub(crate) compression_cycles: Option<u64>,
     /// Which criterion ended the growth of the grains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(required = false, nullable = false)]
-    pub(crate) end: Option<EdmdEnd>,
+    pub(crate) end: Option<GrowthEnd>,
     /// Whether it is proven that no further grain of this diameter can be inserted.
     #[serde(default, skip_serializing_if = "Option::is_none", alias = "proven")]
     #[schema(required = false, nullable = false)]
@@ -268,6 +272,19 @@ impl From<PackError> for Failure {
     }
 }
 
+impl FailureFacts {
+    fn of_effort(effort: GrowthEffort) -> Self {
+        match effort {
+            GrowthEffort::Events { events, simulated_time_s } => {
+                Self { events: Some(events), simulated_time_s: Some(simulated_time_s), ..Self::default() }
+            }
+            GrowthEffort::Cycles { cycles, .. } => {
+                Self { compression_cycles: Some(cycles), ..Self::default() }
+            }
+        }
+    }
+}
+
 impl From<TargetNotReached> for FailureFacts {
     fn from(reached: TargetNotReached) -> Self {
         match reached {
@@ -278,10 +295,8 @@ impl From<TargetNotReached> for FailureFacts {
                 distance_mm_reached: reached.distance_mm_reached,
                 distance_mm_asked: reached.distance_mm_asked,
                 scale_reached: Some(reached.scale_reached),
-                events: Some(reached.events),
-                simulated_time_s: Some(reached.simulated_time_s),
                 end: Some(reached.end),
-                ..Self::default()
+                ..Self::of_effort(reached.effort)
             },
             TargetNotReached::InsertionFailed(reached) => Self {
                 placed: Some(reached.placed),

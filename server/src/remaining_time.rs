@@ -37,7 +37,7 @@ impl RemainingTime {
 
     /// Takes notice of progress, `elapsed` after the start of the run.
     pub(crate) fn follow(&mut self, progress: &Progress, elapsed: Duration) {
-        let starts_growing = progress.phase == Phase::Edmd && !self.growing;
+        let starts_growing = matches!(progress.phase, Phase::Edmd | Phase::MonteCarlo) && !self.growing;
         let anew = starts_growing && (self.resumed || self.fraction > ANEW_FROM_FRACTION);
         if progress.fraction > self.fraction {
             self.fraction = progress.fraction.min(1.0);

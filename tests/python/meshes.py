@@ -2,8 +2,8 @@
 
     python meshes.py DIRECTORY
 
-DIRECTORY holds one folder per packing, with packing.msh and its script.geo, packing.geo, packing.zip and
-expected.json. Prints one line per packing and exits 0 when all is well; says what is wrong and exits 1 otherwise.
+DIRECTORY holds one folder per packing, with packing.msh and its script.geo, packing.geo (spheres alone), packing.zip
+and expected.json. Prints one line per packing and exits 0 when all is well; says what is wrong and exits 1 otherwise.
 """
 
 import json
@@ -82,6 +82,8 @@ def check_gmsh(path, expected, least_gamma, rounding, of_aggregates=None):
             sys.exit(f"{path}: {name} of {volume} mm3, expected {expected[f'{name}_mm3']}")
     if gammas.min() < least_gamma:
         sys.exit(f"{path}: smallest gamma {gammas.min():.4f}")
+    if np.mean(gammas < 0.05) > 1e-3:
+        sys.exit(f"{path}: {np.sum(gammas < 0.05)} of {len(gammas)} tetrahedra have a gamma below 0.05")
 
     # Conforming: the faces that both phases have are the triangles of the itz, the others those of the specimen.
     matrix, aggregates = (Counter(map(tuple, faces_of(of_phase[phase]))) for phase in ("matrix", "aggregates"))
@@ -109,6 +111,15 @@ def check_gmsh(path, expected, least_gamma, rounding, of_aggregates=None):
     if count != len(gammas) or not {"matrix", "aggregates", "itz"} <= set(read.field_data):
         sys.exit(f"{path}: {count} of {len(gammas)} tetrahedra came back from the saved mesh")
     return f"{len(gammas)} tetrahedra, smallest gamma {gammas.min():.3f}"
+
+
+def check_geo(path, expected):
+    """Fills the solids of the kernel, which has seams and poles, where triangles come out as they may.
+
+    The specimen's surface is as coarse; the volume of the grains is that of the report.
+    """
+    of_geo = {**expected, "aggregates_mm3": expected["aggregates_of_geo_mm3"]}
+    return check_gmsh(path, of_geo, least_gamma=0.001, rounding=0.15, of_aggregates=0.002)
 
 
 def check_as_written(path, expected):
@@ -170,16 +181,17 @@ def main(directory):
     for folder in sorted(path for path in directory.iterdir() if path.is_dir()):
         expected = json.loads((folder / "expected.json").read_text())
         check_as_written(folder / "packing.msh", expected)
-        msh = check_gmsh(folder / "packing.msh", expected, least_gamma=0.05, rounding=1e-9)
-        script = check_gmsh(folder / "script.geo", expected, least_gamma=0.05, rounding=1e-9)
+        # Where edges of ellipsoids follow a gap, a few tetrahedra are flat: convex surfaces want other edges than
+        # tetrahedra do.
+        least_gamma = expected["least_gamma"]
+        msh = check_gmsh(folder / "packing.msh", expected, least_gamma, rounding=1e-9)
+        script = check_gmsh(folder / "script.geo", expected, least_gamma, rounding=1e-9)
         if script != msh:
             sys.exit(f"{folder}: {msh}, but by the script {script}")
-        # Spheres of the kernel have seams and poles, where triangles come out as they may. The specimen's surface is as
-        # coarse; the volume of the grains is that of the report.
-        of_geo = {**expected, "aggregates_mm3": expected["aggregates_of_geo_mm3"]}
-        geo = check_gmsh(folder / "packing.geo", of_geo, least_gamma=0.001, rounding=0.15, of_aggregates=0.002)
+        # Ellipsoids have no script of solids.
+        geo = f"geo {check_geo(folder / 'packing.geo', expected)}; " if (folder / "packing.geo").exists() else ""
         check_stl(folder / "packing.zip", expected)
-        print(f"{folder.name}: msh {msh}; geo {geo}; stl closed")
+        print(f"{folder.name}: msh {msh}; {geo}stl closed")
 
 
 if __name__ == "__main__":

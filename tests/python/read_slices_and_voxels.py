@@ -2,8 +2,8 @@
 
     python read_slices_and_voxels.py DIRECTORY
 
-DIRECTORY holds a subdirectory per packing with voxels.vti, voxels.raw, voxels.inp and slice-AXIS.svg, .png, .json, .geo,
-each with a report NAME.EXTENSION.json. Prints one line and exits 0 when all agree; says what differs and exits 1 otherwise.
+DIRECTORY holds a subdirectory per packing with voxels.vti, voxels.raw, voxels.inp (or no voxels) and slice-AXIS.svg,
+.png, .json, .geo, each with a report NAME.EXTENSION.json. Prints one line and exits 0 when all agree; says what differs and exits 1 otherwise.
 """
 
 import json
@@ -117,20 +117,34 @@ def check_inp(path, labels):
     expect(surfaces == {"itz", *mesh.point_sets}, path, surfaces)
 
 
+def numbers_of_ellipse(ellipse):
+    """Centre, semi-axes, and the angle and centre of the rotation of an ellipse that is drawn."""
+    turned = re.fullmatch(r"rotate\((\S+) (\S+) (\S+)\)", ellipse.get("transform")).groups()
+    return [float(x) for x in (*(ellipse.get(k) for k in ("cx", "cy", "rx", "ry")), *turned)]
+
+
 def check_svg(path, cut):
     """The drawing is well-formed, of full scale, and has every circle in its place."""
     root = ElementTree.parse(path).getroot()
     _, _, *size = map(float, root.get("viewBox").split())
     expect([f"{x:g}mm" for x in size] == [f"{float(root.get(k)[:-2]):g}mm" for k in ("width", "height")], path, size)
     group = next(g for g in root.iter(f"{SVG}g") if g.get("id") == "aggregates")
-    drawn = np.array([[float(c.get(k)) for k in ("cx", "cy", "r")] for c in group]).reshape(-1, 3)
+    if "ellipses" in cut:
+        drawn = np.array([numbers_of_ellipse(e) for e in group]).reshape(-1, 7)
+    else:
+        drawn = np.array([[float(c.get(k)) for k in ("cx", "cy", "r")] for c in group]).reshape(-1, 3)
     outline = cut["outline"]
     if outline["type"] == "disc":
         left, top = (c + s * outline["radius_mm"] for c, s in zip(outline["center_mm"], (-1, 1)))
     else:
         left, top = outline["u_mm"][0], outline["v_mm"][1]
-    rows = np.array(cut["circles"]["rows"]).reshape(-1, 6)
-    expected = np.column_stack([rows[:, 0] - left, top - rows[:, 1], rows[:, 2]])
+    if "ellipses" in cut:
+        rows = np.array(cut["ellipses"]["rows"]).reshape(-1, 8)
+        u, v, a, b, angle = rows[:, :5].T
+        expected = np.column_stack([u - left, top - v, a, b, -angle, u - left, top - v])
+    else:
+        rows = np.array(cut["circles"]["rows"]).reshape(-1, 6)
+        expected = np.column_stack([rows[:, 0] - left, top - rows[:, 1], rows[:, 2]])
     expect(drawn.shape == expected.shape and np.abs(drawn - expected).max() < 1e-4, path, len(drawn), len(rows))
 
 
@@ -189,12 +203,14 @@ def check_geo(path, cut):
 def main(directory):
     packings = sorted(path for path in directory.iterdir() if path.is_dir())
     for packing in packings:
-        labels = read_raw(packing / "voxels.raw")
-        check_vti(packing / "voxels.vti", labels)
-        check_inp(packing / "voxels.inp", read_raw(packing / "coarse.raw"))
+        if (packing / "voxels.raw").exists():
+            labels = read_raw(packing / "voxels.raw")
+            check_vti(packing / "voxels.vti", labels)
+            check_inp(packing / "voxels.inp", read_raw(packing / "coarse.raw"))
         for axis in "xyz":
             cut = json.loads((packing / f"slice-{axis}.json").read_text())
-            expect(abs(sum(row[5] for row in cut["circles"]["rows"]) / cut["area_mm2"] - cut["area_fraction"]) < 1e-12, axis)
+            sections = cut.get("ellipses") or cut["circles"]
+            expect(abs(sum(row[-1] for row in sections["rows"]) / cut["area_mm2"] - cut["area_fraction"]) < 1e-12, axis)
             check_svg(packing / f"slice-{axis}.svg", cut)
             check_png(packing / f"slice-{axis}.png", cut)
             check_geo(packing / f"slice-{axis}.geo", cut)

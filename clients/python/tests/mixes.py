@@ -18,6 +18,13 @@ def quick(seed: int = 1) -> Json:
     }
 
 
+def ellipsoids(seed: int = 1) -> Json:
+    """Some hundred ellipsoids of A16 in a 40 mm cube."""
+    job = quick(seed)
+    job["mix"]["shape"] = {"type": "ellipsoid", "ratios": {"type": "constant", "elongation": 0.8, "flatness": 0.6}}
+    return job
+
+
 def endless() -> Json:
     """Grows until it is stopped, as far as a test is concerned."""
     return {

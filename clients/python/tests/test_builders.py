@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import packstone
 import pytest
-from packstone import Box, Cylinder, Distance, Grading, Method, Mix, Proportions, Segregation
+from packstone import Box, Cylinder, Distance, Grading, Method, Mix, Proportions, Ratios, Segregation, Shape
 
 
 def test_builders_are_the_dictionaries_of_requests() -> None:
@@ -52,6 +52,30 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
             "mix": Mix(Grading.classes([(4, 8, 0.5), (8, 16, 0.5)]), 0.3, volume_fraction_of="placed_grains"),
             "distance": Distance.proportional(0.1),
             "segregation": Segregation.at_face("side", 3),
+        },
+        {
+            "specimen": Box(40),
+            "mix": Mix("A16", 0.3, d_min_mm=4, size="equivalent", shape=Shape.ellipsoid(Ratios.constant(0.8, 0.5))),
+            "method": Method.monte_carlo(time_s=60, sweeps=1000),
+        },
+        {
+            "specimen": Cylinder(40, 40),
+            "mix": Mix(
+                "A16",
+                0.2,
+                d_min_mm=4,
+                shapes=[
+                    (8, Shape.mixture([(0.5, Shape.sphere()), (0.5, Shape.ellipsoid(Ratios.flakiness(0.2)))])),
+                    (0, Shape.ellipsoid(Ratios.independent(0.7, {"type": "uniform", "min": 0.4, "max": 0.8}))),
+                ],
+                orientation={"type": "axis", "axis": "z", "concentration": 2},
+            ),
+        },
+        {"specimen": Box(40), "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.ellipsoid(Ratios.shape_index(0.1)))},
+        {"specimen": Box(40), "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.ellipsoid(Ratios.triangle(0.5)))},
+        {
+            "specimen": Box(40),
+            "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.ellipsoid(Ratios.measured([(3, 2, 1), (4, 3, 2)], [1, 2]))),
         },
         {
             "specimen": Box(60),

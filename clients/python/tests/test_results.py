@@ -73,6 +73,19 @@ def test_other_libraries_take_the_grains(result: packstone.Result) -> None:
     assert np.array_equal(mesh.point_data["diameter_mm"], grains[:, 3])
 
 
+def test_ellipsoids_have_axes_and_surfaces(client: packstone.Client) -> None:
+    result = client.submit(mixes.ellipsoids()).result()
+    grains = result.to_numpy()
+    assert grains.shape == (result.summary["grains"], 12)
+    table = result.to_dataframe()
+    assert np.allclose(table["b_mm"] / table["a_mm"], 0.8) and np.allclose(table["c_mm"] / table["b_mm"], 0.6)
+    assert np.allclose(table["d_mm"] ** 3, 8 * table["a_mm"] * table["b_mm"] * table["c_mm"])
+    surfaces = result.to_pyvista(spheres=True, resolution=24)
+    volume = (np.pi / 6 * grains[:, 3] ** 3).sum()
+    assert surfaces.volume == pytest.approx(volume, rel=0.05) and surfaces.volume < volume
+    assert surfaces.bounds[0] >= 0 and surfaces.bounds[5] <= 40
+
+
 def test_notebooks_show_a_cross_section(result: packstone.Result, client: packstone.Client) -> None:
     png = result._repr_png_()
     assert png is not None and png.startswith(b"\x89PNG")

@@ -10,11 +10,13 @@ pub mod grading;
 mod neighbors;
 pub mod radial;
 mod separation;
+mod shapes;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};
 pub use grading::{GradingCurve, GradingPoint, SizedGrain, grading};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
 pub use separation::separation;
+pub use shapes::shape_report;
 
 #[cfg(test)]
 mod tests;

@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
+use super::bodies::Image;
 use super::ellipsoid::Body;
 use super::separation::Pair;
 use super::*;
@@ -75,7 +76,7 @@ fn request_for(specimen: &Value, distance: &Value, grains: &[Grain]) -> PackingR
 
 fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {
     let (shapes, poses): (Vec<_>, Vec<_>) = grains.iter().copied().unzip();
-    check_ellipsoids(&shapes, &poses, request, GrainSize::Equivalent, &Unattended)
+    check_ellipsoids(&shapes, &poses, request, SizeMeasure::Equivalent, &Unattended)
 }
 
 /// Largest `s(n)` over a grid of directions, refined around the best: the oracle of the search for directions.
@@ -200,7 +201,7 @@ fn contacts_in_line_with_the_rounding_of_coordinates_are_decided_by_the_stored_n
         let answer = |units: f64| {
             let mut b = bodies[1];
             b.center = grains[1].1.center_mm + n * (units * f64::EPSILON * 8.0);
-            let pair = Pair::new(&bodies[0], &b, [0.0; 3], [0.0; 3]);
+            let pair = Pair::new(&bodies[0], &b, Image { steps: [0.0; 3], period: [0.0; 3] });
             let found = pair.search(f64::INFINITY);
             pair.keeps(0.0, &found)
         };
@@ -548,7 +549,7 @@ fn the_norm_of_a_quaternion_changes_nothing() {
         assert_eq!(checked(&grains, &request), Err(Fault::NotABody { grain: 3 }));
     }
     let (shapes, poses): (Vec<_>, Vec<_>) = grains.iter().copied().unzip();
-    let verdict = check_ellipsoids(&shapes[1..], &poses, &request, GrainSize::Sieve, &Unattended);
+    let verdict = check_ellipsoids(&shapes[1..], &poses, &request, SizeMeasure::Sieve, &Unattended);
     assert_eq!(verdict, Err(Fault::Columns));
 }
 
@@ -565,15 +566,16 @@ fn the_grading_counts_the_mass_of_bodies_by_the_sieve_that_they_pass() {
     let request = PackingRequest::from_json(&value, 1).unwrap();
     let verdict =
         |size, rows: usize| check_ellipsoids(&shapes[..rows], &poses[..rows], &request, size, &Unattended);
-    let found = verdict(GrainSize::Sieve, 6).unwrap();
+    let found = verdict(SizeMeasure::Sieve, 6).unwrap();
     assert_eq!(found.classes[0].grains, 6);
     assert!((found.classes[0].volume_mm3 - 6.0 * shape.volume_mm3()).abs() < 1e-9);
-    assert!(matches!(verdict(GrainSize::Sieve, 5), Err(Fault::Grading(_))));
-    assert!(matches!(verdict(GrainSize::Equivalent, 6), Err(Fault::Grading(_))));
+    assert!(matches!(verdict(SizeMeasure::Sieve, 5), Err(Fault::Grading(_))));
+    assert!(matches!(verdict(SizeMeasure::Equivalent, 6), Err(Fault::Grading(_))));
     let value = json!({"specimen": specimen(0), "mix": {"grading": {"type": "diameters", "diameters_mm": [4, 4, 4]}}});
     let list = PackingRequest::from_json(&value, 1).unwrap();
-    let verdict =
-        |rows: usize| check_ellipsoids(&shapes[..rows], &poses[..rows], &list, GrainSize::Sieve, &Unattended);
+    let verdict = |rows: usize| {
+        check_ellipsoids(&shapes[..rows], &poses[..rows], &list, SizeMeasure::Sieve, &Unattended)
+    };
     assert_eq!(verdict(3).unwrap().found.max_class_mass_error, 0.0);
     assert!(matches!(verdict(4), Err(Fault::Grading(_))));
 }

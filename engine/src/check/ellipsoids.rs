@@ -1,313 +1,49 @@
-//! The check of ellipsoids: all pairs with all periodic images, all walls.
-//!
-//! Pairs come from the table of the check, which sees the spheres around the bodies; what two of them prove is in
-//! `separation`, the walls in `ellipsoid_walls`. Required gaps are those of the diameters of equal volume.
+//! Ellipsoids as bodies of the check.
 
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
+use super::bodies::{Convex, Image, Verdict};
 use super::ellipsoid::Body;
 use super::ellipsoid_walls::wall_gap;
-use super::required::Required;
-use super::separation::{Direction, Pair};
-use super::table::{Grain, Table};
-use super::{Fault, GrainSize, Pairs, SeparationCertificate, report};
-use crate::control::Control;
-use crate::cpu::Cpu;
-use crate::memory::{OutOfMemory, collected, push, reserved};
-use crate::packing::Spheres;
-use crate::request::PackingRequest;
-use crate::shape::{Ellipsoid, Pose};
+use super::separation::Pair;
+use crate::memory::{OutOfMemory, collected};
+use crate::request::Specimen;
+use crate::shape::{Ellipsoid, SizeMeasure};
+
+impl Convex for Body {
+    fn center(&self) -> Vector3<f64> {
+        self.center
+    }
+
+    fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    fn equivalent_diameter(&self) -> f64 {
+        self.equivalent_diameter
+    }
+
+    #[inline(always)]
+    fn judge(&self, other: &Self, image: &Image, required: f64, enough: f64) -> Verdict {
+        Pair::new(self, other, *image).judge(required, enough)
+    }
+
+    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool) {
+        wall_gap(self, specimen, required, enough)
+    }
+}
 
 /// Size and volume of ellipsoids.
-pub(super) fn sizes(shapes: &[Ellipsoid], size: GrainSize) -> Result<Vec<(f64, f64)>, OutOfMemory> {
+pub(super) fn sizes(shapes: &[Ellipsoid], size: SizeMeasure) -> Result<Vec<(f64, f64)>, OutOfMemory> {
     collected(shapes.iter().map(|shape| {
         let [a, b, c]: [f64; 3] = shape.semi_axes_mm().into();
         let size = match size {
             // The narrowest passage is along the longest axis, the ellipse (b, c) turned by 45 degrees in the square.
-            GrainSize::Sieve => (2.0 * (b * b + c * c)).sqrt(),
-            GrainSize::Equivalent => 2.0 * (a * b * c).cbrt(),
+            SizeMeasure::Sieve => (2.0 * (b * b + c * c)).sqrt(),
+            SizeMeasure::Equivalent => 2.0 * (a * b * c).cbrt(),
         };
         (size, 4.0 / 3.0 * PI * a * b * c)
     }))
-}
-
-/// The bodies of a packing and what its request demands of them.
-#[derive(Debug)]
-pub(super) struct Packing {
-    bodies: Vec<Body>,
-    /// The spheres around the bodies.
-    spheres: Spheres,
-    required: Required,
-    request: PackingRequest,
-}
-
-impl Packing {
-    pub(super) fn new(shapes: &[Ellipsoid], poses: &[Pose], request: &PackingRequest) -> Result<Self, Fault> {
-        if shapes.len() != poses.len() {
-            return Err(Fault::Columns);
-        }
-        let mut bodies = reserved(shapes.len())?;
-        let mut spheres = Spheres::default();
-        for column in [&mut spheres.x_mm, &mut spheres.y_mm, &mut spheres.z_mm, &mut spheres.d_mm] {
-            *column = reserved(shapes.len())?;
-        }
-        for (grain, (shape, pose)) in shapes.iter().zip(poses).enumerate() {
-            let body = Body::new(shape, pose).ok_or(Fault::NotABody { grain })?;
-            spheres.push(body.center.into(), 2.0 * body.radius);
-            bodies.push(body);
-        }
-        let required = Required::new(request.distance, request.specimen);
-        Ok(Self { bodies, spheres, required, request: request.clone() })
-    }
-
-    /// Smallest gap to a wall; `None` where there are no walls or no grains. The centres in a periodic box must lie in
-    /// it.
-    pub(super) fn check_walls(&self) -> Result<Option<f64>, Fault> {
-        let is_periodic = self.required.period_mm().is_some();
-        let mut least: Option<f64> = None;
-        for (grain, body) in self.bodies.iter().enumerate() {
-            if is_periodic {
-                let clearance_mm = self.required.wall_distance_mm(body.center.into());
-                if clearance_mm < 0.0 {
-                    return Err(Fault::Wall { grain, clearance_mm, required_mm: 0.0 });
-                }
-                continue;
-            }
-            let required_mm = self.required.wall_gap_mm(body.equivalent_diameter);
-            let enough = least.unwrap_or(f64::INFINITY);
-            let (clearance_mm, keeps) = wall_gap(body, &self.request.specimen, required_mm, enough);
-            if !keeps {
-                return Err(Fault::Wall { grain, clearance_mm, required_mm });
-            }
-            least = Some(enough.min(clearance_mm));
-        }
-        Ok(least)
-    }
-
-    /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it takes to know the
-    /// smallest gap.
-    pub(super) fn check_pairs(&self, control: &dyn Control) -> Result<Pairs, Fault> {
-        let mut findings = Findings::new(None);
-        self.check_own_images(&mut findings)?;
-        let Some(d_least) = self.bodies.iter().map(|b| b.equivalent_diameter).reduce(f64::min) else {
-            return Ok(findings.pairs());
-        };
-        let farthest = self.farthest();
-        let surely_kept = self.required.gap_mm(d_least, d_least);
-        // A dense packing has many pairs closer than this; a loose one is looked at again, further out. Rounding errors
-        // of the distances are far below.
-        let mut look = (0.05 * d_least).max(1.0e-12 * farthest);
-        loop {
-            self.look_at_pairs(look, &mut findings, control)?;
-            // Pairs not seen keep their rule's distance and `look` more.
-            let known = findings.gap <= surely_kept + look && findings.excess <= look;
-            if known || look > farthest || self.bodies.len() < 2 {
-                return Ok(findings.pairs());
-            }
-            look *= 4.0;
-        }
-    }
-
-    /// Checks all pairs and returns a direction for each that is closer than a gap.
-    pub(super) fn certificates(
-        &self,
-        closer_than: f64,
-        control: &dyn Control,
-    ) -> Result<Vec<SeparationCertificate>, Fault> {
-        let mut findings = Findings::new(Some(closer_than));
-        self.check_own_images(&mut findings)?;
-        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, control)?;
-        let mut certificates = findings.certificates;
-        certificates.sort_unstable_by_key(|c| (c.first, c.second, c.image));
-        Ok(certificates)
-    }
-
-    /// A length that no distance of two grains, and no extent of a grain, exceeds.
-    fn farthest(&self) -> f64 {
-        let diagonal = self.required.bounds_mm().iter().map(|l| l * l).sum::<f64>().sqrt();
-        self.bodies.iter().map(|b| 2.0 * b.radius).fold(diagonal, f64::max)
-    }
-
-    fn look_at_pairs(&self, look: f64, findings: &mut Findings, control: &dyn Control) -> Result<(), Fault> {
-        let required = &self.required;
-        let period = required.period_mm();
-        // Equivalent diameters are at most those of the spheres around, and no rule's gap falls with a diameter.
-        let table = Table::build(
-            &self.spheres,
-            required.bounds_mm(),
-            period.is_some(),
-            #[inline(always)]
-            |d_i, d_j| required.gap_mm(d_i, d_j) + look,
-        )?;
-        let go_on = |done: usize| {
-            report(control, done, self.bodies.len());
-            !control.should_stop()
-        };
-        let walked = Cpu::detect().call(
-            #[inline(always)]
-            || {
-                table.for_each_pair(
-                    #[inline(always)]
-                    |i: usize, j: usize, a: &Grain, b: &Grain| {
-                        let r = Vector3::from(b.center) - Vector3::from(a.center);
-                        let reach =
-                            0.5 * (a.diameter + b.diameter) + required.gap_mm(a.diameter, b.diameter) + look;
-                        let Some(period) = period else {
-                            if r.norm_squared() <= reach * reach {
-                                self.look_at(i, j, [0.0; 3], look, findings);
-                            }
-                            return;
-                        };
-                        for_each_image(r, period, reach, |image| self.look_at(i, j, image, look, findings));
-                    },
-                    go_on,
-                )
-            },
-        );
-        findings.checked += walked.ok_or(Fault::Stopped)?;
-        findings.judge()
-    }
-
-    /// Looks at one pair: whether it keeps its gap, and whether it is among the closest.
-    #[inline(always)]
-    fn look_at(&self, first: usize, second: usize, image: [f64; 3], look: f64, findings: &mut Findings) {
-        if findings.fault.is_some() {
-            return;
-        }
-        let (a, b) = (&self.bodies[first], &self.bodies[second]);
-        let required_mm = self.required.gap_mm(a.equivalent_diameter, b.equivalent_diameter);
-        let pair = Pair::new(a, b, image, self.required.period_mm().unwrap_or_default());
-        // Nothing more is of interest of a pair that is clear of its rule, not among the closest found so far, and
-        // beyond those that certificates are wanted of.
-        let of_interest =
-            findings.gap.max(required_mm + findings.excess).max(findings.closer_than.unwrap_or(0.0));
-        let enough = of_interest.min(required_mm + look).max(required_mm + pair.error(required_mm));
-        let mut direction = pair.search(enough);
-        if direction.separation >= enough {
-            return;
-        }
-        if !pair.keeps(required_mm, &direction) {
-            direction = pair.search_all(direction);
-            if !pair.keeps(required_mm, &direction) {
-                let clearance_mm = direction.separation;
-                let (first, second) = (first.min(second), first.max(second));
-                findings.refuse(Fault::Pair { first, second, clearance_mm, required_mm });
-                return;
-            }
-        }
-        findings.note(first, second, image, required_mm, &direction);
-    }
-
-    /// In a periodic box a grain must also keep its distance from its own images.
-    fn check_own_images(&self, findings: &mut Findings) -> Result<(), Fault> {
-        let Some(period) = self.required.period_mm() else { return Ok(()) };
-        let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
-        for (grain, body) in self.bodies.iter().enumerate() {
-            // These three first: where they keep a gap, it is at most a period, and few images are in reach.
-            for image in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
-                self.look_at(grain, grain, image, f64::INFINITY, findings);
-            }
-            findings.judge()?;
-            let required_mm = self.required.gap_mm(body.equivalent_diameter, body.equivalent_diameter);
-            // The nearest image is closer than the shortest period, those beyond this are not.
-            let reach = shortest + 2.0 * body.radius + required_mm;
-            for_each_image(Vector3::zeros(), period, reach, |image| {
-                let steps: f64 = image.iter().map(|k| k.abs()).sum();
-                // Of two opposite images, which are alike, one.
-                if steps > 1.0 && image.iter().find(|k| **k != 0.0).is_some_and(|k| *k > 0.0) {
-                    self.look_at(grain, grain, image, f64::INFINITY, findings);
-                }
-            });
-            findings.judge()?;
-        }
-        Ok(())
-    }
-}
-
-/// Calls `visit` with the periods to move by, for all that make a vector no longer than `reach`, and for some beyond.
-#[inline(always)]
-fn for_each_image(r: Vector3<f64>, period: [f64; 3], reach: f64, mut visit: impl FnMut([f64; 3])) {
-    let widened = reach * (1.0 + 1.0e-9);
-    let low: [f64; 3] = std::array::from_fn(|k| ((-widened - r[k]) / period[k] - 1.0e-9).ceil());
-    let high: [f64; 3] = std::array::from_fn(|k| ((widened - r[k]) / period[k] + 1.0e-9).floor());
-    let mut image = low;
-    if (0..3).any(|k| low[k] > high[k]) {
-        return;
-    }
-    loop {
-        let moved = Vector3::from_fn(|k, _| r[k] + image[k] * period[k]);
-        if moved.norm_squared() <= widened * widened {
-            visit(image);
-        }
-        // The next of a counter with three digits.
-        let Some(digit) = (0..3).find(|&k| image[k] < high[k]) else { return };
-        image[digit] += 1.0;
-        image[..digit].copy_from_slice(&low[..digit]);
-    }
-}
-
-/// What the pairs looked at so far have shown.
-#[derive(Debug)]
-struct Findings {
-    gap: f64,
-    excess: f64,
-    checked: u64,
-    fault: Option<Fault>,
-    closer_than: Option<f64>,
-    certificates: Vec<SeparationCertificate>,
-    refused: Option<OutOfMemory>,
-}
-
-impl Findings {
-    fn new(closer_than: Option<f64>) -> Self {
-        Self {
-            gap: f64::INFINITY,
-            excess: f64::INFINITY,
-            checked: 0,
-            fault: None,
-            closer_than,
-            certificates: Vec::new(),
-            refused: None,
-        }
-    }
-
-    #[cold]
-    fn refuse(&mut self, fault: Fault) {
-        self.fault.get_or_insert(fault);
-    }
-
-    fn note(&mut self, first: usize, second: usize, image: [f64; 3], required_mm: f64, found: &Direction) {
-        let separation_mm = found.separation;
-        self.gap = self.gap.min(separation_mm);
-        // Within the error of `s` that a decision in double-double arithmetic has overruled.
-        self.excess = self.excess.min((separation_mm - required_mm).max(0.0));
-        if self.closer_than.is_some_and(|closer_than| separation_mm < closer_than) {
-            let (sign, first, second) =
-                if first <= second { (1.0, first, second) } else { (-1.0, second, first) };
-            let certificate = SeparationCertificate {
-                first,
-                second,
-                image: image.map(|k| (sign * k) as i32),
-                normal: (found.normal * sign).into(),
-                separation_mm,
-                required_mm,
-            };
-            push(&mut self.certificates, certificate, &mut self.refused);
-        }
-    }
-
-    fn judge(&mut self) -> Result<(), Fault> {
-        match (self.fault.take(), self.refused.take()) {
-            (Some(fault), _) => Err(fault),
-            (None, Some(refused)) => Err(refused.into()),
-            (None, None) => Ok(()),
-        }
-    }
-
-    fn pairs(&self) -> Pairs {
-        let known = |least: f64| least.is_finite().then_some(least);
-        Pairs { min_gap_mm: known(self.gap), min_excess_gap_mm: known(self.excess), checked: self.checked }
-    }
 }

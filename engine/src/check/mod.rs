@@ -32,11 +32,15 @@
 // Forced inlining carries the instruction set of the loop over pairs to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]
 
+mod bodies;
 mod double_double;
 mod ellipsoid;
 mod ellipsoid_walls;
 mod ellipsoids;
 mod grading;
+mod polyhedra;
+mod polyhedron;
+mod polyhedron_separation;
 mod required;
 mod separation;
 mod table;
@@ -45,10 +49,11 @@ use nalgebra::Vector3;
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::cpu::Cpu;
-use crate::memory::OutOfMemory;
+use crate::memory::{OutOfMemory, collected};
 use crate::packing::{CheckReport, ClassReport, Spheres};
 use crate::request::PackingRequest;
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::{Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure};
+use bodies::{Convex, Packing};
 use grading::Grains;
 use required::Required;
 use table::{Grain, Table};
@@ -124,15 +129,6 @@ impl From<OutOfMemory> for Fault {
     }
 }
 
-/// What the sizes of a grading mean for a grain that is not a sphere.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GrainSize {
-    /// The smallest square opening that the grain passes; of an ellipsoid `sqrt(2 (b² + c²))`.
-    Sieve,
-    /// The diameter of the sphere of equal volume.
-    Equivalent,
-}
-
 /// A direction that shows how far apart two grains lie.
 ///
 /// With the centres `x`, the support functions `h` and `r = x_second + image * period - x_first`, the distance of the
@@ -161,25 +157,11 @@ pub fn check_ellipsoids(
     shapes: &[Ellipsoid],
     poses: &[Pose],
     request: &PackingRequest,
-    size: GrainSize,
+    size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    let packing = ellipsoids::Packing::new(shapes, poses, request)?;
-    let min_wall_gap_mm = packing.check_walls()?;
-    let pairs = packing.check_pairs(control)?;
-    let grains = ellipsoids::sizes(shapes, size)?;
-    let (classes, max_class_mass_error) =
-        grading::check(Grains::Bodies(&grains), request).map_err(Fault::Grading)?;
-    Ok(Check {
-        found: CheckReport {
-            min_gap_mm: pairs.min_gap_mm,
-            min_wall_gap_mm,
-            min_excess_gap_mm: pairs.min_excess_gap_mm,
-            max_class_mass_error,
-            pairs_checked: pairs.checked,
-        },
-        classes,
-    })
+    let packing = ellipsoid_bodies(shapes, poses, request)?;
+    check_bodies(&packing, &ellipsoids::sizes(shapes, size)?, request, control)
 }
 
 /// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than
@@ -194,9 +176,96 @@ pub fn certify_ellipsoids(
     closer_than_mm: f64,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
-    let packing = ellipsoids::Packing::new(shapes, poses, request)?;
+    let packing = ellipsoid_bodies(shapes, poses, request)?;
     packing.check_walls()?;
     packing.certificates(closer_than_mm, control)
+}
+
+/// Checks a packing of convex polyhedra against its request. Shape and pose of a grain have the same index.
+///
+/// `sizes_mm` are the sizes of the grains by the measure of the grading; where there are none, the diameters of the
+/// spheres of equal volume.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_polyhedra(
+    shapes: &[ScaledPolyhedron<'_>],
+    poses: &[Pose],
+    sizes_mm: Option<&[f64]>,
+    request: &PackingRequest,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    if sizes_mm.is_some_and(|sizes| sizes.len() != shapes.len()) {
+        return Err(Fault::Columns);
+    }
+    let packing = polyhedron_bodies(shapes, poses, request)?;
+    let sizes = packing.bodies().iter().enumerate().map(|(grain, body)| {
+        let size = sizes_mm.map_or(body.equivalent_diameter(), |sizes| sizes[grain]);
+        (size, body.volume)
+    });
+    check_bodies(&packing, &collected(sizes)?, request, control)
+}
+
+/// Checks all pairs of a packing of convex polyhedra and returns a direction for each whose gap is less than
+/// `closer_than_mm`, in the order of their rows.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`]. The grading is not looked at.
+pub fn certify_polyhedra(
+    shapes: &[ScaledPolyhedron<'_>],
+    poses: &[Pose],
+    request: &PackingRequest,
+    closer_than_mm: f64,
+    control: &dyn Control,
+) -> Result<Vec<SeparationCertificate>, Fault> {
+    let packing = polyhedron_bodies(shapes, poses, request)?;
+    packing.check_walls()?;
+    packing.certificates(closer_than_mm, control)
+}
+
+fn polyhedron_bodies(
+    shapes: &[ScaledPolyhedron<'_>],
+    poses: &[Pose],
+    request: &PackingRequest,
+) -> Result<Packing<polyhedron::Polyhedron>, Fault> {
+    if shapes.len() != poses.len() {
+        return Err(Fault::Columns);
+    }
+    Packing::new(shapes.len(), |i| polyhedron::Polyhedron::new(&shapes[i], &poses[i]), request)
+}
+
+fn ellipsoid_bodies(
+    shapes: &[Ellipsoid],
+    poses: &[Pose],
+    request: &PackingRequest,
+) -> Result<Packing<ellipsoid::Body>, Fault> {
+    if shapes.len() != poses.len() {
+        return Err(Fault::Columns);
+    }
+    Packing::new(shapes.len(), |i| ellipsoid::Body::new(&shapes[i], &poses[i]), request)
+}
+
+/// Checks the walls, all pairs, and the grading of grains by size and volume.
+fn check_bodies<B: Convex>(
+    packing: &Packing<B>,
+    sizes: &[(f64, f64)],
+    request: &PackingRequest,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let min_wall_gap_mm = packing.check_walls()?;
+    let pairs = packing.check_pairs(control)?;
+    let (classes, max_class_mass_error) =
+        grading::check(Grains::Bodies(sizes), request).map_err(Fault::Grading)?;
+    Ok(Check {
+        found: CheckReport {
+            min_gap_mm: pairs.min_gap_mm,
+            min_wall_gap_mm,
+            min_excess_gap_mm: pairs.min_excess_gap_mm,
+            max_class_mass_error,
+            pairs_checked: pairs.checked,
+        },
+        classes,
+    })
 }
 
 /// Checks a packing against its request.
@@ -385,5 +454,7 @@ fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
 
 #[cfg(test)]
 mod ellipsoid_tests;
+#[cfg(test)]
+mod polyhedron_tests;
 #[cfg(test)]
 mod tests;

@@ -15,6 +15,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
+use super::bodies::{Direction, Image, Verdict};
 use super::double_double::{DoubleDouble, Vector, dot, norm};
 use super::ellipsoid::Body;
 
@@ -27,40 +28,46 @@ pub(super) const ERROR: f64 = 32.0 * f64::EPSILON;
 /// be written down.
 pub(super) const EXACT_ERROR: f64 = 1.0 / (1_u128 << 96) as f64;
 
-/// A direction and what it shows.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Direction {
-    /// Of length 1 within rounding.
-    pub(super) normal: Vector3<f64>,
-    /// `s(n)`.
-    pub(super) separation: f64,
-}
-
 /// Two ellipsoids, the second moved by whole periods.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair<'a> {
     a: &'a Body,
     b: &'a Body,
     r: Vector3<f64>,
-    /// Periods that the second body is moved by, and their lengths.
-    image: [f64; 3],
-    period: [f64; 3],
+    image: Image,
     /// Sum of the lengths that rounding errors are relative to, but for the gap.
     scale: f64,
 }
 
 impl<'a> Pair<'a> {
     #[inline(always)]
-    pub(super) fn new(a: &'a Body, b: &'a Body, image: [f64; 3], period: [f64; 3]) -> Self {
-        let shift = Vector3::from_fn(|k, _| image[k] * period[k]);
+    pub(super) fn new(a: &'a Body, b: &'a Body, image: Image) -> Self {
+        let shift = image.shift();
         let r = (b.center - a.center) + shift;
         let scale = r.norm() + a.radius + b.radius + shift.abs().sum();
-        Self { a, b, r, image, period, scale }
+        Self { a, b, r, image, scale }
+    }
+
+    /// Whether the pair keeps a gap; clear if it is surely at least `enough` apart.
+    #[inline(always)]
+    pub(super) fn judge(&self, required: f64, enough: f64) -> Verdict {
+        let enough = enough.max(required + self.error(required));
+        let mut direction = self.search(enough);
+        if direction.separation >= enough {
+            return Verdict::Clear;
+        }
+        if !self.keeps(required, &direction) {
+            direction = self.search_all(direction);
+            if !self.keeps(required, &direction) {
+                return Verdict::TooClose(direction);
+            }
+        }
+        Verdict::Keeps(direction)
     }
 
     /// Bound on the rounding error of `s(n) - g`.
     #[inline(always)]
-    pub(super) fn error(&self, gap: f64) -> f64 {
+    fn error(&self, gap: f64) -> f64 {
         ERROR * (self.scale + gap)
     }
 
@@ -78,13 +85,13 @@ impl<'a> Pair<'a> {
                 return direction;
             }
             supports = (self.a.support(&direction.normal), self.b.support(&direction.normal));
-            best = better(best, direction);
+            best = best.or(direction);
         }
         self.ascend(best, enough)
     }
 
     /// The best of a direction and of what bisection on the contact function leads to.
-    pub(super) fn search_all(&self, best: Direction) -> Direction {
+    fn search_all(&self, best: Direction) -> Direction {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..100 {
             let l = 0.5 * (low + high);
@@ -92,7 +99,7 @@ impl<'a> Pair<'a> {
             if (1.0 - l) * self.a.support(&n) > l * self.b.support(&n) { low = l } else { high = l }
         }
         let touching = self.along(&self.contact_normal(0.5 * (low + high)));
-        better(best, self.ascend(touching, f64::INFINITY))
+        best.or(self.ascend(touching, f64::INFINITY))
     }
 
     /// Whether the pair keeps a gap, as the direction shows, or one near it.
@@ -177,8 +184,7 @@ impl<'a> Pair<'a> {
     /// Decides `s(n) >= g` in double-double arithmetic, for a direction and for better ones near it.
     fn keeps_exactly(&self, gap: f64, normal: Vector3<f64>) -> bool {
         let r: Vector = std::array::from_fn(|k| {
-            DoubleDouble::difference(self.b.center[k], self.a.center[k])
-                + DoubleDouble::product(self.image[k], self.period[k])
+            DoubleDouble::difference(self.b.center[k], self.a.center[k]) + self.image.exact_shift(k)
         });
         let axes = [self.a, self.b].map(Body::exact_axes);
         let tolerance = EXACT_ERROR * (self.scale + gap);
@@ -209,9 +215,4 @@ impl<'a> Pair<'a> {
         }
         false
     }
-}
-
-#[inline(always)]
-fn better(a: Direction, b: Direction) -> Direction {
-    if a.separation >= b.separation { a } else { b }
 }

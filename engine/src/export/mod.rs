@@ -61,9 +61,7 @@ impl<'a> Model<'a> {
     pub(crate) fn of_spheres(&self, export: &str) -> Result<SphereModel<'a>, ExportError> {
         match self.grains {
             GrainsRef::Spheres(spheres) => Ok(SphereModel { specimen: self.specimen, spheres }),
-            GrainsRef::Ellipsoids(_) => Err(ExportError::Unavailable(format!(
-                "{export} cannot be made of ellipsoids yet: the tables of the result (json, csv, npy, vtp) can"
-            ))),
+            GrainsRef::Ellipsoids(_) => Err(ExportError::of_spheres_alone(export)),
         }
     }
 }
@@ -104,6 +102,16 @@ pub enum ExportError {
     /// What was made could not be written.
     #[error("{0}")]
     Write(#[from] io::Error),
+}
+
+impl ExportError {
+    /// The refusal of an export that grains of other shapes do not have.
+    fn of_spheres_alone(export: &str) -> Self {
+        Self::Unavailable(format!(
+            "{export} is made of spheres alone, and the grains are ellipsoids: meshes, voxels, slices and pictures can be \
+             made of them"
+        ))
+    }
 }
 
 impl From<OutOfMemory> for ExportError {

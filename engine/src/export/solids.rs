@@ -113,6 +113,22 @@ impl<'a> Solids<'a> {
         }
     }
 
+    /// The shape matrix in mm²; none of a sphere.
+    pub(super) fn shape(&self, grain: usize) -> Option<Matrix3<f64>> {
+        match self {
+            Self::Spheres(_) => None,
+            Self::Ellipsoids { forms, .. } => Some(forms[grain].shape),
+        }
+    }
+
+    /// Diameter of the sphere of equal volume.
+    pub(super) fn equivalent_diameter(&self, grain: usize) -> f64 {
+        match self {
+            Self::Spheres(spheres) => spheres.d_mm[grain],
+            Self::Ellipsoids { grains, .. } => grains.shapes[grain].equivalent_diameter_mm(),
+        }
+    }
+
     /// The section at a height `dz` above the centre, for a grain that is moved to `center`.
     #[inline]
     pub(super) fn section(&self, grain: usize, center: [f64; 3], dz: f64) -> Section {

@@ -1,8 +1,12 @@
 //! Packing methods: each finds positions for the grains of a mix in a specimen.
 //!
 //! [`rsa`] inserts spheres one after the other at their final size, [`rsa_shapes`] ellipsoids; [`edmd`] lets smaller
-//! spheres move, collide and grow.
+//! spheres move, collide and grow, [`monte_carlo`] ellipsoids move at random, push each other and grow.
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod brute_force_tests;
 pub mod edmd;
+pub mod monte_carlo;
 pub mod rsa;
 pub mod rsa_shapes;

@@ -8,6 +8,10 @@
 //! - Fuller's curve `F = (d / d_max)^q` ([`Law::Fuller`]): with `s = q - 3`,
 //!   `F_N(d) = (a^s - d^s) / (a^s - b^s)`, `d = (a^s - u (a^s - b^s))^(1/s)`, and
 //!   `N = V q (b^s - a^s) / (s (b^q - a^q)) / (pi/6)`.
+//!
+//! Grains that are no spheres have shapes that do not depend on their size, so that the distributions of sizes stay and
+//! the numbers are divided by the mean of their volume over that of the sphere of the same size
+//! ([`Class::volume_ratio`]).
 
 use super::sphere_volume;
 
@@ -36,6 +40,8 @@ pub struct Class {
     pub high_mm: f64,
     /// `F(b) - F(a)`.
     pub mass_fraction: f64,
+    /// Mean volume of a grain over that of a sphere of the drawn diameter; 1 for spheres.
+    pub volume_ratio: f64,
 }
 
 impl Class {
@@ -67,7 +73,7 @@ impl Class {
             .map(|i| {
                 let (low_mm, high_mm) = (edge(i), edge(i + 1));
                 let mass_fraction = self.mass_fraction * self.mass_share(low_mm, high_mm);
-                Self { law: self.law, low_mm, high_mm, mass_fraction }
+                Self { low_mm, high_mm, mass_fraction, ..*self }
             })
             .collect()
     }
@@ -85,7 +91,7 @@ impl Class {
     /// Expected number of grains per mm³ of the class's volume: `N_i / V_i`.
     pub fn grains_per_volume(&self) -> f64 {
         let (a, b) = (self.low_mm, self.high_mm);
-        match self.law {
+        let spheres = match self.law {
             Law::LogUniform => (a.powi(-3) - b.powi(-3)) / (3.0 * (b / a).ln()) / std::f64::consts::FRAC_PI_6,
             Law::Fuller { exponent: q } => {
                 q * (b.powf(q - 3.0) - a.powf(q - 3.0))
@@ -93,7 +99,8 @@ impl Class {
                     / std::f64::consts::FRAC_PI_6
             }
             Law::Single => 1.0 / sphere_volume(a),
-        }
+        };
+        spheres / self.volume_ratio
     }
 
     /// The diameter at which the number CDF equals `u`, `0 <= u < 1`.

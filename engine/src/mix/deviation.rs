@@ -23,6 +23,9 @@ const ROUNDING: f64 = 1.0e-9;
 fn least_volume_mm3(mix: &GradedMix) -> f64 {
     let Some(coarsest) = mix.classes.last() else { return 0.0 };
     let grain = sphere_volume(coarsest.low_mm);
+    if let Some(shapes) = &mix.shapes {
+        return grain * shapes.least_volume_ratio(coarsest.high_mm);
+    }
     match coarsest.law {
         Law::Single => {
             let grains = (requested_mm3(mix) / grain - ROUNDING).ceil().max(1.0);
@@ -47,19 +50,19 @@ pub(crate) fn foresee(requested: &Mix, mix: &GradedMix) -> Result<Option<String>
     judge(requested, mix, least_volume_mm3(mix), "at least ")
 }
 
-/// Judges the total volume of sampled diameters in mm; `None` where it is met.
+/// Judges the total volume of sampled grains in mm³; `None` where it is met.
 ///
 /// # Errors
 /// As [`foresee`].
-pub(crate) fn judge_total(
+pub(crate) fn judge_volume(
     requested: &Mix,
     mix: &GradedMix,
-    diameters_mm: &[f64],
+    volume_mm3: f64,
 ) -> Result<Option<String>, FieldError> {
     if mix.list.is_some() {
         return Ok(None);
     }
-    judge(requested, mix, diameters_mm.iter().map(|&d| sphere_volume(d)).sum(), "")
+    judge(requested, mix, volume_mm3, "")
 }
 
 fn judge(

@@ -2,16 +2,22 @@
 //!
 //! A grading becomes a list of classes, each with a distribution of diameters in closed form ([`class`]); the cut-off
 //! splits the class it falls into; diameters are sampled class by class from the coarsest down ([`sampling`]). How far
-//! whole grains miss the requested volumes is judged in `deviation`.
+//! whole grains miss the requested volumes is judged in `deviation`. Where grains are no spheres, the shape of each is
+//! drawn independently of its size ([`shapes`]), its volume counts toward the class, and its orientation is drawn when
+//! it is inserted ([`draw_orientation`]).
 
 pub mod class;
 pub(crate) mod deviation;
+pub mod orientation;
 pub mod sampling;
+pub mod shapes;
 pub mod sieve;
 
 use crate::request::{Grading, Mix, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
+pub use orientation::draw_orientation;
+pub use shapes::ShapeSampler;
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest
 /// grains follow it too and the total misses by less than one of the smallest.
@@ -43,6 +49,8 @@ pub struct GradedMix {
     pub d_max_mm: f64,
     /// Volume of the specimen.
     pub specimen_volume_mm3: f64,
+    /// The shapes of the grains; none where all are spheres. Diameters are then sieve sizes or equivalent diameters.
+    pub shapes: Option<ShapeSampler>,
 }
 
 /// Volume of a sphere of diameter `d`, in the cube of the unit of `d`.
@@ -54,11 +62,15 @@ impl GradedMix {
     /// Resolves a mix whose fields were checked by [`crate::request`].
     pub fn new(mix: &Mix, specimen_volume_mm3: f64) -> Self {
         if let Grading::Diameters { diameters_mm: mm } = &mix.grading {
-            return Self::from_list(mm, mix.d_min_mm, specimen_volume_mm3);
+            return Self::from_list(mm, mix, specimen_volume_mm3);
         }
         let d_min = mix.d_min_mm.unwrap_or(0.0);
-        let sieve_classes = classes_above(&mix.grading, d_min);
-        let classes: Vec<Class> = sieve_classes.iter().flat_map(Class::narrow).collect();
+        let mut sieve_classes = classes_above(&mix.grading, d_min);
+        let shapes = ShapeSampler::new(mix, &sieve_classes, None);
+        let classes: Vec<Class> = match &shapes {
+            None => sieve_classes.iter().flat_map(Class::narrow).collect(),
+            Some(shapes) => sieve_classes.iter_mut().flat_map(|class| shaped(class, shapes)).collect(),
+        };
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
         let requested = mix.requested_fraction().unwrap_or(0.0);
         let (mixture, effective) = match mix.volume_fraction_of {
@@ -76,14 +88,17 @@ impl GradedMix {
             d_min_mm,
             d_max_mm,
             specimen_volume_mm3,
+            shapes,
         }
     }
 
-    fn from_list(mm: &[f64], d_min: Option<f64>, specimen_volume_mm3: f64) -> Self {
-        let all: f64 = mm.iter().map(|&d| sphere_volume(d)).sum();
-        let mut list: Vec<f64> = mm.iter().copied().filter(|&d| d_min.is_none_or(|m| d >= m)).collect();
+    fn from_list(mm: &[f64], mix: &Mix, specimen_volume_mm3: f64) -> Self {
+        let mut list: Vec<f64> =
+            mm.iter().copied().filter(|&d| mix.d_min_mm.is_none_or(|m| d >= m)).collect();
         list.sort_unstable_by(|a, b| b.total_cmp(a));
-        let kept: f64 = list.iter().map(|&d| sphere_volume(d)).sum();
+        let shapes = ShapeSampler::new(mix, &[], Some(&list));
+        let all: f64 = mm.iter().map(|&d| expected_volume_mm3(d, shapes.as_ref())).sum();
+        let kept: f64 = list.iter().map(|&d| expected_volume_mm3(d, shapes.as_ref())).sum();
         let d_min_mm = list.last().copied().unwrap_or(0.0);
         let d_max_mm = list.first().copied().unwrap_or(0.0);
         Self {
@@ -95,6 +110,7 @@ impl GradedMix {
             d_max_mm,
             list: Some(list),
             specimen_volume_mm3,
+            shapes,
         }
     }
 
@@ -109,21 +125,44 @@ impl GradedMix {
     }
 
     /// Expected sum over all grains of the volume of a sphere of diameter `factor d + offset`.
+    ///
+    /// For grains that are no spheres `d` is the equivalent diameter of the mean volume of their size, which is exact
+    /// without an offset.
     pub fn expected_enlarged_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
         let enlarged = |d: f64| sphere_volume(factor * d + offset);
-        self.expected_sum(|c| c.mean_of(&enlarged) * c.grains_per_volume(), enlarged)
+        let of_class = |c: &Class| {
+            let equivalent = c.volume_ratio.cbrt();
+            c.mean_of(&|d| enlarged(d * equivalent)) * c.grains_per_volume()
+        };
+        self.expected_sum(of_class, |d| enlarged(self.equivalent_mm(d)))
+    }
+
+    /// Expected volume of a grain of this size, in mm³.
+    pub fn expected_volume_mm3(&self, size_mm: f64) -> f64 {
+        expected_volume_mm3(size_mm, self.shapes.as_ref())
+    }
+
+    /// Diameter of the sphere that has the mean volume of the grains of this size, in mm.
+    pub fn equivalent_mm(&self, size_mm: f64) -> f64 {
+        match &self.shapes {
+            None => size_mm,
+            Some(shapes) => size_mm * shapes.mean_volume_ratio(size_mm).cbrt(),
+        }
     }
 
     /// Diameters with the expected number of grains of each, from fine to coarse: quantiles of every
-    /// class, or those of an explicit list, many of which are taken together.
+    /// class, or those of an explicit list, many of which are taken together. For grains that are no spheres they are
+    /// those of the mean volume of a size.
     pub fn expected_sizes(&self) -> Vec<(f64, f64)> {
         if let Some(list) = &self.list {
-            return sizes_of_list(list);
+            let equivalent: Vec<f64> = list.iter().map(|&d| self.equivalent_mm(d)).collect();
+            return sizes_of_list(&equivalent);
         }
         let mut sizes = Vec::with_capacity(self.classes.len() * QUANTILES);
         for class in &self.classes {
             let number = self.class_volume_mm3(class) * class.grains_per_volume() / QUANTILES as f64;
-            let quantile = |k: usize| class.diameter((k as f64 + 0.5) / QUANTILES as f64);
+            let equivalent = class.volume_ratio.cbrt();
+            let quantile = |k: usize| class.diameter((k as f64 + 0.5) / QUANTILES as f64) * equivalent;
             sizes.extend((0..QUANTILES).map(|k| (quantile(k), number)));
         }
         sizes
@@ -135,6 +174,21 @@ impl GradedMix {
             None => self.classes.iter().map(|c| self.class_volume_mm3(c) * per_volume(c)).sum(),
         }
     }
+}
+
+/// The narrow classes of a sieve class whose grains are no spheres; its own volume ratio becomes that of its numbers.
+fn shaped(sieve_class: &mut Class, shapes: &ShapeSampler) -> Vec<Class> {
+    let spheres = sieve_class.mass_fraction * sieve_class.grains_per_volume();
+    let parts = shapes.split(*sieve_class);
+    let grains: f64 = parts.iter().map(|part| part.mass_fraction * part.grains_per_volume()).sum();
+    sieve_class.volume_ratio = spheres / grains;
+    parts.iter().flat_map(Class::narrow).collect()
+}
+
+/// Expected volume of a grain of this size, in mm³.
+fn expected_volume_mm3(size_mm: f64, shapes: Option<&ShapeSampler>) -> f64 {
+    let sphere = sphere_volume(size_mm);
+    shapes.map_or(sphere, |shapes| sphere * shapes.mean_volume_ratio(size_mm))
 }
 
 /// A list from the coarsest down as diameters with numbers from fine to coarse: grains within a
@@ -172,12 +226,19 @@ fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
                     low_mm: c.d_min_mm,
                     high_mm: c.d_max_mm,
                     mass_fraction: c.mass_fraction,
+                    volume_ratio: 1.0,
                 }
                 .above(d_min)
             })
             .collect(),
         Grading::Monodisperse { diameter_mm } => {
-            vec![Class { law: Law::Single, low_mm: *diameter_mm, high_mm: *diameter_mm, mass_fraction: 1.0 }]
+            vec![Class {
+                law: Law::Single,
+                low_mm: *diameter_mm,
+                high_mm: *diameter_mm,
+                mass_fraction: 1.0,
+                volume_ratio: 1.0,
+            }]
         }
         Grading::Diameters { .. } => Vec::new(),
     }
@@ -188,7 +249,8 @@ fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
         .windows(2)
         .filter_map(|pair| {
             let [[low_mm, below], [high_mm, above]] = [pair[0], pair[1]];
-            let class = Class { law: Law::LogUniform, low_mm, high_mm, mass_fraction: above - below };
+            let mass_fraction = above - below;
+            let class = Class { law: Law::LogUniform, low_mm, high_mm, mass_fraction, volume_ratio: 1.0 };
             if class.mass_fraction > 0.0 { class.above(d_min) } else { None }
         })
         .collect()

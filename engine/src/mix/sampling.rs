@@ -1,27 +1,34 @@
-//! Sampling of diameters, class by class from the coarsest down (Titscher and Unger 2015, Algorithm 1).
+//! Sampling of diameters, class by class from the coarsest down (Titscher and Unger 2015, Algorithm 1), and of shapes.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::{GradedMix, sphere_volume};
-use crate::error::PackError;
-use crate::memory::{copied, make_room, reserved};
+use crate::error::{PackError, PlanError};
+use crate::memory::{collected, copied, make_room, reserved};
+use crate::request::FieldError;
 use crate::rng::uniform;
+use crate::shape::{Ellipsoid, Form, SizeMeasure};
 
 /// Draws between two looks at whether to stop: about a millisecond.
 const DRAWS_PER_LOOK: usize = 1 << 14;
 
-/// Draws the diameters of one packing, in mm, from the largest down.
+/// Draws the diameters of one packing of spheres, in mm, from the largest down.
 ///
 /// In each class grains are drawn until its volume is reached; the overshoot of the last grain is
 /// taken from the next class, so that the total misses by less than one of the smallest grains.
 ///
 /// # Errors
-/// [`PackError::Stopped`] when `should_stop` said so, [`PackError::OutOfMemory`].
+/// [`PackError::Stopped`] when `should_stop` said so, [`PackError::OutOfMemory`], [`PackError::Plan`] for a mix whose
+/// grains are no spheres.
 pub fn sample(
     mix: &GradedMix,
     rng: &mut Xoshiro256PlusPlus,
     should_stop: &dyn Fn() -> bool,
 ) -> Result<Vec<f64>, PackError> {
+    if mix.shapes.is_some() {
+        let detail = "grains that are no spheres cannot be drawn as spheres";
+        return Err(PackError::Plan(PlanError::Invalid(vec![FieldError::new("/mix", detail)])));
+    }
     if let Some(list) = &mix.list {
         return Ok(copied(list)?);
     }
@@ -45,4 +52,72 @@ pub fn sample(
     }
     diameters.sort_unstable_by(|a, b| b.total_cmp(a));
     Ok(diameters)
+}
+
+/// Grains that were drawn, by equivalent diameter from the largest down.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShapedGrains {
+    /// The bodies.
+    pub ellipsoids: Vec<Ellipsoid>,
+    /// The size that each was drawn with, in mm: its sieve size or its equivalent diameter, whichever the mix names, to
+    /// a few units in the last place. Its size class by [`class_of`](super::sieve::class_of) is the one it was drawn
+    /// for.
+    pub sizes_mm: Vec<f64>,
+}
+
+/// A grain with what it is sorted by.
+struct Drawn {
+    equivalent_mm: f64,
+    size_mm: f64,
+    ellipsoid: Ellipsoid,
+    order: u32,
+}
+
+/// Draws the grains of one packing; spheres too, where the mix has no shapes.
+///
+/// Sizes come from `sizes` as for spheres, shapes from `forms`. In each class grains are drawn until their bodies have
+/// its volume; the overshoot of the last grain is taken from the next class. Of an explicit list every size has a
+/// grain.
+///
+/// # Errors
+/// [`PackError::Stopped`] when `should_stop` said so, [`PackError::OutOfMemory`].
+pub fn sample_shaped(
+    mix: &GradedMix,
+    sizes: &mut Xoshiro256PlusPlus,
+    forms: &mut Xoshiro256PlusPlus,
+    should_stop: &dyn Fn() -> bool,
+) -> Result<ShapedGrains, PackError> {
+    let mut grains: Vec<Drawn> = reserved((mix.expected_grains() * 1.01) as usize + DRAWS_PER_LOOK)?;
+    let mut draw = |size_mm: f64| -> Result<f64, PackError> {
+        let ellipsoid = match &mix.shapes {
+            Some(shapes) => shapes.draw(size_mm, forms),
+            None => SizeMeasure::Equivalent.ellipsoid(size_mm, Form::SPHERE),
+        };
+        let order = grains.len() as u32;
+        grains.push(Drawn { equivalent_mm: ellipsoid.equivalent_diameter_mm(), size_mm, ellipsoid, order });
+        if grains.len().is_multiple_of(DRAWS_PER_LOOK) {
+            if should_stop() {
+                return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
+            }
+            make_room(&mut grains, DRAWS_PER_LOOK)?;
+        }
+        Ok(ellipsoid.volume_mm3())
+    };
+    for &size_mm in mix.list.iter().flatten() {
+        draw(size_mm)?;
+    }
+    let mut overshoot = 0.0;
+    for class in mix.classes.iter().rev() {
+        let target = mix.class_volume_mm3(class) - overshoot;
+        let mut volume = 0.0;
+        while volume < target {
+            volume += draw(class.diameter(uniform(sizes)))?;
+        }
+        overshoot = volume - target;
+    }
+    grains.sort_unstable_by(|p, q| q.equivalent_mm.total_cmp(&p.equivalent_mm).then(p.order.cmp(&q.order)));
+    Ok(ShapedGrains {
+        ellipsoids: collected(grains.iter().map(|grain| grain.ellipsoid))?,
+        sizes_mm: collected(grains.iter().map(|grain| grain.size_mm))?,
+    })
 }

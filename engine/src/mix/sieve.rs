@@ -40,7 +40,7 @@ pub fn sieve_classes(mix: &GradedMix) -> Vec<SieveClass> {
         }
         for &d in list {
             let i = class_of(d, classes.iter().map(|c| c.high_mm));
-            classes[i].volume_mm3 += super::sphere_volume(d);
+            classes[i].volume_mm3 += mix.expected_volume_mm3(d);
             classes[i].grains += 1.0;
         }
     }
@@ -64,5 +64,8 @@ pub(super) fn between(low: f64, high: f64, law: Law) -> Vec<Class> {
     let mut edges = vec![low];
     edges.extend(STANDARD_SIEVES_MM.iter().copied().filter(|&s| s > low && s < high));
     edges.push(high);
-    edges.windows(2).map(|e| Class { law, low_mm: e[0], high_mm: e[1], mass_fraction: 0.0 }).collect()
+    edges
+        .windows(2)
+        .map(|e| Class { law, low_mm: e[0], high_mm: e[1], mass_fraction: 0.0, volume_ratio: 1.0 })
+        .collect()
 }

@@ -128,7 +128,7 @@ fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
 #[test]
 fn drawn_diameters_follow_the_law_of_their_class() {
     for law in [Law::LogUniform, Law::Fuller { exponent: 0.5 }] {
-        let class = Class { law, low_mm: 2.0, high_mm: 4.0, mass_fraction: 1.0 };
+        let class = Class { law, low_mm: 2.0, high_mm: 4.0, mass_fraction: 1.0, volume_ratio: 1.0 };
         let mut rng = stream(7, Stream::Sampling);
         let n = 200_000;
         let drawn: Vec<f64> = (0..n).map(|_| class.diameter(crate::rng::uniform(&mut rng))).collect();

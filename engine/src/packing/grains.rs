@@ -1,5 +1,6 @@
 //! The grains of a packing: their shapes and poses, largest first. The row number is the id of a grain.
 
+use crate::request::Mix;
 use crate::shape::{Ellipsoid, Pose};
 
 /// Spheres in columns of equal length, largest first; the row number is the grain's id.
@@ -106,6 +107,23 @@ impl Grains {
     }
 }
 
+/// What the grains of a packing are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GrainKind {
+    /// All grains are spheres.
+    Spheres,
+    /// The grains are ellipsoids, spheres among them.
+    Ellipsoids,
+}
+
+impl GrainKind {
+    /// Of the packing of a mix.
+    #[must_use]
+    pub fn of_mix(mix: &Mix) -> Self {
+        if mix.grain_shapes().is_some() { Self::Ellipsoids } else { Self::Spheres }
+    }
+}
+
 /// The grains of a packing, borrowed.
 #[derive(Clone, Copy, Debug)]
 pub enum GrainsRef<'a> {
@@ -116,6 +134,15 @@ pub enum GrainsRef<'a> {
 }
 
 impl<'a> GrainsRef<'a> {
+    /// What they are.
+    #[must_use]
+    pub fn kind(self) -> GrainKind {
+        match self {
+            Self::Spheres(_) => GrainKind::Spheres,
+            Self::Ellipsoids(_) => GrainKind::Ellipsoids,
+        }
+    }
+
     /// Diameters of the spheres of equal volume in mm, in the order of the grains.
     pub fn diameters_mm(self) -> impl Iterator<Item = f64> + 'a {
         let (spheres, ellipsoids): (&[f64], &[Ellipsoid]) = match self {

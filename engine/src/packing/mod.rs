@@ -7,7 +7,7 @@ mod grains;
 
 use serde::{Deserialize, Serialize};
 
-pub use grains::{Ellipsoids, Grains, GrainsRef, Spheres};
+pub use grains::{Ellipsoids, GrainKind, Grains, GrainsRef, Spheres};
 
 /// Name and version of the random generator, recorded in every result: the stream behind a seed
 /// is part of what a seed means.
@@ -45,6 +45,52 @@ pub struct Report {
     /// How far coarse and fine grains lie apart, where a gradient was requested.
     #[serde(default, skip_serializing_if = "Option::is_none", alias = "placement")]
     pub segregation: Option<SegregationReport>,
+    /// Shapes and orientation of the grains; absent where all are spheres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shapes: Option<ShapeReport>,
+}
+
+/// Shapes and orientation of grains that are not spheres. Means and shares are weighted by volume.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ShapeReport {
+    /// Flakiness index of EN 933-3, 0 to 1: share of the mass from 4 to 100 mm that passes slots of half the upper
+    /// sieve of its fraction; `null` without such grains.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub flakiness_index: Option<f64>,
+    /// Shape index of EN 933-4, 0 to 1: share of the mass from 4 to 63 mm of grains that are more than three times as
+    /// long as thick; `null` without such grains.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub shape_index: Option<f64>,
+    /// Mean elongation `Ei = b/a`.
+    pub elongation_mean: f64,
+    /// Mean flatness `Fi = c/b`.
+    pub flatness_mean: f64,
+    /// Mean sphericity of Wadell: surface of the sphere of equal volume over that of the grain.
+    pub sphericity_mean: f64,
+    /// Shares of Zingg's classes of form.
+    pub zingg: ZinggShares,
+    /// Surface of all grains in mm².
+    pub surface_mm2: f64,
+    /// Mean of `n nᵀ` over the grains, `n` the direction of the longest axis: xx, yy, zz, xy, yz, xz. A third each on
+    /// the diagonal without a preferred direction.
+    pub long_axis_tensor: [f64; 6],
+    /// The same for the shortest axis.
+    pub short_axis_tensor: [f64; 6],
+}
+
+/// Shares of the classes of form by Zingg (1935), which are divided at `b/a` = 2/3 and `c/b` = 2/3.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ZinggShares {
+    /// `b/a > 2/3`, `c/b <= 2/3`.
+    pub disc: f64,
+    /// `b/a > 2/3`, `c/b > 2/3`.
+    pub equant: f64,
+    /// `b/a <= 2/3`, `c/b <= 2/3`.
+    pub blade: f64,
+    /// `b/a <= 2/3`, `c/b > 2/3`.
+    pub rod: f64,
 }
 
 impl Packing {
@@ -125,9 +171,11 @@ pub struct Separation {
 pub struct GrowthPoint {
     /// Wall-clock time of packing so far, in s.
     pub packing_time_s: f64,
-    /// Simulated time, in s.
-    pub simulated_time_s: f64,
-    /// Events so far.
+    /// Simulated time, in s; absent for hard-particle Monte Carlo, which simulates no motion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable = false))]
+    pub simulated_time_s: Option<f64>,
+    /// Events so far; of hard-particle Monte Carlo the moves tried.
     pub events: u64,
     /// Volume of the grains at their present size, with their coating where the largest distance is
     /// requested, over that of the specimen.
@@ -135,8 +183,10 @@ pub struct GrowthPoint {
     /// Constant distance that the grains keep so far, where one is requested.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub distance_mm: Option<f64>,
-    /// Pressure over that of an ideal gas of the same density and energy.
-    pub reduced_pressure: f64,
+    /// Pressure over that of an ideal gas of the same density and energy; absent for hard-particle Monte Carlo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable = false))]
+    pub reduced_pressure: Option<f64>,
 }
 
 /// The figures people ask for first.
@@ -180,6 +230,11 @@ pub enum MethodUsed {
     /// Event-driven molecular dynamics, after random sequential addition of the full sizes had found no insertion
     /// for a grain.
     RsaThenEdmd,
+    /// Hard-particle Monte Carlo with growth, from smaller grains that random sequential addition inserted.
+    MonteCarlo,
+    /// Hard-particle Monte Carlo with growth, after random sequential addition of the full sizes had found no insertion
+    /// for a grain.
+    RsaThenMonteCarlo,
 }
 
 /// One size class of the result.
@@ -210,6 +265,9 @@ pub struct Timings {
     /// Event-driven molecular dynamics; absent where nothing was grown.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "unless_zero")]
     pub edmd: Option<f64>,
+    /// Hard-particle Monte Carlo; absent where nothing was grown by it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub monte_carlo: Option<f64>,
     /// The independent check.
     #[serde(alias = "verify")]
     pub check: f64,
@@ -232,6 +290,9 @@ pub struct Statistics {
     /// Event-driven molecular dynamics, where grains were grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edmd: Option<EdmdStatistics>,
+    /// Hard-particle Monte Carlo, where grains other than spheres were grown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub monte_carlo: Option<MonteCarloStatistics>,
 }
 
 /// What random sequential addition counted.
@@ -250,7 +311,7 @@ pub struct RsaStatistics {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum EdmdEnd {
+pub enum GrowthEnd {
     /// The requested size and distance.
     #[default]
     Target,
@@ -260,6 +321,36 @@ pub enum EdmdEnd {
     TimeLimit,
     /// The number of events that there may be.
     EventLimit,
+    /// The number of sweeps of moves that there may be.
+    SweepLimit,
+}
+
+/// What hard-particle Monte Carlo counted, over all parts of a run that was interrupted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MonteCarloStatistics {
+    /// Compression cycles: the moments at which the run may be interrupted.
+    pub compression_cycles: u64,
+    /// Sweeps, in each of which every grain tried a move.
+    pub sweeps: u64,
+    /// Random moves of grains tried.
+    pub moves_tried: u64,
+    /// Random moves of grains made.
+    pub moves_accepted: u64,
+    /// Pairs of overlapping grains pushed apart.
+    pub pushes: u64,
+    /// Exchanges of two grains tried.
+    pub swaps_tried: u64,
+    /// Exchanges of two grains made.
+    pub swaps_accepted: u64,
+    /// Lists of near neighbours made anew.
+    pub list_rebuilds: u64,
+    /// Times that the run went on from a checkpoint.
+    pub resumes: u64,
+    /// Size reached over requested size.
+    pub growth_scale: f64,
+    /// What ended the growth.
+    pub stop: GrowthEnd,
 }
 
 /// What event-driven molecular dynamics counted, over all parts of a run that was interrupted.
@@ -306,7 +397,7 @@ pub struct EdmdStatistics {
     /// Pressure at the end over that of an ideal gas of the same density and energy.
     pub reduced_pressure: f64,
     /// What ended the growth.
-    pub stop: EdmdEnd,
+    pub stop: GrowthEnd,
 }
 
 /// What the independent check found. A packing that fails is never returned.

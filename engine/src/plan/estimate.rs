@@ -5,6 +5,7 @@
 use serde::Serialize;
 
 use super::model::{Features, LIKELY, STALL_EVENTS, bisect};
+use super::shapes;
 use crate::distance::DistanceRule;
 use crate::mix::GradedMix;
 use crate::request::{
@@ -30,7 +31,7 @@ pub struct MethodEstimate {
 pub struct MethodEstimates {
     /// Random sequential addition.
     pub rsa: MethodEstimate,
-    /// Event-driven molecular dynamics.
+    /// Event-driven molecular dynamics; of grains that are no spheres the dense method.
     pub edmd: MethodEstimate,
 }
 
@@ -84,11 +85,11 @@ impl<'a> Case<'a> {
         let (attempts, options) = match self.request.method {
             Method::Rsa { attempts_per_grain } => (attempts_per_grain, EdmdOptions::default()),
             Method::Edmd { options } => (None, options),
-            Method::Auto {} => (None, EdmdOptions::default()),
+            Method::Auto {} | Method::MonteCarlo { .. } => (None, EdmdOptions::default()),
         };
         let (features, filled, grains) = (&self.features, self.filled, self.grains);
         let maximize = matches!(self.request.distance, Distance::Maximize { .. });
-        MethodEstimates {
+        let of_spheres = MethodEstimates {
             rsa: MethodEstimate {
                 // It grows nothing, so it has no largest distance.
                 success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
@@ -101,7 +102,8 @@ impl<'a> Case<'a> {
                 time_s: features.growth_time_s(if maximize { 1.0 } else { filled }, grains, &options),
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
-        }
+        };
+        if self.mix.shapes.is_some() { shapes::limited(of_spheres, filled, grains) } else { of_spheres }
     }
 
     /// Events per grain that growth to the target is expected to take, at most those of a stall.
@@ -117,7 +119,7 @@ impl<'a> Case<'a> {
                 success_probability: methods.rsa.success_probability.max(methods.edmd.success_probability),
                 ..methods.rsa
             },
-            Method::Edmd { .. } | Method::Auto {} => methods.edmd,
+            Method::Edmd { .. } | Method::MonteCarlo { .. } | Method::Auto {} => methods.edmd,
         }
     }
 
@@ -149,6 +151,9 @@ impl<'a> Case<'a> {
     fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
         let features = features(self.request, self.mix, 1.0, distance_mm);
         let filled = self.mix.expected_enlarged_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
+        if self.mix.shapes.is_some() && filled > shapes::DENSE_REACH {
+            return false;
+        }
         match self.request.method {
             Method::Rsa { attempts_per_grain } if by_rsa => {
                 features.rsa_success(filled, attempts_per_grain) >= LIKELY
@@ -163,6 +168,9 @@ impl<'a> Case<'a> {
         let mut beyond = self.features.beyond(self.grains);
         if matches!(self.request.distance, Distance::SmallerDiameter { .. }) {
             beyond.push("a distance by the smaller diameter, taken as that of the smallest grains".into());
+        }
+        if self.mix.shapes.is_some() {
+            beyond.push(shapes::EXTRAPOLATION.into());
         }
         let options = match self.request.method {
             Method::Edmd { options } => options,

@@ -100,9 +100,63 @@ fn distance() -> impl Strategy<Value = Value> {
     ]
 }
 
-fn request() -> impl Strategy<Value = Value> {
-    let mix = (grading(), amount(), prop::option::of(magnitude()), any::<bool>()).prop_map(
-        |(grading, amount, d_min, effective)| {
+/// A ratio of two axes.
+fn ratio() -> impl Strategy<Value = f64> {
+    prop_oneof![8 => 0.1..=1.0, 1 => Just(0.1), 1 => Just(1.0)]
+}
+
+fn law() -> BoxedStrategy<Value> {
+    prop_oneof![
+        ratio().prop_map(|value| json!(value)),
+        (ratio(), ratio()).prop_map(|(a, b)| json!({"type": "uniform", "min": a.min(b), "max": a.max(b)})),
+        (ratio(), ratio())
+            .prop_map(|(m, s)| json!({"type": "beta", "mean": m, "standard_deviation": 0.3 * s * s * s})),
+        prop::collection::vec(ratio(), 1..4).prop_map(|values| json!({"type": "table", "values": values})),
+    ]
+    .boxed()
+}
+
+fn shape() -> BoxedStrategy<Value> {
+    let index = || prop_oneof![0.0..=1.0, Just(0.0), Just(1.0)];
+    let ratios = prop_oneof![
+        (ratio(), ratio())
+            .prop_map(|(a, b)| json!({"type": "constant", "b_over_a": a.max(b), "c_over_a": a.min(b)})),
+        (law(), law()).prop_map(|(e, f)| json!({"type": "independent", "elongation": e, "flatness": f})),
+        ratio().prop_map(|k| json!({"type": "triangle", "k": k})),
+        prop::collection::vec([ratio(), ratio(), ratio()], 1..4)
+            .prop_map(|axes| json!({"type": "measured", "axes": axes})),
+        (index(), 0.4..=1.0).prop_map(|(i, e)| json!({"type": "flakiness", "index": i, "elongation": e})),
+        index().prop_map(|i| json!({"type": "shape_index", "index": i})),
+    ];
+    let plain = prop_oneof![
+        1 => Just(json!({"type": "sphere"})),
+        4 => ratios.boxed().prop_map(|ratios| json!({"type": "ellipsoid", "ratios": ratios})),
+    ]
+    .boxed();
+    prop_oneof![
+        plain.clone(),
+        (plain.clone(), plain, 0.01..0.99).prop_map(|(a, b, share)| json!({"type": "mixture", "of": [
+            {"share": share, "shape": a}, {"share": 1.0 - share, "shape": b}]})),
+    ]
+    .boxed()
+}
+
+/// The shapes of a mix: none, one for all sizes, or two by size.
+fn shapes() -> BoxedStrategy<Value> {
+    prop_oneof![
+        2 => Just(json!({})),
+        1 => (shape(), any::<bool>()).prop_map(|(shape, by_volume)| {
+            json!({"shape": shape, "size": if by_volume { "equivalent" } else { "sieve" }})
+        }),
+        1 => (shape(), shape(), magnitude()).prop_map(|(coarse, fine, above)| json!({"shapes": [
+            {"above_mm": above, "shape": coarse}, {"above_mm": 0, "shape": fine}]})),
+    ]
+    .boxed()
+}
+
+fn request() -> BoxedStrategy<Value> {
+    let mix = (grading(), amount(), prop::option::of(magnitude()), any::<bool>(), shapes()).prop_map(
+        |(grading, amount, d_min, effective, shapes)| {
             let mut mix = if grading["type"] == "diameters" { json!({}) } else { amount };
             mix["grading"] = grading;
             if let Some(d_min) = d_min {
@@ -110,6 +164,9 @@ fn request() -> impl Strategy<Value = Value> {
             }
             if effective && mix.get("volume_fraction").is_some() {
                 mix["volume_fraction_of"] = json!("placed_grains");
+            }
+            for (name, value) in shapes.as_object().unwrap() {
+                mix[name] = value.clone();
             }
             mix
         },
@@ -121,6 +178,7 @@ fn request() -> impl Strategy<Value = Value> {
     mix.prop_flat_map(of_mix).prop_map(|(mix, specimen, distance, method)| {
         json!({"mix": mix, "specimen": specimen, "distance": distance, "method": {"type": method}})
     })
+    .boxed()
 }
 
 proptest! {

@@ -6,6 +6,7 @@
 mod estimate;
 mod model;
 mod rods;
+mod shapes;
 
 use serde::Serialize;
 
@@ -155,7 +156,7 @@ impl Plan {
     ///
     /// # Errors
     /// When a grain does not fit into the specimen, when there are more grains than `limits`
-    /// allow, when no arrangement of spheres reaches the volume fraction, or when whole grains miss the requested
+    /// allow, when no arrangement of such grains reaches the volume fraction, or when whole grains miss the requested
     /// volume by more than [`crate::mix::MAX_DEVIATION`] and the mix does not allow it.
     pub fn new(request: &PackingRequest, limits: &Limits) -> Result<Self, PlanError> {
         let specimen_volume_mm3 = request.specimen.volume_mm3();
@@ -176,10 +177,13 @@ impl Plan {
         let places_first = methods.places_first();
         let grows = match request.method {
             Method::Rsa { .. } => false,
-            Method::Edmd { .. } => true,
+            Method::Edmd { .. } | Method::MonteCarlo { .. } => true,
             Method::Auto {} => !places_first,
         };
-        let memory_bytes = memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows);
+        let memory_bytes = match &mix.shapes {
+            None => memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows),
+            Some(_) => (cost::BYTES + grains * shapes::BYTES_PER_GRAIN) as u64,
+        };
         check_limits(&mix, grains, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
         warnings.extend(mix_warnings(request, &mix));
@@ -252,6 +256,9 @@ fn check_cut_off(requested: &Mix, mix: &GradedMix) -> Result<(), PlanError> {
 
 /// The largest grain must fit, with its distance to the walls or to its own image.
 fn check_largest(request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule) -> Result<(), PlanError> {
+    if let Some(of_grains) = &mix.shapes {
+        return shapes::check_largest(request, mix, of_grains, rule);
+    }
     let d = mix.d_max_mm;
     let wall = rule.wall_gap_mm(d);
     let needed = if request.specimen.is_periodic() { d + rule.gap_mm(d, d) } else { d + 2.0 * wall };
@@ -324,8 +331,10 @@ fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits
 fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     let (request, filled, effective) = (case.request, case.filled, case.mix.volume_fraction_effective);
     let ratio = case.features.ratio();
-    let mut densest = 1.0 - (1.0 - EQUAL_SPHERES) * ratio.powf(VOIDS_EXPONENT);
-    if case.mix.list.is_none() && ratio > NEARLY_EQUAL {
+    let are_spheres = case.mix.shapes.is_none();
+    let equal = if are_spheres { EQUAL_SPHERES } else { shapes::EQUAL_ELLIPSOIDS };
+    let mut densest = 1.0 - (1.0 - equal) * ratio.powf(VOIDS_EXPONENT);
+    if are_spheres && case.mix.list.is_none() && ratio > NEARLY_EQUAL {
         densest = densest.min(BEYOND_RANDOM * case.features.random_close());
     }
     if filled <= densest {
@@ -336,13 +345,18 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     } else {
         String::new()
     };
+    let bodies = if are_spheres { "spheres" } else { "ellipsoids" };
     Err(infeasible(
         request.mix.amount_pointer(),
         format!(
-            "the grains to place are a volume fraction of {effective:.4}{coating}: spheres of this range of \
+            "the grains to place are a volume fraction of {effective:.4}{coating}: {bodies} of this range of \
              diameters (1 : {ratio:.2}) fill at most {densest:.4}; lower the volume fraction or the distance"
         ),
     ))
+}
+
+fn invalid(pointer: &str, detail: String) -> PlanError {
+    PlanError::Invalid(vec![FieldError { pointer: pointer.into(), detail }])
 }
 
 fn infeasible(pointer: &str, detail: String) -> PlanError {

@@ -7,6 +7,7 @@
 mod axis;
 pub mod decode;
 pub mod edmd;
+pub mod monte_carlo;
 pub mod proportions;
 mod read;
 #[cfg(feature = "openapi")]
@@ -22,6 +23,7 @@ pub use crate::shape::SizeMeasure;
 pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
+pub use monte_carlo::MonteCarloStop;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
 pub use shape::{GrainShape, MixturePart, Orientation, PlainShape, ShapeClass};
@@ -331,7 +333,8 @@ pub enum Distance {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Method {
-    /// Let the engine choose: `rsa` where that will surely do, else `edmd`.
+    /// Let the engine choose: `rsa` where that will surely do, else `edmd`, or `monte_carlo` for grains that are no
+    /// spheres.
     Auto {},
     /// Random sequential addition, largest grain first.
     Rsa {
@@ -349,5 +352,13 @@ pub enum Method {
         /// Its parameters.
         #[serde(flatten)]
         options: EdmdOptions,
+    },
+    /// Hard-particle Monte Carlo, for grains that are no spheres: grains move, turn, exchange their places and grow,
+    /// and those that come to overlap push each other apart.
+    MonteCarlo {
+        /// When to give up.
+        #[cfg_attr(feature = "openapi", schema(required = false))]
+        #[serde(skip_serializing_if = "MonteCarloStop::is_empty")]
+        stop: MonteCarloStop,
     },
 }

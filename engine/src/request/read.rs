@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
+use super::monte_carlo;
 use super::proportions::{MixProportions, read_proportions};
 use super::segregation::read_segregation;
 use super::shape::read_shapes;
@@ -93,20 +94,44 @@ impl PackingRequest {
             Some(at) => read_distance(at),
             None => Some(Distance::None { wall_gap_mm: None }),
         };
-        let method = match object.optional("method") {
-            Some(at) => read_method(&at),
+        let method_at = object.optional("method");
+        let method = match &method_at {
+            Some(at) => read_method(at),
             None => Some(Method::Auto {}),
         };
-        let segregation = match object.optional("segregation") {
-            Some(at) => read_segregation(&at, specimen.as_ref()),
+        let segregation_at = object.optional("segregation");
+        let segregation = match &segregation_at {
+            Some(at) => read_segregation(at, specimen.as_ref()),
             None => Some(Segregation::None {}),
         };
+        if let Some(mix) = &mix {
+            let has_shapes = mix.grain_shapes().is_some();
+            let fault = match (&method_at, &method, &segregation_at, &segregation) {
+                (Some(at), Some(Method::Edmd { .. }), ..) if has_shapes => Some((
+                    at,
+                    "\"edmd\" packs spheres alone: must be \"monte_carlo\", \"rsa\" or \"auto\" for grains with a shape",
+                )),
+                (Some(at), Some(Method::MonteCarlo { .. }), ..) if !has_shapes => Some((
+                    at,
+                    "\"monte_carlo\" packs grains with a shape: must be \"edmd\", \"rsa\" or \"auto\" for spheres",
+                )),
+                (.., Some(at), Some(Segregation::Gradient { .. })) if has_shapes => {
+                    Some((at, "\"gradient\" is for spheres alone: must be \"none\" for grains with a shape"))
+                }
+                _ => None,
+            };
+            if let Some((at, detail)) = fault {
+                // Where the fault is: no other field of the object would be right with this type.
+                at.object()?.required("type")?.fault(detail);
+                return None;
+            }
+        }
         if let (Some(at), Some(Distance::Maximize { .. }), Some(Method::Rsa { .. })) =
             (&distance_at, &distance, &method)
         {
             // Where the fault is: no other field of the distance would be right with this method.
             at.object()?.required("type")?.fault(
-                "\"maximize\" needs grains that grow: the method must be \"edmd\" or \"auto\", not \"rsa\"",
+                "\"maximize\" needs grains that grow: the method must be \"edmd\", \"monte_carlo\" or \"auto\", not \"rsa\"",
             );
             return None;
         }
@@ -485,9 +510,15 @@ fn read_method(at: &At<'_>) -> Option<Method> {
         Auto,
         Rsa,
         Edmd,
+        MonteCarlo,
     }
     let mut object = at.object()?;
-    let kind = object.variant(&[("auto", Kind::Auto), ("rsa", Kind::Rsa), ("edmd", Kind::Edmd)])?;
+    let kind = object.variant(&[
+        ("auto", Kind::Auto),
+        ("rsa", Kind::Rsa),
+        ("edmd", Kind::Edmd),
+        ("monte_carlo", Kind::MonteCarlo),
+    ])?;
     let method = match kind {
         Kind::Auto => Some(Method::Auto {}),
         Kind::Rsa => match object.optional("attempts_per_grain") {
@@ -497,6 +528,7 @@ fn read_method(at: &At<'_>) -> Option<Method> {
             None => Some(Method::Rsa { attempts_per_grain: None }),
         },
         Kind::Edmd => edmd::read_options(&mut object).map(|options| Method::Edmd { options }),
+        Kind::MonteCarlo => monte_carlo::read_stop(&mut object).map(|stop| Method::MonteCarlo { stop }),
     };
     object.finish();
     method

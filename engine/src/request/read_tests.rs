@@ -196,7 +196,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["method"] = json!({"type": "lubachevsky"}),
-            "/method/type: \"lubachevsky\" is unknown: must be one of \"auto\", \"rsa\", \"edmd\"",
+            "/method/type: \"lubachevsky\" is unknown: must be one of \"auto\", \"rsa\", \"edmd\", \"monte_carlo\"",
         ),
         (
             |v| v["distance"] = json!({"type": "minimize"}),
@@ -204,7 +204,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["distance"] = json!({"type": "maximize"}),
-            "/distance/type: \"maximize\" needs grains that grow: the method must be \"edmd\" or \"auto\", not \"rsa\"",
+            "/distance/type: \"maximize\" needs grains that grow: the method must be \"edmd\", \"monte_carlo\" or \"auto\", not \"rsa\"",
         ),
         (
             |v| {

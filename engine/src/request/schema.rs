@@ -1,10 +1,11 @@
-//! Schemas of requests that no derive makes: arrays whose items are bounded.
+//! Schemas of requests that no derive makes: arrays whose items are bounded, and fields with a second spelling.
 
 use serde_json::json;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, ObjectBuilder, Schema, Type};
 
 use super::{MAX_LENGTH_MM, MIN_LENGTH_MM};
+use crate::shape::AxisRatios;
 
 /// A length in mm.
 fn length() -> RefOr<Schema> {
@@ -49,4 +50,31 @@ pub(crate) fn diameters_mm() -> Array {
         .description(Some("Diameter of every grain, in any order."))
         .examples([json!([12.0, 10.0, 8.0])])
         .build()
+}
+
+/// The law of the axis ratios of grains; results name constant ratios by elongation and flatness.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)] // A schema only: the fields are read by hand.
+pub(crate) enum AxisRatiosInput {
+    /// As results have it.
+    Law(AxisRatios),
+    /// Constant ratios by the axes.
+    ByAxes(ConstantByAxes),
+}
+
+/// Constant ratios of the axes `a >= b >= c`, another spelling of elongation and flatness.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[allow(dead_code)]
+pub(crate) enum ConstantByAxes {
+    /// The same for all grains.
+    Constant {
+        /// `b/a`.
+        #[schema(minimum = 0.1, maximum = 1)]
+        b_over_a: f64,
+        /// `c/a`, at most `b/a`.
+        #[schema(minimum = 0.1, maximum = 1)]
+        c_over_a: f64,
+    },
 }

@@ -38,6 +38,7 @@ pub enum GrainShape {
     /// Ellipsoids with axes `a >= b >= c`.
     Ellipsoid {
         /// How the ratios of the axes are distributed.
+        #[cfg_attr(feature = "openapi", schema(value_type = super::schema::AxisRatiosInput))]
         ratios: AxisRatios,
     },
     /// Grains of several shapes.
@@ -70,6 +71,7 @@ pub enum PlainShape {
     /// Ellipsoids with axes `a >= b >= c`.
     Ellipsoid {
         /// How the ratios of the axes are distributed.
+        #[cfg_attr(feature = "openapi", schema(value_type = super::schema::AxisRatiosInput))]
         ratios: AxisRatios,
     },
 }

@@ -40,7 +40,7 @@ impl RatioSampler {
     }
 
     /// The same for ratios that were judged before.
-    fn of_valid(ratios: &AxisRatios, measure: SizeMeasure, passing: &dyn Fn(f64) -> f64) -> Self {
+    pub(crate) fn of_valid(ratios: &AxisRatios, measure: SizeMeasure, passing: &dyn Fn(f64) -> f64) -> Self {
         let law = match ratios {
             AxisRatios::Constant { elongation, flatness } => Law::Independent {
                 elongation: Quantiles::Constant(*elongation),

@@ -1,6 +1,6 @@
 //! Mixes that ask for something special.
 
-use packstone_engine::packing::EdmdEnd;
+use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{Limits, PackError, PackingRequest, pack};
 use serde_json::json;
 
@@ -64,7 +64,7 @@ fn grains_do_not_stall_because_they_are_fast_or_small() {
     let fast = grown(&job(&cube(80.0, "walls"), &mix(8.0), &none, &fast), 0).unwrap();
     let small = grown(&job(&cube(8e-5, "walls"), &mix(8e-6), &none, &stop), 0).unwrap();
     for packing in [slow, fast, small] {
-        assert_eq!(packing.report.statistics.edmd.unwrap().stop, EdmdEnd::Target);
+        assert_eq!(packing.report.statistics.edmd.unwrap().stop, GrowthEnd::Target);
     }
 }
 
@@ -91,7 +91,7 @@ fn grains_of_very_different_sizes_grow_valid() {
                 .unwrap();
         let summary = packing.report.summary;
         assert!(summary.grains > 3000 && summary.d_max_mm > 20.0 * summary.d_min_mm, "{summary:?}");
-        assert_eq!(packing.report.statistics.edmd.unwrap().stop, EdmdEnd::Target);
+        assert_eq!(packing.report.statistics.edmd.unwrap().stop, GrowthEnd::Target);
     }
 }
 
@@ -103,7 +103,7 @@ fn a_bidisperse_mixture_jams_at_random_close_packing() {
     let value = job(&cube(10.0, "periodic"), &diameters(&mm), &json!({"type": "maximize"}), &method);
     let packing = grown(&value, 2).unwrap();
     let end = packing.report.statistics.edmd.unwrap();
-    assert_eq!(end.stop, EdmdEnd::Stalled);
+    assert_eq!(end.stop, GrowthEnd::Stalled);
     assert!(end.reduced_pressure > 1e6, "{}", end.reduced_pressure);
     // The same length is added to all, so that the ratio of sizes shrinks.
     let fraction = packing.report.summary.volume_fraction_with_coating;
@@ -129,7 +129,7 @@ fn a_target_is_reached_with_its_margin_or_not_at_all() {
     let value = job(&cube(20.0, "walls"), &diameters(&CROWDED_MM), &json!({"type": "none"}), &method);
     for seed in 0..40 {
         if let Ok(packing) = grown(&value, seed) {
-            assert_eq!(packing.report.statistics.edmd.unwrap().stop, EdmdEnd::Target);
+            assert_eq!(packing.report.statistics.edmd.unwrap().stop, GrowthEnd::Target);
         }
     }
 }

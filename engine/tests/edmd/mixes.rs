@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use packstone_engine::packing::EdmdEnd;
+use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{Limits, PackError, TargetNotReached, pack};
 use proptest::prelude::*;
 use proptest::test_runner::{TestCaseError, TestRunner};
@@ -121,7 +121,7 @@ fn random_small_mixes_grow_valid_or_say_why_not() {
                 count(&short);
                 prop_assert!(not_grown.scale_reached < 1.0, "{}", not_grown);
                 prop_assert!(
-                    matches!(not_grown.end, EdmdEnd::Stalled | EdmdEnd::EventLimit),
+                    matches!(not_grown.end, GrowthEnd::Stalled | GrowthEnd::EventLimit),
                     "{}",
                     not_grown
                 );

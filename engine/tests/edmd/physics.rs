@@ -4,7 +4,7 @@
 use std::f64::consts::{FRAC_PI_6, PI, SQRT_2};
 
 use packstone_engine::methods::edmd::Fluid;
-use packstone_engine::packing::EdmdEnd;
+use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
 
@@ -17,7 +17,7 @@ fn jammed(spheres: usize, method: &Value, seed: u64) -> f64 {
     });
     let request = PackingRequest::from_json(&value, seed).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-    assert_eq!(packing.report.statistics.edmd.unwrap().stop, EdmdEnd::Stalled);
+    assert_eq!(packing.report.statistics.edmd.unwrap().stop, GrowthEnd::Stalled);
     packing.report.summary.volume_fraction_with_coating
 }
 

@@ -3,10 +3,10 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use packstone_engine::packing::EdmdEnd;
+use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{
-    Control, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase, Progress, TargetNotReached,
-    Unattended, pack,
+    Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase, Progress,
+    TargetNotReached, Unattended, pack,
 };
 use serde_json::{Value, json};
 
@@ -45,7 +45,7 @@ fn not_grown(request: &PackingRequest) -> GrowthStopped {
 fn a_target_that_jams_before_is_said_to() {
     let request = spheres(0.65, &none(), &json!({"growth_rate": 1.0}));
     let short = not_grown(&request);
-    assert_eq!(short.end, EdmdEnd::Stalled);
+    assert_eq!(short.end, GrowthEnd::Stalled);
     // Between what random placing starts from and the densest random packing.
     assert!(short.volume_fraction_reached > 0.5 && short.volume_fraction_reached < 0.64, "{short}");
     let of_scale = short.volume_fraction_asked * short.scale_reached.powi(3);
@@ -58,12 +58,13 @@ fn a_limit_of_events_ends_growth_at_exactly_so_many() {
     for events in [1, 999, 12_345] {
         let stop = json!({"stop": {"events": events}});
         let short = not_grown(&spheres(0.55, &none(), &stop));
-        assert_eq!((short.end, short.events), (EdmdEnd::EventLimit, events));
+        assert_eq!(short.end, GrowthEnd::EventLimit);
+        assert!(matches!(short.effort, GrowthEffort::Events { events: spent, .. } if spent == events));
         assert!(short.scale_reached < 1.0 && short.to_string().contains("raise stop.events"), "{short}");
         // The distance reached is a result, however short the run.
         let packing = packed(&spheres(0.25, &maximize(), &stop));
         let grown = packing.report.statistics.edmd.unwrap();
-        assert_eq!((grown.stop, grown.events), (EdmdEnd::EventLimit, events));
+        assert_eq!((grown.stop, grown.events), (GrowthEnd::EventLimit, events));
     }
 }
 
@@ -71,10 +72,10 @@ fn a_limit_of_events_ends_growth_at_exactly_so_many() {
 fn a_limit_of_time_ends_growth() {
     let stop = json!({"stop": {"time_s": 1e-3}});
     let short = not_grown(&spheres(0.6, &none(), &stop));
-    assert_eq!(short.end, EdmdEnd::TimeLimit);
+    assert_eq!(short.end, GrowthEnd::TimeLimit);
     assert!(short.scale_reached < 1.0 && short.to_string().contains("raise stop.time_s"), "{short}");
     let packing = packed(&spheres(0.25, &maximize(), &stop));
-    assert_eq!(packing.report.statistics.edmd.unwrap().stop, EdmdEnd::TimeLimit);
+    assert_eq!(packing.report.statistics.edmd.unwrap().stop, GrowthEnd::TimeLimit);
 }
 
 #[test]

@@ -93,7 +93,7 @@ impl RunControl {
 impl Control for RunControl {
     fn report(&self, progress: &Progress) {
         self.fraction.store(progress.fraction.to_bits(), Ordering::Release);
-        self.growing.store(progress.phase == Phase::Edmd, Ordering::Release);
+        self.growing.store(matches!(progress.phase, Phase::Edmd | Phase::MonteCarlo), Ordering::Release);
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress.clone());
     }
 

@@ -1,7 +1,7 @@
 //! The figures of a run for the table of its study, from the report of the engine or from the error of a run that
 //! failed.
 
-use packstone_engine::{PackError, Report, TargetNotReached};
+use packstone_engine::{GrowthEffort, PackError, Report, TargetNotReached};
 
 use super::{Facts, Outcome};
 
@@ -12,16 +12,21 @@ impl Facts {
         let grown = report.statistics.edmd;
         Self {
             // Not `total` alone, which lacks the time before the checkpoint in a run that was resumed.
-            time_s: timings
-                .total
-                .max(timings.sampling + timings.rsa + timings.edmd.unwrap_or(0.0) + timings.check),
+            time_s: timings.total.max(
+                timings.sampling
+                    + timings.rsa
+                    + timings.edmd.or(timings.monte_carlo).unwrap_or(0.0)
+                    + timings.check,
+            ),
             grains: Some(summary.grains),
             volume_fraction_effective: Some(summary.volume_fraction_effective),
             volume_fraction_with_coating: Some(summary.volume_fraction_with_coating),
             distance_mm: summary.distance_mm,
             events: grown.map(|edmd| edmd.events),
             edmd_s: timings.edmd,
-            end: grown.map(|edmd| edmd.stop),
+            end: grown
+                .map(|edmd| edmd.stop)
+                .or(report.statistics.monte_carlo.map(|monte_carlo| monte_carlo.stop)),
         }
     }
 
@@ -47,7 +52,10 @@ impl Facts {
                 grains: Some(reached.grains),
                 volume_fraction_effective: Some(reached.volume_fraction_asked),
                 distance_mm: reached.distance_mm_reached,
-                events: Some(reached.events),
+                events: match reached.effort {
+                    GrowthEffort::Events { events, .. } => Some(events),
+                    GrowthEffort::Cycles { .. } => None,
+                },
                 end: Some(reached.end),
                 ..Self::default()
             },

@@ -18,7 +18,7 @@ pub(crate) mod table;
 
 use std::collections::BTreeMap;
 
-use packstone_engine::packing::EdmdEnd;
+use packstone_engine::packing::GrowthEnd;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::ToSchema;
@@ -161,7 +161,7 @@ pub(crate) struct Facts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) edmd_s: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) end: Option<EdmdEnd>,
+    pub(crate) end: Option<GrowthEnd>,
 }
 
 /// A run that ended.

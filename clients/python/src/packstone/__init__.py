@@ -22,7 +22,9 @@ from .builders import (
     Method,
     Mix,
     Proportions,
+    Ratios,
     Segregation,
+    Shape,
     Specimen,
 )
 from .client import Client
@@ -66,8 +68,10 @@ __all__ = [
     "PackstoneError",
     "PackstoneWarning",
     "Proportions",
+    "Ratios",
     "Result",
     "Segregation",
+    "Shape",
     "Specimen",
     "Study",
     "Svg",

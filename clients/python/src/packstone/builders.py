@@ -152,12 +152,77 @@ class Proportions(_Fields):
         )
 
 
+class Ratios(_Fields):
+    """How the ratios of the axes ``a >= b >= c`` of grains are distributed.
+
+    The elongation is b/a, the flatness c/b, both 0.1 to 1. A law of one ratio is a number, or a mapping as
+    ``{"type": "uniform", "min": 0.5, "max": 0.9}``.
+    """
+
+    @classmethod
+    def constant(cls, elongation: float, flatness: float) -> Ratios:
+        """The same for all grains."""
+        return cls(type="constant", elongation=elongation, flatness=flatness)
+
+    @classmethod
+    def independent(
+        cls, elongation: float | Mapping[str, Any], flatness: float | Mapping[str, Any]
+    ) -> Ratios:
+        """Elongation and flatness independent of one another."""
+        return cls(type="independent", elongation=elongation, flatness=flatness)
+
+    @classmethod
+    def triangle(cls, k: float) -> Ratios:
+        """Uniform over ``k <= c/a <= b/a <= 1``."""
+        return cls(type="triangle", k=k)
+
+    @classmethod
+    def measured(
+        cls, axes: Sequence[tuple[float, float, float]] | ArrayLike, weights: Sequence[float] | None = None
+    ) -> Ratios:
+        """Those of grains that were measured: triples of axes in any unit."""
+        return cls(type="measured", axes=axes, weights=weights)
+
+    @classmethod
+    def flakiness(cls, index: float, elongation: float | Mapping[str, Any] | None = None) -> Ratios:
+        """Grains with this flakiness index of EN 933-3, 0 to 1."""
+        return cls(type="flakiness", index=index, elongation=elongation)
+
+    @classmethod
+    def shape_index(cls, index: float, elongation: float | Mapping[str, Any] | None = None) -> Ratios:
+        """Grains with this shape index of EN 933-4, 0 to 1."""
+        return cls(type="shape_index", index=index, elongation=elongation)
+
+
+class Shape(_Fields):
+    """The shape of grains."""
+
+    @classmethod
+    def sphere(cls) -> Shape:
+        """Spheres."""
+        return cls(type="sphere")
+
+    @classmethod
+    def ellipsoid(cls, ratios: Ratios | Mapping[str, Any]) -> Shape:
+        """Ellipsoids with these ratios of axes."""
+        return cls(type="ellipsoid", ratios=ratios)
+
+    @classmethod
+    def mixture(cls, parts: Sequence[tuple[float, Shape]]) -> Shape:
+        """Grains of several shapes: pairs of the share of the volume and the shape."""
+        return cls(type="mixture", of=[{"share": share, "shape": shape} for share, shape in parts])
+
+
 class Mix(_Fields):
     """The aggregate: its grading, its smallest diameter and its amount.
 
     `grading` is a :class:`Grading` or the name of a standard curve. The amount is a `volume_fraction` or
     follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
     default), including the part finer than `d_min_mm`, or ``placed_grains``.
+
+    `shape` is the shape of all grains; `shapes` has pairs of the size above which a shape holds and the shape.
+    `size` says what a diameter is of grains that are not spheres: their ``sieve`` size (the default) or the
+    diameter of the sphere of ``equivalent`` volume.
     """
 
     def __init__(
@@ -169,6 +234,10 @@ class Mix(_Fields):
         proportions: Proportions | Mapping[str, Any] | None = None,
         volume_fraction_of: Literal["all_aggregate", "placed_grains"] | None = None,
         allow_coarse: bool | None = None,
+        shape: Shape | Mapping[str, Any] | None = None,
+        shapes: Sequence[tuple[float, Shape]] | None = None,
+        size: Literal["sieve", "equivalent"] | None = None,
+        orientation: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(
             grading=Grading.standard(grading) if isinstance(grading, str) else grading,
@@ -177,6 +246,10 @@ class Mix(_Fields):
             proportions=proportions,
             volume_fraction_of=volume_fraction_of,
             allow_coarse=allow_coarse,
+            shape=shape,
+            shapes=None if shapes is None else [{"above_mm": size, "shape": shape} for size, shape in shapes],
+            size=size,
+            orientation=orientation,
         )
 
 
@@ -217,7 +290,10 @@ class Method(_Fields):
 
     @classmethod
     def auto(cls) -> Method:
-        """Random sequential addition if it will almost surely succeed, else event-driven molecular dynamics."""
+        """Random sequential addition if it will almost surely succeed.
+
+        Otherwise event-driven molecular dynamics, or hard-particle Monte Carlo for grains that are not spheres.
+        """
         return cls(type="auto")
 
     @classmethod
@@ -253,6 +329,14 @@ class Method(_Fields):
             swap=swap,
             stop=dict(stop) or None,
         )
+
+    @classmethod
+    def monte_carlo(cls, *, time_s: float | None = None, sweeps: int | None = None) -> Method:
+        """Hard-particle Monte Carlo with growing grains, for grains that are not spheres.
+
+        It stops after `time_s` of packing, or after a number of `sweeps`.
+        """
+        return cls(type="monte_carlo", stop=dict(_Fields(time_s=time_s, sweeps=sweeps)) or None)
 
 
 class Segregation(_Fields):

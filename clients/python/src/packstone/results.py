@@ -25,6 +25,10 @@ TableFormat = Literal["json", "csv", "npy", "vtp", "vtk"]
 FileFormat = Literal[TableFormat, "msh", "vti", "raw", "inp", "svg", "png"]
 
 COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
+"""Columns of spheres: centre and diameter."""
+
+ELLIPSOID_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "a_mm", "b_mm", "c_mm")
+"""Columns of ellipsoids: those of the sphere of equal volume, sieve size, orientation quaternion, semi-axes."""
 
 
 class Result:
@@ -46,20 +50,29 @@ class Result:
         return dict(self.report["summary"])
 
     def to_numpy(self) -> NDArray[np.float64]:
-        """Returns the grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm."""
+        """Returns the grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
+
+        Grains that are not spheres have the columns ``ELLIPSOID_COLUMNS``.
+        """
         grains: NDArray[np.float64] = np.load(io.BytesIO(self.read("npy")), allow_pickle=False)
         return grains
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Returns the grains as a table with the columns x_mm, y_mm, z_mm and d_mm. Needs pandas."""
+        """Returns the grains as a table with the columns x_mm, y_mm, z_mm and d_mm. Needs pandas.
+
+        Grains that are not spheres have the columns ``ELLIPSOID_COLUMNS``.
+        """
         import pandas as pd
 
-        return pd.DataFrame(self.to_numpy(), columns=list(COLUMNS))
+        grains = self.to_numpy()
+        names = COLUMNS if grains.shape[1] == len(COLUMNS) else ELLIPSOID_COLUMNS
+        return pd.DataFrame(grains, columns=list(names))
 
     def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
         """Returns the centres with the point data ``diameter_mm``, as PyVista's points. Needs pyvista.
 
-        With `spheres` it returns surfaces, each of `resolution` segments: ``to_pyvista(spheres=True).plot()``.
+        With `spheres` it returns the surfaces of the grains, each of `resolution` segments, ellipsoids too:
+        ``to_pyvista(spheres=True).plot()``.
         """
         import pyvista
 
@@ -70,6 +83,8 @@ class Result:
         if not spheres:
             return points
         sphere = pyvista.Sphere(radius=0.5, theta_resolution=resolution, phi_resolution=resolution)
+        if grains.shape[1] == len(ELLIPSOID_COLUMNS):
+            return _ellipsoids(grains, sphere)
         surfaces: pyvista.PolyData = points.glyph(geom=sphere, scale="diameter_mm", orient=False)
         return surfaces
 
@@ -128,6 +143,31 @@ class Result:
     def _repr_html_(self) -> str:
         rows = {name: value for name, value in self.summary.items() if not isinstance(value, (dict, list))}
         return _html.card(f"Result of {self._title}", rows, png=self._repr_png_())
+
+
+def _ellipsoids(grains: NDArray[np.float64], sphere: pyvista.PolyData) -> pyvista.PolyData:
+    """The surfaces of ellipsoids as images of a sphere of diameter 1."""
+    import pyvista
+
+    center, axes = grains[:, :3], 2 * grains[:, 9:12]
+    w, x, y, z = (grains[:, 5:9] / np.linalg.norm(grains[:, 5:9], axis=1, keepdims=True)).T
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    unit = np.asarray(sphere.points, dtype=np.float64)
+    points = np.einsum("ijn,nj,pj->npi", rotation, axes, unit) + center[:, None, :]
+    faces = np.asarray(sphere.faces).reshape(-1, 4)
+    offsets = np.arange(len(grains))[:, None, None] * len(unit)
+    corners = faces[None, :, 1:] + offsets
+    counted = np.concatenate([np.full((*corners.shape[:2], 1), 3), corners], axis=2)
+    surfaces: pyvista.PolyData = pyvista.PolyData(points.reshape(-1, 3), counted.reshape(-1))
+    surfaces.point_data["diameter_mm"] = np.repeat(grains[:, 3], len(unit))
+    surfaces.set_active_scalars("diameter_mm")
+    return surfaces
 
 
 def check_format(format: str) -> None:

@@ -2,7 +2,8 @@
 //!
 //! A sphere without anything close has the triangles of its polyhedron. Near something at the gap `g(r)` at the
 //! distance `r` from the nearest point, edges are at most `3 g(r)` (but no shorter than the floor), so that the number
-//! of triangles there is the integral of `DENSITY / h(r)^2` over the surface. Both are summed over everything a grain
+//! of triangles there is the integral of `DENSITY / h(r)^2` over the surface; on an ellipsoid the triangles are
+//! stretched by its map, and there are so many more as they are narrower than long. Both are summed over everything a grain
 //! faces. From a plan, what a grain faces is a mean: grains of the size `j` at gaps from `g` to `g + dg` number
 //! `rho_j 4 pi sigma_ij^2 G_ij dg`, `G_ij` the contact value of the pair distribution of hard spheres (Mansoori,
 //! Carnahan, Starling and Leland 1971, Journal of Chemical Physics 54). Measured: `docs/meshes.md`.
@@ -11,14 +12,15 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
+use super::bodies::{Contact, MeshModel};
 use super::grain::Grains;
 use super::options::SurfaceOptions;
-use super::size::{CIRCUMRADIUS, EDGE_PER_GAP, Other};
+use super::size::{CIRCUMRADIUS, EDGE_PER_GAP};
 use super::sphere::Finenesses;
 use super::{GRAINS_PER_LOOK, check, surface_mean_mm};
 use crate::control::Control;
 use crate::distance::DistanceRule;
-use crate::export::{ExportError, SphereModel, go_on};
+use crate::export::{ExportError, go_on};
 use crate::plan::ClassPlan;
 use crate::request::Specimen;
 
@@ -66,34 +68,38 @@ impl MeshEstimate {
 /// # Errors
 /// [`ExportError::Unavailable`] for a periodic box, [`ExportError::Stopped`].
 pub(super) fn of_model(
-    model: &SphereModel<'_>,
+    model: &MeshModel<'_>,
     options: &SurfaceOptions,
     control: &dyn Control,
 ) -> Result<MeshEstimate, ExportError> {
     check(model.specimen)?;
-    let spheres = model.spheres;
+    let bodies = &model.bodies;
     let grains = Grains::new(model, options)?;
     let shell_mm = surface_mean_mm(model);
-    let shell =
-        Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
+    let shell = Patch::of_diameter(options, shell_mm);
     let mut triangles = shell_triangles(model.specimen, shell.edge_mm);
-    for row in 0..spheres.len() {
+    for row in 0..bodies.len() {
         if row % GRAINS_PER_LOOK == 0 {
             go_on(control)?;
         }
-        let diameter = spheres.d_mm[row];
-        triangles += grains.fineness(diameter).triangles() as f64;
+        triangles += grains.fineness(row).triangles() as f64;
         if !options.size_field {
             continue;
         }
-        let patch = Patch::of_grain(options, diameter);
-        grains.for_each_facing(row, grains.reach_mm(diameter), |other, gap, _| match other {
-            Other::Sphere { radius, .. } => triangles += patch.more_triangles(gap, Some(radius)),
-            Other::Plane(..) | Other::Lateral { .. } => triangles += patch.more_triangles(gap, None),
+        let even = Patch::of_diameter(options, bodies.diameter(row));
+        let mean_stretch = bodies.mean_stretch(row);
+        let patch = |contact: &Contact| Patch {
+            edge_mm: even.edge_mm * (contact.stretch / mean_stretch),
+            aspect: contact.aspect,
+            ..even
+        };
+        grains.for_each_facing(row, grains.reach_mm(row), |faced| {
+            let contact = bodies.contact(row, faced.row, faced.toward);
+            triangles += patch(&contact).more_triangles(faced.gap, contact.bend);
         });
-        for (wall, _) in super::shell::walls(model.specimen, spheres.center(row)) {
-            let gap = wall.gap(spheres.center(row)) - diameter / 2.0;
-            triangles += shell.more_triangles(gap, Some(diameter / 2.0));
+        for at_wall in model.walls(row) {
+            let contact = bodies.contact(row, None, at_wall.toward);
+            triangles += shell.more_triangles(at_wall.gap, contact.bend);
         }
     }
     Ok(MeshEstimate::of(triangles))
@@ -112,8 +118,7 @@ pub(super) fn of_plan(
     let of_power = |n: i32| sizes.iter().map(|size| size.grains * size.diameter_mm.powi(n)).sum::<f64>();
     let [x, y, z] = specimen.bounds_mm();
     let shell_mm = if of_power(2) > 0.0 { of_power(3) / of_power(2) } else { x }.min(x).min(y).min(z);
-    let shell =
-        Patch { edge_mm: options.edge_mm(shell_mm), floor_mm: options.floor_mm(shell_mm), radius: None };
+    let shell = Patch::of_diameter(options, shell_mm);
     let mut triangles = shell_triangles(specimen, shell.edge_mm);
     // Grains with half of the gap that they keep, which is what keeps them apart.
     let coated = |d: f64| d + rule.gap_mm(d, d);
@@ -133,7 +138,8 @@ pub(super) fn of_plan(
         if !options.size_field {
             continue;
         }
-        let patch = Patch::of_grain(options, own.diameter_mm);
+        let patch = Patch::of_diameter(options, own.diameter_mm);
+        let radius = own.diameter_mm / 2.0;
         for other in &sizes {
             let sum = (own.diameter_mm + other.diameter_mm) / 2.0;
             let pairs = |gap: f64| {
@@ -141,14 +147,14 @@ pub(super) fn of_plan(
                 area * other.grains / volume * contact(coated(own.diameter_mm), coated(other.diameter_mm))
             };
             let least = rule.gap_mm(own.diameter_mm, other.diameter_mm);
-            let more = patch.over_gaps(least, Some(other.diameter_mm / 2.0), pairs);
+            let more = patch.over_gaps(least, bend(Some(radius), Some(other.diameter_mm / 2.0)), pairs);
             triangles += own.grains * more;
         }
         // At a hard wall the density of centres is about that at contact with a grain without curvature.
-        let radius = own.diameter_mm / 2.0;
         let at_wall = |_: f64| faces * own.grains / volume * contact(coated(own.diameter_mm), 1e12);
         let least = rule.wall_gap_mm(own.diameter_mm);
-        triangles += patch.over_gaps(least, None, at_wall) + shell.over_gaps(least, Some(radius), at_wall);
+        let bend = bend(Some(radius), None);
+        triangles += patch.over_gaps(least, bend, at_wall) + shell.over_gaps(least, bend, at_wall);
     }
     MeshEstimate::of(triangles)
 }
@@ -206,31 +212,32 @@ fn shell_triangles(specimen: &Specimen, edge_mm: f64) -> f64 {
 }
 
 /// A surface, to be refined near what it faces.
+#[derive(Clone, Copy)]
 struct Patch {
     edge_mm: f64,
     floor_mm: f64,
-    /// Of a sphere; a wall is flat.
-    radius: Option<f64>,
+    /// Length of triangles over their width.
+    aspect: f64,
+}
+
+/// How the gap of two surfaces grows, spheres of these radii or flat.
+fn bend(one: Option<f64>, other: Option<f64>) -> f64 {
+    let curvature = |radius: Option<f64>| radius.map_or(0.0, |r| 1.0 / r);
+    (curvature(one) + curvature(other)) / 2.0
 }
 
 impl Patch {
-    fn of_grain(options: &SurfaceOptions, diameter: f64) -> Self {
-        Self {
-            edge_mm: options.edge_mm(diameter),
-            floor_mm: options.floor_mm(diameter),
-            radius: Some(diameter / 2.0),
-        }
+    fn of_diameter(options: &SurfaceOptions, diameter: f64) -> Self {
+        Self { edge_mm: options.edge_mm(diameter), floor_mm: options.floor_mm(diameter), aspect: 1.0 }
     }
 
-    /// Triangles that a thing at that gap adds, a sphere of the radius `other` or a flat wall.
-    fn more_triangles(&self, gap: f64, other: Option<f64>) -> f64 {
+    /// Triangles that a thing at that gap adds, which grows by `bend` times the square of the distance.
+    fn more_triangles(&self, gap: f64, bend: f64) -> f64 {
         let gap = gap.max(0.0);
         if gap >= self.edge_mm / EDGE_PER_GAP {
             return 0.0;
         }
         // Gap to the other's surface at a distance along the own one.
-        let curvature = |radius: Option<f64>| radius.map_or(0.0, |r| 1.0 / r);
-        let bend = (curvature(self.radius) + curvature(other)) / 2.0;
         let farthest2 = (self.edge_mm / EDGE_PER_GAP - gap) / bend;
         // A triangle is as fine as its point nearest to the contact asks for.
         let farthest = farthest2.sqrt() + CIRCUMRADIUS * self.edge_mm;
@@ -250,11 +257,11 @@ impl Patch {
                 more += density.max(0.0) * PI * (outer * outer - inner * inner);
             }
         }
-        more
+        more * self.aspect
     }
 
     /// The same over all gaps from the least, with that many things per mm of gap.
-    fn over_gaps(&self, least: f64, other: Option<f64>, per_mm: impl Fn(f64) -> f64) -> f64 {
+    fn over_gaps(&self, least: f64, bend: f64, per_mm: impl Fn(f64) -> f64) -> f64 {
         let most = self.edge_mm / EDGE_PER_GAP;
         if least >= most {
             return 0.0;
@@ -262,7 +269,7 @@ impl Patch {
         let width = (most - least) / GAPS as f64;
         (0..GAPS)
             .map(|i| least + (i as f64 + 0.5) * width)
-            .map(|gap| per_mm(gap) * width * self.more_triangles(gap, other))
+            .map(|gap| per_mm(gap) * width * self.more_triangles(gap, bend))
             .sum()
     }
 }

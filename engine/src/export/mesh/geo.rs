@@ -9,11 +9,12 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
+use super::bodies::MeshModel;
 use super::near::Near;
 use super::options::VolumeCorrection;
-use super::shell::walls;
 use crate::control::Control;
-use crate::export::{ExportError, Model, SphereModel, go_on};
+use crate::export::{ExportError, Model, go_on};
+use crate::packing::{GrainsRef, Spheres};
 use crate::plan::Limits;
 use crate::request::Specimen;
 use crate::request::decode::Object;
@@ -78,6 +79,21 @@ pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), Expo
     super::check(specimen)
 }
 
+/// The grains, which must be spheres.
+///
+/// The kernel dilates a sphere to an ellipsoid, but a sphere of other scales along its axes is a surface of splines
+/// there, whose polyhedra have no volume known beforehand.
+pub(super) fn spheres<'a>(model: &Model<'a>) -> Result<&'a Spheres, ExportError> {
+    match model.grains {
+        GrainsRef::Spheres(spheres) => Ok(spheres),
+        GrainsRef::Ellipsoids(_) => Err(ExportError::Unavailable(
+            "the format geo of a surface mesh is for spheres alone, not for ellipsoids: ask for msh, which Gmsh fills, or \
+             for stl"
+                .into(),
+        )),
+    }
+}
+
 /// Writes the script.
 ///
 /// # Errors
@@ -89,10 +105,9 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<GeoReport, ExportError> {
-    let model = &model.of_spheres("a surface mesh")?;
     super::check(model.specimen)?;
+    let (spheres, model) = (spheres(model)?, &MeshModel::new(model)?);
     let mut out = std::io::BufWriter::with_capacity(1 << 16, out);
-    let spheres = model.spheres;
     let grains = spheres.len();
     let edge_mm = PI * super::surface_mean_mm(model) / f64::from(options.segments);
     writeln!(
@@ -113,7 +128,7 @@ pub fn write(
             ["side", "z_max", "z_min"].as_slice()
         }
     };
-    let near = Near::new(spheres, model.specimen.bounds_mm())?;
+    let near = Near::new(&model.bodies, model.specimen.bounds_mm())?;
     let mut volumes = Volumes::default();
     for row in 0..grains {
         if row % super::GRAINS_PER_LOOK == 0 {
@@ -173,14 +188,14 @@ struct Volumes {
 
 /// The radius that a grain's sphere gets so that Gmsh's polyhedron has its volume, as far as gaps leave room.
 fn radius_mm(
-    model: &SphereModel<'_>,
+    model: &MeshModel<'_>,
     near: &Near,
     row: usize,
     edge_mm: f64,
     options: &GeoOptions,
     volumes: &mut Volumes,
 ) -> f64 {
-    let (center, diameter) = (model.spheres.center(row), model.spheres.d_mm[row]);
+    let (center, diameter) = (model.bodies.center(row), model.bodies.diameter(row));
     let radius = diameter / 2.0;
     let polyhedra = Polyhedra { segments: options.segments, edge_mm };
     let wanted = polyhedra.radius_for(radius);
@@ -189,8 +204,8 @@ fn radius_mm(
         let reach = (wanted - radius) / GAP_SHARE;
         let mut least_gap = reach;
         near.for_each(Some(row), center, radius, reach, |_, gap| least_gap = least_gap.min(gap.max(0.0)));
-        for (wall, _) in walls(model.specimen, center) {
-            least_gap = least_gap.min((wall.gap(center) - radius).max(0.0));
+        for at_wall in model.walls(row) {
+            least_gap = least_gap.min(at_wall.gap.max(0.0));
         }
         given = wanted.min(radius + GAP_SHARE * least_gap);
         volumes.short += u64::from(given < wanted * (1.0 - 1e-12));

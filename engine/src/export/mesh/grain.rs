@@ -1,21 +1,21 @@
-//! The surface of one grain: a polyhedron whose edges follow the gaps around it, with the volume of its sphere.
+//! The surface of one grain: a polyhedron whose edges follow the gaps around it, with the volume of the grain.
 //!
 //! A polyhedron with its vertices on the sphere has too little volume: `3 h^2 / (8 R^2)` of it is missing for edges `h`
 //! (1/2 R times the mean of `h^2/3 - r^2` over an equilateral triangle, `r` from its centroid). So vertices are moved
 //! outwards, each in proportion to the area of the triangles around it, which is the `h^2` of that place, until the
 //! volume is that of the sphere. No vertex crosses a plane that leaves half of the gap to what it faces, so polyhedra
-//! of spheres that do not touch stay apart. In the finely meshed regions close to contacts there is little to move.
+//! of grains that do not touch stay apart. Of an ellipsoid all of this is done on the sphere that it is an affine image
+//! of (`bodies`), with gaps and planes as they are around the ellipsoid. In the finely meshed regions close to contacts there is little to move.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
+use super::bodies::{Image, MeshModel};
 use super::near::Near;
 use super::options::{SurfaceOptions, VolumeCorrection};
-use super::shell::walls;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
-use crate::export::SphereModel;
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
@@ -33,7 +33,7 @@ const MOST_STEPS: usize = 60;
 
 /// Makes the surfaces of grains.
 pub(super) struct Grains<'a> {
-    model: &'a SphereModel<'a>,
+    model: &'a MeshModel<'a>,
     options: &'a SurfaceOptions,
     near: Near,
     finenesses: Finenesses,
@@ -41,46 +41,50 @@ pub(super) struct Grains<'a> {
     templates: HashMap<Fineness, Surface>,
 }
 
+/// What a grain faces, seen from its centre.
+pub(super) struct Faced {
+    pub(super) other: Other,
+    /// Which grain it is; none of a wall.
+    pub(super) row: Option<usize>,
+    pub(super) gap: f64,
+    /// Direction from the nearest point of the grain to its own, a unit vector.
+    pub(super) toward: [f64; 3],
+}
+
 impl<'a> Grains<'a> {
-    pub(super) fn new(model: &'a SphereModel<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
-        let near = Near::new(model.spheres, model.specimen.bounds_mm())?;
+    pub(super) fn new(model: &'a MeshModel<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
+        let near = Near::new(&model.bodies, model.specimen.bounds_mm())?;
         Ok(Self { model, options, near, finenesses: Finenesses::new(), templates: HashMap::new() })
     }
 
-    /// The fineness of a grain where nothing is close.
-    pub(super) fn fineness(&self, diameter: f64) -> Fineness {
-        self.finenesses.nearest(PI * diameter / self.options.edge_mm(diameter))
+    /// The fineness of a grain where nothing is close: its edges have the length asked for in the mean.
+    pub(super) fn fineness(&self, row: usize) -> Fineness {
+        let diameter = self.model.bodies.diameter(row);
+        let segments = PI * diameter / self.options.edge_mm(diameter);
+        self.finenesses.nearest(segments * self.model.bodies.mean_stretch(row))
     }
 
-    /// How far a grain of that diameter sees what it faces.
-    pub(super) fn reach_mm(&self, diameter: f64) -> f64 {
-        self.options.edge_mm(diameter) / EDGE_PER_GAP
+    /// How far a grain sees what it faces.
+    pub(super) fn reach_mm(&self, row: usize) -> f64 {
+        let bodies = &self.model.bodies;
+        self.options.edge_mm(bodies.diameter(row)) / EDGE_PER_GAP * bodies.most_stretch(row)
     }
 
-    /// Calls `visit(other, gap, direction)` with what a grain faces within a reach, seen from its centre: the gap to
-    /// it, and the direction of its nearest point.
-    pub(super) fn for_each_facing(
-        &self,
-        row: usize,
-        reach: f64,
-        mut visit: impl FnMut(Other, f64, [f64; 3]),
-    ) {
-        let spheres = self.model.spheres;
-        let (center, diameter) = (spheres.center(row), spheres.d_mm[row]);
-        self.near.for_each(Some(row), center, diameter / 2.0, reach, |other, gap| {
-            let theirs = spheres.center(other);
-            let toward: [f64; 3] = std::array::from_fn(|a| theirs[a] - center[a]);
-            visit(
-                Other::Sphere { center: toward, radius: spheres.d_mm[other] / 2.0 },
-                gap,
-                sphere::unit(toward),
-            );
+    /// Calls `visit` with what a grain faces within a reach.
+    pub(super) fn for_each_facing(&self, row: usize, reach: f64, mut visit: impl FnMut(Faced)) {
+        let bodies = &self.model.bodies;
+        let center = bodies.center(row);
+        self.near.for_each(Some(row), center, bodies.outer(row), reach, |other, of_spheres| {
+            let (gap, toward) = bodies.facing(row, other, of_spheres);
+            // The spheres around ellipsoids may be closer than that.
+            if gap < reach || gap == of_spheres {
+                visit(Faced { other: bodies.other(other, center), row: Some(other), gap, toward });
+            }
         });
-        for (wall, foot) in walls(self.model.specimen, center) {
-            let gap = wall.gap(center) - diameter / 2.0;
-            if gap < reach {
-                let toward: [f64; 3] = std::array::from_fn(|a| foot[a] - center[a]);
-                visit(wall.about(center), gap, sphere::unit(toward));
+        for at_wall in self.model.walls(row) {
+            if at_wall.gap < reach {
+                let (other, toward) = (at_wall.wall.about(center), at_wall.toward);
+                visit(Faced { other, row: None, gap: at_wall.gap, toward });
             }
         }
     }
@@ -88,33 +92,37 @@ impl<'a> Grains<'a> {
     /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that
     /// would take more than `most_triangles`.
     pub(super) fn surface(&mut self, row: usize, most_triangles: usize) -> Option<(Surface, bool)> {
-        let diameter = self.model.spheres.d_mm[row];
-        let fineness = self.fineness(diameter);
+        let (diameter, image) = (self.model.bodies.diameter(row), self.model.bodies.image(row));
+        let fineness = self.fineness(row);
         if fineness.triangles() > most_triangles as u64 {
             return None;
         }
         let mut surface = self.templates.entry(fineness).or_insert_with(|| fineness.polyhedron()).clone();
         // By a trifle, so that rounding brings no vertex out of the sphere.
         let radius = diameter / 2.0 * (1.0 - 4.0 * f64::EPSILON);
-        surface.points.iter_mut().for_each(|p| *p = p.map(|x| x * radius));
+        surface.points.iter_mut().for_each(|p| *p = image.balanced(*p).map(|x| x * radius));
         let floor_mm = self.options.floor_mm(diameter);
-        let mut ball = Ball { radius, facing: Vec::new() };
+        let mut ball = Ball { radius, image, facing: Vec::new() };
         let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
-        let reach = self.reach_mm(diameter);
+        let reach = self.reach_mm(row);
         let seen = if corrects { ROOM_REACH * reach } else { reach };
         let mut obstacles = Vec::new();
-        self.for_each_facing(row, seen, |other, gap, toward| {
+        self.for_each_facing(row, seen, |Faced { other, gap, toward, .. }| {
             if gap < reach {
-                ball.facing.push(Facing { other, at: toward.map(|x| x * radius), floor_mm });
+                ball.facing.push(Facing { other, at: image.point(toward, radius), floor_mm });
             }
-            obstacles.push(Obstacle { other, toward, gap: gap.max(0.0) });
+            let support = image.support(toward, radius);
+            obstacles.push(Obstacle { other, toward, support, gap: gap.max(0.0) });
         });
         if self.options.size_field && !surface.refine(&mut ball, most_triangles) {
             return None;
         }
+        if !self.options.size_field && image.is_balanced() {
+            surface.flip(&ball);
+        }
         let mut full = true;
         if corrects {
-            let room = Room { radius, obstacles, most_mm: GAP_SHARE / 2.0 * seen };
+            let room = Room { radius, image, obstacles, most_mm: GAP_SHARE / 2.0 * seen };
             full = room.fill(&mut surface, diameter);
             // A dent that came of unequal steps is turned into a ridge, whose volume is taken back, which may leave a
             // smaller dent.
@@ -125,34 +133,41 @@ impl<'a> Grains<'a> {
                 full = room.fill(&mut surface, diameter);
             }
         }
+        surface.points.iter_mut().for_each(|p| *p = image.place(*p));
         Some((surface, full))
     }
 }
 
 /// A grain about its centre, and what it faces.
 struct Ball {
+    /// Of the sphere that the grain is an image of.
     radius: f64,
+    image: Image,
     facing: Vec<Facing>,
 }
 
 /// Something that vertices must not come too close to.
 struct Obstacle {
     other: Other,
-    /// Direction of its nearest point from the centre.
+    /// Direction of its nearest point from that of the grain.
     toward: [f64; 3],
+    /// How far the grain reaches that way.
+    support: f64,
     gap: f64,
 }
 
 /// Where the vertices of a grain may go.
 struct Room {
+    /// Of the sphere that the grain is an image of.
     radius: f64,
+    image: Image,
     obstacles: Vec<Obstacle>,
     /// No vertex moves farther, for what is farther away was not looked at.
     most_mm: f64,
 }
 
 impl Room {
-    /// Moves vertices outwards until the polyhedron has the volume of its sphere; returns whether the gaps left room
+    /// Moves vertices outwards until the polyhedron has the volume of its sphere, and so its image that of the grain; returns whether the gaps left room
     /// for that.
     fn fill(&self, surface: &mut Surface, diameter: f64) -> bool {
         let target = PI / 6.0 * diameter.powi(3);
@@ -189,18 +204,20 @@ impl Room {
         true
     }
 
-    /// How far a vertex may move outwards.
+    /// How far a vertex of the sphere may move outwards.
     fn at(&self, p: [f64; 3]) -> f64 {
+        let p = self.image.place(p);
+        let stretch = self.image.stretch(p, self.radius);
         let room = |obstacle: &Obstacle| match obstacle.other {
-            Other::Sphere { .. } => {
-                // A plane across the line of centres, so that the other grain has its own half of the gap.
+            Other::Sphere { .. } | Other::Ellipsoid { .. } => {
+                // A plane across the shortest way between both, so that the other grain has its own half of the gap.
                 let along = dot(p, obstacle.toward);
-                let left = self.radius + GAP_SHARE / 2.0 * obstacle.gap - along;
+                let left = obstacle.support + GAP_SHARE / 2.0 * obstacle.gap - along;
                 if along > 0.0 { left * self.radius / along } else { f64::INFINITY }
             }
-            Other::Plane(..) | Other::Lateral { .. } => GAP_SHARE * obstacle.other.gap_mm(p),
+            Other::Plane(..) | Other::Lateral { .. } => GAP_SHARE * obstacle.other.gap_mm(p) / stretch,
         };
-        self.obstacles.iter().map(room).fold(self.most_mm, f64::min).max(0.0)
+        self.obstacles.iter().map(room).fold(self.most_mm / stretch, f64::min).max(0.0)
     }
 }
 
@@ -237,6 +254,10 @@ impl Shape for Ball {
     fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
         let (p, q) = (points[a as usize], points[b as usize]);
         sphere::unit(std::array::from_fn(|i| p[i] + q[i])).map(|x| x * self.radius)
+    }
+
+    fn place(&self, p: [f64; 3]) -> [f64; 3] {
+        self.image.place(p)
     }
 
     fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {

@@ -1,10 +1,14 @@
-//! Surface meshes of a packing for finite elements: every grain a polyhedron with the volume of its sphere, the
-//! specimen its faces.
+//! Surface meshes of a packing for finite elements: every grain a polyhedron with the volume of the grain, the specimen
+//! its faces.
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
-//! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `surface` (refinement),
-//! `size` (length of edges), `grain` (volume), `estimate` (triangles and bytes beforehand).
+//! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `bodies`
+//! (ellipsoids as their images), `surface` (refinement), `size` (length of edges), `grain` (volume), `estimate`
+//! (triangles and bytes beforehand).
 
+mod bodies;
+#[cfg(test)]
+mod ellipsoid_tests;
 mod estimate;
 pub mod geo;
 mod grain;
@@ -20,18 +24,18 @@ mod surface;
 #[cfg(test)]
 mod tests;
 
-use std::f64::consts::PI;
 use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
-use crate::export::{ExportError, Model, SphereModel, go_on};
+use crate::export::{ExportError, Model, go_on};
 use crate::memory::{self, make_room, reserved};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
+use bodies::MeshModel;
 pub use estimate::MeshEstimate;
 use grain::Grains;
 pub use options::{SurfaceOptions, VolumeCorrection};
@@ -119,11 +123,11 @@ impl MeshRequest {
 
     /// Says how long the file of a packing will be, and how many triangles it will have.
     pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
-        let model = &model.of_spheres("a surface mesh")?;
         check(model.specimen)?;
         match self {
-            Self::Geo(_) => Ok((geo::expected_bytes(model.spheres.len() as f64), None)),
+            Self::Geo(_) => Ok((geo::expected_bytes(geo::spheres(model)?.len() as f64), None)),
             Self::Msh(options) | Self::Stl(options) => {
+                let model = &MeshModel::new(model)?;
                 let estimate = self.in_format(estimate::of_model(model, options, &Unattended)?);
                 Ok((estimate.bytes, Some(estimate)))
             }
@@ -216,10 +220,10 @@ pub struct SurfaceReport {
     pub specimen_volume_error: f64,
     /// Volume of the polyhedra.
     pub aggregate_volume_mm3: f64,
-    /// The same over that of the spheres, minus one; 0 where there are no grains. With the correction `scaled` it is
+    /// The same over that of the grains, minus one; 0 where there are no grains. With the correction `scaled` it is
     /// what the gaps left no room for.
     pub aggregate_volume_error: f64,
-    /// Grains whose gaps left no room for the volume of their spheres, where that was asked for.
+    /// Grains whose gaps left no room for their volume, where that was asked for.
     pub grains_short_of_volume: u64,
 }
 
@@ -251,13 +255,14 @@ struct Mesh {
 impl Mesh {
     /// Meshes a packing, and tells what came out.
     fn new(
-        model: &SphereModel<'_>,
+        model: &Model<'_>,
         options: &SurfaceOptions,
         limits: &Limits,
         control: &dyn Control,
     ) -> Result<(Self, SurfaceReport), ExportError> {
         check(model.specimen)?;
-        let spheres = model.spheres;
+        let model = &MeshModel::new(model)?;
+        let bodies = &model.bodies;
         let estimate = estimate::of_model(model, options, control)?;
         if estimate.bytes > options.max_bytes.min(limits.max_memory_bytes) {
             return Err(too_large(model, options, Some(estimate), limits));
@@ -272,23 +277,23 @@ impl Mesh {
             size_field: options.size_field,
         };
         let most = (limits.max_memory_bytes / BYTES_PER_TRIANGLE) as usize;
-        let shell = Shell::new(model.specimen, spheres, division, most)
-            .ok_or_else(|| too_large(model, options, None, limits))?;
+        let shell =
+            Shell::new(model, division, most).ok_or_else(|| too_large(model, options, None, limits))?;
         // A closed surface has half as many points as triangles.
         let triangles = estimate.triangles as usize;
         let (points, triangles) = (reserved(triangles / 2)?, reserved(triangles)?);
-        let mut mesh = Self { shell, points, triangles, ends: reserved(spheres.len())? };
+        let mut mesh = Self { shell, points, triangles, ends: reserved(bodies.len())? };
         let mut report = report_of(model, &mesh.shell.surface);
-        for row in 0..spheres.len() {
+        for row in 0..bodies.len() {
             if row % GRAINS_PER_LOOK == 0 {
                 go_on(control)?;
-                report_progress(control, row, spheres.len());
+                report_progress(control, row, bodies.len());
             }
             let left = most.saturating_sub(mesh.shell.surface.triangles.len() + mesh.triangles.len());
             let (grain, full) =
                 grains.surface(row, left).ok_or_else(|| too_large(model, options, None, limits))?;
             report.add(&grain, full);
-            let center = spheres.center(row);
+            let center = bodies.center(row);
             make_room(&mut mesh.points, grain.points.len())?;
             make_room(&mut mesh.triangles, grain.triangles.len())?;
             mesh.points.extend(grain.points.iter().map(|p| [0, 1, 2].map(|a| center[a] + p[a])));
@@ -324,7 +329,7 @@ impl Mesh {
 
 /// Refuses a mesh, and says how to get below the limit.
 fn too_large(
-    model: &SphereModel<'_>,
+    model: &MeshModel<'_>,
     options: &SurfaceOptions,
     estimate: Option<MeshEstimate>,
     limits: &Limits,
@@ -347,7 +352,7 @@ fn too_large(
         detail: format!(
             "a mesh of these {} grains has {size}: at most {} MB may be made; {knob}, set size_field to false, pack with a \
              distance between grains (the narrower gaps are, the more triangles they take){raise}",
-            model.spheres.len(),
+            model.bodies.len(),
             most / 1_000_000
         ),
     })
@@ -355,18 +360,18 @@ fn too_large(
 
 /// Mean diameter of the grains by surface, which is what most triangles are on; without grains, the shortest
 /// length of the specimen.
-fn surface_mean_mm(model: &SphereModel<'_>) -> f64 {
+fn surface_mean_mm(model: &MeshModel<'_>) -> f64 {
     let [x, y, z] = model.specimen.bounds_mm();
     let shortest = x.min(y).min(z);
-    let of_power = |n: i32| model.spheres.d_mm.iter().map(|d| d.powi(n)).sum::<f64>();
-    if model.spheres.is_empty() { shortest } else { (of_power(3) / of_power(2)).min(shortest) }
+    let of_power = |n: i32| model.bodies.diameters().map(|d| d.powi(n)).sum::<f64>();
+    if model.bodies.len() == 0 { shortest } else { (of_power(3) / of_power(2)).min(shortest) }
 }
 
-fn report_of(model: &SphereModel<'_>, shell: &Surface) -> SurfaceReport {
+fn report_of(model: &MeshModel<'_>, shell: &Surface) -> SurfaceReport {
     let (shortest_edge_mm, longest_edge_mm) = shell.edges_mm();
     let volume = shell.volume_mm3();
     SurfaceReport {
-        grains: model.spheres.len() as u64,
+        grains: model.bodies.len() as u64,
         nodes: shell.points.len() as u64,
         triangles: shell.triangles.len() as u64,
         shortest_edge_mm,
@@ -390,8 +395,8 @@ impl SurfaceReport {
         self.grains_short_of_volume += u64::from(!full);
     }
 
-    fn finish(&mut self, model: &SphereModel<'_>) {
-        let exact: f64 = model.spheres.d_mm.iter().map(|d| PI / 6.0 * d.powi(3)).sum();
+    fn finish(&mut self, model: &MeshModel<'_>) {
+        let exact: f64 = (0..model.bodies.len()).map(|row| model.bodies.volume_mm3(row)).sum();
         if exact > 0.0 {
             self.aggregate_volume_error = self.aggregate_volume_mm3 / exact - 1.0;
         }

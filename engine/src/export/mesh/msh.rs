@@ -11,7 +11,7 @@ use super::outline::Outline;
 use super::{GRAINS_PER_LOOK, Mesh};
 use super::{SurfaceOptions, SurfaceReport};
 use crate::control::Control;
-use crate::export::{ExportError, Model, SphereModel, go_on};
+use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
 use crate::request::Specimen;
 
@@ -43,11 +43,10 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<SurfaceReport, ExportError> {
-    let model = &model.of_spheres("a surface mesh")?;
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
     let outline = Outline::new(&mesh.shell);
     let mut file =
-        File { out: std::io::BufWriter::with_capacity(1 << 16, out), mesh: &mesh, outline: &outline, model };
+        File { out: std::io::BufWriter::with_capacity(1 << 16, out), mesh: &mesh, outline: &outline };
     file.format()?;
     file.physical_names()?;
     file.entities()?;
@@ -70,7 +69,6 @@ struct File<'a, W: Write> {
     out: W,
     mesh: &'a Mesh,
     outline: &'a Outline,
-    model: &'a SphereModel<'a>,
 }
 
 impl<W: Write> File<'_, W> {
@@ -252,7 +250,7 @@ impl<W: Write> File<'_, W> {
             first += points.len() as u64;
         }
         self.out.write_all(b"\n$EndElements\n")?;
-        super::report_progress(control, self.model.spheres.len(), self.model.spheres.len());
+        super::report_progress(control, mesh.grains(), mesh.grains());
         Ok(())
     }
 

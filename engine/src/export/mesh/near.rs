@@ -1,10 +1,12 @@
 //! What stands close to a grain: other grains, looked up by cells of the octave of their diameters.
 //!
-//! It knows centres and radii; it must never know what is made of them.
+//! It knows centres and the spheres around grains; it must never know what is made of them.
 
 use crate::geometry::cells::Octaves;
 use crate::memory::OutOfMemory;
 use crate::packing::Spheres;
+
+use super::bodies::Bodies;
 
 /// The grains of a packing, by octave and cell.
 #[derive(Debug)]
@@ -14,11 +16,19 @@ pub(super) struct Near {
 
 impl Near {
     /// Sorts the grains; they lie between 0 and `bounds`.
-    pub(super) fn new(spheres: &Spheres, bounds: [f64; 3]) -> Result<Self, OutOfMemory> {
+    pub(super) fn new(bodies: &Bodies<'_>, bounds: [f64; 3]) -> Result<Self, OutOfMemory> {
+        let mut around = Spheres::default();
+        let spheres = if let Bodies::Spheres(spheres) = bodies {
+            spheres
+        } else {
+            (0..bodies.len()).for_each(|row| around.push(bodies.center(row), 2.0 * bodies.outer(row)));
+            &around
+        };
         Ok(Self { octaves: Octaves::new(spheres, bounds, 0.0)? })
     }
 
-    /// Calls `visit(row, gap)` for every grain but `own` that stands within `reach_mm` of a sphere.
+    /// Calls `visit(row, gap)` for every grain but `own` whose sphere around stands within `reach_mm` of a
+    /// sphere, with the gap between these two.
     pub(super) fn for_each(
         &self,
         own: Option<usize>,

@@ -6,9 +6,9 @@
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
+use super::bodies::{Bodies, MeshModel};
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::surface::{Shape, Surface, cross, dot};
-use crate::packing::Spheres;
 use crate::request::Specimen;
 
 /// The meshed surface of a specimen.
@@ -54,14 +54,9 @@ pub(super) struct Division {
 
 impl Shell {
     /// Meshes the surface of a specimen; `None` when that would take more than `most_triangles`.
-    pub(super) fn new(
-        specimen: &Specimen,
-        spheres: &Spheres,
-        division: Division,
-        most_triangles: usize,
-    ) -> Option<Self> {
+    pub(super) fn new(model: &MeshModel<'_>, division: Division, most_triangles: usize) -> Option<Self> {
         let (names, points, triangles, faces_of, lateral): (&'static [&'static str], _, _, _, _) =
-            match *specimen {
+            match *model.specimen {
                 Specimen::Box { size_mm, .. } => {
                     let counts = size_mm.map(|length| count(length, division.edge_mm, 1));
                     let cells = 4.0 * (counts[0] * counts[1] + counts[1] * counts[2] + counts[2] * counts[0]);
@@ -78,14 +73,15 @@ impl Shell {
                     if 12.0 * rings * rings + 24.0 * rings * rows > most_triangles as f64 {
                         return None;
                     }
-                    let vertex_radius = vertex_radius(radius, 6.0 * rings, side_gap_mm(radius, spheres));
+                    let vertex_radius =
+                        vertex_radius(radius, 6.0 * rings, side_gap_mm(radius, &model.bodies));
                     let (points, triangles, faces_of) =
                         cylinder([radius; 2], vertex_radius, height_mm, rings as usize, rows as usize);
                     (&CYLINDER, points, triangles, faces_of, Some(([radius; 2], vertex_radius)))
                 }
             };
         let mut surface = Surface::new(points, triangles);
-        let mut growing = Growing { faces_of, lateral, close: Close::new(specimen, spheres, division) };
+        let mut growing = Growing { faces_of, lateral, close: Close::new(model, division) };
         if division.size_field && !surface.refine(&mut growing, most_triangles) {
             return None;
         }
@@ -149,20 +145,21 @@ struct Close {
 }
 
 impl Close {
-    fn new(specimen: &Specimen, spheres: &Spheres, division: Division) -> Self {
+    fn new(model: &MeshModel<'_>, division: Division) -> Self {
         let reach = division.edge_mm / EDGE_PER_GAP;
         let mut all = Vec::new();
         // How far along the wall a grain can ask for shorter edges.
         let mut widest = division.edge_mm;
-        for row in 0..spheres.len() {
-            let (center, radius) = (spheres.center(row), spheres.d_mm[row] / 2.0);
-            for (wall, at) in walls(specimen, center) {
-                let gap = wall.gap(center) - radius;
+        let bodies = &model.bodies;
+        for row in 0..bodies.len() {
+            let radius = bodies.flattest(row);
+            for at_wall in model.walls(row) {
+                let gap = at_wall.gap;
                 if gap < reach {
                     let along = ((radius + reach).powi(2) - (radius + gap).powi(2)).max(0.0).sqrt();
                     widest = widest.max(along + 2.0 * division.edge_mm);
-                    let other = Other::Sphere { center, radius };
-                    all.push(Facing { other, at, floor_mm: division.floor_mm });
+                    let other = bodies.other(row, [0.0; 3]);
+                    all.push(Facing { other, at: at_wall.foot, floor_mm: division.floor_mm });
                 }
             }
         }
@@ -222,9 +219,7 @@ impl Wall {
         match self.0 {
             Other::Plane(axis, at) => Other::Plane(axis, at - [x, y, z][axis]),
             Other::Lateral { axis, radius } => Other::Lateral { axis: [axis[0] - x, axis[1] - y], radius },
-            Other::Sphere { center, radius } => {
-                Other::Sphere { center: [center[0] - x, center[1] - y, center[2] - z], radius }
-            }
+            Other::Sphere { .. } | Other::Ellipsoid { .. } => self.0,
         }
     }
 
@@ -235,13 +230,15 @@ impl Wall {
 }
 
 /// Smallest distance of a grain from the lateral surface of a cylinder.
-fn side_gap_mm(radius: f64, spheres: &Spheres) -> f64 {
-    (0..spheres.len())
-        .map(|row| {
+fn side_gap_mm(radius: f64, bodies: &Bodies<'_>) -> f64 {
+    let gap = |row: usize| match bodies {
+        Bodies::Spheres(spheres) => {
             let [x, y, _] = spheres.center(row);
             radius - (x - radius).hypot(y - radius) - spheres.d_mm[row] / 2.0
-        })
-        .fold(f64::INFINITY, f64::min)
+        }
+        Bodies::Ellipsoids { bodies, .. } => radius - bodies[row].reach_from_axis_mm([radius; 2]),
+    };
+    (0..bodies.len()).map(gap).fold(f64::INFINITY, f64::min)
 }
 
 /// How far from the axis the vertices of a lateral surface of so many columns lie: such that the polygon has the area

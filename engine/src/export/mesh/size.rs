@@ -6,6 +6,9 @@
 
 use super::surface::{distance2, dot};
 
+/// Most steps to the distance of an ellipsoid, which few of them find to rounding.
+const MOST_STEPS: u32 = 30;
+
 /// Edges in multiples of the gap they face. Measured: `docs/meshes.md`.
 pub(super) const EDGE_PER_GAP: f64 = 3.0;
 
@@ -18,6 +21,15 @@ pub(super) enum Other {
         center: [f64; 3],
         /// Its radius.
         radius: f64,
+    },
+    /// A grain that is an ellipsoid.
+    Ellipsoid {
+        /// Its centre.
+        center: [f64; 3],
+        /// Directions of its axes.
+        axes: [[f64; 3]; 3],
+        /// Its semi-axes in their order.
+        semi_axes: [f64; 3],
     },
     /// A flat wall, by its axis and place.
     Plane(usize, f64),
@@ -34,10 +46,33 @@ impl Other {
     pub(super) fn gap_mm(&self, p: [f64; 3]) -> f64 {
         match *self {
             Self::Sphere { center, radius } => distance2(p, center).sqrt() - radius,
+            Self::Ellipsoid { center, axes, semi_axes } => {
+                let from_center = std::array::from_fn(|a| p[a] - center[a]);
+                distance_of_ellipsoid(semi_axes, axes.map(|axis| dot(axis, from_center)))
+            }
             Self::Plane(axis, at) => (p[axis] - at).abs(),
             Self::Lateral { axis, radius } => radius - (p[0] - axis[0]).hypot(p[1] - axis[1]),
         }
     }
+}
+
+/// Distance of a point from an ellipsoid about the origin with its axes along x, y and z; 0 inside.
+///
+/// The nearest point is `e_i v_i` with `v_i = e_i p_i / (t + e_i²)` and `|v| = 1`; `t` is found from below, as by Moré
+/// and Sorensen (1983, DOI 10.1137/0904038).
+fn distance_of_ellipsoid(semi_axes: [f64; 3], p: [f64; 3]) -> f64 {
+    let mut t = 0.0;
+    for _ in 0..MOST_STEPS {
+        let v: [f64; 3] = std::array::from_fn(|i| semi_axes[i] * p[i] / (t + semi_axes[i] * semi_axes[i]));
+        let norm2 = dot(v, v);
+        if norm2 <= 1.0 + 1e-12 {
+            break;
+        }
+        let slope: f64 = (0..3).map(|i| v[i] * v[i] / (t + semi_axes[i] * semi_axes[i])).sum();
+        t += norm2 * (norm2.sqrt() - 1.0) / slope;
+    }
+    let apart: [f64; 3] = std::array::from_fn(|i| t * p[i] / (t + semi_axes[i] * semi_axes[i]));
+    dot(apart, apart).sqrt()
 }
 
 /// Something that a surface faces, and the point of the surface that is nearest to it.
@@ -66,3 +101,28 @@ impl Facing {
 
 /// Distance of the corners of an equilateral triangle from its centroid, in edges.
 pub(super) const CIRCUMRADIUS: f64 = 0.577;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A point at a distance along the normal of a point of the surface.
+        #[test]
+        fn distances_of_ellipsoids_are_those_along_normals(
+            semi_axes in prop::array::uniform3(0.3..3.0_f64), n in prop::array::uniform3(-1.0..1.0_f64),
+            distance in 0.0..3.0_f64,
+        ) {
+            let length = dot(n, n).sqrt();
+            prop_assume!(length > 0.1);
+            let n = n.map(|x| x / length);
+            let scaled: [f64; 3] = std::array::from_fn(|i| semi_axes[i] * n[i]);
+            let support = dot(scaled, scaled).sqrt();
+            let p = std::array::from_fn(|i| semi_axes[i] * scaled[i] / support + distance * n[i]);
+            let found = distance_of_ellipsoid(semi_axes, p);
+            prop_assert!((found - distance).abs() < 1e-9, "{found} {distance}");
+            prop_assert_eq!(distance_of_ellipsoid(semi_axes, p.map(|x| x * 1e-3)), 0.0);
+        }
+    }
+}

@@ -38,7 +38,6 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<SurfaceReport, ExportError> {
-    let model = &model.of_spheres("a surface mesh")?;
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
     let shell = &mesh.shell.surface;
     if shell.triangles.len() + mesh.grain_triangles() > MAX_TRIANGLES {
@@ -61,7 +60,7 @@ pub fn write(
     stl.out.flush()?;
     drop(stl);
     zip.finish().map_err(failed)?;
-    super::report_progress(control, model.spheres.len(), model.spheres.len());
+    super::report_progress(control, mesh.grains(), mesh.grains());
     Ok(report)
 }
 

@@ -12,6 +12,10 @@
 pub(super) trait Shape {
     /// The vertex between two neighbours, on the surface meant.
     fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3];
+    /// Where a vertex lies in mm, of a surface that is kept as its image on another one.
+    fn place(&self, p: [f64; 3]) -> [f64; 3] {
+        p
+    }
     /// The longest that an edge may be of a triangle with this centroid and longest edge.
     fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64;
     /// Whether edge ab, between triangles abc and bad, should be edge cd instead.
@@ -109,7 +113,7 @@ impl Surface {
     }
 
     fn is_too_long(&self, t: usize, shape: &impl Shape) -> bool {
-        let [a, b, c] = self.triangles[t].map(|p| self.points[p as usize]);
+        let [a, b, c] = self.triangles[t].map(|p| shape.place(self.points[p as usize]));
         let longest_mm = distance2(a, b).max(distance2(b, c)).max(distance2(c, a)).sqrt();
         let centroid = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
         longest_mm > shape.length_mm(centroid, longest_mm)

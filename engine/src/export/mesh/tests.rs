@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::collections::HashMap;
+use std::f64::consts::PI;
 use std::io::sink;
 
 use proptest::prelude::*;
@@ -13,8 +14,8 @@ use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
 use crate::request::{Boundary, Specimen};
 
-const CUBE: Specimen = Specimen::Box { size_mm: [20.0, 16.0, 12.0], boundary: Boundary::Walls };
-const CYLINDER: Specimen = Specimen::Cylinder { diameter_mm: 20.0, height_mm: 14.0 };
+pub(super) const CUBE: Specimen = Specimen::Box { size_mm: [20.0, 16.0, 12.0], boundary: Boundary::Walls };
+pub(super) const CYLINDER: Specimen = Specimen::Cylinder { diameter_mm: 20.0, height_mm: 14.0 };
 
 fn spheres(rows: &[([f64; 3], f64)]) -> Spheres {
     let mut spheres = Spheres::with_capacity(rows.len());
@@ -35,17 +36,11 @@ fn crowded() -> Spheres {
 }
 
 fn mesh(specimen: &Specimen, spheres: &Spheres, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
-    Mesh::new(
-        &Model::new(specimen, spheres).of_spheres("it").unwrap(),
-        options,
-        &Limits::default(),
-        &Unattended,
-    )
-    .unwrap()
+    Mesh::new(&Model::new(specimen, spheres), options, &Limits::default(), &Unattended).unwrap()
 }
 
 /// Every edge is met once in each direction, and vertices, edges and triangles make a sphere.
-fn assert_closed_sphere(points: usize, triangles: &[[u32; 3]]) {
+pub(super) fn assert_closed_sphere(points: usize, triangles: &[[u32; 3]]) {
     let mut edges: HashMap<(u32, u32), (u32, u32)> = HashMap::new();
     for corners in triangles {
         for edge in 0..3 {
@@ -61,7 +56,7 @@ fn assert_closed_sphere(points: usize, triangles: &[[u32; 3]]) {
     assert_eq!(points + triangles.len(), edges.len() + 2, "not a sphere");
 }
 
-fn smallest_angle(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> f64 {
+pub(super) fn smallest_angle(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> f64 {
     let mut least = f64::INFINITY;
     for corners in triangles {
         for k in 0..3 {
@@ -277,7 +272,7 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
             assert!(report.triangles > before, "{segments}: {report:?} after {before}");
             before = report.triangles;
             let model = Model::new(&request.specimen, packing.spheres().unwrap());
-            let guess = estimate::of_model(&model.of_spheres("it").unwrap(), &options, &Unattended).unwrap();
+            let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
             let ratio = guess.triangles as f64 / report.triangles as f64;
             assert!(
                 (1.0 / 1.5..1.5).contains(&ratio),

@@ -132,7 +132,7 @@ impl Grain {
 
     /// Distance in mm from a point inside to the edge of the section by the plane through it with a unit normal, along
     /// the line from the centre of the section.
-    pub(super) fn to_edge(&self, at: &Vector, normal: &Vector) -> f64 {
+    pub(super) fn edge_distance(&self, at: &Vector, normal: &Vector) -> f64 {
         let to = at - self.center;
         let height = to.dot(normal);
         let Some(form) = &self.form else {

@@ -55,7 +55,7 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
 fn flat(scene: &Scene, view: &View, at: &Vector, normal: &Vector, grain: Option<u32>) -> [f64; 3] {
     let Some(grain) = grain else { return MATRIX };
     let line = LINE_PIXELS * view.stroke() / view.pixels_per_mm;
-    let is_line = scene.grain(grain).to_edge(at, normal) < line;
+    let is_line = scene.grain(grain).edge_distance(at, normal) < line;
     scaled(tone(scene, grain), if is_line { LINE } else { CUT })
 }
 

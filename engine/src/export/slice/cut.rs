@@ -1,11 +1,15 @@
-//! The cut itself: its outline and its circles.
+//! The cut itself: its outline and the sections of the grains.
 
 use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Axis, SliceReport, overlap};
-use crate::export::SphereModel;
+use super::figure::{Ellipse, Figure};
+use super::{Axis, SliceReport};
+use crate::export::Model;
+use crate::export::solids::Solids;
+use crate::memory::OutOfMemory;
+use crate::packing::GrainsRef;
 use crate::request::Specimen;
 
 /// The part of a plane inside the specimen.
@@ -47,16 +51,16 @@ impl Outline {
     }
 }
 
-/// A grain's circle.
+/// A grain's section.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Circle {
+pub struct Section {
     /// Centre, u and v; outside of the outline for some images in a periodic box.
     pub center_mm: [f64; 2],
-    /// Its radius.
-    pub radius_mm: f64,
+    /// A circle or an ellipse.
+    pub figure: Figure,
     /// The grain it is cut from.
     pub grain: usize,
-    /// That grain's diameter.
+    /// That grain's diameter; of an ellipsoid that of the sphere of equal volume.
     pub diameter_mm: f64,
     /// Whether it crosses the outline, as in a periodic box it may.
     pub clipped: bool,
@@ -77,13 +81,18 @@ pub struct Cut {
     pub periodic: bool,
     /// Whether edges of a rectangular outline along u are part of a cylinder's lateral surface.
     pub lateral: bool,
-    /// The circles, in the order of their grains.
-    pub circles: Vec<Circle>,
+    /// Whether the grains are ellipsoids, whose sections are ellipses.
+    pub ellipsoids: bool,
+    /// The sections, in the order of their grains.
+    pub sections: Vec<Section>,
 }
 
 impl Cut {
     /// Cuts a packing where the plane meets its specimen, which [`super::check`] has seen to.
-    pub(crate) fn new(model: &SphereModel<'_>, axis: Axis, at_mm: f64) -> Self {
+    ///
+    /// # Errors
+    /// The system refused memory.
+    pub(crate) fn new(model: &Model<'_>, axis: Axis, at_mm: f64) -> Result<Self, OutOfMemory> {
         let bounds = model.specimen.bounds_mm();
         let [u, v] = axis.plane().map(Axis::index);
         let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
@@ -110,56 +119,61 @@ impl Cut {
             outline,
             periodic,
             lateral: cylinder && axis != Axis::Z,
-            circles: Vec::new(),
+            ellipsoids: matches!(model.grains, GrainsRef::Ellipsoids(_)),
+            sections: Vec::new(),
         };
+        let solids = Solids::new(model.grains)?;
         let shifts: &[f64] = if periodic { &[-1.0, 0.0, 1.0] } else { &[0.0] };
-        for grain in 0..model.spheres.len() {
-            let center = model.spheres.center(grain);
-            let diameter_mm = model.spheres.d_mm[grain];
-            let radius = diameter_mm / 2.0;
+        for grain in 0..solids.len() {
+            let center = solids.center(grain);
             for shift in shifts {
-                let height = (center[axis.index()] + shift * bounds[axis.index()] - at_mm).abs();
-                if height < radius {
-                    let radius_mm = ((radius - height) * (radius + height)).sqrt();
-                    for du in shifts {
-                        for dv in shifts {
-                            let center_mm = [center[u] + du * bounds[u], center[v] + dv * bounds[v]];
-                            cut.push(center_mm, radius_mm, grain, diameter_mm);
-                        }
+                let height = at_mm - (center[axis.index()] + shift * bounds[axis.index()]);
+                let Some((aside, figure)) = figure_of(&solids, grain, [u, v, axis.index()], height) else {
+                    continue;
+                };
+                for du in shifts {
+                    for dv in shifts {
+                        let moved = [center[u] + du * bounds[u], center[v] + dv * bounds[v]];
+                        let center_mm = [moved[0] + aside[0], moved[1] + aside[1]];
+                        cut.push(center_mm, figure, grain, solids.equivalent_diameter(grain));
                     }
                 }
             }
         }
-        cut
+        Ok(cut)
     }
 
-    fn push(&mut self, center_mm: [f64; 2], radius_mm: f64, grain: usize, diameter_mm: f64) {
-        let mut area_mm2 = PI * radius_mm * radius_mm;
+    fn push(&mut self, center_mm: [f64; 2], figure: Figure, grain: usize, diameter_mm: f64) {
+        let mut area_mm2 = figure.area_mm2();
         let mut clipped = false;
         if self.periodic {
             let [u, v] = self.outline.bounds_mm();
+            let half = figure.half_extents_mm();
             let crosses = |i: usize, [low, high]: [f64; 2]| {
-                center_mm[i] - radius_mm < low || center_mm[i] + radius_mm > high
+                center_mm[i] - half[i] < low || center_mm[i] + half[i] > high
             };
             clipped = crosses(0, u) || crosses(1, v);
             if clipped {
-                // Decided by distance: the area of a circle that does not reach the outline is a difference of equal
-                // numbers, whose rounding may be positive.
-                if !reaches(center_mm, radius_mm, u, v) {
+                if !figure.reaches(center_mm, u, v) {
                     return;
                 }
-                area_mm2 = overlap::with_rectangle(center_mm, radius_mm, u, v);
+                area_mm2 = figure.area_in(center_mm, u, v);
                 if area_mm2 <= 0.0 {
                     return;
                 }
             }
         }
-        self.circles.push(Circle { center_mm, radius_mm, grain, diameter_mm, clipped, area_mm2 });
+        self.sections.push(Section { center_mm, figure, grain, diameter_mm, clipped, area_mm2 });
     }
 
-    /// Area of the circles inside the outline.
+    /// What sections are called.
+    pub(super) fn noun(&self) -> &'static str {
+        if self.ellipsoids { "ellipses" } else { "circles" }
+    }
+
+    /// Area of the sections inside the outline.
     pub fn aggregate_area_mm2(&self) -> f64 {
-        self.circles.iter().map(|circle| circle.area_mm2).sum()
+        self.sections.iter().map(|section| section.area_mm2).sum()
     }
 
     pub(super) fn report(&self) -> SliceReport {
@@ -170,7 +184,8 @@ impl Cut {
             plane: self.axis.plane(),
             outline: self.outline,
             area_mm2,
-            circle_count: self.circles.len() as u64,
+            circle_count: if self.ellipsoids { 0 } else { self.sections.len() as u64 },
+            ellipse_count: self.ellipsoids.then_some(self.sections.len() as u64),
             aggregate_area_mm2,
             area_fraction: aggregate_area_mm2 / area_mm2,
             image: None,
@@ -178,8 +193,16 @@ impl Cut {
     }
 }
 
-/// Whether a circle shares an area with a rectangle: its centre is closer to the rectangle than its radius.
-fn reaches(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64; 2]) -> bool {
-    let outside = |x: f64, [low, high]: [f64; 2]| (low - x).max(x - high).max(0.0);
-    outside(center[0], u).hypot(outside(center[1], v)) < radius
+/// What the plane at a height above the centre of a grain cuts out of it, and where the middle of that lies, seen from
+/// the centre; the plane is across the last of the axes.
+fn figure_of(solids: &Solids<'_>, grain: usize, axes: [usize; 3], height: f64) -> Option<([f64; 2], Figure)> {
+    if let (Some(shape), Some(inverse)) = (solids.shape(grain), solids.inverse(grain)) {
+        return Ellipse::of_section(&shape, &inverse, axes, height)
+            .map(|(center, ellipse)| (center, Figure::Ellipse(ellipse)));
+    }
+    let (radius, height) = (solids.outer_radius(grain), height.abs());
+    (height < radius).then(|| {
+        let radius_mm = ((radius - height) * (radius + height)).sqrt();
+        ([0.0; 2], Figure::Circle { radius_mm })
+    })
 }

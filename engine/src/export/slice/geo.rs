@@ -1,13 +1,18 @@
 //! A Gmsh script of a cut: plane surfaces of matrix and aggregates that share their edges, with physical groups.
 //!
 //! Groups: surfaces `matrix` and `aggregates`, curves `itz` and one per edge of the outline (`x_min` and so on;
-//! `side` where that is a cylinder's lateral surface). Where all circles lie inside, the matrix is made with its holes
-//! at once; circles that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
+//! `side` where that is a cylinder's lateral surface). Where all sections lie inside, the matrix is made with its holes
+//! at once; sections that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
+//!
+//! Circles are curves of the kernel, which Gmsh divides evenly. It divides ellipses by their curvature, and the area
+//! of the polygon has no closed form then: an ellipse is written as the affine image of a regular polygon, whose area
+//! is that of the ellipse at a known factor.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
 
-use super::{Circle, Cut, Outline};
+use super::{Cut, Figure, Outline, Section};
+use crate::gap::ellipsoids::Body;
 
 /// Elements along the circumference of a circle; the user of the script may say otherwise.
 const SEGMENTS: u32 = 20;
@@ -17,26 +22,62 @@ const ELEMENTS_PER_EDGE: f64 = 25.0;
 const FIRST_CIRCLE: usize = 5;
 const FIRST_GRAIN: usize = 2;
 
+const ENLARGE: &str = "\
+// Enlarges the radius r so that a regular polygon has the area of the circle, up to most.
+Macro Enlarge
+  n = Ceil(2*Pi*r/size_max);
+  If (n < segments)
+    n = segments;
+  EndIf
+  r = r*Sqrt(2*Pi/n/Sin(2*Pi/n));
+  If (r > most)
+    r = most;
+  EndIf
+Return
+";
+
+const POLYGON: &str = "\
+// Makes surface s: the ellipse around (u, v) with the semi-axes r and ratio*r, the longer one at the angle t, as a
+// polygon of the same area.
+Macro Polygon
+  Call Enlarge;
+  p = newp; c = newc;
+  For k In {0:n-1}
+    x = r*Cos(2*Pi*k/n); y = ratio*r*Sin(2*Pi*k/n);
+    Point(p + k) = {u + x*Cos(t) - y*Sin(t), v + x*Sin(t) + y*Cos(t), 0};
+  EndFor
+  For k In {0:n-2}
+    Line(c + k) = {p + k, p + k + 1};
+  EndFor
+  Line(c + n - 1) = {p + n - 1, p};
+  Curve Loop(s) = {c:c + n - 1}; Plane Surface(s) = {s};
+  itz() += {c:c + n - 1};
+Return
+itz() = {};
+";
+
 pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     let long = (u1 - u0).max(v1 - v0);
     let (axis, [u, v]) = (cut.axis.name(), cut.axis.plane().map(super::Axis::name));
     write!(
         out,
-        "// Cut at {axis} = {at} mm, {n} circles; x and y here are {u} and {v} of the specimen, in mm.\n\
+        "// Cut at {axis} = {at} mm, {n} {noun}; x and y here are {u} and {v} of the specimen, in mm.\n\
          SetFactory(\"OpenCASCADE\");\n\
          DefineConstant[ segments = {{{SEGMENTS}, Name \"Segments per circumference\"}} ];\n\
          DefineConstant[ size_max = {{{size}, Name \"Largest element, mm\"}} ];\n\
          Mesh.MeshSizeFromCurvature = segments;\n\
          Mesh.MeshSizeMax = size_max;\n\
-         // Enlarges the radius r so that a regular polygon has the area of the circle, up to most.\n\
-         Macro Enlarge\n  n = Ceil(2*Pi*r/size_max);\n  If (n < segments)\n    n = segments;\n  EndIf\n  \
-         r = r*Sqrt(2*Pi/n/Sin(2*Pi/n));\n  If (r > most)\n    r = most;\n  EndIf\nReturn\n",
+         {ENLARGE}",
         at = cut.at_mm,
-        n = cut.circles.len(),
+        n = cut.sections.len(),
+        noun = cut.noun(),
         size = long / ELEMENTS_PER_EDGE,
     )?;
-    if cut.circles.iter().any(|circle| circle.clipped) {
+    if cut.ellipsoids {
+        out.write_all(POLYGON.as_bytes())?;
+    }
+    if cut.sections.iter().any(|section| section.clipped) {
         clipped(cut, out)?;
     } else {
         with_holes(cut, out)?;
@@ -62,49 +103,70 @@ fn outline(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     }
 }
 
-/// All circles inside: their loops are holes of the matrix and edges of the aggregates.
-fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
-    outline(cut, out)?;
-    let n = cut.circles.len();
-    let most = most_radii(cut);
-    for (i, (circle, most)) in cut.circles.iter().zip(most).enumerate() {
-        let (curve, surface) = (FIRST_CIRCLE + i, FIRST_GRAIN + i);
-        let [u, v] = circle.center_mm;
-        writeln!(
+/// What makes a surface of a section with that tag; a circle of it where the curve has a tag.
+fn surface(
+    section: &Section,
+    most: f64,
+    surface: usize,
+    curve: Option<usize>,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    let [u, v] = section.center_mm;
+    match (section.figure, curve) {
+        (Figure::Circle { radius_mm: r }, Some(curve)) => writeln!(
             out,
             "r = {r}; most = {most}; Call Enlarge; Circle({curve}) = {{{u}, {v}, 0, r, 0, 2*Pi}}; \
-             Curve Loop({surface}) = {{{curve}}}; Plane Surface({surface}) = {{{surface}}};",
-            r = circle.radius_mm
-        )?;
+             Curve Loop({surface}) = {{{curve}}}; Plane Surface({surface}) = {{{surface}}};"
+        ),
+        (Figure::Circle { radius_mm: r }, None) => {
+            writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({surface}) = {{{u}, {v}, 0, r}};")
+        }
+        (Figure::Ellipse(ellipse), _) => {
+            let ([a, b], [c, s]) = (ellipse.semi_axes_mm, ellipse.long);
+            let (ratio, angle) = (b / a, s.atan2(c));
+            writeln!(
+                out,
+                "s = {surface}; r = {a}; ratio = {ratio}; t = {angle}; u = {u}; v = {v}; most = {most}; Call Polygon;"
+            )
+        }
+    }
+}
+
+/// All sections inside: their loops are holes of the matrix and edges of the aggregates.
+fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
+    outline(cut, out)?;
+    let n = cut.sections.len();
+    let most = most_radii(cut);
+    for (i, (section, most)) in cut.sections.iter().zip(most).enumerate() {
+        surface(section, most, FIRST_GRAIN + i, Some(FIRST_CIRCLE + i), out)?;
     }
     if n == 0 {
         return writeln!(out, "Plane Surface(1) = {{1}};\nPhysical Surface(\"matrix\") = {{1}};");
     }
     let (last_grain, last_circle) = (FIRST_GRAIN + n - 1, FIRST_CIRCLE + n - 1);
+    let itz = if cut.ellipsoids { "itz()".to_owned() } else { format!("{FIRST_CIRCLE}:{last_circle}") };
     writeln!(
         out,
         "Plane Surface(1) = {{1:{last_grain}}};\n\
          Physical Surface(\"matrix\") = {{1}};\n\
          Physical Surface(\"aggregates\") = {{{FIRST_GRAIN}:{last_grain}}};\n\
-         Physical Curve(\"itz\") = {{{FIRST_CIRCLE}:{last_circle}}};"
+         Physical Curve(\"itz\") = {{{itz}}};"
     )
 }
 
-/// Some circles cross the rectangle: they are clipped by it, then all is made to fit together.
+/// Some sections cross the rectangle: they are clipped by it, then all is made to fit together.
 fn clipped(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     writeln!(out, "Rectangle(1) = {{{u0}, {v0}, 0, {}, {}}};", u1 - u0, v1 - v0)?;
     // Those inside first, so that each kind is one range of tags.
     let most = most_radii(cut);
-    let inside = cut.circles.iter().zip(&most).filter(|(circle, _)| !circle.clipped);
-    let crossing = cut.circles.iter().zip(&most).filter(|(circle, _)| circle.clipped);
-    let mut disk = |(i, (circle, most)): (usize, (&Circle, &f64))| {
-        let ([u, v], r) = (circle.center_mm, circle.radius_mm);
-        writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({}) = {{{u}, {v}, 0, r}};", FIRST_GRAIN + i)
-    };
-    inside.clone().chain(crossing).enumerate().try_for_each(&mut disk)?;
+    let inside = cut.sections.iter().zip(&most).filter(|(section, _)| !section.clipped);
+    let crossing = cut.sections.iter().zip(&most).filter(|(section, _)| section.clipped);
+    for (i, (section, most)) in inside.clone().chain(crossing).enumerate() {
+        surface(section, *most, FIRST_GRAIN + i, None, out)?;
+    }
     let first_crossing = FIRST_GRAIN + inside.count();
-    let last = FIRST_GRAIN + cut.circles.len() - 1;
+    let last = FIRST_GRAIN + cut.sections.len() - 1;
     writeln!(
         out,
         "grains() = BooleanIntersection{{ Surface{{{first_crossing}:{last}}}; Delete; }}{{ Surface{{1}}; }};"
@@ -130,7 +192,7 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         return writeln!(out, "Physical Curve(\"side\") = {{1}};");
     };
     let [u, v] = cut.axis.plane().map(super::Axis::name);
-    if !cut.circles.iter().any(|circle| circle.clipped) {
+    if !cut.sections.iter().any(|section| section.clipped) {
         if cut.lateral {
             writeln!(out, "Physical Curve(\"side\") = {{2, 4}};")?;
         } else {
@@ -161,54 +223,79 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// The radii that circles may be enlarged to: each takes a quarter of the gap to its nearest neighbour, and half of
-/// that to an edge that no circle crosses.
+/// The radii, of ellipses the longer semi-axes, that sections may be enlarged to: each takes a quarter of the gap to
+/// its nearest neighbour, and half of that to an edge that no section crosses. No point of an ellipse moves farther
+/// than the end of its long axis.
 fn most_radii(cut: &Cut) -> Vec<f64> {
-    let circles = &cut.circles;
-    let mut order: Vec<usize> = (0..circles.len()).collect();
-    order.sort_by(|&i, &j| circles[i].center_mm[0].total_cmp(&circles[j].center_mm[0]));
-    let largest = circles.iter().map(|circle| circle.radius_mm).fold(0.0, f64::max);
-    let mut most: Vec<f64> = circles.iter().map(|circle| to_edges(cut, circle)).collect();
+    let sections = &cut.sections;
+    let mut order: Vec<usize> = (0..sections.len()).collect();
+    order.sort_by(|&i, &j| sections[i].center_mm[0].total_cmp(&sections[j].center_mm[0]));
+    let radius = |i: usize| sections[i].figure.outer_mm();
+    let largest = (0..sections.len()).map(radius).fold(0.0, f64::max);
+    let mut most: Vec<f64> = sections.iter().map(|section| to_edges(cut, section)).collect();
     for (k, &i) in order.iter().enumerate() {
-        let (one, reach) = (&circles[i], circles[i].radius_mm + largest * (1.0 + MOST_ENLARGED));
+        let (one, reach) = (&sections[i], radius(i) + largest * (1.0 + MOST_ENLARGED));
         for &j in &order[k + 1..] {
-            let other = &circles[j];
+            let other = &sections[j];
             let [u, v] = [0, 1].map(|a| other.center_mm[a] - one.center_mm[a]);
             if u > reach {
                 break;
             }
-            let gap = (u.hypot(v) - one.radius_mm - other.radius_mm).max(0.0);
-            most[i] = most[i].min(one.radius_mm + gap / 4.0);
-            most[j] = most[j].min(other.radius_mm + gap / 4.0);
+            let gap = gap_mm(one, other, u.hypot(v)).max(0.0);
+            most[i] = most[i].min(radius(i) + gap / 4.0);
+            most[j] = most[j].min(radius(j) + gap / 4.0);
         }
     }
     // Images of one grain at opposite edges stay equal.
-    let image = |i: usize| (circles[i].grain, circles[i].radius_mm.to_bits());
+    let image = |i: usize| (sections[i].grain, radius(i).to_bits());
     let mut least: HashMap<(usize, u64), f64> = HashMap::new();
     for (i, most) in most.iter().enumerate() {
         let least = least.entry(image(i)).or_insert(f64::INFINITY);
         *least = least.min(*most);
     }
-    (0..circles.len()).map(|i| least.get(&image(i)).copied().unwrap_or(most[i])).collect()
+    (0..sections.len()).map(|i| least.get(&image(i)).copied().unwrap_or(most[i])).collect()
 }
 
-/// A triangle has to be enlarged by 0.56 of its radius to have the area of the circle.
+/// A triangle has to be enlarged by 0.56 of its radius to have the area of the circle, and a quarter of a gap may be
+/// used.
 const MOST_ENLARGED: f64 = 4.0 * 0.56;
 
-/// The radius that a circle may have for the sake of the outline.
-fn to_edges(cut: &Cut, circle: &Circle) -> f64 {
-    let (center, radius) = (circle.center_mm, circle.radius_mm);
+/// Gap between two sections whose centres are that far apart.
+fn gap_mm(one: &Section, other: &Section, apart: f64) -> f64 {
+    let between_outer = apart - one.figure.outer_mm() - other.figure.outer_mm();
+    match (one.figure, other.figure) {
+        (Figure::Circle { .. }, Figure::Circle { .. }) => between_outer,
+        // Farther apart than either can be enlarged: a lower bound is enough.
+        _ if between_outer > 4.0 * MOST_ENLARGED * one.figure.outer_mm().max(other.figure.outer_mm()) => {
+            between_outer
+        }
+        _ => body(one).with(&body(other)).gap().gap_mm,
+    }
+}
+
+fn body(section: &Section) -> Body {
+    section.figure.body(section.center_mm)
+}
+
+/// The radius, of an ellipse the longer semi-axis, that a section may have for the sake of the outline.
+fn to_edges(cut: &Cut, section: &Section) -> f64 {
+    let (center, figure) = (section.center_mm, section.figure);
+    let radius = figure.outer_mm();
     if cut.periodic {
         return 2.0 * radius;
     }
-    let inside = match cut.outline {
-        Outline::Rectangle { u_mm, v_mm } => {
+    let gap = match (cut.outline, figure) {
+        (Outline::Rectangle { u_mm, v_mm }, _) => {
             let to = |x: f64, [low, high]: [f64; 2]| (x - low).min(high - x);
-            to(center[0], u_mm).min(to(center[1], v_mm))
+            let [half_u, half_v] = figure.half_extents_mm();
+            (to(center[0], u_mm) - half_u).min(to(center[1], v_mm) - half_v)
         }
-        Outline::Disc { center_mm, radius_mm } => {
-            radius_mm - (center[0] - center_mm[0]).hypot(center[1] - center_mm[1])
+        (Outline::Disc { center_mm, radius_mm }, Figure::Circle { .. }) => {
+            radius_mm - (center[0] - center_mm[0]).hypot(center[1] - center_mm[1]) - radius
+        }
+        (Outline::Disc { center_mm, radius_mm }, Figure::Ellipse(_)) => {
+            radius_mm - body(section).reach_from_axis_mm(center_mm)
         }
     };
-    radius + (inside - radius).max(0.0) / 2.0
+    radius + gap.max(0.0) / 2.0
 }

@@ -1,18 +1,22 @@
-//! The circles and the figures of a cut as one JSON object.
+//! The circles or ellipses and the figures of a cut as one JSON object.
 
 use std::io::{self, Write};
 
-use super::{Cut, SliceReport};
+use super::{Cut, Figure, SliceReport};
 
-/// Names of the columns of the circles.
-const COLUMNS: [&str; 6] = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
+/// Names of the columns of circles.
+const CIRCLE: [&str; 6] = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
+/// Names of the columns of ellipses: `a_mm` and `b_mm` are the longer and the shorter semi-axis, `angle_deg` is the
+/// angle of the longer one from u towards v, `diameter_mm` that of the sphere with the volume of the grain.
+const ELLIPSE: [&str; 8] = ["u_mm", "v_mm", "a_mm", "b_mm", "angle_deg", "grain", "diameter_mm", "area_mm2"];
 
-/// A slice as one JSON object: the fields of its report, then its circles as a table.
+/// A slice as one JSON object: the fields of its report, then the table `circles` of a packing of spheres, or
+/// `ellipses` of one of ellipsoids.
 #[derive(Clone, Copy, Debug)]
 pub struct SliceDocument<'a> {
     /// The figures of the cut.
     pub report: &'a SliceReport,
-    /// The circles.
+    /// The circles or ellipses.
     pub cut: &'a Cut,
 }
 
@@ -23,39 +27,61 @@ impl SliceDocument<'_> {
     /// Those of the writer.
     pub fn write(self, out: &mut dyn Write) -> io::Result<()> {
         let mut head = serde_json::to_vec(self.report)?;
-        // The object is opened again for the circles, which are written as they come.
+        // The object is opened again for the table, whose rows are written as they come.
         head.pop();
         out.write_all(&head)?;
-        write!(out, ",\"circles\":{{\"columns\":{},\"rows\":[", serde_json::to_string(&COLUMNS)?)?;
+        let columns = if self.cut.ellipsoids { ELLIPSE.as_slice() } else { CIRCLE.as_slice() };
+        write!(out, ",\"{}\":{{\"columns\":{},\"rows\":[", self.cut.noun(), serde_json::to_string(columns)?)?;
         let mut digits = zmij::Buffer::new();
-        for (i, circle) in self.cut.circles.iter().enumerate() {
+        for (i, section) in self.cut.sections.iter().enumerate() {
             out.write_all(if i == 0 { b"\n[" } else { b",\n[" })?;
-            for x in [circle.center_mm[0], circle.center_mm[1], circle.radius_mm] {
-                out.write_all(digits.format_finite(x).as_bytes())?;
-                out.write_all(b",")?;
+            let [u, v] = section.center_mm;
+            match section.figure {
+                Figure::Circle { radius_mm } => numbers(out, &mut digits, &[u, v, radius_mm])?,
+                Figure::Ellipse(ellipse) => {
+                    let [a, b] = ellipse.semi_axes_mm;
+                    numbers(out, &mut digits, &[u, v, a, b, ellipse.angle_deg()])?;
+                }
             }
-            write!(out, "{},", circle.grain)?;
-            out.write_all(digits.format_finite(circle.diameter_mm).as_bytes())?;
-            out.write_all(b",")?;
-            out.write_all(digits.format_finite(circle.area_mm2).as_bytes())?;
+            write!(out, ",{},", section.grain)?;
+            numbers(out, &mut digits, &[section.diameter_mm, section.area_mm2])?;
             out.write_all(b"]")?;
         }
         out.write_all(b"\n]}}\n")
     }
 }
 
+/// Numbers with commas between them.
+fn numbers(out: &mut dyn Write, digits: &mut zmij::Buffer, all: &[f64]) -> io::Result<()> {
+    for (k, &x) in all.iter().enumerate() {
+        out.write_all(if k == 0 { b"" } else { b"," })?;
+        out.write_all(digits.format_finite(x).as_bytes())?;
+    }
+    Ok(())
+}
+
 #[cfg(feature = "openapi")]
 impl utoipa::PartialSchema for SliceDocument<'_> {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
         use utoipa::ToSchema;
-        use utoipa::openapi::schema::{AllOfBuilder, ObjectBuilder, Ref, Schema, Type};
+        use utoipa::openapi::schema::{AllOfBuilder, ObjectBuilder, OneOfBuilder, Ref, Schema, Type};
 
+        let with = |name: &str, description: &str, columns: &[&str], row: &str| {
+            let table = crate::export::schema::table(description, columns, row);
+            ObjectBuilder::new().schema_type(Type::Object).property(name, table).required(name).build()
+        };
         let circles =
-            crate::export::schema::table("The circles of the slice.", &COLUMNS, "One row a circle.");
-        let table = ObjectBuilder::new().schema_type(Type::Object);
+            with("circles", "The circles of a slice through spheres.", &CIRCLE, "One row a circle.");
+        let ellipses = with(
+            "ellipses",
+            "The ellipses of a slice through ellipsoids: semi-axes, angle of the longer one from u towards v, and the \
+             diameter of the sphere with the volume of the grain.",
+            &ELLIPSE,
+            "One row an ellipse.",
+        );
         let document = AllOfBuilder::new()
             .item(Ref::from_schema_name(SliceReport::name()))
-            .item(table.property("circles", circles).required("circles"))
+            .item(Schema::from(OneOfBuilder::new().item(circles).item(ellipses).build()))
             .description(Some("A slice in JSON."));
         Schema::from(document.build()).into()
     }

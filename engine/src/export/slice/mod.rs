@@ -1,10 +1,12 @@
-//! Plane cuts through a packing: the circles, their area, and the picture, table or 2D model of them.
+//! Plane cuts through a packing: the sections of its grains, their area, and the picture, table or 2D model of them.
 //!
 //! The common two-dimensional mesoscale model of concrete is such a cut. A cut is perpendicular to one axis; its
 //! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
-//! The module knows spheres and their specimen; it must never know how they were packed.
+//! Spheres are cut in circles, ellipsoids in ellipses (`figure`). The module knows grains and their specimen; it must
+//! never know how they were packed.
 
 mod cut;
+mod figure;
 mod geo;
 mod json;
 mod overlap;
@@ -15,7 +17,8 @@ use std::io::{BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
-pub use cut::{Circle, Cut, Outline};
+pub use cut::{Cut, Outline, Section};
+pub use figure::{Ellipse, Figure};
 pub use json::SliceDocument;
 
 use crate::control::{Control, Phase, Progress};
@@ -40,7 +43,7 @@ pub enum SliceFormat {
     Svg,
     /// A picture of the cut and nothing else, anti-aliased by exact areas.
     Png,
-    /// The circles and the figures.
+    /// The circles or ellipses and the figures.
     Json,
     /// A Gmsh script of the plane surfaces, for a 2D mesh.
     Geo,
@@ -139,11 +142,15 @@ pub struct SliceReport {
     pub outline: Outline,
     /// Its area.
     pub area_mm2: f64,
-    /// Circles cut, with the images of those that cross the faces of a periodic box.
+    /// Circles cut, with the images of those that cross the faces of a periodic box; 0 where grains are ellipsoids.
     pub circle_count: u64,
-    /// Area of the circles inside the outline.
+    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are spheres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub ellipse_count: Option<u64>,
+    /// Area of the circles or ellipses inside the outline.
     pub aggregate_area_mm2: f64,
-    /// Area of the circles over that of the cut; exact.
+    /// Area of the circles or ellipses over that of the cut; exact.
     pub area_fraction: f64,
     /// Measures of the picture, for the format `png`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -185,20 +192,25 @@ pub fn check(specimen: &Specimen, options: &SliceOptions, _: &Limits) -> Result<
 
 /// Length of the file of a slice through grains of that sum of diameters: a plane meets a grain with the probability
 /// diameter over length.
-pub(super) fn expected_bytes(specimen: &Specimen, options: &SliceOptions, sum_mm: f64) -> u64 {
+pub(super) fn expected_bytes(
+    specimen: &Specimen,
+    options: &SliceOptions,
+    sum_mm: f64,
+    ellipsoids: bool,
+) -> u64 {
     let bounds = specimen.bounds_mm();
-    let circles = sum_mm / bounds[options.axis.index()];
-    let (frame, per_circle) = match options.format {
-        SliceFormat::Svg => (1000.0, 45.0),
-        SliceFormat::Json => (350.0, 105.0),
-        SliceFormat::Geo => (1400.0, 190.0),
+    let sections = sum_mm / bounds[options.axis.index()];
+    let (frame, per_circle, per_ellipse) = match options.format {
+        SliceFormat::Svg => (1000.0, 45.0, 115.0),
+        SliceFormat::Json => (350.0, 105.0, 145.0),
+        SliceFormat::Geo => (1400.0, 190.0, 165.0),
         SliceFormat::Png => {
             let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
             return (0.1 * long * long * u.min(v) / u.max(v)) as u64 + 1000;
         }
     };
-    (frame + per_circle * circles) as u64
+    (frame + if ellipsoids { per_ellipse } else { per_circle } * sections) as u64
 }
 
 /// Cuts the packing and writes what is asked for.
@@ -212,10 +224,9 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<SliceReport, ExportError> {
-    let model = &model.of_spheres("a slice")?;
     check(model.specimen, options, limits)?;
     go_on(control)?;
-    let cut = Cut::new(model, options.axis, options.at_mm(model.specimen));
+    let cut = Cut::new(model, options.axis, options.at_mm(model.specimen))?;
     let mut report = cut.report();
     let progress = |done: u64, total: u64| {
         control.report(&Progress {
@@ -223,13 +234,13 @@ pub fn write(
             fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
             done,
             total,
-            unit: if options.format == SliceFormat::Png { "rows" } else { "circles" },
+            unit: if options.format == SliceFormat::Png { "rows" } else { cut.noun() },
             message: String::new(),
             growth: None,
         });
         go_on(control)
     };
-    let circles = cut.circles.len() as u64;
+    let sections = cut.sections.len() as u64;
     let mut out = BufWriter::new(out);
     match options.format {
         SliceFormat::Svg => svg::write(&cut, &report, &mut out)?,
@@ -242,9 +253,11 @@ pub fn write(
         SliceFormat::Geo => geo::write(&cut, &mut out)?,
     }
     out.flush()?;
-    progress(circles, circles)?;
+    progress(sections, sections)?;
     Ok(report)
 }
 
+#[cfg(test)]
+mod ellipsoid_tests;
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,4 @@
-//! Areas of a disc inside rectangles, exactly but for rounding.
+//! Areas of a disc inside rectangles and polygons, exactly but for rounding.
 
 use std::f64::consts::PI;
 
@@ -36,6 +36,54 @@ pub(super) fn with_rectangle(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64
     (at(1, 1) - at(0, 1) - at(1, 0) + at(0, 0)).max(0.0)
 }
 
+/// Area that the unit disc about the origin shares with a polygon, whose corners run anticlockwise.
+///
+/// Every edge with the origin makes a triangle; its part in the disc is a triangle between two sectors.
+pub(super) fn with_polygon(corners: &[[f64; 2]]) -> f64 {
+    let twice: f64 = (0..corners.len()).map(|i| edge(corners[i], corners[(i + 1) % corners.len()])).sum();
+    (twice / 2.0).clamp(0.0, PI)
+}
+
+/// Twice the signed area that the unit disc shares with the triangle of the origin, p and q.
+fn edge(p: [f64; 2], q: [f64; 2]) -> f64 {
+    let d = [q[0] - p[0], q[1] - p[1]];
+    let sector = |a: [f64; 2], b: [f64; 2]| cross(a, b).atan2(a[0] * b[0] + a[1] * b[1]);
+    let length2 = d[0] * d[0] + d[1] * d[1];
+    // The square of half the chord, times that of the length of the edge.
+    let chord2 = length2 - cross(p, d) * cross(p, d);
+    if length2 == 0.0 || chord2 <= 0.0 {
+        return sector(p, q);
+    }
+    let (middle, half) = (-(p[0] * d[0] + p[1] * d[1]) / length2, chord2.sqrt() / length2);
+    let (from, to) = ((middle - half).max(0.0), (middle + half).min(1.0));
+    if from >= to {
+        return sector(p, q);
+    }
+    let at = |t: f64| [p[0] + t * d[0], p[1] + t * d[1]];
+    let (a, b) = (at(from), at(to));
+    let before = if from > 0.0 { sector(p, a) } else { 0.0 };
+    let after = if to < 1.0 { sector(b, q) } else { 0.0 };
+    before + (to - from) * cross(p, d) + after
+}
+
+/// Whether the unit disc about the origin shares an area with a convex polygon, whose corners run anticlockwise.
+pub(super) fn meets_polygon(corners: &[[f64; 2]]) -> bool {
+    let edges = || (0..corners.len()).map(|i| (corners[i], corners[(i + 1) % corners.len()]));
+    let contains_center = edges().all(|(p, q)| cross(p, [q[0] - p[0], q[1] - p[1]]) > 0.0);
+    contains_center
+        || edges().any(|(p, q)| {
+            let d = [q[0] - p[0], q[1] - p[1]];
+            let length2 = d[0] * d[0] + d[1] * d[1];
+            let t =
+                if length2 > 0.0 { (-(p[0] * d[0] + p[1] * d[1]) / length2).clamp(0.0, 1.0) } else { 0.0 };
+            (p[0] + t * d[0]).hypot(p[1] + t * d[1]) < 1.0
+        })
+}
+
+fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +104,18 @@ mod tests {
     }
 
     proptest! {
+        /// A rectangle is a polygon.
+        #[test]
+        fn polygons_share_what_rectangles_do(
+            u0 in -2.0..2.0_f64, width in 0.0..3.0_f64, v0 in -2.0..2.0_f64, height in 0.0..3.0_f64,
+        ) {
+            let (u1, v1) = (u0 + width, v0 + height);
+            let corners = [[u0, v0], [u1, v0], [u1, v1], [u0, v1]];
+            let expected = with_rectangle([0.0; 2], 1.0, [u0, u1], [v0, v1]);
+            prop_assert!((with_polygon(&corners) - expected).abs() < 1e-13);
+            prop_assert!(meets_polygon(&corners) || expected < 1e-13);
+        }
+
         #[test]
         fn columns_add_up_to_what_integration_says(
             center in prop::array::uniform2(-2.0..2.0_f64), radius in 0.01..2.0_f64,

@@ -1,6 +1,6 @@
 //! A picture of a cut and nothing else, for image analysis: every pixel is as grey as its share of aggregate.
 //!
-//! Matrix is 255, aggregate 128, and a pixel's grey is between them by the exact area of the circles in it, so
+//! Matrix is 255, aggregate 128, and a pixel's grey is between them by the exact area of the sections in it, so
 //! that the mean grey gives the area fraction. Outside of a disc the picture is transparent. Its size in metres
 //! is stated in it (chunk `pHYs`).
 
@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use ::png::{BitDepth, ColorType, Encoder, EncodingError, PixelDimensions, Unit};
 
-use super::{Circle, Cut, Image, Outline, overlap};
+use super::{Cut, Figure, Image, Outline, Section};
 use crate::export::ExportError;
 
 /// Grey of the matrix.
@@ -36,7 +36,7 @@ pub(super) fn write(
     let [columns, rows] = image.pixels;
     let disc = match cut.outline {
         Outline::Rectangle { .. } => None,
-        Outline::Disc { center_mm, radius_mm } => Some((center_mm, radius_mm)),
+        Outline::Disc { center_mm, radius_mm } => Some((center_mm, Figure::Circle { radius_mm })),
     };
     let mut encoder = Encoder::new(out, columns, rows);
     encoder.set_color(if disc.is_some() { ColorType::GrayscaleAlpha } else { ColorType::Grayscale });
@@ -55,9 +55,9 @@ pub(super) fn write(
         let v = raster.band(row);
         raster.fill(v);
         bytes.clear();
-        if let Some((center, radius)) = disc {
+        if let Some((center, figure)) = &disc {
             raster.inside.fill(0.0);
-            cover(&mut raster.inside, &raster.grid, center, radius, v);
+            cover(&mut raster.inside, &raster.grid, figure, *center, v);
             for (&aggregate, &inside) in raster.aggregate.iter().zip(&raster.inside) {
                 let share = if inside > 0.0 { aggregate / inside } else { 0.0 };
                 bytes.extend([grey(share), (255.0 * inside.min(1.0)).round() as u8]);
@@ -101,10 +101,10 @@ struct Raster<'a> {
     grid: PixelGrid,
     v1: f64,
     pixel_v: f64,
-    /// Circles that no row has reached, the uppermost last.
-    waiting: Vec<&'a Circle>,
-    /// Circles that the last row touched.
-    active: Vec<&'a Circle>,
+    /// Sections that no row has reached, the uppermost last.
+    waiting: Vec<&'a Section>,
+    /// Sections that the last row touched.
+    active: Vec<&'a Section>,
     aggregate: Vec<f64>,
     inside: Vec<f64>,
 }
@@ -113,8 +113,7 @@ impl<'a> Raster<'a> {
     fn new(cut: &'a Cut, image: &Image) -> Self {
         let [[u0, _], [_, v1]] = cut.outline.bounds_mm();
         let columns = image.pixels[0] as usize;
-        let mut waiting: Vec<&Circle> = cut.circles.iter().collect();
-        let top = |circle: &Circle| circle.center_mm[1] + circle.radius_mm;
+        let mut waiting: Vec<&Section> = cut.sections.iter().collect();
         waiting.sort_by(|a, b| top(a).total_cmp(&top(b)));
         let [pixel_u, pixel_v] = image.pixel_mm;
         Self {
@@ -135,35 +134,32 @@ impl<'a> Raster<'a> {
 
     /// Shares of the next row.
     fn fill(&mut self, v: [f64; 2]) {
-        while let Some(circle) = self.waiting.pop_if(|circle| circle.center_mm[1] + circle.radius_mm > v[0]) {
-            self.active.push(circle);
+        while let Some(section) = self.waiting.pop_if(|section| top(section) > v[0]) {
+            self.active.push(section);
         }
-        self.active.retain(|circle| circle.center_mm[1] - circle.radius_mm < v[1]);
+        self.active.retain(|section| section.center_mm[1] - section.figure.half_extents_mm()[1] < v[1]);
         self.aggregate.fill(0.0);
-        for circle in &self.active {
-            cover(&mut self.aggregate, &self.grid, circle.center_mm, circle.radius_mm, v);
+        for section in &self.active {
+            cover(&mut self.aggregate, &self.grid, &section.figure, section.center_mm, v);
         }
     }
 }
 
-/// Adds the shares of one row's pixels that a disc covers.
-fn cover(shares: &mut [f64], grid: &PixelGrid, center: [f64; 2], radius: f64, v: [f64; 2]) {
-    let half_chord = |dv: f64| ((radius - dv) * (radius + dv)).max(0.0).sqrt();
-    let distances = v.map(|v| (v - center[1]).abs());
-    let nearest = if (v[0]..=v[1]).contains(&center[1]) { 0.0 } else { distances[0].min(distances[1]) };
-    if nearest >= radius {
-        return;
-    }
-    let (outer, inner) = (half_chord(nearest), half_chord(distances[0].max(distances[1])));
-    let touched = grid.touched(center[0] - outer, center[0] + outer);
-    // Pixels whose both edges lie within the shorter chord are covered wholly.
-    let (low, high) = (center[0] - inner, center[0] + inner);
-    for column in touched {
+/// The uppermost that a section reaches.
+fn top(section: &Section) -> f64 {
+    section.center_mm[1] + section.figure.half_extents_mm()[1]
+}
+
+/// Adds the shares of one row's pixels that a figure covers.
+fn cover(shares: &mut [f64], grid: &PixelGrid, figure: &Figure, center: [f64; 2], v: [f64; 2]) {
+    let Some(span) = figure.span(center, v) else { return };
+    // Pixels whose both edges lie where the figure covers the row from edge to edge are covered wholly.
+    for column in grid.touched(span.outer[0], span.outer[1]) {
         let u = [grid.edge(column), grid.edge(column + 1)];
-        shares[column] += if u[0] >= low && u[1] <= high {
+        shares[column] += if u[0] >= span.inner[0] && u[1] <= span.inner[1] {
             1.0
         } else {
-            overlap::with_rectangle(center, radius, u, v) / grid.pixel_area
+            figure.area_in(center, u, v) / grid.pixel_area
         };
     }
 }

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::{Cut, Outline, SliceReport};
+use super::{Cut, Figure, Outline, SliceReport};
 
 pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
@@ -20,16 +20,17 @@ pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io:
         out,
         r##"<svg xmlns="http://www.w3.org/2000/svg" width="{full_width:.decimals$}mm" height="{full_height:.decimals$}mm" viewBox="{left:.decimals$} {top:.decimals$} {full_width:.decimals$} {full_height:.decimals$}">
 <title>Cut at {axis} = {at} mm</title>
-<desc>{circles} circles, area fraction {fraction:.4}; axes {u} to the right and {v} up, units mm</desc>
+<desc>{count} {noun}, area fraction {fraction:.4}; axes {u} to the right and {v} up, units mm</desc>
 <rect x="{left:.decimals$}" y="{top:.decimals$}" width="{full_width:.decimals$}" height="{full_height:.decimals$}" fill="#fff"/>
 "##,
         at = cut.at_mm,
-        circles = cut.circles.len(),
+        count = cut.sections.len(),
+        noun = cut.noun(),
         fraction = report.area_fraction,
         u = report.plane[0].name(),
         v = report.plane[1].name(),
     )?;
-    let clipped = cut.circles.iter().any(|circle| circle.clipped);
+    let clipped = cut.sections.iter().any(|section| section.clipped);
     if clipped {
         writeln!(
             out,
@@ -38,10 +39,21 @@ pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io:
     }
     let clip = if clipped { r#" clip-path="url(#cut)""# } else { "" };
     writeln!(out, r##"<g id="aggregates" fill="#a0a0a0"{clip}>"##)?;
-    for circle in &cut.circles {
-        let (x, y) = (circle.center_mm[0] - u0, v1 - circle.center_mm[1]);
-        let r = circle.radius_mm;
-        writeln!(out, r#"<circle cx="{x:.decimals$}" cy="{y:.decimals$}" r="{r:.decimals$}"/>"#)?;
+    for section in &cut.sections {
+        let (x, y) = (section.center_mm[0] - u0, v1 - section.center_mm[1]);
+        match section.figure {
+            Figure::Circle { radius_mm: r } => {
+                writeln!(out, r#"<circle cx="{x:.decimals$}" cy="{y:.decimals$}" r="{r:.decimals$}"/>"#)?;
+            }
+            Figure::Ellipse(ellipse) => {
+                // y points down here: what turns towards v turns the other way.
+                let ([a, b], angle) = (ellipse.semi_axes_mm, 0.0 - ellipse.angle_deg());
+                writeln!(
+                    out,
+                    r#"<ellipse cx="{x:.decimals$}" cy="{y:.decimals$}" rx="{a:.decimals$}" ry="{b:.decimals$}" transform="rotate({angle:.4} {x:.decimals$} {y:.decimals$})"/>"#
+                )?;
+            }
+        }
     }
     writeln!(out, "</g>")?;
     let pen = format!(r##"fill="none" stroke="#000" stroke-width="{line:.decimals$}""##);

@@ -13,7 +13,7 @@ use crate::request::Boundary;
 use crate::request::decode::{At, Faults};
 use crate::{PackingRequest, Unattended, pack};
 
-fn read(value: &Value) -> Result<SliceOptions, Vec<String>> {
+pub(super) fn read(value: &Value) -> Result<SliceOptions, Vec<String>> {
     let faults = Faults::default();
     let mut object = At::root(value, &faults).object().unwrap();
     let options = SliceOptions::read(&mut object);
@@ -30,7 +30,7 @@ fn written(specimen: &Specimen, spheres: &Spheres, options: &Value) -> (SliceRep
     (report, bytes)
 }
 
-fn cube(boundary: Boundary) -> Specimen {
+pub(super) fn cube(boundary: Boundary) -> Specimen {
     Specimen::Box { size_mm: [10.0; 3], boundary }
 }
 
@@ -139,9 +139,9 @@ fn no_circle_of_a_periodic_slice_is_a_ghost() {
     let model = Model::new(&request.specimen, packing.spheres().unwrap());
     for axis in Axis::ALL {
         for at_mm in (0..10).map(|i| 4.0 * f64::from(i)) {
-            for circle in Cut::new(&model.of_spheres("a slice").unwrap(), axis, at_mm).circles {
+            for circle in Cut::new(&model, axis, at_mm).unwrap().sections {
                 let outside = circle.center_mm.map(|x| (-x).max(x - 40.0).max(0.0));
-                assert!(outside[0].hypot(outside[1]) < circle.radius_mm, "{circle:?}");
+                assert!(outside[0].hypot(outside[1]) < circle.figure.outer_mm(), "{circle:?}");
                 assert!(circle.area_mm2 > 1e-12, "{circle:?}");
             }
         }
@@ -176,11 +176,7 @@ fn cuts_add_up_to_the_volume() {
             let length = specimen.bounds_mm()[axis.index()];
             let step = length / CUTS as f64;
             let sum: f64 = (0..CUTS)
-                .map(|i| {
-                    Cut::new(&model.of_spheres("a slice").unwrap(), axis, (i as f64 + 0.5) * step)
-                        .aggregate_area_mm2()
-                        * step
-                })
+                .map(|i| Cut::new(&model, axis, (i as f64 + 0.5) * step).unwrap().aggregate_area_mm2() * step)
                 .sum();
             assert!((sum / volume - 1.0).abs() < 1e-4, "{specimen:?} {axis:?}: {sum} {volume}");
         }
@@ -188,7 +184,7 @@ fn cuts_add_up_to_the_volume() {
 }
 
 /// Grey values of a picture, with opacity where it has any.
-fn decoded(bytes: &[u8]) -> (::png::OutputInfo, ::png::Info<'static>, Vec<u8>) {
+pub(super) fn decoded(bytes: &[u8]) -> (::png::OutputInfo, ::png::Info<'static>, Vec<u8>) {
     let mut reader = ::png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let frame = reader.next_frame(&mut pixels).unwrap();
@@ -259,7 +255,7 @@ proptest! {
     ) {
         let one = spheres(&[(center, d)]);
         let specimen = cube(Boundary::Periodic);
-        let cut = Cut::new(&Model::new(&specimen, &one).of_spheres("a slice").unwrap(), Axis::Z, at_mm);
+        let cut = Cut::new(&Model::new(&specimen, &one), Axis::Z, at_mm).unwrap();
         let height = (center[2] - at_mm).abs();
         let height = height.min(10.0 - height);
         let whole = PI * (d * d / 4.0 - height * height).max(0.0);

@@ -6,7 +6,7 @@ use serde_json::json;
 use super::columns::BLOCK_ROWS;
 use super::stored::Layout;
 use super::*;
-use crate::packing::{EdmdEnd, EdmdStatistics};
+use crate::packing::{EdmdStatistics, GrowthEnd};
 use crate::packing::{Ellipsoids, Grains};
 use crate::shape::{Ellipsoid, Pose};
 use crate::{Limits, PackingRequest, Spheres, Unattended, pack};
@@ -185,7 +185,7 @@ fn results_stored_before_there_was_growth_read_back() {
 fn what_growth_counted_is_stored_too() {
     let (mut head, spheres) = result();
     let edmd =
-        EdmdStatistics { events: 3, stop: EdmdEnd::TimeLimit, energy: 1.5, ..EdmdStatistics::default() };
+        EdmdStatistics { events: 3, stop: GrowthEnd::TimeLimit, energy: 1.5, ..EdmdStatistics::default() };
     head.report.statistics.edmd = Some(edmd);
     let mut bytes = Vec::new();
     stored::write(&head, &spheres, &mut bytes).unwrap();

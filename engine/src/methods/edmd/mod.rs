@@ -44,7 +44,7 @@ use crate::distance::DistanceRule;
 use crate::memory::{self, OutOfMemory, collected};
 use crate::methods::rsa::{self, Rsa};
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint, RsaStatistics};
+use crate::packing::{EdmdStatistics, GrowthEnd, GrowthPoint, RsaStatistics};
 use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
@@ -155,13 +155,13 @@ impl Edmd<'_> {
         };
         let before_s = run.elapsed_s(&frame);
         let growing = Instant::now();
-        let mut ended = Ended::As(EdmdEnd::Target);
+        let mut ended = Ended::As(GrowthEnd::Target);
         if run.stage == Stage::Scale {
             ended = run.grow(&frame, &protocols[0]);
             if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &protocols[0], &rule)? {
-                ended = Ended::As(EdmdEnd::Target);
+                ended = Ended::As(GrowthEnd::Target);
             }
-            if maximize.is_some() && ended == Ended::As(EdmdEnd::Target) {
+            if maximize.is_some() && ended == Ended::As(GrowthEnd::Target) {
                 run.lengthen(&frame, &protocols[1]);
             }
         }

@@ -41,13 +41,17 @@ use voxels::Voxels;
 
 /// Draws between two looks at the control: less than a millisecond.
 const DRAWS_PER_LOOK: u64 = 2000;
-/// Grains of a stage differ by less than this factor in equivalent diameter.
+/// Grains of a stage differ by less than this factor in equivalent diameter, and by less than the other where the last
+/// stage took few draws per grain.
 const STAGE_RATIO: f64 = 1.1;
+const LOOSE_RATIO: f64 = 1.4;
+const LOOSE: u64 = 20;
 /// A stage ends when it has inserted as many grains as there were, but not before so many.
 const LEAST_STAGE: usize = 400;
 /// Draws per grain of a stage beyond which the next one begins with smaller voxels, and the levels of subdivision.
 const CROWDED: u64 = 50;
-const LOOSE_LEVEL: usize = 1;
+const LOOSE_LEVEL: usize = 0;
+const MIDDLE_LEVEL: usize = 1;
 const CROWDED_LEVEL: usize = 2;
 /// Failed draws after which voxels are split where a draw fails.
 const SPLIT_AFTER: u64 = 200;
@@ -145,11 +149,12 @@ impl EllipsoidRsa<'_> {
     }
 
     /// The stage that begins with a grain, and the first grain after it.
-    fn stage(&self, first: usize) -> (Stage, usize) {
+    fn stage(&self, first: usize, draws_per_grain: u64) -> (Stage, usize) {
         let d = |grain: usize| self.shapes[grain].equivalent_diameter_mm();
         let most = first + first.max(LEAST_STAGE);
+        let ratio = if draws_per_grain < LOOSE { LOOSE_RATIO } else { STAGE_RATIO };
         let mut end = first + 1;
-        while end < self.shapes.len().min(most) && d(end) * STAGE_RATIO > d(first) {
+        while end < self.shapes.len().min(most) && d(end) * ratio > d(first) {
             end += 1;
         }
         let axes = || self.shapes[first..end].iter().map(Ellipsoid::semi_axes_mm);
@@ -167,7 +172,7 @@ impl Run<'_> {
         let rsa = self.rsa;
         let mut first = 0;
         while first < rsa.shapes.len() {
-            let (stage, end) = rsa.stage(first);
+            let (stage, end) = rsa.stage(first, self.draws_per_grain);
             match self.insert_stage(&stage, first..end, rng) {
                 Ok(()) => first = end,
                 Err(end) => return end,
@@ -190,7 +195,11 @@ impl Run<'_> {
             inserted.cover(stage, &rsa.rule);
         }
         let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted)?;
-        let level = if self.draws_per_grain > CROWDED { CROWDED_LEVEL } else { LOOSE_LEVEL };
+        let level = match self.draws_per_grain {
+            ..LOOSE => LOOSE_LEVEL,
+            LOOSE..CROWDED => MIDDLE_LEVEL,
+            _ => CROWDED_LEVEL,
+        };
         let tested = &mut self.statistics.voxels_tested;
         let mut voxels = Voxels::new(region, level, &grid, &self.inserted, tested)?;
         let (count, draws_before) = (grains.len() as u64, self.draws);

@@ -1,4 +1,4 @@
-//! Every pair of every packing again, by a formula and a search of their own.
+//! Packings in all specimens, the law of places, and when saturation is proven.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -8,6 +8,7 @@ use rand_xoshiro::rand_core::SeedableRng;
 
 use super::*;
 use crate::control::Unattended;
+use crate::methods::brute_force_tests::assert_valid;
 use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
 use crate::request::{Boundary, Distance};
 
@@ -20,70 +21,6 @@ fn shapes(count: usize, d_max: f64, d_min: f64, ratios: [f64; 3]) -> Vec<Ellipso
     let unit = ratios.iter().product::<f64>().cbrt();
     let d = |i: usize| d_max * (d_min / d_max).powf(i as f64 / (count - 1) as f64);
     (0..count).map(|i| Ellipsoid::new(ratios.map(|r| r / unit * d(i) / 2.0)).unwrap()).collect()
-}
-
-fn support(shape: &Ellipsoid, pose: &Pose, n: Vector3<f64>) -> f64 {
-    shape.semi_axes_mm().component_mul(&(pose.orientation.inverse() * n)).norm()
-}
-
-/// The largest `s(n)` found, or one that is enough: along the bisection for the root of `F'`, then at random.
-fn best_separation(a: (&Ellipsoid, &Pose), b: (&Ellipsoid, &Pose), r: Vector3<f64>, enough: f64) -> f64 {
-    let (p, q): (Matrix3<f64>, Matrix3<f64>) = (a.0.matrix_mm2(a.1), b.0.matrix_mm2(b.1));
-    let s = |n: Vector3<f64>| r.dot(&n) - support(a.0, a.1, n) - support(b.0, b.1, n);
-    let (mut low, mut high, mut best) = (0.0, 1.0, s(r.normalize()));
-    for _ in 0..50 {
-        let l = (low + high) / 2.0;
-        let n = ((1.0 - l) * p + l * q).lu().solve(&r).unwrap();
-        best = best.max(s(n.normalize()));
-        let more = (1.0 - l) * (1.0 - l) * n.dot(&(p * n)) > l * l * n.dot(&(q * n));
-        if more { low = l } else { high = l }
-    }
-    // From the normal of contact to that of the gap, by steps at random that shrink.
-    let l = (low + high) / 2.0;
-    let mut n = ((1.0 - l) * p + l * q).lu().solve(&r).unwrap().normalize();
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
-    let mut step = 0.1;
-    while step > 1e-7 && best < enough {
-        let mut gained = false;
-        for _ in 0..8 {
-            let m = (n + Vector3::from_fn(|_, _| step * (2.0 * uniform(&mut rng) - 1.0))).normalize();
-            if s(m) > s(n) {
-                (n, gained) = (m, true);
-            }
-        }
-        best = best.max(s(n));
-        step *= if gained { 1.2 } else { 0.6 };
-    }
-    best
-}
-
-/// Fails unless all gaps are kept.
-fn assert_valid(rsa: &EllipsoidRsa, poses: &[Pose]) {
-    let bounds = rsa.specimen.bounds_mm();
-    let images: Vec<Vector3<f64>> = (0..27)
-        .map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(f64::from))
-        .map(|[x, y, z]| Vector3::new(x * bounds[0], y * bounds[1], z * bounds[2]))
-        .filter(|shift| rsa.specimen.is_periodic() || shift.norm() == 0.0)
-        .collect();
-    for (i, a) in poses.iter().enumerate() {
-        let shape = &rsa.shapes[i];
-        let d_i = shape.equivalent_diameter_mm();
-        let wall = Body::new(shape, a).wall_gap_mm(rsa.specimen);
-        assert!(wall >= rsa.rule.wall_gap_mm(d_i), "{wall}");
-        for (j, b) in poses.iter().enumerate().skip(i) {
-            let other = &rsa.shapes[j];
-            let gap_mm = rsa.rule.gap_mm(d_i, other.equivalent_diameter_mm());
-            for shift in &images {
-                let r = b.center_mm + shift - a.center_mm;
-                let far = shape.semi_axes_mm().x + other.semi_axes_mm().x + gap_mm;
-                if r.norm() == 0.0 || r.norm() >= far {
-                    continue;
-                }
-                let s = best_separation((shape, a), (other, b), r, gap_mm);
-                assert!(s >= gap_mm, "{i} {j}: {s} {gap_mm}");
-            }
-        }
-    }
 }
 
 #[test]
@@ -113,7 +50,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
                 let outcome = run();
                 assert_eq!(outcome.end, End::Complete, "{specimen:?} {distance:?}");
-                assert_valid(&rsa, &outcome.poses);
+                assert_valid(rsa.specimen, &rsa.rule, rsa.shapes, &outcome.poses);
                 assert_eq!(outcome, run());
             }
         }
@@ -136,7 +73,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
     for seed in 0..20 {
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
         assert_eq!(outcome.end, End::Complete);
-        assert_valid(&rsa, &outcome.poses);
+        assert_valid(rsa.specimen, &rsa.rule, rsa.shapes, &outcome.poses);
     }
     let along_an_edge = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
     let outcome = EllipsoidRsa { orientation: &along_an_edge, ..rsa }

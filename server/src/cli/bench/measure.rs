@@ -82,7 +82,8 @@ impl Runs {
             succeeded: self.succeeded.len() as u64,
             grains: self.succeeded.last().map_or(0, |report| report.summary.grains),
             median_us_per_grain: of_reports(|report| {
-                let packing_s = report.timings_s.rsa + report.timings_s.edmd.unwrap_or(0.0);
+                let packing_s = report.timings_s.rsa
+                    + report.timings_s.edmd.or(report.timings_s.monte_carlo).unwrap_or(0.0);
                 packing_s / report.summary.grains as f64 * 1e6
             }),
             median_check_share: of_reports(|report| report.timings_s.check / report.timings_s.total),

@@ -90,6 +90,7 @@ fn message(progress: &Progress, eta_s: Option<f64>) -> String {
         Phase::Sampling => "sampling",
         Phase::Rsa => "rsa",
         Phase::Edmd => "edmd",
+        Phase::MonteCarlo => "monte_carlo",
         Phase::Check => "check",
         Phase::Export => "export",
         Phase::Write => "write",

@@ -3,7 +3,7 @@
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 use packstone_engine::export::{ExportRequest, ExportType};
-use packstone_engine::request::Specimen;
+use packstone_engine::packing::GrainKind;
 use serde_json::{Map, Value as Json};
 use utoipa::IntoParams;
 use utoipa::openapi::Required;
@@ -20,7 +20,7 @@ use crate::http::problems::refused;
 use crate::http::results::finished;
 use crate::http::storage::check_room;
 use crate::ids::JobId;
-use crate::jobs::JobRecord;
+use crate::jobs::{JobRecord, JobRequest};
 use crate::problem::{Kind, Problem};
 
 /// The job and the type that a path names.
@@ -141,12 +141,12 @@ impl Target {
             return Ok(());
         }
         let request = store.request(self.job.seq).await.map_err(|error| refused(error, self.job.id))?;
-        let specimen = Specimen::from_json(&request["specimen"]).map_err(|faults| {
+        let packed = JobRequest::read(&request, 0, None).map_err(|faults| {
             tracing::error!(job_id = %self.job.id, ?faults, "the stored request is unreadable");
             Problem::internal()
         })?;
         self.export
-            .check(&specimen, &app.shared.limits)
+            .check(&packed.specimen, GrainKind::of_mix(&packed.mix), &app.shared.limits)
             .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
         let (export, limits) = (self.export.clone(), app.shared.limits);
         let estimated = tokio::task::spawn_blocking(move || estimates::of_stored(&export, &request, &limits));

@@ -7,9 +7,9 @@ use super::super::{Lattice, LatticeOptions};
 use crate::Limits;
 use crate::control::Unattended;
 use crate::export::{ExportError, Model};
-use crate::pack::pack;
 use crate::request::PackingRequest;
 use crate::request::decode::{At, Faults};
+use crate::run::pack;
 
 /// A multiple of the smallest diameter: usual ones, and all that may be asked for.
 fn multiple() -> impl Strategy<Value = f64> {

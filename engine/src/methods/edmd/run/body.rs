@@ -62,12 +62,12 @@ impl Run {
         out.u64(self.curve.len() as u64)?;
         for point in &self.curve {
             out.f64(point.packing_time_s)?;
-            out.f64(point.simulated_time_s)?;
+            out.f64(point.simulated_time_s.unwrap_or_default())?;
             out.u64(point.events)?;
             out.f64(point.volume_fraction)?;
             // Distances are never negative.
             out.f64(point.distance_mm.unwrap_or(-1.0))?;
-            out.f64(point.reduced_pressure)?;
+            out.f64(point.reduced_pressure.unwrap_or_default())?;
         }
         Ok(())
     }
@@ -143,11 +143,11 @@ impl Run {
         for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
             run.curve.push(GrowthPoint {
                 packing_time_s: input.f64()?,
-                simulated_time_s: input.f64()?,
+                simulated_time_s: Some(input.f64()?),
                 events: input.u64()?,
                 volume_fraction: input.f64()?,
                 distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
-                reduced_pressure: input.f64()?,
+                reduced_pressure: Some(input.f64()?),
             });
         }
         input.finish()?;

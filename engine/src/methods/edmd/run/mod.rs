@@ -22,7 +22,7 @@ use crate::checkpoint::Checkpoint;
 use crate::control::Control;
 use crate::memory::{OutOfMemory, collected, filled};
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, GrowthPoint, RsaStatistics};
+use crate::packing::{GrowthEnd, GrowthPoint, RsaStatistics};
 use crate::request::{EdmdOptions, PackingRequest};
 use crate::rng::cycle_stream;
 use crate::segregation::Preference;
@@ -73,7 +73,7 @@ pub(crate) enum Stage {
 /// How a stage ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ended {
-    As(EdmdEnd),
+    As(GrowthEnd),
     /// The control said so.
     Stopped,
     /// The system refused memory.
@@ -231,7 +231,7 @@ impl Run {
     pub(crate) fn grow(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> Ended {
         loop {
             if self.stage == Stage::Scale && self.size >= BEYOND_TARGET {
-                return Ended::As(EdmdEnd::Target);
+                return Ended::As(GrowthEnd::Target);
             }
             if let Some(end) = self.limit_reached(frame) {
                 return Ended::As(end);
@@ -273,7 +273,7 @@ impl Run {
             Stage::Length => {
                 let left = frame.most_half_distance_mm() - self.size;
                 if left <= 0.0 {
-                    return Ok(Some(Ended::As(EdmdEnd::Stalled)));
+                    return Ok(Some(Ended::As(GrowthEnd::Stalled)));
                 }
                 (protocol.by_length(self.size, speed), speed, left)
             }
@@ -339,7 +339,7 @@ impl Run {
         });
         let stalled = events >= n as f64 && reached / events * (n as f64) < least_dt;
         let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
-        Ok((stalled && !finished).then_some(Ended::As(EdmdEnd::Stalled)))
+        Ok((stalled && !finished).then_some(Ended::As(GrowthEnd::Stalled)))
     }
 
     fn set_radii(&mut self, protocol: &GrowthProtocol) {
@@ -384,11 +384,11 @@ impl Run {
         frame.options.stop.time_s.is_some_and(|most| self.elapsed_s(frame) >= most)
     }
 
-    fn limit_reached(&self, frame: &Frame<'_>) -> Option<EdmdEnd> {
+    fn limit_reached(&self, frame: &Frame<'_>) -> Option<GrowthEnd> {
         if frame.options.stop.events.is_some_and(|most| self.system.counts.collisions() >= most) {
-            return Some(EdmdEnd::EventLimit);
+            return Some(GrowthEnd::EventLimit);
         }
-        self.out_of_time(frame).then_some(EdmdEnd::TimeLimit)
+        self.out_of_time(frame).then_some(GrowthEnd::TimeLimit)
     }
 
     /// Puts the grains, which jammed just before their target, to where they fit exactly.

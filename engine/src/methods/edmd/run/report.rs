@@ -7,7 +7,7 @@ use super::{
 };
 use crate::control::{Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdEnd, EdmdStatistics, GrowthPoint};
+use crate::packing::{EdmdStatistics, GrowthEnd, GrowthPoint};
 use crate::request::Distance;
 
 /// Sums over the diameters, from which the volume fraction follows at any distance without another
@@ -66,11 +66,11 @@ impl Run {
         }
         self.curve.push(GrowthPoint {
             packing_time_s: self.elapsed_s(frame),
-            simulated_time_s: self.simulated_s,
+            simulated_time_s: Some(self.simulated_s),
             events: self.system.counts.collisions(),
             volume_fraction: self.volume_fraction(frame),
             distance_mm: self.distance_mm(frame),
-            reduced_pressure: self.pressure,
+            reduced_pressure: Some(self.pressure),
         });
         if self.curve.len() >= CURVE_POINTS {
             let mut at = 0;
@@ -144,7 +144,7 @@ impl Run {
     }
 
     /// What was counted.
-    pub(crate) fn statistics(&self, stop: EdmdEnd, seconds: f64) -> EdmdStatistics {
+    pub(crate) fn statistics(&self, stop: GrowthEnd, seconds: f64) -> EdmdStatistics {
         let counts = self.system.counts;
         let events = counts.collisions();
         EdmdStatistics {

@@ -1,0 +1,289 @@
+//! Gaps between convex polyhedra, rounded or not.
+//!
+//! `s(n)` is evaluated by scanning all vertices, which lie in columns. A direction is sought by the algorithm of
+//! Gilbert, Johnson and Keerthi 1988 ([doi:10.1109/56.2083](https://doi.org/10.1109/56.2083)) on the differences of the
+//! vertices: the point of a growing simplex that is nearest to the origin gives the next `n`. A direction that parted
+//! the pair before is tried first. A nearest point in the inside of a triangle gives the triangle's normal, which stays
+//! exact where the bodies nearly touch. Where they overlap, the least depth and its normal come from the expanding
+//! polytope ([`penetration`]).
+//!
+//! Implementations of this algorithm are known to err in plain cases (near-degenerate simplices), so its verdict counts
+//! for nothing: a pair is apart only if `s(n) >= g` for the direction found, and counts as too close if none was found.
+//!
+//! Rounding adds a radius to each support function; all simplices are those of the cores, without it.
+
+mod penetration;
+mod simplex;
+
+use nalgebra::Vector3;
+
+use crate::shape::{ConvexPolyhedron, Pose};
+use simplex::{Difference, Simplex};
+
+/// Steps after which a search ends; it takes some three to six.
+const MOST_STEPS: usize = 100;
+
+/// A polyhedron with position and orientation.
+#[derive(Clone, Debug)]
+pub struct Body {
+    /// Centre in mm.
+    pub center_mm: Vector3<f64>,
+    /// Vertices relative to the centre, in groups of four: x, y, z. The first vertex fills the last group.
+    groups: Vec<[[f64; 4]; 3]>,
+    /// Radius of rounding in mm.
+    pub rounding_mm: f64,
+    /// Radius of the sphere around the centre that holds the body, in mm.
+    pub outer_mm: f64,
+    /// Radius of the largest sphere around the centre within the body, in mm.
+    pub inner_mm: f64,
+}
+
+impl Body {
+    /// A template of a scale, placed.
+    pub fn new(template: &ConvexPolyhedron, scale_mm: f64, pose: &Pose) -> Self {
+        let mut body = Self {
+            center_mm: pose.center_mm,
+            groups: vec![[[0.0; 4]; 3]; template.vertices().len().div_ceil(4)],
+            rounding_mm: scale_mm * template.rounding(),
+            outer_mm: scale_mm * template.outer_radius(),
+            inner_mm: scale_mm * template.inner_radius(),
+        };
+        body.turn(template, scale_mm, pose);
+        body
+    }
+
+    /// Gives the body another pose; template and scale must be those that it was made of.
+    pub fn turn(&mut self, template: &ConvexPolyhedron, scale_mm: f64, pose: &Pose) {
+        self.center_mm = pose.center_mm;
+        let rotation = pose.rotation() * scale_mm;
+        let vertices = template.vertices();
+        for (g, group) in self.groups.iter_mut().enumerate() {
+            let turned: [Vector3<f64>; 4] =
+                std::array::from_fn(|lane| rotation * vertices.get(4 * g + lane).unwrap_or(&vertices[0]));
+            *group = std::array::from_fn(|k| turned.map(|w| w[k]));
+        }
+    }
+
+    /// Support function `h(n)` in mm for a unit vector.
+    pub fn support_mm(&self, n: &Vector3<f64>) -> f64 {
+        self.core_support(n).0 + self.rounding_mm
+    }
+
+    /// Support function of the core, and the vertex that attains it, relative to the centre.
+    #[inline]
+    fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let mut best = [f64::NEG_INFINITY; 4];
+        let mut at = [0_usize; 4];
+        for (g, [x, y, z]) in self.groups.iter().enumerate() {
+            for lane in 0..4 {
+                let h = (x[lane] * n.x + y[lane] * n.y) + z[lane] * n.z;
+                let is_larger = h > best[lane];
+                best[lane] = if is_larger { h } else { best[lane] };
+                at[lane] = if is_larger { g } else { at[lane] };
+            }
+        }
+        let mut lane = 0;
+        for other in 1..4 {
+            if best[other] > best[lane] {
+                lane = other;
+            }
+        }
+        let [x, y, z] = &self.groups[at[lane]];
+        (best[lane], Vector3::new(x[lane], y[lane], z[lane]))
+    }
+
+    /// Vertices whose height along `n` is within a tolerance of the support function of the core.
+    fn attaining(&self, n: &Vector3<f64>, tolerance: f64) -> Vec<Vector3<f64>> {
+        let least = self.core_support(n).0 - tolerance;
+        let vertices = self
+            .groups
+            .iter()
+            .flat_map(|[x, y, z]| (0..4).map(move |lane| Vector3::new(x[lane], y[lane], z[lane])));
+        vertices.filter(|v| v.dot(n) >= least).collect()
+    }
+
+    /// This body and another.
+    pub fn with<'a>(&'a self, other: &'a Self) -> Pair<'a> {
+        self.with_at(other, other.center_mm)
+    }
+
+    /// This body and another whose centre is moved, as a periodic image's is.
+    pub fn with_at<'a>(&'a self, other: &'a Self, center_mm: Vector3<f64>) -> Pair<'a> {
+        Pair { a: self, b: other, r: center_mm - self.center_mm }
+    }
+}
+
+/// Two polyhedra.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair<'a> {
+    /// The first body.
+    pub a: &'a Body,
+    /// The second body.
+    pub b: &'a Body,
+    /// From the centre of the first to that of the second, in mm.
+    pub r: Vector3<f64>,
+}
+
+/// Whether two bodies keep a gap.
+#[derive(Clone, Copy, Debug)]
+pub struct Decision {
+    /// Whether `s(n)` is at least the gap, for the normal given.
+    pub is_apart: bool,
+    /// The last direction tried, a unit vector: to be stored with the pair and tried first the next time.
+    pub normal: Vector3<f64>,
+}
+
+/// How far two bodies lie apart, or how deep they overlap.
+#[derive(Clone, Copy, Debug)]
+pub struct Contact {
+    /// `s(n)` in mm: the gap, or minus the depth.
+    pub gap_mm: f64,
+    /// The direction `n` from the first body to the second, a unit vector.
+    pub normal: Vector3<f64>,
+    /// The points of the surfaces that are nearest to each other, or deepest in the other body, relative to the
+    /// centres.
+    pub points_mm: [Vector3<f64>; 2],
+}
+
+/// How a search ended.
+enum End {
+    /// `s(n)` is enough.
+    Apart,
+    /// The simplex holds the nearest point, which is not far enough.
+    Near(Simplex),
+    /// The simplex holds the origin.
+    Overlap(Simplex),
+}
+
+impl Pair<'_> {
+    /// `s(n)` in mm for a unit vector.
+    pub fn separation_mm(&self, n: &Vector3<f64>) -> f64 {
+        self.r.dot(n) - self.a.support_mm(n) - self.b.support_mm(&-n)
+    }
+
+    /// Whether the bodies keep a gap, from the line of the centres.
+    pub fn decide(&self, gap_mm: f64) -> Decision {
+        self.decide_from(gap_mm, &self.r)
+    }
+
+    /// Whether the bodies keep a gap, from the direction that was found for the pair before.
+    pub fn decide_from(&self, gap_mm: f64, normal: &Vector3<f64>) -> Decision {
+        let enough = gap_mm + self.rounding_mm();
+        let (best, end) = self.search(normal, enough, enough);
+        Decision { is_apart: matches!(end, End::Apart), normal: best.1 }
+    }
+
+    /// The gap of the bodies or the least depth to which they overlap, with the points where they do.
+    pub fn contact(&self) -> Contact {
+        self.contact_from(&self.r)
+    }
+
+    /// The same, from the direction that was found for the pair before.
+    pub fn contact_from(&self, normal: &Vector3<f64>) -> Contact {
+        let (best, end) = self.search(normal, f64::INFINITY, 0.0);
+        let (normal, points) = match end {
+            End::Near(simplex) if best.0 > 0.0 => (best.1, simplex.points()),
+            End::Near(simplex) | End::Overlap(simplex) => {
+                let deepest = penetration::least_depth(self, &simplex).unwrap_or(best.1);
+                let n = if self.core_separation(&deepest).0 >= best.0 { deepest } else { best.1 };
+                (n, self.deepest_points(&n))
+            }
+            End::Apart => (best.1, self.deepest_points(&best.1)),
+        };
+        Contact {
+            gap_mm: self.separation_mm(&normal),
+            normal,
+            points_mm: [points[0] + normal * self.a.rounding_mm, points[1] - normal * self.b.rounding_mm],
+        }
+    }
+
+    /// Factor by which both bodies and the gap may grow at least, about their centres, before they are closer than the
+    /// gap: `r . n / (h_A + h_B + g)`. Below 1 where they are too close along `n`. The centres must lie inside.
+    pub fn factor(&self, normal: &Vector3<f64>, gap_mm: f64) -> f64 {
+        self.r.dot(normal) / (self.a.support_mm(normal) + self.b.support_mm(&-normal) + gap_mm)
+    }
+
+    /// About the rounding error of `s(n)`.
+    fn rounding(&self) -> f64 {
+        4.0 * f64::EPSILON * (self.r.norm() + self.a.outer_mm + self.b.outer_mm)
+    }
+
+    fn rounding_mm(&self) -> f64 {
+        self.a.rounding_mm + self.b.rounding_mm
+    }
+
+    /// Points of the cores that attain the support functions along `n`, as near to each other across `n` as they come.
+    fn deepest_points(&self, n: &Vector3<f64>) -> [Vector3<f64>; 2] {
+        let tolerance = 1.0e-9 * (self.a.outer_mm + self.b.outer_mm);
+        let (of_a, of_b) = (self.a.attaining(n, tolerance), self.b.attaining(&-n, tolerance));
+        let differences: Vec<Difference> = of_a
+            .iter()
+            .flat_map(|&of_a| of_b.iter().map(move |&of_b| (of_a, of_b)))
+            .map(|(of_a, of_b)| {
+                let way = (self.r + of_b) - of_a;
+                Difference { w: way - n * n.dot(&way), of_a, of_b }
+            })
+            .collect();
+        let mut simplex = Simplex::default();
+        let mut v = differences[0].w;
+        let mut nearest = f64::INFINITY;
+        for _ in 0..MOST_STEPS {
+            let next = differences.iter().min_by(|p, q| p.w.dot(&v).total_cmp(&q.w.dot(&v)));
+            let Some(next) = next.filter(|next| !simplex.has(next)) else { break };
+            let mut larger = simplex;
+            match larger.add(*next) {
+                Some((nearer, _)) if nearer.norm() < nearest => (v, nearest) = (nearer, nearer.norm()),
+                _ => break,
+            }
+            simplex = larger;
+        }
+        simplex.points()
+    }
+
+    /// `s(n)` of the cores, and the vertices that attain it.
+    #[inline]
+    fn core_separation(&self, n: &Vector3<f64>) -> (f64, Difference) {
+        let (h_a, of_a) = self.a.core_support(n);
+        let (h_b, of_b) = self.b.core_support(&-n);
+        (self.r.dot(n) - h_a - h_b, Difference { w: (self.r + of_b) - of_a, of_a, of_b })
+    }
+
+    /// Seeks a direction with `s(n) >= enough` of the cores; ends early where their distance is less than `least`.
+    /// Returns the best direction with its `s`.
+    fn search(&self, from: &Vector3<f64>, enough: f64, least: f64) -> ((f64, Vector3<f64>), End) {
+        let start = from.try_normalize(0.0).or_else(|| self.r.try_normalize(0.0));
+        let mut n = start.unwrap_or_else(Vector3::x);
+        let mut best = (f64::NEG_INFINITY, n);
+        let mut simplex = Simplex::default();
+        let mut nearest = f64::INFINITY;
+        let rounding = 2.0 * self.rounding();
+        for _ in 0..MOST_STEPS {
+            let (s, difference) = self.core_separation(&n);
+            if s > best.0 {
+                best = (s, n);
+            }
+            if s >= enough {
+                return (best, End::Apart);
+            }
+            // No point of the difference lies farther along `n`: the nearest one is found.
+            if nearest - best.0 <= rounding || simplex.has(&difference) {
+                return (best, End::Near(simplex));
+            }
+            let Some((v, normal)) = simplex.add(difference) else { return (best, End::Overlap(simplex)) };
+            let distance = v.norm();
+            if distance < least || distance >= nearest {
+                return (best, End::Near(simplex));
+            }
+            nearest = distance;
+            match normal {
+                Some(normal) => n = normal,
+                // The origin is a vertex of the difference, or lies on one of its edges.
+                None => return (best, End::Near(simplex)),
+            }
+        }
+        (best, End::Near(simplex))
+    }
+}
+
+#[cfg(test)]
+mod tests;

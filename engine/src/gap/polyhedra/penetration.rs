@@ -1,0 +1,93 @@
+//! The least depth of two overlapping polyhedra, by the expanding polytope of van den Bergen 2001 (Proximity queries
+//! and penetration depth computation on 3D game objects).
+//!
+//! The polytope lies within the difference of the bodies. The face whose plane has the least height above the origin,
+//! negative while the polytope does not hold the origin, is replaced by faces to the point of the difference that lies
+//! farthest along its normal, until there is none farther.
+
+use nalgebra::Vector3;
+
+use super::Pair;
+use super::simplex::{Difference, Simplex};
+
+/// Expansions after which the search ends.
+const MOST_STEPS: usize = 200;
+
+/// A face of the polytope.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    corners: [usize; 3],
+    /// Outward unit normal.
+    normal: Vector3<f64>,
+    /// Distance of its plane from the origin.
+    height: f64,
+}
+
+/// Direction of the least depth; `None` where rounding leaves no polytope.
+pub(super) fn least_depth(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vector3<f64>> {
+    let mut points = first_points(pair, simplex)?;
+    let mut faces = Vec::with_capacity(64);
+    for corners in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {
+        faces.push(Face::new(corners, &points)?);
+    }
+    let rounding = 16.0 * f64::EPSILON * (pair.a.outer_mm + pair.b.outer_mm);
+    for _ in 0..MOST_STEPS {
+        let nearest = *faces.iter().min_by(|p, q| p.height.total_cmp(&q.height))?;
+        let (s, difference) = pair.core_separation(&-nearest.normal);
+        let is_known = points.iter().any(|point| point.w == difference.w);
+        if -s - nearest.height <= rounding || is_known {
+            return Some(-nearest.normal);
+        }
+        // Faces that see the new point give way; the edges between them and the others are its horizon.
+        let sees = |face: &Face| face.normal.dot(&difference.w) > face.height + rounding;
+        let mut horizon: Vec<[usize; 2]> = Vec::new();
+        for face in faces.iter().filter(|face| sees(face)) {
+            let [i, j, k] = face.corners;
+            for [from, to] in [[i, j], [j, k], [k, i]] {
+                match horizon.iter().position(|edge| *edge == [to, from]) {
+                    Some(inner) => drop(horizon.swap_remove(inner)),
+                    None => horizon.push([from, to]),
+                }
+            }
+        }
+        faces.retain(|face| !sees(face));
+        points.push(difference);
+        for [from, to] in horizon {
+            faces.push(Face::new([from, to, points.len() - 1], &points)?);
+        }
+    }
+    None
+}
+
+/// A tetrahedron of points of the difference, the fourth on the left of the others: of the simplex and the extreme
+/// points along the axes, those that lie far from one another.
+fn first_points(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vec<Difference>> {
+    let mut all = simplex.corners().to_vec();
+    for axis in 0..3 {
+        for sign in [1.0, -1.0] {
+            all.push(pair.core_separation(&Vector3::ith(axis, sign)).1);
+        }
+    }
+    let farthest = |height: &dyn Fn(&Vector3<f64>) -> f64| {
+        all.iter().copied().max_by(|p, q| height(&p.w).total_cmp(&height(&q.w)))
+    };
+    let a = *all.first()?;
+    let b = farthest(&|w| (w - a.w).norm_squared())?;
+    let along = b.w - a.w;
+    let c = farthest(&|w| (w - a.w).cross(&along).norm_squared())?;
+    let normal = along.cross(&(c.w - a.w));
+    let d = farthest(&|w| normal.dot(&(w - a.w)).abs())?;
+    let height = normal.dot(&(d.w - a.w));
+    if height == 0.0 {
+        return None;
+    }
+    Some(if height > 0.0 { vec![a, b, c, d] } else { vec![a, c, b, d] })
+}
+
+impl Face {
+    fn new(corners: [usize; 3], points: &[Difference]) -> Option<Self> {
+        let [a, b, c] = corners.map(|corner| points[corner].w);
+        let normal = (b - a).cross(&(c - a)).try_normalize(f64::MIN_POSITIVE)?;
+        Some(Self { corners, normal, height: normal.dot(&a) })
+    }
+}

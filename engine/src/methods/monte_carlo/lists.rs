@@ -1,0 +1,342 @@
+//! Which grains can come close to which, until the lists are built again.
+//!
+//! Each grain may come out of its place by its skin (near-neighbour lists: Donev, Torquato and Stillinger 2005,
+//! DOI 10.1016/j.jcp.2004.08.014), and the specimen may shrink by a factor. Two grains are neighbours unless some
+//! direction shows a gap that both skins and the gap they keep do not use up. Candidates come from a grid of levels, a
+//! factor of 1.6 of radius each.
+
+use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack};
+use super::system::{Container, HOME, IMAGES, System, opposite};
+use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
+use crate::memory::{OutOfMemory, make_room, refill};
+
+/// Largest ratio of radii in a level.
+const LEVEL_RATIO: f64 = 1.6;
+/// Most cells of a level per grain of it.
+const CELLS_PER_GRAIN: f64 = 2.0;
+/// Iterations of the fixed point to find a direction that shows two grains to be no neighbours.
+const DIRECTIONS: u32 = 2;
+
+/// Grains of similar radius by cell.
+#[derive(Clone, Debug, Default)]
+struct Level {
+    /// Largest reach of its grains: radius, skin and half the gap.
+    reach: f64,
+    counts: [usize; 3],
+    edge: Vector,
+    starts: Vec<u32>,
+    grains: Vec<u32>,
+}
+
+/// Two neighbours and the direction from the first to the second.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    i: u32,
+    j: u32,
+    image: u32,
+    n: Vector,
+}
+
+/// Memory of the lists that is used again.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lists {
+    levels: Vec<Level>,
+    level_of: Vec<u8>,
+    reach: Vec<f64>,
+    pairs: Vec<Found>,
+    next: Vec<u32>,
+    /// By how much the gaps may widen.
+    reserve: f64,
+}
+
+impl Lists {
+    /// Builds all lists for a specimen that shrinks by `shrink` at most, and gaps that widen by `reserve` at most.
+    /// Skins are those of the grains.
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(super) fn build(
+        &mut self,
+        system: &mut System,
+        shrink: f64,
+        reserve: f64,
+    ) -> Result<(), OutOfMemory> {
+        self.reserve = reserve;
+        debug_assert!(system.len() <= MAX_GRAINS);
+        system.wrap();
+        for (cold, hot) in system.cold.iter_mut().zip(&system.hot) {
+            (cold.listed_center, cold.listed_orientation) = (hot.center, cold.orientation);
+        }
+        self.sort(system)?;
+        self.find(system, shrink)?;
+        self.lay_out(system, shrink)
+    }
+
+    /// Sorts the grains into levels and cells.
+    fn sort(&mut self, system: &System) -> Result<(), OutOfMemory> {
+        let n = system.len();
+        refill(&mut self.reach, n, 0.0)?;
+        refill(&mut self.level_of, n, 0)?;
+        let mut largest = 0.0_f64;
+        for (i, reach) in self.reach.iter_mut().enumerate() {
+            let (cold, d) = (&system.cold[i], system.hot[i].d);
+            *reach = cold.semi_axes[0] + cold.skin + (system.gap(d, d) + self.reserve) / 2.0;
+            largest = largest.max(*reach);
+        }
+        // Gaps of pairs may exceed the mean of the gaps to grains of their own size by this, of no rule that there is.
+        let level = |reach: f64| ((largest / reach).ln() / LEVEL_RATIO.ln()) as u8;
+        let mut tops = Vec::new();
+        for (level_of, &reach) in self.level_of.iter_mut().zip(&self.reach) {
+            *level_of = level(reach);
+            if tops.len() <= usize::from(*level_of) {
+                tops.resize(usize::from(*level_of) + 1, (0.0_f64, 0_usize));
+            }
+            let top = &mut tops[usize::from(*level_of)];
+            *top = (top.0.max(reach), top.1 + 1);
+        }
+        self.levels.resize_with(tops.len(), Level::default);
+        let bounds = system.container.bounds().map(|length| length * system.stretch);
+        for (number, (level, (reach, count))) in self.levels.iter_mut().zip(tops).enumerate() {
+            let sparse = (bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64)).cbrt();
+            let width = reach.max(sparse);
+            level.reach = reach;
+            level.counts = bounds.map(|length| ((length / width) as usize).max(1));
+            level.edge = [0, 1, 2].map(|a| bounds[a] / level.counts[a] as f64);
+            let cells = level.counts.iter().product::<usize>();
+            refill(&mut level.starts, cells + 1, 0)?;
+            refill(&mut level.grains, count, 0)?;
+            let members = || (0..n).filter(|&i| usize::from(self.level_of[i]) == number);
+            for i in members() {
+                let cell = level.cell(system.hot[i].center);
+                level.starts[cell + 1] += 1;
+            }
+            for cell in 0..cells {
+                level.starts[cell + 1] += level.starts[cell];
+            }
+            refill(&mut self.next, cells, 0)?;
+            self.next.copy_from_slice(&level.starts[..cells]);
+            for i in members() {
+                let next = &mut self.next[level.cell(system.hot[i].center)];
+                level.grains[*next as usize] = i as u32;
+                *next += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the pairs: each grain looks at its own level and at the finer ones.
+    fn find(&mut self, system: &System, shrink: f64) -> Result<(), OutOfMemory> {
+        let mut pairs = std::mem::take(&mut self.pairs);
+        pairs.clear();
+        let is_periodic = system.container.is_periodic();
+        let bounds = system.container.bounds().map(|length| length * system.stretch);
+        for i in 0..system.len() {
+            let own = usize::from(self.level_of[i]);
+            let center = system.hot[i].center;
+            for (number, level) in self.levels.iter().enumerate().skip(own) {
+                // Distances are as they will be when the specimen has shrunk.
+                let reach = (self.reach[i] + level.reach) * shrink;
+                let images = if is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
+                for image in images {
+                    let shift = system.shift(image);
+                    let seen_from = minus(center, shift);
+                    let is_beyond = |a: usize| seen_from[a] + reach < 0.0 || seen_from[a] - reach > bounds[a];
+                    if is_periodic && (0..3).any(is_beyond) {
+                        continue;
+                    }
+                    make_room(&mut pairs, 0)?;
+                    let mut refused = None;
+                    level.for_each_near(seen_from, reach, |j| {
+                        let is_first = number > own || (j as usize) > i;
+                        if !is_first || refused.is_some() {
+                            return;
+                        }
+                        if let Some(n) = self.direction(system, i, j as usize, shift, shrink) {
+                            if let Err(error) = make_room(&mut pairs, 1) {
+                                refused = Some(error);
+                                return;
+                            }
+                            pairs.push(Found { i: i as u32, j, image, n });
+                        }
+                    });
+                    if let Some(refused) = refused {
+                        self.pairs = pairs;
+                        return Err(refused);
+                    }
+                }
+            }
+        }
+        self.pairs = pairs;
+        Ok(())
+    }
+
+    /// Of two neighbours, a direction near that of their gap; `None` if they are none.
+    #[inline(always)]
+    fn direction(&self, system: &System, i: usize, j: usize, shift: Vector, shrink: f64) -> Option<Vector> {
+        let (one, other) = (&system.hot[i], &system.hot[j]);
+        let r = sum(minus(other.center, one.center), shift);
+        let gap = system.gap(one.d, other.d) + self.reserve;
+        let skins = system.cold[i].skin + system.cold[j].skin + gap;
+        let far = (system.cold[i].semi_axes[0] + system.cold[j].semi_axes[0] + skins) * shrink;
+        let r2 = dot(r, r);
+        if r2 >= far * far {
+            return None;
+        }
+        let per_shrink = 1.0 / shrink;
+        let (a, b) = (&one.matrix, &other.matrix);
+        let (mut n, mut h_a, mut h_b) = (r, a.quadratic(r).sqrt(), b.quadratic(r).sqrt());
+        let mut best = (f64::NEG_INFINITY, r);
+        for step in 0..=DIRECTIONS {
+            if step > 0 {
+                n = Symmetric::blend(a, b, h_a / (h_a + h_b)).solve(r);
+                (h_a, h_b) = (a.quadratic(n).sqrt(), b.quadratic(n).sqrt());
+            }
+            let inverse = 1.0 / norm(n);
+            let along = dot(r, n);
+            if (along * per_shrink - h_a - h_b) * inverse >= skins {
+                return None;
+            }
+            let s = (along - h_a - h_b) * inverse;
+            if s > best.0 {
+                best = (s, scaled(n, inverse));
+            }
+        }
+        Some(best.1)
+    }
+
+    /// Lays the planes of all pairs and walls out in groups, and between the grains.
+    fn lay_out(&mut self, system: &mut System, shrink: f64) -> Result<(), OutOfMemory> {
+        let n = system.len();
+        refill(&mut self.next, n, 0)?;
+        for pair in &self.pairs {
+            self.next[pair.i as usize] += 1;
+            self.next[pair.j as usize] += 1;
+        }
+        let mut total = 0_usize;
+        for i in 0..n {
+            let walls = walls(system, i, shrink, self.reserve);
+            let lanes = self.next[i] as usize + walls.count_ones() as usize;
+            let count = lanes.div_ceil(LANES);
+            let cold = &mut system.cold[i];
+            (cold.first, cold.count) = (total as u32, count as u32);
+            self.next[i] = (LANES * total) as u32;
+            total += count;
+        }
+        system.groups = {
+            let mut groups = std::mem::take(&mut system.groups);
+            refill(&mut groups, total, Group::EMPTY)?;
+            groups
+        };
+        for i in 0..n {
+            let walls = walls(system, i, shrink, self.reserve);
+            for wall in (0..6).filter(|wall| walls >> wall & 1 == 1) {
+                let at = self.next[i] as usize;
+                self.next[i] += 1;
+                let (normal, o) = system.wall_plane(wall, system.hot[i].d);
+                let group = &mut system.groups[at / LANES];
+                group.set(at % LANES, normal, o);
+                group.neighbors[at % LANES] = WALL + wall;
+            }
+            let reach = self.reach[i] * shrink;
+            let (is_near_lateral, is_near_itself) = is_special(system, i, reach, shrink, self.reserve);
+            let cold = &mut system.cold[i];
+            (cold.is_near_lateral, cold.is_near_itself) = (is_near_lateral, is_near_itself);
+        }
+        for pair in &self.pairs {
+            let ends = [pair.i as usize, pair.j as usize].map(|grain| {
+                let at = self.next[grain];
+                self.next[grain] += 1;
+                at
+            });
+            let [at, mirror] = ends.map(|at| at as usize);
+            let mut put = |at: usize, neighbor: u32, mirror: usize| {
+                let group = &mut system.groups[at / LANES];
+                group.neighbors[at % LANES] = neighbor;
+                group.mirrors[at % LANES] = mirror as u32;
+            };
+            put(at, pack(pair.j as usize, pair.image), mirror);
+            put(mirror, pack(pair.i as usize, opposite(pair.image)), at);
+            system.lay_first(pair.i as usize, at, pair.n);
+        }
+        Ok(())
+    }
+}
+
+impl Level {
+    #[inline(always)]
+    fn index(&self, axis: usize, x: f64) -> usize {
+        ((x / self.edge[axis]).max(0.0) as usize).min(self.counts[axis] - 1)
+    }
+
+    #[inline(always)]
+    fn cell(&self, p: Vector) -> usize {
+        let [x, y, z] = [0, 1, 2].map(|a| self.index(a, p[a]));
+        (z * self.counts[1] + y) * self.counts[0] + x
+    }
+
+    /// Calls `visit` with every grain of a centre within `reach` of a point along each axis, and some beyond.
+    #[inline(always)]
+    fn for_each_near(&self, center: Vector, reach: f64, mut visit: impl FnMut(u32)) {
+        let span = |a: usize| self.index(a, center[a] - reach)..self.index(a, center[a] + reach) + 1;
+        let (xs, ys) = (span(0), span(1));
+        for z in span(2) {
+            for y in ys.clone() {
+                let row = (z * self.counts[1] + y) * self.counts[0];
+                let range = self.starts[row + xs.start] as usize..self.starts[row + xs.end] as usize;
+                self.grains[range].iter().for_each(|&j| visit(j));
+            }
+        }
+    }
+}
+
+/// The plane walls that a grain can come close to, as bits.
+fn walls(system: &System, i: usize, shrink: f64, reserve: f64) -> u32 {
+    let (hot, cold) = (&system.hot[i], &system.cold[i]);
+    let mut walls = 0;
+    for axis in system.container.walled_axes() {
+        let half = hot.matrix.0[[0, 3, 5][axis]].sqrt();
+        // As it will be when the specimen has shrunk.
+        let reach = (half + cold.skin + system.wall_gap(hot.d) + reserve) * shrink;
+        let length = system.container.bounds()[axis] * system.stretch;
+        walls |= u32::from(hot.center[axis] < reach) << (2 * axis);
+        walls |= u32::from(hot.center[axis] > length - reach) << (2 * axis + 1);
+    }
+    walls
+}
+
+/// Whether a grain can come close to the lateral surface of a cylinder, and to an image of its own.
+fn is_special(system: &System, i: usize, reach: f64, shrink: f64, reserve: f64) -> (bool, bool) {
+    let (hot, cold) = (&system.hot[i], &system.cold[i]);
+    let is_near_lateral = match system.container {
+        Container::Cylinder { radius, .. } => {
+            let axis = radius * system.stretch;
+            let far = (hot.center[0] - axis).hypot(hot.center[1] - axis);
+            far + (cold.semi_axes[0] + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
+        }
+        _ => false,
+    };
+    let shortest = system.container.bounds().into_iter().fold(f64::INFINITY, f64::min) * system.stretch;
+    (is_near_lateral, system.container.is_periodic() && 2.0 * reach >= shortest)
+}
+
+impl System {
+    /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
+    pub(super) fn wall_plane(&self, wall: u32, d: f64) -> (Vector, f64) {
+        let (axis, is_far) = ((wall / 2) as usize, wall % 2 == 1);
+        let mut normal = [0.0; 3];
+        normal[axis] = if is_far { 1.0 } else { -1.0 };
+        let length = if is_far { self.container.bounds()[axis] * self.stretch } else { 0.0 };
+        (normal, length - self.wall_gap(d))
+    }
+
+    /// Lays the first planes between two neighbours, along a direction near that of their gap.
+    fn lay_first(&mut self, i: usize, at: usize, n: Vector) {
+        let (group, lane) = (at / LANES, at % LANES);
+        self.groups[group].set(lane, n, 0.0);
+        let hot = self.hot[i];
+        match self.decide(i, &hot, group, lane) {
+            Decided::Apart(planes) => self.lay(&planes),
+            Decided::TooClose(n) => self.lay_between(i, group, lane, n),
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! Hard-particle Monte Carlo of growing ellipsoids: shake, swap, grow, push.
+//!
+//! Compression cycles carry a loose random packing to its target. In each cycle grains of similar size exchange their
+//! places where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the specimen
+//! shrinks onto the grains, which push each other out of the way (`push`). What the pushes leave is undone in part, so
+//! that every cycle ends with a valid packing at its scale.
+//!
+//! From the inside out: `system` has the grains, `planes` the test that all moves share, `lists` finds the neighbours,
+//! and `run` strings cycles together.
+
+// A call per pair costs more than the test of a pair.
+#![allow(clippy::inline_always)]
+// Axes and lanes are indexed in several arrays at once.
+#![allow(clippy::needless_range_loop)]
+
+mod lists;
+mod planes;
+mod push;
+mod run;
+mod shake;
+mod swap;
+mod system;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+
+use std::io::{self, Write};
+use std::time::Instant;
+
+use crate::control::{Control, Part};
+use crate::distance::DistanceRule;
+use crate::memory::{OutOfMemory, reserved};
+use crate::methods::rsa;
+use crate::methods::rsa_shapes::{EllipsoidRsa, Orientation};
+use crate::mix::sphere_volume;
+use crate::packing::RsaStatistics;
+use crate::request::Specimen;
+use crate::rng::{Stream, stream};
+use crate::shape::{Ellipsoid, Pose};
+pub use planes::MAX_GRAINS;
+use run::Run;
+
+/// Grains grow to their target times this, so that the check, which rounds differently, finds no overlap.
+const BEYOND_TARGET: f64 = 1.0 + 1e-9;
+/// Volume fraction, gaps included, that growth starts from where no scale is named: what random addition reaches in no
+/// time.
+const START_FRACTION: f64 = 0.5;
+/// Largest scale to start from without being told.
+const MOST_START: f64 = 0.98;
+/// Attempts per grain of the random addition that growth starts from.
+const START_ATTEMPTS: u64 = 20_000;
+/// A start that finds no place for a grain is tried again at this share of its size.
+const SMALLER_START: f64 = 0.95;
+/// Starts that are tried.
+const STARTS: u32 = 60;
+/// Share of a run's work that lies before the first cycle.
+const START_SHARE: f64 = 0.05;
+
+/// What is to be packed densely.
+pub struct MonteCarlo<'a> {
+    /// Grains by equivalent diameter from the largest down, [`MAX_GRAINS`] at most.
+    pub shapes: &'a [Ellipsoid],
+    /// Where they go.
+    pub specimen: &'a Specimen,
+    /// The gaps they keep; without gaps where the largest one is requested.
+    pub rule: DistanceRule,
+    /// Whether, once all grains have their size, the largest constant gap is requested, and if so the gap to walls
+    /// where it is not half of it.
+    pub maximize: Option<Option<f64>>,
+    /// Share of their size that grains start with; the method chooses if absent.
+    pub initial_scale: Option<f64>,
+    /// Whether grains of similar size exchange their places.
+    pub swap: bool,
+    /// When to give up.
+    pub limits: Limits,
+    /// Draws the orientations that growth starts from.
+    pub orientation: &'a Orientation<'a>,
+    /// What decides all else.
+    pub seed: u64,
+    /// Keeps a checkpoint when the control wants one: it is handed what writes the body.
+    pub keep_checkpoint: Option<&'a KeepCheckpoint<'a>>,
+}
+
+/// Keeps a checkpoint whose body the argument writes.
+pub type KeepCheckpoint<'a> = dyn Fn(&dyn Fn(&mut dyn Write) -> io::Result<()>) + 'a;
+
+/// When a run gives up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Limits {
+    /// Wall-clock time of packing in s, that before a checkpoint included.
+    pub time_s: Option<f64>,
+    /// Sweeps, in each of which every grain tries one move.
+    pub sweeps: Option<u64>,
+}
+
+/// Why growth ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// All grains have their size and keep their gaps.
+    Target,
+    /// Growth hardly went on: the grains are jammed. With the largest gap this is the end that is hoped for.
+    Stalled,
+    /// The limit of time.
+    TimeLimit,
+    /// The limit of sweeps.
+    SweepLimit,
+}
+
+/// Why it came to no end of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interrupted {
+    /// The control said so.
+    Stopped,
+    /// The system refused memory.
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
+}
+
+impl From<OutOfMemory> for Interrupted {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
+}
+
+/// What was counted, over all parts of a run that was interrupted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Compression cycles: the moments at which the run may be interrupted.
+    pub cycles: u64,
+    /// Sweeps in which every grain tried a move.
+    pub sweeps: u64,
+    /// Moves tried.
+    pub moves_tried: u64,
+    /// Moves made.
+    pub moves_accepted: u64,
+    /// Exchanges of two shapes tried.
+    pub swaps_tried: u64,
+    /// Exchanges of two shapes made.
+    pub swaps_accepted: u64,
+    /// Times that two grains, or a grain and a wall, were pushed apart.
+    pub pushes: u64,
+    /// Times that all lists of near neighbours were built.
+    pub list_builds: u64,
+    /// Times that the run went on from a checkpoint.
+    pub resumes: u64,
+}
+
+/// A point of the growth curve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Wall-clock time of packing so far, in s.
+    pub packing_time_s: f64,
+    /// Moves tried so far.
+    pub moves: u64,
+    /// Volume of the grains at their present size over that of the specimen.
+    pub volume_fraction: f64,
+    /// Constant gap that all grains keep so far, where one is requested.
+    pub gap_mm: Option<f64>,
+}
+
+/// How it ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Poses in the order of the shapes; the packing is valid at [`Outcome::scale`].
+    pub poses: Vec<Pose>,
+    /// Why growth ended.
+    pub end: End,
+    /// Size reached over requested size: 1 only where the target is reached.
+    pub scale: f64,
+    /// Constant gap reached, where one is requested, in mm.
+    pub gap_mm: Option<f64>,
+    /// Volume of the grains at the size reached over that of the specimen.
+    pub volume_fraction: f64,
+    /// What the random addition counted that growth started from.
+    pub rsa: RsaStatistics,
+    /// What growth counted.
+    pub statistics: Statistics,
+    /// Growth over time.
+    pub growth_curve: Vec<CurvePoint>,
+    /// Time of random addition in s.
+    pub rsa_s: f64,
+    /// Time of growth in s.
+    pub growth_s: f64,
+}
+
+impl MonteCarlo<'_> {
+    /// Inserts and grows the grains, or goes on from the body of a checkpoint; one that is none of this request is
+    /// ignored.
+    ///
+    /// # Errors
+    /// When the control stopped it, or the system refused memory.
+    pub fn run(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Outcome, Interrupted> {
+        let started = Instant::now();
+        let earlier = match resume.map(|body| Run::read(self, body, started)) {
+            Some(Err(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
+                return Err(Interrupted::OutOfMemory {
+                    bytes: (size_of::<Pose>() * self.shapes.len()) as u64,
+                });
+            }
+            read => read.and_then(Result::ok),
+        };
+        let mut run = match earlier {
+            Some(run) => run,
+            None => self.start(started, control)?,
+        };
+        let end = run.grow(self, control)?;
+        run.outcome(self, end)
+    }
+
+    /// Random addition to grow from.
+    fn start(&self, started: Instant, control: &dyn Control) -> Result<Run, Interrupted> {
+        let with_gap = |shape: &Ellipsoid| {
+            let d = shape.equivalent_diameter_mm();
+            sphere_volume(d + self.rule.gap_mm(d, d))
+        };
+        let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.specimen.volume_mm3();
+        let most = if self.maximize.is_some() { BEYOND_TARGET } else { MOST_START };
+        let mut scale = self.initial_scale.unwrap_or((START_FRACTION / fraction).cbrt().min(most));
+        let mut rng = stream(self.seed, Stream::Rsa);
+        let mut statistics = RsaStatistics::default();
+        let control = Part::new(control, 0.0, START_SHARE);
+        for _ in 0..STARTS {
+            let mut shapes = reserved(self.shapes.len())?;
+            shapes.extend(
+                self.shapes.iter().filter_map(|shape| Ellipsoid::new((shape.semi_axes_mm() * scale).into())),
+            );
+            let rsa = EllipsoidRsa {
+                shapes: &shapes,
+                specimen: self.specimen,
+                rule: self.rule.scaled(scale),
+                attempts_per_grain: Some(START_ATTEMPTS),
+                orientation: self.orientation,
+            };
+            let outcome = rsa.run(&mut rng, &control);
+            statistics.attempts += outcome.statistics.attempts;
+            statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
+            statistics.voxels_tested += outcome.statistics.voxels_tested;
+            match outcome.end {
+                rsa::End::Complete => {
+                    let mut run = Run::new(self, &outcome.poses, scale, started)?;
+                    (run.rsa, run.rsa_s) = (statistics, started.elapsed().as_secs_f64());
+                    return Ok(run);
+                }
+                rsa::End::Stopped => return Err(Interrupted::Stopped),
+                rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
+                rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
+            }
+        }
+        Err(Interrupted::Stopped)
+    }
+}

@@ -1,0 +1,400 @@
+//! The specimen shrinks, or the gap grows, and grains that have come too close push each other away.
+//!
+//! The pairs are visited one after the other. Two grains that lack `p = g - s(n)` to their gap are moved apart along
+//! `n` by somewhat more than `p`, and turned: with the inverse masses `1 / m` and inertias `I⁻¹`, and the arms `x` from
+//! the centres to the points of contact, the share of each is that of an impulse along `n`, weighted by `w = 1 / m + (x
+//! × n) · I⁻¹ (x × n)` (position-based dynamics; Müller, Heidelberger, Hennix and Ratcliff 2007, DOI
+//! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
+
+use super::planes::{Decided, LANES, Spread, WALL, is_wall, unpack};
+use super::system::{Hot, System, rotation, shape_matrix, turned};
+use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
+use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
+use crate::memory::{OutOfMemory, refill};
+
+/// Overlaps are pushed apart by this share of their depth,
+const BEYOND: f64 = 1.05;
+/// and by this share of the diameter.
+const BEYOND_D: f64 = 1e-9;
+/// Margin by which the specimen is widened to end the overlaps that are left.
+const MARGIN: f64 = 1e-12;
+
+/// What is to become tighter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Tighten {
+    /// All lengths of the specimen by a factor below 1.
+    Shrink(f64),
+    /// The gap by a length.
+    Gap(f64),
+}
+
+/// How pushing ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Pushed {
+    /// Sweeps that were needed.
+    pub(super) sweeps: u32,
+    /// Whether a grain would have come out of its skin: then the lists should be built again.
+    pub(super) is_held: bool,
+    /// Whether all gaps are kept.
+    pub(super) is_clear: bool,
+    pub(super) pushes: u64,
+}
+
+/// Poses to go back to, and the grains that look again.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pusher {
+    saved: Vec<(Vector, [f64; 4], Vector)>,
+    saved_stretch: f64,
+    saved_more: f64,
+    active: Vec<bool>,
+    next: Vec<bool>,
+}
+
+impl Pusher {
+    /// Makes the system tighter and pushes for so many sweeps at most. [`Self::undo`] goes back to before.
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(super) fn push(
+        &mut self,
+        system: &mut System,
+        by: Tighten,
+        most_sweeps: u32,
+    ) -> Result<Pushed, OutOfMemory> {
+        let n = system.len();
+        self.saved.clear();
+        crate::memory::make_room(&mut self.saved, n)?;
+        let both = system.hot.iter().zip(&system.cold);
+        self.saved.extend(both.map(|(hot, cold)| (hot.center, cold.orientation, cold.listed_center)));
+        (self.saved_stretch, self.saved_more) = (system.stretch, system.more);
+        match by {
+            Tighten::Shrink(factor) => system.scale(factor),
+            Tighten::Gap(more) => system.widen_gaps(more),
+        }
+        refill(&mut self.active, n, true)?;
+        refill(&mut self.next, n, false)?;
+        let cpu = system.cpu;
+        Ok(with_instruction_set!(cpu, set => set.call(
+            #[inline(always)]
+            || self.sweeps(set, system, most_sweeps)
+        )))
+    }
+
+    #[inline(always)]
+    fn sweeps<S: InstructionSet>(&mut self, set: S, system: &mut System, most: u32) -> Pushed {
+        let held = system.held;
+        let mut pushed = Pushed { sweeps: 0, is_held: false, is_clear: false, pushes: 0 };
+        for sweep in 1..=most {
+            pushed.sweeps = sweep;
+            let mut pushes = 0;
+            for i in 0..system.len() {
+                if self.active[i] {
+                    pushes += self.visit(set, system, i);
+                }
+            }
+            pushed.pushes += pushes;
+            pushed.is_held = system.held > held;
+            if pushes == 0 {
+                pushed.is_clear = true;
+                return pushed;
+            }
+            std::mem::swap(&mut self.active, &mut self.next);
+            self.next.fill(false);
+        }
+        pushed
+    }
+
+    /// Pushes a grain and its neighbours apart; returns how often.
+    #[inline(always)]
+    fn visit<S: InstructionSet>(&mut self, set: S, system: &mut System, i: usize) -> u64 {
+        let mut pushes = 0;
+        let range = system.cold[i].first as usize..(system.cold[i].first + system.cold[i].count) as usize;
+        let mut spread = Spread::new(set, system.hot[i].center, &system.hot[i].matrix);
+        let none = set.splat(0.0);
+        for group in range {
+            let crossed = spread.crosses(set, &system.groups[group], none);
+            if !crossed.any() {
+                continue;
+            }
+            let crossed = crossed.to_array();
+            for lane in 0..LANES {
+                if crossed[lane].to_bits() == 0 {
+                    continue;
+                }
+                let neighbor = system.groups[group].neighbors[lane];
+                if is_wall(neighbor) {
+                    let (n, o) = (system.groups[group].normal(lane), system.groups[group].o[lane]);
+                    let hot = &system.hot[i];
+                    let depth = dot(hot.center, n) + hot.matrix.quadratic(n).sqrt() - o;
+                    system.push_from_wall(i, n, depth);
+                    self.next[i] = true;
+                } else {
+                    let hot = system.hot[i];
+                    match system.decide(i, &hot, group, lane) {
+                        Decided::Apart(planes) => {
+                            system.lay(&planes);
+                            continue;
+                        }
+                        Decided::TooClose(n) => {
+                            let (j, _) = unpack(neighbor);
+                            if i != j {
+                                system.push_apart(i, group, lane, n);
+                                self.next[j] = true;
+                            }
+                            self.next[i] = true;
+                        }
+                    }
+                }
+                pushes += 1;
+                spread = Spread::new(set, system.hot[i].center, &system.hot[i].matrix);
+            }
+        }
+        let cold = &system.cold[i];
+        if cold.is_near_lateral {
+            let (hot, outer) = (system.hot[i], cold.semi_axes[0]);
+            let slack = system.lateral_slack(&hot, outer);
+            if slack < 0.0 {
+                let n = system.lateral_direction(&hot, outer);
+                system.push_from_wall(i, n, -slack);
+                self.next[i] = true;
+                pushes += 1;
+            }
+        }
+        if system.cold[i].is_near_itself && !system.clears_itself(&system.hot[i].matrix, system.hot[i].d) {
+            // No push helps a grain that meets its own image.
+            self.next[i] = true;
+            pushes += 1;
+        }
+        pushes
+    }
+
+    /// Widens the specimen, or narrows the gap, until the overlaps that are left are none; says whether that is tighter
+    /// than before and all gaps are kept.
+    pub(super) fn keep_what_is_valid(&mut self, system: &mut System, by: Tighten) -> bool {
+        match by {
+            Tighten::Shrink(factor) => {
+                let Some(widen) = self.least_factor(system) else { return false };
+                let widen = widen * (1.0 + MARGIN);
+                if widen * factor >= 1.0 {
+                    return false;
+                }
+                system.scale(widen);
+            }
+            Tighten::Gap(more) => {
+                let Some(depth) = self.deepest(system) else { return false };
+                let less = depth * (1.0 + MARGIN) + MARGIN * system.gap(0.0, 0.0);
+                if less >= more {
+                    return false;
+                }
+                system.widen_gaps(-less);
+            }
+        }
+        system.is_clear()
+    }
+
+    /// Calls `visit` with every pair and wall of a grain that looks again which is not clear: the grain, the direction,
+    /// the vector between the centres along it or the distance from the wall, and what the gap lacks.
+    fn for_each_left(&self, system: &System, mut visit: impl FnMut(f64, f64)) -> bool {
+        let mut is_possible = true;
+        for i in (0..system.len()).filter(|&i| self.active[i]) {
+            let (hot, cold) = (system.hot[i], system.cold[i]);
+            for group in cold.first as usize..(cold.first + cold.count) as usize {
+                for lane in 0..LANES {
+                    let planes = &system.groups[group];
+                    let (neighbor, n) = (planes.neighbors[lane], planes.normal(lane));
+                    if neighbor == super::planes::NOBODY {
+                        continue;
+                    }
+                    let h = hot.matrix.quadratic(n).sqrt();
+                    let left = planes.o[lane] - dot(hot.center, n);
+                    if left >= h {
+                        continue;
+                    }
+                    if is_wall(neighbor) {
+                        // Distance of the centre from the wall itself.
+                        let (_, o) = system.wall_plane(neighbor - WALL, hot.d);
+                        let away = o + system.wall_gap(hot.d) - dot(hot.center, n);
+                        visit(away, h + system.wall_gap(hot.d));
+                    } else if let Decided::TooClose(n) = system.decide(i, &hot, group, lane) {
+                        let (j, image) = unpack(neighbor);
+                        let other = &system.hot[j];
+                        let r = minus(sum(other.center, system.shift(image)), hot.center);
+                        let h_b = other.matrix.quadratic(n).sqrt();
+                        let h_a = hot.matrix.quadratic(n).sqrt();
+                        visit(dot(r, n), h_a + h_b + system.gap(hot.d, other.d));
+                    }
+                }
+            }
+            if cold.is_near_lateral {
+                let slack = system.lateral_slack(&hot, cold.semi_axes[0]);
+                if slack < 0.0 {
+                    let axis = system.container.bounds()[0] / 2.0 * system.stretch;
+                    // In a wider cylinder the centre lies farther out in proportion, and the farthest point no more.
+                    let out = (hot.center[0] - axis).hypot(hot.center[1] - axis);
+                    visit(axis - out, axis - out - slack);
+                }
+            }
+            is_possible &= !cold.is_near_itself || system.clears_itself(&hot.matrix, hot.d);
+        }
+        is_possible
+    }
+
+    /// The least factor on all lengths of the specimen, 1 or more, at which the gaps are kept.
+    fn least_factor(&self, system: &System) -> Option<f64> {
+        let mut factor = 1.0_f64;
+        let is_possible = self.for_each_left(system, |away, needed| {
+            factor = factor.max(if away > 0.0 { needed / away } else { f64::INFINITY });
+        });
+        (is_possible && factor.is_finite()).then_some(factor)
+    }
+
+    /// The most that a gap lacks.
+    fn deepest(&self, system: &System) -> Option<f64> {
+        let mut depth = 0.0_f64;
+        let is_possible = self.for_each_left(system, |away, needed| depth = depth.max(needed - away));
+        is_possible.then_some(depth)
+    }
+
+    /// Goes back to before the push; the planes follow.
+    pub(super) fn undo(&mut self, system: &mut System) {
+        if system.more > self.saved_more {
+            system.widen_gaps(self.saved_more - system.more);
+            system.more = self.saved_more;
+        }
+        if system.stretch < self.saved_stretch {
+            system.scale(self.saved_stretch / system.stretch);
+        }
+        system.stretch = self.saved_stretch;
+        for (i, &(center, orientation, listed_center)) in self.saved.iter().enumerate() {
+            let matrix = shape_matrix(orientation, system.cold[i].semi_axes);
+            system.set_pose(i, center, orientation, matrix);
+            system.cold[i].listed_center = listed_center;
+        }
+        system.set_wall_planes();
+        // Planes are laid anew where they are crossed; the packing was valid before, but for rounding.
+        let _ = system.is_clear();
+    }
+}
+
+impl System {
+    /// Whether all gaps are kept. Lays new planes where the grains cross theirs.
+    pub(super) fn is_clear(&mut self) -> bool {
+        let cpu = self.cpu;
+        with_instruction_set!(cpu, set => set.call(
+            #[inline(always)]
+            || (0..self.len()).all(|i| {
+                let mut pending = super::shake::Pending::new();
+                let hot = self.hot[i];
+                let fits = super::shake::fits(set, self, i, &hot, 0.0, &mut pending);
+                pending.lay(self);
+                fits
+            })
+        ))
+    }
+
+    /// Scales the specimen, the centres and the planes. Planes that come closer are laid closer to their grains, so
+    /// that the gap between the two planes of a pair is still kept.
+    pub(super) fn scale(&mut self, factor: f64) {
+        self.stretch *= factor;
+        let largest = self.hot.iter().map(|hot| hot.d).fold(0.0, f64::max);
+        for i in 0..self.len() {
+            let gap = self.gap(self.hot[i].d, self.hot[i].d).max(self.gap(self.hot[i].d, largest));
+            let closer = if factor < 1.0 { 0.5 * gap * (1.0 - factor) } else { 0.0 };
+            let (hot, cold) = (&mut self.hot[i], &mut self.cold[i]);
+            hot.center = scaled(hot.center, factor);
+            cold.listed_center = scaled(cold.listed_center, factor);
+            for group in &mut self.groups[cold.first as usize..(cold.first + cold.count) as usize] {
+                group.o = group.o.map(|o| o * factor - closer);
+            }
+        }
+        self.set_wall_planes();
+    }
+
+    /// Widens all gaps by a length, which may be negative.
+    fn widen_gaps(&mut self, by: f64) {
+        self.more += by;
+        for group in &mut self.groups {
+            group.o = group.o.map(|o| o - 0.5 * by);
+        }
+        self.set_wall_planes();
+    }
+
+    /// Puts the planes of walls to where the walls are.
+    pub(super) fn set_wall_planes(&mut self) {
+        if self.container.is_periodic() {
+            return;
+        }
+        for i in 0..self.len() {
+            let d = self.hot[i].d;
+            let first = LANES * self.cold[i].first as usize;
+            // Walls come first in every list.
+            for at in first..first + LANES * self.cold[i].count as usize {
+                let neighbor = self.groups[at / LANES].neighbors[at % LANES];
+                if !is_wall(neighbor) {
+                    break;
+                }
+                let (normal, o) = self.wall_plane(neighbor - WALL, d);
+                self.groups[at / LANES].set(at % LANES, normal, o);
+            }
+        }
+    }
+
+    /// Pushes a grain away from a wall with this outward normal.
+    fn push_from_wall(&mut self, i: usize, n: Vector, depth: f64) {
+        let by = depth * (1.0 + 1e-6) + BEYOND_D * self.hot[i].d;
+        self.displace(i, scaled(n, -by), [0.0; 3]);
+    }
+
+    /// Pushes a grain and its neighbour apart along a unit vector, and lays their planes anew.
+    fn push_apart(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
+        let (j, image) = unpack(self.groups[group].neighbors[lane]);
+        let (a, b) = (self.hot[i], self.hot[j]);
+        let r = minus(sum(b.center, self.shift(image)), a.center);
+        let (an, bn) = (a.matrix.times(n), b.matrix.times(n));
+        let (h_a, h_b) = (dot(n, an).sqrt(), dot(n, bn).sqrt());
+        let lacks = self.gap(a.d, b.d) + h_a + h_b - dot(r, n);
+        let by = BEYOND * lacks + BEYOND_D * a.d.min(b.d);
+        let (arm_a, arm_b) = (scaled(an, 1.0 / h_a), scaled(bn, -1.0 / h_b));
+        let (pushed_a, pushed_b) = (self.inertia(i, &a, arm_a, n), self.inertia(j, &b, arm_b, n));
+        let share = by / (pushed_a.weight + pushed_b.weight);
+        self.displace(i, scaled(n, -share * pushed_a.per_mass), scaled(pushed_a.turn, -share));
+        self.displace(j, scaled(n, share * pushed_b.per_mass), scaled(pushed_b.turn, share));
+        self.lay_between(i, group, lane, n);
+    }
+
+    /// What an impulse along `n` at the end of an arm does to a grain.
+    #[inline(always)]
+    fn inertia(&self, i: usize, hot: &Hot, arm: Vector, n: Vector) -> Impulse {
+        let cold = &self.cold[i];
+        let per_mass = 1.0 / hot.d;
+        let moment = cross(arm, n);
+        let rows = rotation(cold.orientation);
+        let [a, b, c] = cold.semi_axes.map(|axis| axis * axis);
+        let per_inertia = [5.0 * per_mass / (b + c), 5.0 * per_mass / (a + c), 5.0 * per_mass / (a + b)];
+        let local = [0, 1, 2].map(|k| {
+            per_inertia[k] * (rows[0][k] * moment[0] + rows[1][k] * moment[1] + rows[2][k] * moment[2])
+        });
+        let turn = rows.map(|row| dot(row, local));
+        Impulse { per_mass, weight: per_mass + dot(moment, turn), turn }
+    }
+
+    /// Displaces and turns a grain, unless it would come out of its skin, for which the lists do not hold.
+    #[inline(always)]
+    fn displace(&mut self, i: usize, by: Vector, turn: Vector) {
+        let center = sum(self.hot[i].center, by);
+        let orientation = turned(self.cold[i].orientation, turn);
+        if self.skin_used(i, center, orientation) > self.cold[i].skin {
+            self.held += 1;
+            self.cold[i].is_held = true;
+            return;
+        }
+        let matrix = shape_matrix(orientation, self.cold[i].semi_axes);
+        self.set_pose(i, center, orientation, matrix);
+    }
+}
+
+struct Impulse {
+    per_mass: f64,
+    weight: f64,
+    turn: Vector,
+}

@@ -1,0 +1,215 @@
+//! A run where its lists are due, as the body of a checkpoint: every number that the next cycle depends on.
+
+use std::io::{self, Read, Write};
+use std::time::Instant;
+
+use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Run, Stage};
+use crate::memory::{OutOfMemory, filled, reserved};
+use crate::methods::monte_carlo::{CurvePoint, MonteCarlo};
+use crate::packing::RsaStatistics;
+use crate::shape::Pose;
+
+/// Tells bodies of this method, and of this layout, from others.
+const MARK: u64 = u64::from_le_bytes(*b"mc-body1");
+/// Floats of a grain.
+const FLOATS: usize = 9;
+
+fn write_u64(out: &mut dyn Write, value: u64) -> io::Result<()> {
+    out.write_all(&value.to_le_bytes())
+}
+
+fn write_f64(out: &mut dyn Write, value: f64) -> io::Result<()> {
+    out.write_all(&value.to_le_bytes())
+}
+
+fn read_u64(input: &mut &[u8]) -> io::Result<u64> {
+    let mut bytes = [0; 8];
+    input.read_exact(&mut bytes)?;
+    Ok(u64::from_le_bytes(bytes))
+}
+
+/// A finite number: nothing in a run is anything else.
+fn read_f64(input: &mut &[u8]) -> io::Result<f64> {
+    let value = f64::from_bits(read_u64(input)?);
+    if value.is_finite() { Ok(value) } else { Err(invalid()) }
+}
+
+fn invalid() -> io::Error {
+    io::ErrorKind::InvalidData.into()
+}
+
+impl Run {
+    /// The body of a checkpoint.
+    pub(super) fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        let counted = self.counted();
+        for value in [
+            MARK,
+            self.system.len() as u64,
+            u64::from(self.stage == Stage::Gap),
+            counted.cycles,
+            counted.sweeps,
+            counted.moves_tried,
+            counted.moves_accepted,
+            counted.swaps_tried,
+            counted.swaps_accepted,
+            counted.pushes,
+            counted.list_builds,
+            counted.resumes,
+            self.mark.1,
+            self.curve_stride,
+            self.rsa.attempts,
+            self.rsa.grains_by_subdivision,
+            self.rsa.voxels_tested,
+        ] {
+            write_u64(out, value)?;
+        }
+        for value in [
+            self.system.stretch,
+            self.system.more,
+            self.rate,
+            self.swaps.window,
+            self.mark.0,
+            self.fraction,
+            self.elapsed_s(),
+            self.rsa_s,
+        ] {
+            write_f64(out, value)?;
+        }
+        for ((hot, cold), &rank) in self.system.hot.iter().zip(&self.system.cold).zip(&self.system.rank) {
+            write_u64(out, u64::from(rank) << 1 | u64::from(cold.is_held))?;
+            let floats = hot.center.into_iter().chain(cold.orientation).chain([cold.step, cold.margin]);
+            floats.into_iter().try_for_each(|value| write_f64(out, value))?;
+        }
+        write_u64(out, self.curve.len() as u64)?;
+        for point in &self.curve {
+            write_f64(out, point.packing_time_s)?;
+            write_u64(out, point.moves)?;
+            write_f64(out, point.volume_fraction)?;
+            // Gaps are never negative.
+            write_f64(out, point.gap_mm.unwrap_or(-1.0))?;
+        }
+        Ok(())
+    }
+
+    /// The run that a body was written by.
+    ///
+    /// # Errors
+    /// When it cannot be one of this request; [`io::ErrorKind::OutOfMemory`].
+    pub(in crate::methods::monte_carlo) fn read(
+        of: &MonteCarlo<'_>,
+        body: &[u8],
+        started: Instant,
+    ) -> io::Result<Self> {
+        let mut input = body;
+        let input = &mut input;
+        let n = of.shapes.len();
+        if read_u64(input)? != MARK || read_u64(input)? != n as u64 {
+            return Err(invalid());
+        }
+        let stage = if read_u64(input)? == 1 { Stage::Gap } else { Stage::Scale };
+        if stage == Stage::Gap && of.maximize.is_none() {
+            return Err(invalid());
+        }
+        let whole: [u64; 14] = {
+            let mut whole = [0; 14];
+            for value in &mut whole {
+                *value = read_u64(input)?;
+            }
+            whole
+        };
+        let mut numbers = [0.0; 8];
+        for value in &mut numbers {
+            *value = read_f64(input)?;
+        }
+        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s] = numbers;
+        if !(stretch > 0.0 && more >= 0.0 && (LEAST_RATE..=MOST_RATE).contains(&rate)) {
+            return Err(invalid());
+        }
+        // The grains by site, then by rank as the run takes them.
+        let mut sites: Vec<(usize, bool, [f64; FLOATS])> = reserved(n)?;
+        let mut seen = filled(n, false)?;
+        for _ in 0..n {
+            let packed = read_u64(input)?;
+            let rank = (packed >> 1) as usize;
+            if rank >= n || std::mem::replace(&mut seen[rank], true) {
+                return Err(invalid());
+            }
+            let mut floats = [0.0; FLOATS];
+            for value in &mut floats {
+                *value = read_f64(input)?;
+            }
+            sites.push((rank, packed & 1 == 1, floats));
+        }
+        let poses = filled(n, Pose::at(nalgebra::Vector3::zeros()))?;
+        let mut run = Self::new(of, &poses, 1.0, started)?;
+        run.stage = stage;
+        run.system.stretch = stretch;
+        run.system.more = more;
+        run.rate = rate;
+        run.swaps.window = window;
+        run.mark = (mark, whole[9]);
+        (run.fraction, run.earlier_s, run.rsa_s) = (fraction, earlier_s, rsa_s);
+        let counted = &mut run.statistics;
+        counted.cycles = whole[0];
+        counted.sweeps = whole[1];
+        counted.moves_tried = whole[2];
+        counted.moves_accepted = whole[3];
+        (run.swaps.tried, run.swaps.accepted) = (whole[4], whole[5]);
+        counted.pushes = whole[6];
+        counted.list_builds = whole[7];
+        counted.resumes = whole[8] + 1;
+        run.curve_stride = whole[10].max(1);
+        run.rsa =
+            RsaStatistics { attempts: whole[11], grains_by_subdivision: whole[12], voxels_tested: whole[13] };
+        for (site, (rank, is_held, floats)) in sites.into_iter().enumerate() {
+            run.place(of, site, rank, floats);
+            run.system.cold[site].is_held = is_held;
+        }
+        for _ in 0..read_u64(input)?.min(CURVE_POINTS as u64) {
+            run.curve.push(CurvePoint {
+                packing_time_s: read_f64(input)?,
+                moves: read_u64(input)?,
+                volume_fraction: read_f64(input)?,
+                gap_mm: Some(read_f64(input)?).filter(|mm| *mm >= 0.0),
+            });
+        }
+        if input.is_empty() && run.is_possible() && run.is_valid()? { Ok(run) } else { Err(invalid()) }
+    }
+
+    /// Whether all grains keep their gaps.
+    fn is_valid(&mut self) -> Result<bool, OutOfMemory> {
+        self.lists.build(&mut self.system, 1.0, 0.0)?;
+        Ok(self.system.is_clear())
+    }
+
+    /// Puts the grain of a rank to a site.
+    fn place(&mut self, of: &MonteCarlo<'_>, site: usize, rank: usize, floats: [f64; FLOATS]) {
+        let [x, y, z, w, i, j, k, step, margin] = floats;
+        let semi_axes = of.shapes[rank].semi_axes_mm().into();
+        self.system.rank[site] = rank as u32;
+        self.system.hot[site].d = self.diameters[rank];
+        let cold = &mut self.system.cold[site];
+        (cold.semi_axes, cold.step, cold.margin) = (semi_axes, step, margin);
+        let matrix = crate::methods::monte_carlo::system::shape_matrix([w, i, j, k], semi_axes);
+        self.system.set_pose(site, [x, y, z], [w, i, j, k], matrix);
+    }
+
+    /// Whether what was read can be a run of this request: one that cannot might never end.
+    fn is_possible(&self) -> bool {
+        let bounds = self.system.container.bounds().map(|length| length * self.system.stretch);
+        let largest = self.diameters.first().copied().unwrap_or(0.0);
+        let is_inside = |x: [f64; 3]| (0..3).all(|a| (x[a] - bounds[a] / 2.0).abs() <= 2.0 * bounds[a]);
+        self.system.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)
+            && self.system.more <= bounds.iter().sum()
+            && self.swaps.window > 0.0
+            && (0.0..=1.0).contains(&self.fraction)
+            && self.system.hot.iter().all(|hot| is_inside(hot.center))
+            && self.system.cold.iter().all(|cold| {
+                let [w, i, j, k] = cold.orientation;
+                (w * w + i * i + j * j + k * k - 1.0).abs() < 1e-9
+                    && cold.step > 0.0
+                    && cold.step <= largest
+                    && (1.0..=MOST_MARGIN).contains(&cold.margin)
+            })
+    }
+}

@@ -1,0 +1,358 @@
+//! One run from the first compression cycle to the last: growth, limits, checkpoints.
+//!
+//! A cycle depends on the poses, the steps, the rate and a few numbers more, and on a random stream of its own. Lists
+//! and planes carry over from cycle to cycle; where lists are due to be built anew they are forgotten, and there a
+//! checkpoint may be written.
+
+mod body;
+mod report;
+
+use std::io::Write;
+use std::time::Instant;
+
+use super::lists::Lists;
+use super::push::{Pusher, Tighten};
+use super::shake;
+use super::swap::Swaps;
+use super::system::System;
+use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
+use crate::control::Control;
+use crate::memory::{OutOfMemory, collected, filled};
+use crate::packing::RsaStatistics;
+use crate::rng::cycle_stream;
+use crate::shape::Pose;
+use report::Forecast;
+
+/// Sweeps of moves in a cycle, and moves in a cycle of few grains.
+const SWEEPS_PER_CYCLE: u64 = 5;
+const LEAST_MOVES: u64 = 2000;
+/// Swaps tried per grain in a cycle.
+const SWAPS_PER_GRAIN: f64 = 3.0;
+/// Relative difference of sizes that swaps start with.
+const FIRST_SWAP_WINDOW: f64 = 0.05;
+/// Most sweeps of pushes in a cycle, while the packing is loose enough to grow fast, and later on, when moves and swaps
+/// gain more for their time.
+const FAST_RATE: f64 = 2e-3;
+const FAST_PUSH_SWEEPS: u32 = 32;
+const PUSH_SWEEPS: u32 = 16;
+/// Largest and smallest growth of a cycle, relative: the smallest keeps the grains shaking.
+const MOST_RATE: f64 = 0.005;
+const LEAST_RATE: f64 = 1e-6;
+/// Factors on the rate: where few sweeps of pushes sufficed; where most, and where little of the growth was kept; and
+/// where nothing was.
+const EASY_SWEEPS: u32 = 6;
+const EASY: f64 = 1.3;
+const MOST_KEPT: (f64, f64) = (0.6, 1.2);
+const LITTLE_KEPT: (f64, f64) = (0.3, 0.7);
+const NOTHING_KEPT: f64 = 0.5;
+/// Most cycles that lists are kept, and the growth that they are built for, in rates and at most.
+const CYCLES_PER_LIST: u64 = 10;
+const RATES_PER_LIST: f64 = 20.0;
+const MOST_LISTED_GROWTH: f64 = 0.01;
+/// The skin in steps of moves, and its bounds over the radius; the lower one grows with the rate.
+const SKIN_STEPS: f64 = 20.0;
+const LEAST_SKIN: f64 = 0.05;
+const SKIN_RATES: f64 = 4.0;
+const MOST_SKIN: f64 = 0.8;
+/// The factor on the skin of a grain that was held by it, its largest value, and how fast it falls.
+const HELD_WIDER: f64 = 1.6;
+const MOST_MARGIN: f64 = 4.0;
+const MARGIN_FALL: f64 = 0.9;
+/// Lists are due when displacements were prevented as often as this share of the grains.
+const MOST_HELD: f64 = 0.01;
+/// Cycles over which growth is compared to tell that it has stalled, and the least growth, relative.
+const STALL_CYCLES: u64 = 200;
+const STALL_GROWTH: f64 = 1e-5;
+/// Most points of the curve; when it is full every other one goes.
+const CURVE_POINTS: usize = 500;
+
+/// What grows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// Everything by one scale, to the size and gap asked for.
+    Scale,
+    /// The gap, as far as it goes.
+    Gap,
+}
+
+/// A run between two cycles, or in one.
+pub(super) struct Run {
+    system: System,
+    diameters: Vec<f64>,
+    stage: Stage,
+    rate: f64,
+    swaps: Swaps,
+    statistics: Statistics,
+    pub(super) rsa: RsaStatistics,
+    pub(super) rsa_s: f64,
+    /// Packing time before the last checkpoint.
+    earlier_s: f64,
+    started: Instant,
+    /// Size, and the cycle at which it was noted, to tell a stall.
+    mark: (f64, u64),
+    curve: Vec<CurvePoint>,
+    curve_stride: u64,
+    fraction: f64,
+    forecast: Forecast,
+    /// Volume of the grains over that of the specimen.
+    target_fraction: f64,
+    lists: Lists,
+    pusher: Pusher,
+    /// Cycles since the lists were built, and the stretch and gap that they hold to.
+    listed_cycles: u64,
+    listed_stretch: f64,
+    listed_more: f64,
+}
+
+impl Run {
+    /// A run from poses that are valid at a scale.
+    pub(super) fn new(
+        of: &MonteCarlo<'_>,
+        poses: &[Pose],
+        scale: f64,
+        started: Instant,
+    ) -> Result<Self, OutOfMemory> {
+        let mut system = System::new(of.specimen, of.rule, of.shapes, poses)?;
+        system.wall_share = if of.maximize == Some(None) { 0.5 } else { 0.0 };
+        system.stretch = 1.0 / scale;
+        for hot in &mut system.hot {
+            hot.center = hot.center.map(|x| x / scale);
+        }
+        let volume: f64 = of.shapes.iter().map(crate::shape::Ellipsoid::volume_mm3).sum();
+        Ok(Self {
+            system,
+            diameters: collected(of.shapes.iter().map(crate::shape::Ellipsoid::equivalent_diameter_mm))?,
+            stage: Stage::Scale,
+            rate: MOST_RATE,
+            swaps: Swaps::new(FIRST_SWAP_WINDOW),
+            statistics: Statistics::default(),
+            rsa: RsaStatistics::default(),
+            rsa_s: 0.0,
+            earlier_s: 0.0,
+            started,
+            mark: (0.0, 0),
+            curve: Vec::new(),
+            curve_stride: 1,
+            fraction: 0.0,
+            forecast: Forecast::default(),
+            target_fraction: volume / of.specimen.volume_mm3(),
+            lists: Lists::default(),
+            pusher: Pusher::default(),
+            listed_cycles: CYCLES_PER_LIST,
+            listed_stretch: 0.0,
+            listed_more: 0.0,
+        })
+    }
+
+    /// Grows until something ends it.
+    pub(super) fn grow(&mut self, of: &MonteCarlo<'_>, control: &dyn Control) -> Result<End, Interrupted> {
+        loop {
+            if self.stage == Stage::Scale && self.is_full_size() {
+                if of.maximize.is_none() {
+                    return Ok(End::Target);
+                }
+                self.begin_gap();
+            }
+            if let Some(end) = self.limit_reached(of) {
+                return Ok(end);
+            }
+            let by = self.tighten();
+            if self.lists_are_due(by) {
+                if let Some(keep) = of.keep_checkpoint.filter(|_| control.wants_checkpoint()) {
+                    keep(&|out: &mut dyn Write| self.write(out));
+                }
+                self.build_lists()?;
+            }
+            if !self.cycle(of, by, control)? {
+                return Err(Interrupted::Stopped);
+            }
+        }
+    }
+
+    fn is_full_size(&self) -> bool {
+        self.system.stretch <= 1.0 / BEYOND_TARGET
+    }
+
+    /// Goes over from growth by scale, done, to growth of the gap.
+    fn begin_gap(&mut self) {
+        self.stage = Stage::Gap;
+        self.rate = MOST_RATE;
+        self.listed_cycles = CYCLES_PER_LIST;
+        self.mark = (0.0, self.statistics.cycles);
+    }
+
+    /// What the next cycle is to make tighter.
+    fn tighten(&self) -> Tighten {
+        match self.stage {
+            Stage::Scale => {
+                let target = 1.0 / BEYOND_TARGET / self.system.stretch;
+                // A trifle beyond, so that the last cycle reaches it.
+                Tighten::Shrink((1.0 / (1.0 + self.rate)).max(target * (1.0 - 1e-14)).min(1.0 - 1e-14))
+            }
+            Stage::Gap => Tighten::Gap(self.rate * self.gap_unit()),
+        }
+    }
+
+    /// The length whose share the gap grows by.
+    fn gap_unit(&self) -> f64 {
+        self.diameters.get(self.diameters.len() / 2).copied().unwrap_or(1.0)
+    }
+
+    fn lists_are_due(&self, by: Tighten) -> bool {
+        let (stretch, more) = match by {
+            Tighten::Shrink(factor) => (self.system.stretch * factor, self.system.more),
+            Tighten::Gap(by) => (self.system.stretch, self.system.more + by),
+        };
+        self.listed_cycles >= CYCLES_PER_LIST
+            || stretch < self.listed_stretch
+            || more > self.listed_more
+            || self.system.held > (MOST_HELD * self.system.len() as f64) as u64
+    }
+
+    fn build_lists(&mut self) -> Result<(), OutOfMemory> {
+        let growth = (RATES_PER_LIST * self.rate).min(MOST_LISTED_GROWTH).max(2.0 * self.rate);
+        let rate = self.rate;
+        for (cold, hot) in self.system.cold.iter_mut().zip(&self.system.hot) {
+            cold.margin = if cold.is_held {
+                (cold.margin * HELD_WIDER).min(MOST_MARGIN)
+            } else {
+                (cold.margin * MARGIN_FALL).max(1.0)
+            };
+            cold.is_held = false;
+            let radius = hot.d / 2.0;
+            let (least, most) = ((SKIN_RATES * rate + LEAST_SKIN) * radius, MOST_SKIN * radius);
+            cold.skin = cold.margin * (SKIN_STEPS * cold.step).clamp(least, most);
+        }
+        let (shrink, reserve) = match self.stage {
+            Stage::Scale => (1.0 + growth, 0.0),
+            Stage::Gap => (1.0, growth * self.gap_unit()),
+        };
+        self.lists.build(&mut self.system, shrink, reserve)?;
+        self.listed_stretch = self.system.stretch / shrink;
+        self.listed_more = self.system.more + reserve;
+        self.listed_cycles = 0;
+        self.system.held = 0;
+        self.statistics.list_builds += 1;
+        Ok(())
+    }
+
+    /// One cycle; says whether to go on.
+    fn cycle(
+        &mut self,
+        of: &MonteCarlo<'_>,
+        by: Tighten,
+        control: &dyn Control,
+    ) -> Result<bool, OutOfMemory> {
+        self.statistics.cycles += 1;
+        self.listed_cycles += 1;
+        let mut rng = cycle_stream(of.seed, self.statistics.cycles);
+        if of.swap {
+            let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
+            self.swaps.sweep(&mut self.system, of.shapes, &self.diameters, tries, &mut rng)?;
+        }
+        if control.should_stop() {
+            return Ok(false);
+        }
+        for _ in 0..SWEEPS_PER_CYCLE.max(LEAST_MOVES / self.system.len().max(1) as u64) {
+            let moves = shake::sweep(&mut self.system, &mut rng);
+            self.statistics.moves_tried += moves.tried;
+            self.statistics.moves_accepted += moves.accepted;
+            self.statistics.sweeps += 1;
+            if control.should_stop() {
+                return Ok(false);
+            }
+        }
+        self.compress(by)?;
+        self.note_point();
+        self.report(of, control);
+        Ok(!control.should_stop())
+    }
+
+    /// Makes the packing tighter, as far as it goes, and sets the rate of the next cycle.
+    fn compress(&mut self, by: Tighten) -> Result<(), OutOfMemory> {
+        let (stretch, more) = (self.system.stretch, self.system.more);
+        let most_sweeps = if self.rate >= FAST_RATE { FAST_PUSH_SWEEPS } else { PUSH_SWEEPS };
+        let pushed = self.pusher.push(&mut self.system, by, most_sweeps)?;
+        self.statistics.pushes += pushed.pushes;
+        if pushed.is_clear {
+            if pushed.sweeps < EASY_SWEEPS {
+                self.rate *= EASY;
+            }
+        } else if self.pusher.keep_what_is_valid(&mut self.system, by) {
+            let kept = match by {
+                Tighten::Shrink(factor) => (stretch - self.system.stretch) / (stretch * (1.0 - factor)),
+                Tighten::Gap(by) => (self.system.more - more) / by,
+            };
+            if kept > MOST_KEPT.0 {
+                self.rate *= MOST_KEPT.1;
+            } else if kept < LITTLE_KEPT.0 {
+                self.rate *= LITTLE_KEPT.1;
+            }
+        } else {
+            self.pusher.undo(&mut self.system);
+            self.rate *= NOTHING_KEPT;
+        }
+        self.rate = self.rate.clamp(LEAST_RATE, MOST_RATE);
+        Ok(())
+    }
+
+    fn elapsed_s(&self) -> f64 {
+        self.earlier_s + self.started.elapsed().as_secs_f64()
+    }
+
+    /// What grows, as a length or a factor.
+    fn size(&self) -> f64 {
+        match self.stage {
+            Stage::Scale => 1.0 / self.system.stretch,
+            Stage::Gap => self.system.more,
+        }
+    }
+
+    fn limit_reached(&mut self, of: &MonteCarlo<'_>) -> Option<End> {
+        if of.limits.sweeps.is_some_and(|most| self.statistics.sweeps >= most) {
+            return Some(End::SweepLimit);
+        }
+        if of.limits.time_s.is_some_and(|most| self.elapsed_s() >= most) {
+            return Some(End::TimeLimit);
+        }
+        if self.statistics.cycles < self.mark.1 + STALL_CYCLES {
+            return None;
+        }
+        let size = self.size();
+        let has_grown = size > self.mark.0 * (1.0 + STALL_GROWTH);
+        self.mark = (size, self.statistics.cycles);
+        (!has_grown).then_some(End::Stalled)
+    }
+
+    /// The result.
+    pub(super) fn outcome(mut self, of: &MonteCarlo<'_>, end: End) -> Result<Outcome, Interrupted> {
+        self.system.wrap();
+        let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
+        let bounds = of.specimen.bounds_mm();
+        for ((hot, cold), &rank) in self.system.hot.iter().zip(&self.system.cold).zip(&self.system.rank) {
+            let mut center = hot.center.map(|x| x / self.system.stretch);
+            if of.specimen.is_periodic() {
+                for (x, length) in center.iter_mut().zip(bounds) {
+                    *x = if *x < length { *x } else { 0.0 };
+                }
+            }
+            let [w, i, j, k] = cold.orientation;
+            let orientation = nalgebra::UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k));
+            poses[rank as usize] = Pose { center_mm: center.into(), orientation };
+        }
+        let scale =
+            if self.is_full_size() { 1.0 } else { (1.0 / self.system.stretch).min(1.0 - f64::EPSILON) };
+        Ok(Outcome {
+            poses,
+            end,
+            scale,
+            gap_mm: self.gap_mm(of),
+            volume_fraction: self.volume_fraction(),
+            rsa: self.rsa,
+            statistics: self.counted(),
+            growth_s: self.elapsed_s() - self.rsa_s,
+            rsa_s: self.rsa_s,
+            growth_curve: self.curve,
+        })
+    }
+}

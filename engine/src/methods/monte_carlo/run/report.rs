@@ -1,0 +1,150 @@
+//! Progress, growth curve and statistics of a run.
+//!
+//! Reporting changes nothing about the packing. The remaining work is predicted from the growth of the last part of the
+//! run. Growth per work falls about exponentially with the volume fraction, with a width `w` of 0.07 of the target
+//! (Fuller
+//! 2..16 mm, 0.65 to 0.72), so that from a share `v` of the target's volume that grows by `v'` per work the target is
+//! `(w / v') (exp((1 - v) / w) - 1)` away.
+
+use std::collections::VecDeque;
+
+use super::{BEYOND_TARGET, CURVE_POINTS, Run, Stage, Statistics};
+use crate::control::{Control, Growth, Phase, Progress};
+use crate::methods::monte_carlo::{CurvePoint, MonteCarlo, START_SHARE};
+
+/// Width of the fall of growth per work, as a share of the target's volume.
+const WIDTH: f64 = 0.07;
+/// Share of the work so far from which the trend is taken.
+const TREND_SHARE: f64 = 0.3;
+/// Work of a push, in tried moves.
+const PUSH_WORK: f64 = 4.0;
+/// Work beyond which a run is more likely to jam than to reach its target, in moves per grain.
+const LIKELY_WORK: f64 = 60_000.0;
+/// Moves per grain by which the growth of the gap has usually stalled.
+const STALL_WORK: f64 = 30_000.0;
+
+/// Ends of cycles that the trend is taken from: work per grain, and the volume over that at the target.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Forecast {
+    points: VecDeque<[f64; 2]>,
+}
+
+impl Forecast {
+    fn note(&mut self, work: f64, share: f64) {
+        self.points.push_back([work, share]);
+        while self.points.get(2).is_some_and(|third| third[0] <= (1.0 - TREND_SHARE) * work) {
+            self.points.pop_front();
+        }
+    }
+
+    /// Work per grain that is still to come; `None` while nothing can be said.
+    fn left(&self) -> Option<f64> {
+        let (first, last) = (self.points.front()?, self.points.back()?);
+        let per_work = (last[1] - first[1]) / (last[0] - first[0]);
+        (per_work > 0.0).then(|| WIDTH / per_work * ((1.0 - last[1]).max(0.0) / WIDTH).exp_m1())
+    }
+}
+
+impl Run {
+    /// Work so far, in tried moves per grain.
+    fn work(&self) -> f64 {
+        let counted = self.statistics;
+        let moves = (counted.moves_tried + self.swaps.tried) as f64;
+        (moves + PUSH_WORK * counted.pushes as f64) / self.system.len().max(1) as f64
+    }
+
+    /// The constant gap that the grains keep by now at their full size, where one is requested.
+    pub(super) fn gap_mm(&self, of: &MonteCarlo<'_>) -> Option<f64> {
+        match (self.stage, of.maximize, of.rule.constant_mm()) {
+            (Stage::Gap, ..) => Some(self.system.more),
+            (Stage::Scale, None, Some(mm)) if mm > 0.0 => {
+                let largest = self.diameters.first().copied().unwrap_or(0.0);
+                Some((self.size().min(1.0) * (largest + mm) - largest).max(0.0))
+            }
+            _ => None,
+        }
+    }
+
+    /// Volume of the grains at their present size over that of the specimen.
+    pub(super) fn volume_fraction(&self) -> f64 {
+        self.target_fraction * (1.0 / self.system.stretch).min(1.0).powi(3)
+    }
+
+    /// Notes the end of a cycle, in the forecast and in the growth curve.
+    pub(super) fn note_point(&mut self) {
+        let share = (1.0 / (self.system.stretch * BEYOND_TARGET)).powi(3);
+        self.forecast.note(self.work(), share);
+        if !self.statistics.cycles.is_multiple_of(self.curve_stride) {
+            return;
+        }
+        self.curve.push(CurvePoint {
+            packing_time_s: self.elapsed_s(),
+            moves: self.statistics.moves_tried,
+            volume_fraction: self.volume_fraction(),
+            gap_mm: (self.stage == Stage::Gap).then_some(self.system.more),
+        });
+        if self.curve.len() >= CURVE_POINTS {
+            let mut at = 0;
+            self.curve.retain(|_| {
+                at += 1;
+                at % 2 == 0
+            });
+            self.curve_stride *= 2;
+        }
+    }
+
+    /// Share of the run's work that is done, and whether the remaining time follows from it.
+    fn share_done(&self, of: &MonteCarlo<'_>) -> (f64, bool) {
+        let limits = of.limits;
+        let by_limits = [
+            limits.sweeps.map(|most| self.statistics.sweeps as f64 / most as f64),
+            limits.time_s.map(|most| self.elapsed_s() / most),
+        ];
+        let by_limits = by_limits.into_iter().flatten().reduce(f64::max);
+        let work = self.work();
+        if of.maximize.is_some() {
+            return match by_limits {
+                Some(share) => (share, true),
+                None => ((work / STALL_WORK).min(0.9), false),
+            };
+        }
+        let (done, is_likely) = match self.forecast.left() {
+            Some(left) => (work / (work + left), work + left <= LIKELY_WORK),
+            None => (0.0, false),
+        };
+        match by_limits {
+            Some(share) if share > done => (share, true),
+            _ => (START_SHARE + (1.0 - START_SHARE) * done, is_likely),
+        }
+    }
+
+    /// Tells the control where the run stands.
+    pub(super) fn report(&mut self, of: &MonteCarlo<'_>, control: &dyn Control) {
+        let (fraction, predictable) = self.share_done(of);
+        self.fraction = self.fraction.max(fraction.min(1.0));
+        let moves = self.statistics.moves_tried;
+        let seconds = (self.elapsed_s() - self.rsa_s).max(1e-9);
+        let volume_fraction = self.volume_fraction();
+        control.report(&Progress {
+            phase: Phase::MonteCarlo,
+            fraction: self.fraction,
+            done: moves,
+            total: of.limits.sweeps.unwrap_or(0) * self.system.len() as u64,
+            unit: "moves",
+            message: format!("growing grains, volume fraction {volume_fraction:.4}"),
+            growth: Some(Growth {
+                volume_fraction,
+                distance_mm: self.gap_mm(of),
+                events: moves,
+                events_per_s: moves as f64 / seconds,
+                reduced_pressure: None,
+                predictable,
+            }),
+        });
+    }
+
+    /// What was counted.
+    pub(super) fn counted(&self) -> Statistics {
+        Statistics { swaps_tried: self.swaps.tried, swaps_accepted: self.swaps.accepted, ..self.statistics }
+    }
+}

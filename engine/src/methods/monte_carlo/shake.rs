@@ -1,0 +1,156 @@
+//! Hard-particle Monte Carlo: single moves that are made if they bring no grain too close to another (Metropolis and
+//! others 1953, DOI 10.1063/1.1699114).
+//!
+//! A move displaces and turns one grain by uniform random amounts. Each grain has its own largest step, which grows
+//! with success and falls with failure, until about two in five moves succeed.
+
+use rand::rand_core::Rng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::planes::{Decided, LANES, NewPlanes, Spread, is_wall};
+use super::system::{Hot, System, shape_matrix, turned};
+use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
+use crate::gap::linear::Vector;
+
+/// Factors on the step after a move that was made, and after one that was not.
+const WIDER: f64 = 1.05;
+const NARROWER: f64 = 0.97;
+/// Factor after a move that would have used up too much of the skin.
+const SKIN_NARROWER: f64 = 0.99;
+/// Longest step over the equivalent diameter.
+const LONGEST_STEP: f64 = 0.05;
+/// Shortest step over the equivalent diameter: below it nothing is gained.
+const SHORTEST_STEP: f64 = 1e-9;
+/// Turns of a move, over its displacements at the end of the longest axis.
+const TURN: f64 = 1.5;
+/// Share of the skin that moves may use; the rest is for pushes.
+const SKIN_SHARE: f64 = 0.6;
+/// Most planes that are laid anew for one move; one that needs more is not made.
+const MOST_NEW: usize = 16;
+
+/// What was counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Moves {
+    pub(super) tried: u64,
+    pub(super) accepted: u64,
+}
+
+/// Planes to be laid if a move is made.
+pub(super) struct Pending {
+    planes: [Option<NewPlanes>; MOST_NEW],
+    count: usize,
+}
+
+impl Pending {
+    pub(super) fn new() -> Self {
+        Self { planes: [None; MOST_NEW], count: 0 }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, planes: NewPlanes) -> bool {
+        if self.count == MOST_NEW {
+            return false;
+        }
+        self.planes[self.count] = Some(planes);
+        self.count += 1;
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn lay(&self, system: &mut System) {
+        for planes in self.planes[..self.count].iter().flatten() {
+            system.lay(planes);
+        }
+    }
+}
+
+/// Six uniform numbers in plus minus 1, of 21 bits each.
+#[inline(always)]
+fn six(rng: &mut Xoshiro256PlusPlus) -> [Vector; 2] {
+    [(); 2].map(|()| {
+        let bits = rng.next_u64();
+        [0, 21, 42].map(|from| {
+            let part = (bits >> from & 0x1f_ffff) as i32;
+            f64::from(2 * part + 1 - (1 << 21)) * (1.0 / f64::from(1 << 21))
+        })
+    })
+}
+
+/// Tries one move of each grain.
+pub(super) fn sweep(system: &mut System, rng: &mut Xoshiro256PlusPlus) -> Moves {
+    let cpu = system.cpu;
+    with_instruction_set!(cpu, set => set.call(
+        #[inline(always)]
+        || sweep_with(set, system, rng)
+    ))
+}
+
+#[inline(always)]
+fn sweep_with<S: InstructionSet>(set: S, system: &mut System, rng: &mut Xoshiro256PlusPlus) -> Moves {
+    let mut moves = Moves::default();
+    for i in 0..system.len() {
+        moves.tried += 1;
+        let (hot, cold) = (&system.hot[i], &system.cold[i]);
+        let step = cold.step;
+        let [x, t] = six(rng);
+        let angle = TURN * step / cold.semi_axes[0];
+        let center = [0, 1, 2].map(|a| hot.center[a] + step * x[a]);
+        let orientation = turned(cold.orientation, t.map(|t| angle * t));
+        if system.skin_used(i, center, orientation) > SKIN_SHARE * cold.skin {
+            system.cold[i].step *= SKIN_NARROWER;
+            continue;
+        }
+        let matrix = shape_matrix(orientation, cold.semi_axes);
+        let as_if = Hot { center, matrix, d: hot.d };
+        let mut pending = Pending::new();
+        if fits(set, system, i, &as_if, 0.0, &mut pending) {
+            pending.lay(system);
+            system.set_pose(i, center, orientation, matrix);
+            let longest = LONGEST_STEP * as_if.d;
+            system.cold[i].step = (step * WIDER).min(longest);
+            moves.accepted += 1;
+        } else {
+            system.cold[i].step = (step * NARROWER).max(SHORTEST_STEP * as_if.d);
+        }
+    }
+    moves
+}
+
+/// Whether a grain that had this centre, matrix and size would keep all its gaps; notes the planes that are to be laid
+/// anew. `more` is how much closer than it may the grain has come to its planes beforehand, where it gets another gap.
+#[inline(always)]
+pub(super) fn fits<S: InstructionSet>(
+    set: S,
+    system: &System,
+    i: usize,
+    as_if: &Hot,
+    more: f64,
+    pending: &mut Pending,
+) -> bool {
+    let cold = &system.cold[i];
+    let spread = Spread::new(set, as_if.center, &as_if.matrix);
+    let more = set.splat(more);
+    for group in cold.first as usize..(cold.first + cold.count) as usize {
+        let crossed = spread.crosses(set, &system.groups[group], more);
+        if !crossed.any() {
+            continue;
+        }
+        let crossed = crossed.to_array();
+        for lane in 0..LANES {
+            if crossed[lane].to_bits() == 0 {
+                continue;
+            }
+            if is_wall(system.groups[group].neighbors[lane]) {
+                return false;
+            }
+            match system.decide(i, as_if, group, lane) {
+                Decided::Apart(planes) if pending.push(planes) => {}
+                _ => return false,
+            }
+        }
+    }
+    if cold.is_near_lateral && system.lateral_slack(as_if, cold.semi_axes[0]) < 0.0 {
+        return false;
+    }
+    !cold.is_near_itself || system.clears_itself(&as_if.matrix, as_if.d)
+}

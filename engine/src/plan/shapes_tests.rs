@@ -1,0 +1,150 @@
+#![allow(clippy::unwrap_used)]
+
+use serde_json::{Value, json};
+
+use super::*;
+use crate::{Limits, Plan};
+
+fn request(size_mm: [f64; 3], mix: &Value) -> PackingRequest {
+    let value = json!({"specimen": {"type": "box", "size_mm": size_mm}, "mix": mix});
+    PackingRequest::from_json(&value, 1).unwrap()
+}
+
+fn plan(request: &PackingRequest) -> Result<Plan, PlanError> {
+    Plan::new(request, &Limits::default())
+}
+
+fn ellipsoids(axes: [f64; 3]) -> Value {
+    json!({"type": "ellipsoid", "ratios": {"type": "measured", "axes": [axes]}})
+}
+
+fn fuller(fraction: f64, shape: &Value) -> Value {
+    json!({"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "volume_fraction": fraction,
+        "volume_fraction_of": "placed_grains", "shape": shape})
+}
+
+const CUBE_80: [f64; 3] = [80.0; 3];
+
+#[test]
+fn the_number_of_grains_is_that_of_spheres_over_their_mean_volume() {
+    let spheres = plan(&request(CUBE_80, &fuller(0.6, &json!({"type": "sphere"})))).unwrap();
+    let by_sieve = plan(&request(CUBE_80, &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
+    assert!((spheres.grains / by_sieve.grains - 1.336).abs() < 1e-3, "{}", by_sieve.grains);
+    assert!((by_sieve.volume_fraction_effective - 0.6).abs() < 1e-12);
+    assert!((by_sieve.volume_fraction_with_coating - 0.6).abs() < 1e-9);
+    let grains: f64 = by_sieve.classes.iter().map(|class| class.grains).sum();
+    assert!((grains / by_sieve.grains - 1.0).abs() < 1e-9);
+    let mut by_volume = fuller(0.6, &ellipsoids([1.5, 1.2, 1.0]));
+    by_volume["size"] = json!("equivalent");
+    assert_eq!(plan(&request(CUBE_80, &by_volume)).unwrap().grains, spheres.grains);
+    // The shape that is a sphere by law only.
+    let round = plan(&request(CUBE_80, &fuller(0.6, &ellipsoids([1.0, 1.0, 1.0])))).unwrap();
+    assert!((round.grains / spheres.grains - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn shapes_by_size_change_the_number_of_their_grains_alone() {
+    let mix = |shapes: Value| {
+        let mut mix = fuller(0.5, &Value::Null);
+        mix["shapes"] = shapes;
+        plan(&request(CUBE_80, &mix)).unwrap()
+    };
+    let sphere = json!({"type": "sphere"});
+    let spheres = plan(&request(CUBE_80, &fuller(0.5, &Value::Null))).unwrap();
+    // 6.3 mm lies inside a sieve class and inside a narrow one.
+    let coarse =
+        mix(json!([{"above_mm": 8, "shape": ellipsoids([2.0, 1.0, 1.0])}, {"above_mm": 0, "shape": sphere}]));
+    let ratio = |i: usize| spheres.classes[i].grains / coarse.classes[i].grains;
+    assert!((ratio(0) - 1.0).abs() < 1e-9 && (ratio(1) - 1.0).abs() < 1e-9 && (ratio(2) - 2.0).abs() < 1e-9);
+    let inside = mix(
+        json!([{"above_mm": 6.3, "shape": ellipsoids([2.0, 1.0, 1.0])}, {"above_mm": 0, "shape": sphere}]),
+    );
+    let ratio = |i: usize| spheres.classes[i].grains / inside.classes[i].grains;
+    assert!(
+        (ratio(0) - 1.0).abs() < 1e-9 && ratio(1) > 1.05 && ratio(1) < 1.95 && (ratio(2) - 2.0).abs() < 1e-9
+    );
+    for other in [coarse, inside] {
+        for (class, of_spheres) in other.classes.iter().zip(&spheres.classes) {
+            assert!((class.volume_mm3 / of_spheres.volume_mm3 - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_mixture_has_the_harmonic_mean_of_the_volumes() {
+    let mixture = json!({"type": "mixture", "of": [
+        {"share": 0.25, "shape": {"type": "sphere"}}, {"share": 0.75, "shape": ellipsoids([2.0, 1.0, 1.0])}]});
+    let grains = |shape: &Value| plan(&request(CUBE_80, &fuller(0.5, shape))).unwrap().grains;
+    let (spheres, long) = (grains(&json!({"type": "sphere"})), grains(&ellipsoids([2.0, 1.0, 1.0])));
+    assert!((grains(&mixture) / (0.25 * spheres + 0.75 * long) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn what_is_unlikely_is_a_warning_and_what_cannot_be_is_refused() {
+    let shape = ellipsoids([1.5, 1.2, 1.0]);
+    let at = |fraction: f64, method: &str| {
+        let mut wanted = request(CUBE_80, &fuller(fraction, &shape));
+        wanted.method = PackingRequest::from_json(
+            &json!({"specimen": {"type": "box", "size_mm": CUBE_80}, "mix": fuller(0.5, &shape), "method": {"type": method}}),
+            1,
+        )
+        .unwrap()
+        .method;
+        plan(&wanted)
+    };
+    let loose = at(0.55, "rsa").unwrap();
+    assert!(loose.success_probability > 0.9 && loose.warnings.is_empty(), "{loose:?}");
+    assert!(loose.estimated_time_s > 0.3 && loose.estimated_time_s < 1.0, "{}", loose.estimated_time_s);
+    assert!(loose.extrapolations.iter().any(|beyond| beyond.contains("no spheres")));
+    let dense = at(0.70, "rsa").unwrap();
+    assert!(dense.success_probability < 0.01, "{dense:?}");
+    assert!(dense.warnings[0].contains("reaches about 0.63"), "{:?}", dense.warnings);
+    assert!(at(0.70, "auto").unwrap().success_probability > 0.9);
+    assert!(!at(0.70, "auto").unwrap().places_first && at(0.5, "auto").unwrap().places_first);
+    let denser = at(0.80, "auto").unwrap();
+    assert!(denser.warnings[0].contains("reaches about 0.73"), "{denser:?}");
+    let Err(PlanError::Infeasible(fault)) = at(0.95, "auto") else { panic!("accepted") };
+    assert_eq!(fault.pointer, "/mix/volume_fraction");
+    assert!(
+        fault.detail.contains("ellipsoids of this range of diameters (1 : 8.00) fill at most 0.9"),
+        "{fault}"
+    );
+}
+
+#[test]
+fn memory_and_time_grow_with_the_grains() {
+    let few = plan(&request(CUBE_80, &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
+    let many = plan(&request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
+    assert!((many.grains / few.grains - 8.0).abs() < 1e-9);
+    assert!(
+        many.memory_bytes as f64 > 600.0 * many.grains && many.estimated_time_s > 7.0 * few.estimated_time_s
+    );
+    let limits = Limits { max_memory_bytes: 10_000_000, ..Limits::default() };
+    let wanted = request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])));
+    assert!(matches!(Plan::new(&wanted, &limits), Err(PlanError::TooLarge(_))));
+}
+
+#[test]
+fn a_box_holds_a_grain_if_some_turn_of_it_does() {
+    let one = |size_mm: [f64; 3]| {
+        let list = json!({"grading": {"type": "diameters", "diameters_mm": [10]}, "size": "equivalent", "shape": ellipsoids([4.0, 2.0, 1.0])});
+        plan(&request(size_mm, &list))
+    };
+    // Semi-axes 10, 5, 2.5; the squares of the half edges must be at least 6.25, add to 31.25, and to 131.25.
+    assert!(one([20.1, 10.1, 5.1]).is_ok());
+    assert!(one([5.1, 20.1, 10.1]).is_ok());
+    let refused = |size_mm: [f64; 3]| match one(size_mm) {
+        Err(PlanError::Invalid(faults)) => faults[0].clone(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(refused([20.1, 10.1, 4.9]).pointer, "/specimen/size_mm/2");
+    assert!(refused([19.9, 9.9, 5.0]).detail.contains("largest equivalent diameter, 10 mm, fits"));
+    // Turned by 45 degrees it is shorter.
+    assert!(one([16.0, 15.0, 7.0]).is_ok());
+}
+
+#[test]
+fn a_coarse_mix_is_judged_by_the_least_volume() {
+    let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 10}, "volume_fraction": 1e-4, "shape": ellipsoids([2.0, 1.0, 1.0])});
+    assert!(matches!(plan(&request([100.0; 3], &mix)), Err(PlanError::Coarse(_))));
+}

@@ -1,0 +1,223 @@
+//! A run whose grains are ellipsoids: random sequential addition, hard-particle Monte Carlo, or both.
+
+use std::time::Instant;
+
+use super::spheres::RSA_TIME_EXPONENT;
+use super::{PACKING_SHARE, Placed, stopped};
+use crate::checkpoint::{Checkpoint, Resume};
+use crate::control::{Control, Part};
+use crate::distance::DistanceRule;
+use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::memory::copied;
+use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
+use crate::methods::rsa::End;
+use crate::methods::rsa_shapes::EllipsoidRsa;
+use crate::mix::{GradedMix, draw_orientation};
+use crate::packing::{
+    Ellipsoids, Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Statistics,
+};
+use crate::plan::Plan;
+use crate::request::{Distance, Method, MonteCarloStop, PackingRequest};
+use crate::rng::{Stream, stream};
+use crate::shape::{Ellipsoid, Pose};
+
+/// A run whose shapes are drawn.
+pub(super) struct Job<'a> {
+    pub(super) request: &'a PackingRequest,
+    pub(super) mix: &'a GradedMix,
+    /// By equivalent diameter from the largest down.
+    pub(super) shapes: &'a [Ellipsoid],
+}
+
+/// Which methods are tried.
+enum Route {
+    Rsa { attempts_per_grain: Option<u64> },
+    MonteCarlo(MonteCarloStop),
+    RsaThenMonteCarlo,
+}
+
+/// What `auto` amounts to: whichever will be done sooner.
+fn route(request: &PackingRequest, plan: &Plan) -> Route {
+    match request.method {
+        Method::Rsa { attempts_per_grain } => Route::Rsa { attempts_per_grain },
+        Method::MonteCarlo { stop } => Route::MonteCarlo(stop),
+        Method::Auto {} if plan.places_first && !matches!(request.distance, Distance::Maximize { .. }) => {
+            Route::RsaThenMonteCarlo
+        }
+        // Reading a request refuses event-driven dynamics for grains with a shape.
+        Method::Auto {} | Method::Edmd { .. } => Route::MonteCarlo(MonteCarloStop::default()),
+    }
+}
+
+/// Packs ellipsoids by the method of the request, from a checkpoint where there is one.
+///
+/// # Errors
+/// See [`PackError`].
+pub(super) fn place(
+    job: &Job<'_>,
+    plan: &Plan,
+    resume: Option<&Resume>,
+    control: &dyn Control,
+) -> Result<Placed, PackError> {
+    let share = &Part::new(control, 0.0, PACKING_SHARE);
+    match route(job.request, plan) {
+        // A checkpoint shows that growth had begun.
+        Route::RsaThenMonteCarlo if resume.is_none() => match job.insert(None, share) {
+            Err(PackError::TargetNotReached(_)) => {
+                let rest = Part::new(control, share.reached(), PACKING_SHARE);
+                job.grow(MonteCarloStop::default(), None, &rest).map(after_rsa)
+            }
+            other => other,
+        },
+        Route::RsaThenMonteCarlo => job.grow(MonteCarloStop::default(), resume, share).map(after_rsa),
+        Route::Rsa { attempts_per_grain } => job.insert(attempts_per_grain, share),
+        Route::MonteCarlo(stop) => job.grow(stop, resume, share),
+    }
+}
+
+/// Growth that followed a random sequential addition which did not reach the target.
+fn after_rsa(placed: Placed) -> Placed {
+    Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }
+}
+
+impl Job<'_> {
+    fn volume_fraction(&self, shapes: &[Ellipsoid]) -> f64 {
+        shapes.iter().map(Ellipsoid::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
+    }
+
+    fn rule(&self) -> DistanceRule {
+        DistanceRule::new(&self.request.distance, &self.request.specimen)
+    }
+
+    /// Random sequential addition.
+    fn insert(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
+        let start = Instant::now();
+        let orientation = self.request.mix.orientation;
+        let rsa = EllipsoidRsa {
+            shapes: self.shapes,
+            specimen: &self.request.specimen,
+            rule: self.rule(),
+            attempts_per_grain,
+            orientation: &|rng| draw_orientation(&orientation, rng),
+        };
+        let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
+        let placed = outcome.poses.len();
+        match outcome.end {
+            End::Complete => Ok(Placed {
+                grains: self.grains(outcome.poses)?,
+                statistics: Statistics { rsa: Some(outcome.statistics), ..Statistics::default() },
+                distance_mm: None,
+                growth_curve: Vec::new(),
+                rsa_s: start.elapsed().as_secs_f64(),
+                growth_s: None,
+                method_used: MethodUsed::Rsa,
+            }),
+            End::Stopped => Err(stopped(placed, self.shapes.len())),
+            End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
+            End::InsertionFailed { saturation_proven, attempts } => {
+                Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
+                    placed: placed as u64,
+                    grains: self.shapes.len() as u64,
+                    diameter_mm: self.shapes[placed].equivalent_diameter_mm(),
+                    volume_fraction_reached: self.volume_fraction(&self.shapes[..placed]),
+                    volume_fraction_asked: self.volume_fraction(self.shapes),
+                    saturation_proven,
+                    attempts,
+                })))
+            }
+        }
+    }
+
+    /// Hard-particle Monte Carlo.
+    fn grow(
+        &self,
+        stop: MonteCarloStop,
+        resume: Option<&Resume>,
+        control: &dyn Control,
+    ) -> Result<Placed, PackError> {
+        let orientation = self.request.mix.orientation;
+        let maximize = match self.request.distance {
+            Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
+            _ => None,
+        };
+        let method = MonteCarlo {
+            shapes: self.shapes,
+            specimen: &self.request.specimen,
+            rule: self.rule(),
+            maximize,
+            initial_scale: None,
+            swap: true,
+            limits: monte_carlo::Limits { time_s: stop.time_s, sweeps: stop.sweeps },
+            orientation: &|rng| draw_orientation(&orientation, rng),
+            seed: self.request.seed,
+            keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(self.request, write))),
+        };
+        let outcome =
+            method.run(resume.map(|resume| resume.body.as_slice()), control).map_err(|interrupted| {
+                match interrupted {
+                    Interrupted::Stopped => stopped(self.shapes.len(), self.shapes.len()),
+                    Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+                }
+            })?;
+        let end = match outcome.end {
+            monte_carlo::End::Target => GrowthEnd::Target,
+            monte_carlo::End::Stalled => GrowthEnd::Stalled,
+            monte_carlo::End::TimeLimit => GrowthEnd::TimeLimit,
+            monte_carlo::End::SweepLimit => GrowthEnd::SweepLimit,
+        };
+        let counted = outcome.statistics;
+        if outcome.scale < 1.0 {
+            return Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(GrowthStopped {
+                grains: self.shapes.len() as u64,
+                volume_fraction_reached: outcome.volume_fraction,
+                volume_fraction_asked: self.volume_fraction(self.shapes),
+                distance_mm_reached: outcome.gap_mm,
+                distance_mm_asked: match self.request.distance {
+                    Distance::Constant { gap_mm, .. } => Some(gap_mm),
+                    _ => None,
+                },
+                scale_reached: outcome.scale,
+                effort: GrowthEffort::Cycles { cycles: counted.cycles, moves: counted.moves_tried },
+                end,
+            })));
+        }
+        let growth_curve = outcome.growth_curve.iter().map(|point| GrowthPoint {
+            packing_time_s: point.packing_time_s,
+            simulated_time_s: None,
+            events: point.moves,
+            volume_fraction: point.volume_fraction,
+            distance_mm: point.gap_mm,
+            reduced_pressure: None,
+        });
+        Ok(Placed {
+            growth_curve: growth_curve.collect(),
+            statistics: Statistics {
+                rsa: Some(outcome.rsa),
+                monte_carlo: Some(MonteCarloStatistics {
+                    compression_cycles: counted.cycles,
+                    sweeps: counted.sweeps,
+                    moves_tried: counted.moves_tried,
+                    moves_accepted: counted.moves_accepted,
+                    pushes: counted.pushes,
+                    swaps_tried: counted.swaps_tried,
+                    swaps_accepted: counted.swaps_accepted,
+                    list_rebuilds: counted.list_builds,
+                    resumes: counted.resumes,
+                    growth_scale: outcome.scale,
+                    stop: end,
+                }),
+                ..Statistics::default()
+            },
+            distance_mm: outcome.gap_mm.filter(|_| maximize.is_some()),
+            rsa_s: outcome.rsa_s,
+            growth_s: Some(outcome.growth_s),
+            method_used: MethodUsed::MonteCarlo,
+            grains: self.grains(outcome.poses)?,
+        })
+    }
+
+    fn grains(&self, poses: Vec<Pose>) -> Result<Grains, PackError> {
+        Ok(Grains::Ellipsoids(Ellipsoids { shapes: copied(self.shapes)?, poses }))
+    }
+}

@@ -1,0 +1,226 @@
+//! One run from request to checked packing: size sampling, packing, check.
+
+mod ellipsoids;
+mod spheres;
+
+use std::time::Instant;
+
+use crate::analysis::{separation, shape_report};
+use crate::check::{self, Check};
+use crate::checkpoint::Resume;
+use crate::control::{Control, Part, Phase, Progress};
+use crate::distance::DistanceRule;
+use crate::error::{PackError, PlanError};
+use crate::memory;
+use crate::mix::sampling::{sample, sample_shaped};
+use crate::mix::{GradedMix, deviation, sphere_volume};
+use crate::packing::{
+    ClassReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, Statistics, Summary, Timings,
+};
+use crate::plan::{Limits, Plan, mix_warnings};
+use crate::request::{Distance, PackingRequest, Segregation};
+use crate::rng::{Stream, stream};
+use crate::shape::Ellipsoid;
+
+/// Share of a run's work that sampling and packing take; the rest is the check.
+const PACKING_SHARE: f64 = 0.98;
+/// Memory that the statistics of a gradient take for a grain, in bytes.
+const SEPARATION_BYTES_PER_GRAIN: usize = 64;
+
+/// Computes a packing.
+///
+/// # Errors
+/// See [`PackError`]; a packing that fails its own check is never returned.
+pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) -> Result<Packing, PackError> {
+    pack_or_resume(request, limits, None, control)
+}
+
+/// Computes a packing, from a checkpoint of an earlier run of the same request where there is one.
+///
+/// The packing is that of a run which was never interrupted, to the last bit.
+///
+/// # Errors
+/// As [`pack`].
+pub fn pack_or_resume(
+    request: &PackingRequest,
+    limits: &Limits,
+    resume: Option<Resume>,
+    control: &dyn Control,
+) -> Result<Packing, PackError> {
+    request.validate().map_err(PlanError::Invalid)?;
+    let plan = Plan::new(request, limits)?;
+    let start = Instant::now();
+    let control: &dyn Control = &Part::new(control, 0.0, 1.0);
+    control.report(&Progress {
+        phase: Phase::Sampling,
+        fraction: 0.0,
+        done: 0,
+        total: 0,
+        unit: "grains",
+        message: "drawing diameters".into(),
+        growth: None,
+    });
+    let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+    let sampled = Sampled::draw(request, &mix, control)?;
+    let coarse =
+        deviation::judge_volume(&request.mix, &mix, sampled.volume_mm3()).map_err(PlanError::Coarse)?;
+    let sampling_s = start.elapsed().as_secs_f64();
+
+    let placed = match sampled {
+        Sampled::Spheres(diameters) => {
+            let job = spheres::Job {
+                request,
+                mix: &mix,
+                diameters: &diameters,
+                growth_events_per_grain: plan.growth_events_per_grain,
+            };
+            spheres::place(&job, &plan, resume, control)?
+        }
+        Sampled::Ellipsoids(shapes) => {
+            let job = ellipsoids::Job { request, mix: &mix, shapes: &shapes };
+            ellipsoids::place(&job, &plan, resume.as_ref(), control)?
+        }
+    };
+
+    // What was found to be the largest distance is checked like one that is requested.
+    let mut checked = request.clone();
+    if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (request.distance, placed.distance_mm) {
+        checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
+    }
+    let checking = Instant::now();
+    let check = judged(&placed.grains, &checked, control)?;
+
+    let rule = DistanceRule::new(&checked.distance, &checked.specimen);
+    let mut warnings: Vec<String> = coarse.into_iter().collect();
+    warnings.extend(mix_warnings(request, &mix));
+    if mix.list.is_none() {
+        warnings.extend(deviation::class_warning(&check.classes));
+    }
+    let summary = summary(&mix, &rule, &placed, check.classes);
+    let segregation = match (&request.segregation, placed.grains.spheres()) {
+        (Segregation::Gradient { field, .. }, Some(spheres)) => {
+            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(spheres.len()))?;
+            Some(separation(spheres, &request.specimen, &rule, *field, request.seed))
+        }
+        _ => None,
+    };
+    let shapes = match &placed.grains {
+        Grains::Spheres(_) => None,
+        Grains::Ellipsoids(ellipsoids) => shape_report(ellipsoids),
+    };
+    Ok(Packing {
+        grains: placed.grains,
+        report: Report {
+            summary,
+            timings_s: Timings {
+                sampling: sampling_s,
+                rsa: placed.rsa_s,
+                edmd: placed.growth_s.filter(|_| placed.statistics.edmd.is_some()),
+                monte_carlo: placed.growth_s.filter(|_| placed.statistics.monte_carlo.is_some()),
+                check: checking.elapsed().as_secs_f64(),
+                total: start.elapsed().as_secs_f64(),
+            },
+            statistics: placed.statistics,
+            check: check.found,
+            warnings,
+            growth_curve: placed.growth_curve,
+            segregation,
+            shapes,
+        },
+    })
+}
+
+/// The grains of a mix before they have positions, from the largest down.
+enum Sampled {
+    Spheres(Vec<f64>),
+    Ellipsoids(Vec<Ellipsoid>),
+}
+
+impl Sampled {
+    fn draw(request: &PackingRequest, mix: &GradedMix, control: &dyn Control) -> Result<Self, PackError> {
+        let mut sizes = stream(request.seed, Stream::Sampling);
+        let should_stop = || control.should_stop();
+        if mix.shapes.is_none() {
+            return sample(mix, &mut sizes, &should_stop).map(Self::Spheres);
+        }
+        let mut forms = stream(request.seed, Stream::Shape);
+        sample_shaped(mix, &mut sizes, &mut forms, &should_stop)
+            .map(|grains| Self::Ellipsoids(grains.ellipsoids))
+    }
+
+    fn volume_mm3(&self) -> f64 {
+        match self {
+            Self::Spheres(diameters) => diameters.iter().map(|&d| sphere_volume(d)).sum(),
+            Self::Ellipsoids(shapes) => shapes.iter().map(Ellipsoid::volume_mm3).sum(),
+        }
+    }
+}
+
+/// Grains with their positions.
+struct Placed {
+    grains: Grains,
+    statistics: Statistics,
+    /// The constant distance reached, where the largest one is requested.
+    distance_mm: Option<f64>,
+    growth_curve: Vec<GrowthPoint>,
+    rsa_s: f64,
+    growth_s: Option<f64>,
+    method_used: MethodUsed,
+}
+
+impl Placed {
+    /// Growth that followed a random sequential addition which did not reach the target.
+    fn after_rsa(self) -> Self {
+        Self { method_used: MethodUsed::RsaThenEdmd, ..self }
+    }
+}
+
+fn stopped(placed: usize, grains: usize) -> PackError {
+    PackError::Stopped { placed: placed as u64, grains: grains as u64 }
+}
+
+/// Checks the grains by formulas of the check's own.
+fn judged(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> Result<Check, PackError> {
+    let share = Part::new(control, PACKING_SHARE, 1.0);
+    let checked = match grains {
+        Grains::Spheres(spheres) => check::check_with(spheres, request, &share),
+        Grains::Ellipsoids(ellipsoids) => {
+            check::check_ellipsoids(&ellipsoids.shapes, &ellipsoids.poses, request, request.mix.size, &share)
+        }
+    };
+    let number = grains.len() as u64;
+    let checked = checked.map_err(|fault| match fault {
+        check::Fault::Stopped => PackError::Stopped { placed: number, grains: number },
+        check::Fault::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+        fault => PackError::CheckFailed(fault.to_string()),
+    })?;
+    control.report(&Progress {
+        phase: Phase::Check,
+        fraction: 1.0,
+        done: number,
+        total: number,
+        unit: "grains",
+        message: "checked".into(),
+        growth: None,
+    });
+    Ok(checked)
+}
+
+fn summary(mix: &GradedMix, rule: &DistanceRule, placed: &Placed, classes: Vec<ClassReport>) -> Summary {
+    let grains = GrainsRef::from(&placed.grains);
+    let total = |size: &dyn Fn(f64) -> f64| {
+        grains.diameters_mm().map(|d| sphere_volume(size(d))).sum::<f64>() / mix.specimen_volume_mm3
+    };
+    Summary {
+        grains: grains.len() as u64,
+        method_used: Some(placed.method_used),
+        specimen_volume_mm3: mix.specimen_volume_mm3,
+        volume_fraction_mixture: mix.volume_fraction_mixture,
+        volume_fraction_effective: total(&|d| d),
+        volume_fraction_with_coating: total(&|d| d + rule.gap_mm(d, d)),
+        distance_mm: rule.constant_mm(),
+        d_min_mm: grains.diameters_mm().last().unwrap_or(0.0),
+        d_max_mm: grains.diameters_mm().next().unwrap_or(0.0),
+        classes,
+    }
+}

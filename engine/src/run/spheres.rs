@@ -1,0 +1,181 @@
+//! A run whose grains are spheres: random sequential addition, event-driven molecular dynamics, or both.
+
+use std::time::Instant;
+
+use super::{PACKING_SHARE, Placed, stopped};
+use crate::checkpoint::Resume;
+use crate::control::{Control, Part};
+use crate::distance::DistanceRule;
+use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::memory::{OutOfMemory, collected, copied};
+use crate::methods::edmd::{Edmd, Interrupted};
+use crate::methods::rsa::{End, Rsa};
+use crate::mix::{GradedMix, sphere_volume};
+use crate::packing::{Grains, MethodUsed, Spheres, Statistics};
+use crate::plan::Plan;
+use crate::request::{Distance, EdmdOptions, Method, PackingRequest};
+use crate::rng::{Stream, stream};
+use crate::segregation::Preference;
+
+/// Random sequential addition takes time as this power of the share of grains inserted: the last ones, small and in a
+/// crowded specimen, take longest.
+pub(super) const RSA_TIME_EXPONENT: f64 = 1.5;
+
+/// Which methods are tried.
+enum Route {
+    Rsa { attempts_per_grain: Option<u64> },
+    Edmd(EdmdOptions),
+    RsaThenEdmd,
+}
+
+/// What `auto` amounts to: whichever will be done sooner.
+fn route(request: &PackingRequest, plan: &Plan) -> Route {
+    match request.method {
+        Method::Rsa { attempts_per_grain } => Route::Rsa { attempts_per_grain },
+        Method::Edmd { options } => Route::Edmd(options),
+        Method::Auto {} if matches!(request.distance, Distance::Maximize { .. }) => {
+            Route::Edmd(EdmdOptions::default())
+        }
+        Method::Auto {} if plan.places_first => Route::RsaThenEdmd,
+        // Reading a request refuses hard-particle Monte Carlo for spheres.
+        Method::Auto {} | Method::MonteCarlo { .. } => Route::Edmd(EdmdOptions::default()),
+    }
+}
+
+/// A run whose diameters are drawn.
+pub(super) struct Job<'a> {
+    pub(super) request: &'a PackingRequest,
+    pub(super) mix: &'a GradedMix,
+    pub(super) diameters: &'a [f64],
+    pub(super) growth_events_per_grain: f64,
+}
+
+/// Packs spheres of these diameters by the method of the request, from a checkpoint where there is one.
+///
+/// # Errors
+/// See [`PackError`].
+pub(super) fn place(
+    job: &Job<'_>,
+    plan: &Plan,
+    resume: Option<Resume>,
+    control: &dyn Control,
+) -> Result<Placed, PackError> {
+    let share = &Part::new(control, 0.0, PACKING_SHARE);
+    match route(job.request, plan) {
+        // A checkpoint shows that growth had begun.
+        Route::RsaThenEdmd if resume.is_none() => match job.place(None, share) {
+            Err(PackError::TargetNotReached(_)) => {
+                let rest = Part::new(control, share.reached(), PACKING_SHARE);
+                job.grow(EdmdOptions::default(), None, &rest).map(Placed::after_rsa)
+            }
+            other => other,
+        },
+        Route::RsaThenEdmd => job.grow(EdmdOptions::default(), resume, share).map(Placed::after_rsa),
+        Route::Rsa { attempts_per_grain } => job.place(attempts_per_grain, share),
+        Route::Edmd(options) => job.grow(options, resume, share),
+    }
+}
+
+impl Job<'_> {
+    fn spheres(&self, centers: &[[f64; 3]]) -> Result<Grains, OutOfMemory> {
+        let column = |a: usize| collected(centers.iter().map(|p| p[a]));
+        let d_mm = copied(self.diameters)?;
+        Ok(Grains::Spheres(Spheres { x_mm: column(0)?, y_mm: column(1)?, z_mm: column(2)?, d_mm }))
+    }
+
+    fn volume_fraction(&self, diameters: &[f64]) -> f64 {
+        diameters.iter().map(|&d| sphere_volume(d)).sum::<f64>() / self.mix.specimen_volume_mm3
+    }
+
+    /// Random sequential addition.
+    fn place(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
+        let start = Instant::now();
+        let preference = Preference::new(self.request, self.diameters);
+        let rsa = Rsa {
+            diameters_mm: self.diameters,
+            specimen: &self.request.specimen,
+            rule: DistanceRule::new(&self.request.distance, &self.request.specimen),
+            attempts_per_grain,
+            preference: preference.as_ref(),
+        };
+        let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
+        let placed = outcome.centers_mm.len();
+        match outcome.end {
+            End::Complete => Ok(Placed {
+                grains: self.spheres(&outcome.centers_mm)?,
+                statistics: Statistics { rsa: Some(outcome.statistics), ..Statistics::default() },
+                distance_mm: None,
+                growth_curve: Vec::new(),
+                rsa_s: start.elapsed().as_secs_f64(),
+                growth_s: None,
+                method_used: MethodUsed::Rsa,
+            }),
+            End::Stopped => Err(stopped(placed, self.diameters.len())),
+            End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
+            End::InsertionFailed { saturation_proven, attempts } => {
+                Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
+                    placed: placed as u64,
+                    grains: self.diameters.len() as u64,
+                    diameter_mm: self.diameters[placed],
+                    volume_fraction_reached: self.volume_fraction(&self.diameters[..placed]),
+                    volume_fraction_asked: self.volume_fraction(self.diameters),
+                    saturation_proven,
+                    attempts,
+                })))
+            }
+        }
+    }
+
+    /// Event-driven molecular dynamics.
+    fn grow(
+        &self,
+        options: EdmdOptions,
+        resume: Option<Resume>,
+        control: &dyn Control,
+    ) -> Result<Placed, PackError> {
+        let edmd = Edmd {
+            request: self.request,
+            options,
+            diameters_mm: self.diameters,
+            expected_events_per_grain: self.growth_events_per_grain,
+        };
+        let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
+            Interrupted::Stopped => stopped(self.diameters.len(), self.diameters.len()),
+            Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+        })?;
+        let statistics = outcome.statistics;
+        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
+        if statistics.growth_scale < 1.0 {
+            return Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(GrowthStopped {
+                grains: self.diameters.len() as u64,
+                volume_fraction_reached: outcome.volume_fraction,
+                volume_fraction_asked: self.volume_fraction(self.diameters),
+                distance_mm_reached: outcome.distance_mm,
+                distance_mm_asked: match self.request.distance {
+                    Distance::Constant { gap_mm: mm, .. } => Some(mm),
+                    _ => None,
+                },
+                scale_reached: statistics.growth_scale,
+                effort: GrowthEffort::Events {
+                    events: statistics.events,
+                    simulated_time_s: statistics.simulated_time_s,
+                },
+                end: statistics.stop,
+            })));
+        }
+        Ok(Placed {
+            grains: self.spheres(&outcome.centers_mm)?,
+            statistics: Statistics {
+                rsa: Some(outcome.rsa),
+                edmd: Some(statistics),
+                ..Statistics::default()
+            },
+            distance_mm: outcome.distance_mm.filter(|_| maximize),
+            growth_curve: outcome.growth_curve,
+            rsa_s: outcome.rsa_s,
+            growth_s: Some(outcome.edmd_s),
+            method_used: MethodUsed::Edmd,
+        })
+    }
+}

@@ -1,0 +1,106 @@
+//! Random templates of angular grains: half-space cuts, deformed cuboids, Poisson-Voronoi cells.
+//!
+//! Each is drawn with a radius of about 1 and then stretched to ratios of its axes; [`Polyhedron::stretched`] scales it
+//! to a size.
+
+use nalgebra::Vector3;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::{Polyhedron, hull::intersection};
+use crate::rng::uniform;
+use crate::shape::Form;
+
+/// Largest cosine between the normals of two cuts.
+const LARGEST_COSINE: f64 = 0.85;
+/// Draws of a normal after which a larger cosine is allowed.
+const DRAWS: usize = 200;
+/// Distances of the cuts from the centre.
+const CUT_DISTANCES: [f64; 2] = [0.9, 1.1];
+/// Seeds that are added around a Voronoi cell at a time, until those beyond cannot reach it.
+const SEEDS: usize = 40;
+/// Attempts to draw a body that is bounded.
+const ATTEMPTS: usize = 100;
+
+/// How templates are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TemplateKind {
+    /// A ball cut by so many half-spaces `u_i . x <= t_i`, with `t_i` uniform in 0.9..1.1 and normals that keep apart.
+    Cuts(u32),
+    /// The hull of the corners of a cube of edge 2, each displaced by up to this share of the edge along every axis
+    /// (Titscher and Unger 2015, figure 12b).
+    Cuboid(f64),
+    /// The cell of a point among random points (Poisson-Voronoi).
+    Voronoi,
+}
+
+/// Draws a template of a kind and stretches it to the ratios of its axes along x, y and z; `None` for numbers that make
+/// no body: fewer than 4 cuts, a displacement that is not in 0..0.5, ratios that are not positive.
+pub fn draw_template(kind: TemplateKind, form: Form, rng: &mut Xoshiro256PlusPlus) -> Option<Polyhedron> {
+    let body = (0..ATTEMPTS).find_map(|_| match kind {
+        TemplateKind::Cuts(cuts) => Polyhedron::of_half_spaces(&half_spaces(cuts, rng)),
+        TemplateKind::Cuboid(displacement) => (0.0..0.5)
+            .contains(&displacement)
+            .then(|| corners(displacement, rng))
+            .and_then(|p| Polyhedron::hull_of(&p)),
+        TemplateKind::Voronoi => voronoi_cell(rng),
+    })?;
+    body.stretched(Vector3::new(1.0, form.elongation, form.elongation * form.flatness))
+}
+
+/// A point of the unit sphere, by rejection from the cube.
+fn direction(rng: &mut Xoshiro256PlusPlus) -> Vector3<f64> {
+    loop {
+        let point = Vector3::new(uniform(rng), uniform(rng), uniform(rng)) * 2.0 - Vector3::repeat(1.0);
+        let square = point.norm_squared();
+        if square > 1e-6 && square <= 1.0 {
+            return point / square.sqrt();
+        }
+    }
+}
+
+fn half_spaces(cuts: u32, rng: &mut Xoshiro256PlusPlus) -> Vec<(Vector3<f64>, f64)> {
+    let mut planes: Vec<(Vector3<f64>, f64)> = Vec::new();
+    let (mut largest, mut draws) = (LARGEST_COSINE, 0);
+    while planes.len() < cuts as usize {
+        let normal = direction(rng);
+        draws += 1;
+        if planes.iter().all(|(other, _)| other.dot(&normal) < largest) {
+            let [from, to] = CUT_DISTANCES;
+            planes.push((normal, from + (to - from) * uniform(rng)));
+            draws = 0;
+        } else if draws >= DRAWS {
+            // More cuts than fit with that cosine.
+            largest = (1.0 + largest) / 2.0;
+            draws = 0;
+        }
+    }
+    planes
+}
+
+fn corners(displacement: f64, rng: &mut Xoshiro256PlusPlus) -> Vec<Vector3<f64>> {
+    let mut corners = Vec::with_capacity(8);
+    for i in 0..8 {
+        let corner = Vector3::from_fn(|axis, _| if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
+        let shift = Vector3::from_fn(|_, _| 2.0 * displacement * (2.0 * uniform(rng) - 1.0));
+        corners.push(corner + shift);
+    }
+    corners
+}
+
+/// The cell of the origin among random points, one per volume of the unit ball.
+fn voronoi_cell(rng: &mut Xoshiro256PlusPlus) -> Option<Polyhedron> {
+    // The ball up to the k-th nearest point of a Poisson process has a volume that is a sum of k exponential numbers.
+    let (mut volume, mut planes) = (0.0_f64, Vec::new());
+    for _ in 0..ATTEMPTS {
+        for _ in 0..SEEDS {
+            volume -= (1.0 - uniform(rng)).ln();
+            planes.push((direction(rng), volume.cbrt() / 2.0));
+        }
+        let (vertices, faces) = intersection(&planes);
+        let reach = vertices.iter().map(Vector3::norm).fold(0.0, f64::max);
+        if reach > 0.0 && reach <= volume.cbrt() / 2.0 {
+            return Polyhedron::new(&vertices, faces);
+        }
+    }
+    None
+}
