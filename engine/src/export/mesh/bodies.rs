@@ -6,8 +6,8 @@
 //! there.
 //!
 //! On the tangent plane with the unit normal `n` an ellipsoid with the shape matrix `A` and the support `h(n)` has the
-//! curvatures of the form `h(n) w · A⁻¹ w`. Beside a point where two surfaces come closest, their gap grows with half of
-//! the sum of both forms, and is below a value in an ellipse whose area follows from the determinant of that sum.
+//! curvatures of the form `h(n) w · A⁻¹ w`. Beside a point where two surfaces come closest, their gap grows with half
+//! of the sum of both forms, and is below a value in an ellipse whose area follows from the determinant of that sum.
 
 use std::f64::consts::PI;
 

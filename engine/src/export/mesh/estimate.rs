@@ -3,8 +3,8 @@
 //! A sphere without anything close has the triangles of its polyhedron. Near something at the gap `g(r)` at the
 //! distance `r` from the nearest point, edges are at most `3 g(r)` (but no shorter than the floor), so that the number
 //! of triangles there is the integral of `DENSITY / h(r)^2` over the surface; on an ellipsoid the triangles are
-//! stretched by its map, and there are so many more as they are narrower than long. Both are summed over everything a grain
-//! faces. From a plan, what a grain faces is a mean: grains of the size `j` at gaps from `g` to `g + dg` number
+//! stretched by its map, and there are so many more as they are narrower than long. Both are summed over everything a
+//! grain faces. From a plan, what a grain faces is a mean: grains of the size `j` at gaps from `g` to `g + dg` number
 //! `rho_j 4 pi sigma_ij^2 G_ij dg`, `G_ij` the contact value of the pair distribution of hard spheres (Mansoori,
 //! Carnahan, Starling and Leland 1971, Journal of Chemical Physics 54). Measured: `docs/meshes.md`.
 

@@ -5,7 +5,8 @@
 //! outwards, each in proportion to the area of the triangles around it, which is the `h^2` of that place, until the
 //! volume is that of the sphere. No vertex crosses a plane that leaves half of the gap to what it faces, so polyhedra
 //! of grains that do not touch stay apart. Of an ellipsoid all of this is done on the sphere that it is an affine image
-//! of (`bodies`), with gaps and planes as they are around the ellipsoid. In the finely meshed regions close to contacts there is little to move.
+//! of (`bodies`), with gaps and planes as they are around the ellipsoid. In the finely meshed regions close to contacts
+//! there is little to move.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
@@ -167,8 +168,8 @@ struct Room {
 }
 
 impl Room {
-    /// Moves vertices outwards until the polyhedron has the volume of its sphere, and so its image that of the grain; returns whether the gaps left room
-    /// for that.
+    /// Moves vertices outwards until the polyhedron has the volume of its sphere, and so its image that of the grain;
+    /// returns whether the gaps left room for that.
     fn fill(&self, surface: &mut Surface, diameter: f64) -> bool {
         let target = PI / 6.0 * diameter.powi(3);
         let radius = self.radius;

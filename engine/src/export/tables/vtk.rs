@@ -3,10 +3,10 @@
 //!
 //! Arrays of all grains: `diameter` (float64, mm; of the sphere of equal volume), `sieve_class` (int32, counted from
 //! fine to coarse in the order of the summary's classes), `id` (int32, the row in the other formats). Spheres have
-//! `radius` (float64, mm). Ellipsoids have `sieve` (float64, mm), `semi_axes` (3 float64, mm), `orientation` (4 float64:
-//! the quaternion w, x, y, z), and `tensor`: `R diag(2a, 2b, 2c) Rᵀ` in mm, which ParaView's Tensor Glyph applies to a
-//! sphere of radius 0.5. The XML form has its six components in VTK's order XX, YY, ZZ, XY, YZ, XZ, the legacy form all
-//! nine.
+//! `radius` (float64, mm). Ellipsoids have `sieve` (float64, mm), `semi_axes` (3 float64, mm), `orientation` (4
+//! float64: the quaternion w, x, y, z), and `tensor`: `R diag(2a, 2b, 2c) Rᵀ` in mm, which ParaView's Tensor Glyph
+//! applies to a sphere of radius 0.5. The XML form has its six components in VTK's order XX, YY, ZZ, XY, YZ, XZ, the
+//! legacy form all nine.
 
 use std::io::{self, Write};
 

@@ -58,6 +58,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases.extend(growth_to_target());
     cases.extend(growth_to_distance());
     cases.extend(equal_spheres());
+    cases.extend(ellipsoids());
     cases
 }
 
@@ -192,6 +193,48 @@ fn equal_spheres() -> Vec<Case> {
     ]
 }
 
+/// Ellipsoids, whose diameters are those of the spheres of equal volume.
+fn ellipsoids() -> Vec<Case> {
+    const TRIAXIAL: [f64; 2] = [1.2 / 1.5, 1.0 / 1.5];
+    const FLAT: [f64; 2] = [std::f64::consts::FRAC_1_SQRT_2, 0.5];
+    let shaped = |mut request: Value, [b, c]: [f64; 2]| {
+        let ratios = json!({"type": "constant", "b_over_a": b, "c_over_a": c});
+        request["mix"]["shape"] = json!({"type": "ellipsoid", "ratios": ratios});
+        request["mix"]["size"] = json!("equivalent");
+        request
+    };
+    let by = |request: Value, method: &str| {
+        let method = match method {
+            "rsa" => json!({"type": "rsa"}),
+            other => json!({"type": other, "stop": {"time_s": MOST_TIME_S}}),
+        };
+        with(request, "method", method)
+    };
+    let grown = |name, size, phi, ratios, at_least, moonshot| {
+        time_case(name, by(shaped(fuller(size, phi), ratios), "monte_carlo"), at_least, moonshot)
+    };
+    let a16 = |name, phi, at_least, moonshot| {
+        let request = shaped(apart(standard("A16", 80.0, 2.0, phi), 1.0), TRIAXIAL);
+        time_case(name, by(request, "monte_carlo"), at_least, moonshot)
+    };
+    let added = |name, phi, at_least, moonshot| {
+        time_case(name, by(shaped(fuller(80.0, phi), TRIAXIAL), "rsa"), at_least, moonshot)
+    };
+    vec![
+        grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.60", 80.0, 0.60, TRIAXIAL, "1.5 s", "0.4 s"),
+        grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.65", 80.0, 0.65, TRIAXIAL, "5 s", "1.2 s"),
+        grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.70", 80.0, 0.70, TRIAXIAL, "20 s", "4 s"),
+        grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.73", 80.0, 0.73, TRIAXIAL, "60 s", "12 s"),
+        grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.75", 80.0, 0.75, TRIAXIAL, "", "120 s"),
+        grown("shapes flat ellipsoids fuller 2..16 a=80 phi_eff 0.70", 80.0, 0.70, FLAT, "25 s", "5 s"),
+        grown("shapes ellipsoids fuller 2..16 a=150 phi_eff 0.60", 150.0, 0.60, TRIAXIAL, "12 s", "4 s"),
+        a16("shapes ellipsoids A16 phi_M 0.50 a=80 distance 1 mm", 0.50, "10 s", "2.5 s"),
+        a16("shapes ellipsoids A16 phi_M 0.535 a=80 distance 1 mm", 0.535, "60 s", "10 s"),
+        added("shapes ellipsoids random addition fuller 2..16 a=80 phi_eff 0.60", 0.60, "2 s", "0.5 s"),
+        added("shapes ellipsoids random addition fuller 2..16 a=80 phi_eff 0.63", 0.63, "5 s", "1.2 s"),
+    ]
+}
+
 fn time_case(name: &'static str, request: Value, at_least: &'static str, moonshot: &'static str) -> Case {
     Case { name, kind: Kind::Pack { request, shows: Shows::Time }, seeds: 10, at_least, moonshot }
 }
@@ -269,7 +312,7 @@ mod tests {
         let cases = cases();
         for (i, case) in cases.iter().enumerate() {
             let name = case.name;
-            assert!(name.starts_with("rsa ") || name.starts_with("edmd "), "{name}");
+            assert!(["rsa ", "edmd ", "shapes "].iter().any(|group| name.starts_with(group)), "{name}");
             assert!(cases[..i].iter().all(|other| other.name != name), "{name}");
             let request = match &case.kind {
                 Kind::Pack { request, .. } => request.clone(),

@@ -24,7 +24,7 @@ use cases::{Case, cases};
 /// Options of `packstone bench`.
 #[derive(Args)]
 pub(super) struct Options {
-    /// Run only the cases whose name contains this (`rsa` and `edmd` are the groups), or the one case
+    /// Run only the cases whose name contains this (`rsa`, `edmd` and `shapes` are the groups), or the one case
     /// of exactly this name
     #[arg(long)]
     only: Option<String>,
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn a_group_is_chosen_by_its_prefix_and_a_case_by_its_name() {
         let cases = cases();
-        for group in ["rsa", "edmd"] {
+        for group in ["rsa", "edmd", "shapes"] {
             let wanted = wanted(&cases, Some(group));
             assert!(wanted.len() > 5, "{group}");
             assert!(wanted.iter().all(|case| case.name.starts_with(group)), "{group}");
