@@ -13,6 +13,7 @@ use serde::Serialize;
 use crate::distance::DistanceRule;
 use crate::error::PlanError;
 use crate::methods::edmd::MAX_GRAINS;
+use crate::methods::monte_carlo;
 use crate::methods::rsa::MAX_PLACED;
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, deviation};
@@ -310,7 +311,8 @@ fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits
     let too_large = |detail: String| {
         Err(PlanError::TooLarge(FieldError { pointer: field.into(), detail: format!("{detail}: {advice}") }))
     };
-    let max_grains = limits.max_grains.min(MAX_PLACED).min(MAX_GRAINS as u64);
+    let of_method = if mix.shapes.is_some() { monte_carlo::MAX_GRAINS } else { MAX_GRAINS };
+    let max_grains = limits.max_grains.min(MAX_PLACED).min(of_method as u64);
     if grains > max_grains as f64 {
         return too_large(format!(
             "the mix has about {grains:.0} grains above {} mm: must be at most {max_grains}",

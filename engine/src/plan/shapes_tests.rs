@@ -148,3 +148,14 @@ fn a_coarse_mix_is_judged_by_the_least_volume() {
     let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 10}, "volume_fraction": 1e-4, "shape": ellipsoids([2.0, 1.0, 1.0])});
     assert!(matches!(plan(&request([100.0; 3], &mix)), Err(PlanError::Coarse(_))));
 }
+
+#[test]
+fn more_grains_than_the_dense_method_can_number_are_refused() {
+    let shape = ellipsoids([1.5, 1.2, 1.0]);
+    let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 1}, "volume_fraction": 0.3, "shape": shape});
+    let limits = Limits { max_grains: u64::MAX, max_memory_bytes: u64::MAX, ..Limits::default() };
+    match Plan::new(&request([470.0; 3], &mix), &limits) {
+        Err(PlanError::TooLarge(fault)) => assert!(fault.detail.contains("at most 33554430"), "{fault}"),
+        other => panic!("{other:?}"),
+    }
+}

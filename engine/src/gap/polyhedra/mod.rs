@@ -5,7 +5,7 @@
 //! vertices: the point of a growing simplex that is nearest to the origin gives the next `n`. A direction that parted
 //! the pair before is tried first. A nearest point in the inside of a triangle gives the triangle's normal, which stays
 //! exact where the bodies nearly touch. Where they overlap, the least depth and its normal come from the expanding
-//! polytope ([`penetration`]).
+//! polytope (`penetration`).
 //!
 //! Implementations of this algorithm are known to err in plain cases (near-degenerate simplices), so its verdict counts
 //! for nothing: a pair is apart only if `s(n) >= g` for the direction found, and counts as too close if none was found.
