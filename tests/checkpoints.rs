@@ -21,18 +21,20 @@ async fn sha256(client: &Client, id: &str) -> Vec<u8> {
     Sha256::digest(client.result_in(id, "npy").await).to_vec()
 }
 
+/// What the method that grew the grains counted.
 async fn statistics(client: &Client, id: &str) -> Value {
-    client.get(&format!("/v1/jobs/{id}/result/summary")).send().await.expect(200).json()["statistics"]["edmd"]
-        .clone()
+    let summary = client.get(&format!("/v1/jobs/{id}/result/summary")).send().await.expect(200).json();
+    let counted = summary["statistics"].as_object().unwrap();
+    counted.get("edmd").or(counted.get("monte_carlo")).unwrap().clone()
 }
 
-/// Runs the job of the contract, breaks it off after each of `cuts` first checkpoints of an attempt, and holds the
-/// result against that of a run that nothing disturbed.
-async fn survives(cuts: usize, end: impl AsyncFn(Server)) -> Value {
+/// Runs a job, breaks it off after each of `cuts` first checkpoints of an attempt, and holds the result against that
+/// of a run that nothing disturbed.
+async fn survives(job: &Value, cuts: usize, end: impl AsyncFn(Server)) -> Value {
     let data_dir = DataDir::new();
     let mut server = keeping(&data_dir).await;
-    let job = server.client().submit(&jobs::growth()).await;
-    let id = id_of(&job).to_owned();
+    let submitted = server.client().submit(job).await;
+    let id = id_of(&submitted).to_owned();
     for _ in 0..cuts {
         let attempt = server.client().running(&id).await["attempt"].clone();
         let name = format!("{id}.{attempt}.checkpoint");
@@ -47,7 +49,7 @@ async fn survives(cuts: usize, end: impl AsyncFn(Server)) -> Value {
     assert!(counted["resumes"].as_u64() >= Some(1), "it started anew: {counted:#}");
     assert!(server.log().contains("going on from a checkpoint"), "{}", server.log());
 
-    let undisturbed = client.succeed(&jobs::growth()).await;
+    let undisturbed = client.succeed(job).await;
     assert_eq!(statistics(&client, id_of(&undisturbed)).await["resumes"], 0);
     assert!(
         sha256(&client, &id).await == sha256(&client, id_of(&undisturbed)).await,
@@ -60,13 +62,23 @@ async fn survives(cuts: usize, end: impl AsyncFn(Server)) -> Value {
 
 #[tokio::test]
 async fn a_power_cut_costs_no_more_than_the_last_epoch() {
-    let job = survives(2, async |server| server.kill().await).await;
+    let job = survives(&jobs::growth(), 2, async |server| server.kill().await).await;
+    assert_eq!(job["attempt"], 3, "{job:#}");
+}
+
+#[tokio::test]
+async fn grains_that_are_no_spheres_go_on_after_a_power_cut_too() {
+    let ratios = json!({"type": "constant", "b_over_a": 0.8, "c_over_a": 0.65});
+    let job = jobs::with(jobs::growth(), "/mix/shape", json!({"type": "ellipsoid", "ratios": ratios}));
+    let job = jobs::with(job, "/method", json!({"type": "monte_carlo"}));
+    let job = jobs::with(job, "/mix/volume_fraction", json!(0.5));
+    let job = survives(&job, 2, async |server| server.kill().await).await;
     assert_eq!(job["attempt"], 3, "{job:#}");
 }
 
 #[tokio::test]
 async fn a_restart_costs_no_more_than_the_last_epoch() {
-    let job = survives(1, async |server| server.stop().await).await;
+    let job = survives(&jobs::growth(), 1, async |server| server.stop().await).await;
     assert_eq!(job["attempt"], 1, "a restart is no attempt: {job:#}");
 }
 
