@@ -80,6 +80,10 @@ fn after_rsa(placed: Placed) -> Placed {
     Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }
 }
 
+fn not_grown(stopped: GrowthStopped) -> PackError {
+    PackError::TargetNotReached(TargetNotReached::GrowthStopped(stopped))
+}
+
 impl Job<'_> {
     fn volume_fraction(&self, shapes: &[Ellipsoid]) -> f64 {
         shapes.iter().map(Ellipsoid::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
@@ -153,13 +157,25 @@ impl Job<'_> {
             seed: self.request.seed,
             keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(self.request, write))),
         };
-        let outcome =
-            method.run(resume.map(|resume| resume.body.as_slice()), control).map_err(|interrupted| {
-                match interrupted {
-                    Interrupted::Stopped => stopped(self.shapes.len(), self.shapes.len()),
-                    Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
-                }
-            })?;
+        let distance_mm_asked = match self.request.distance {
+            Distance::Constant { gap_mm, .. } => Some(gap_mm),
+            _ => None,
+        };
+        let ran = method.run(resume.map(|resume| resume.body.as_slice()), control);
+        let outcome = ran.map_err(|interrupted| match interrupted {
+            Interrupted::Stopped => stopped(self.shapes.len(), self.shapes.len()),
+            Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+            Interrupted::NoStart => not_grown(GrowthStopped {
+                grains: self.shapes.len() as u64,
+                volume_fraction_reached: 0.0,
+                volume_fraction_asked: self.volume_fraction(self.shapes),
+                distance_mm_reached: None,
+                distance_mm_asked,
+                scale_reached: 0.0,
+                effort: GrowthEffort::Cycles { cycles: 0, moves: 0 },
+                end: GrowthEnd::Stalled,
+            }),
+        })?;
         let end = match outcome.end {
             monte_carlo::End::Target => GrowthEnd::Target,
             monte_carlo::End::Stalled => GrowthEnd::Stalled,
@@ -168,19 +184,16 @@ impl Job<'_> {
         };
         let counted = outcome.statistics;
         if outcome.scale < 1.0 {
-            return Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(GrowthStopped {
+            return Err(not_grown(GrowthStopped {
                 grains: self.shapes.len() as u64,
                 volume_fraction_reached: outcome.volume_fraction,
                 volume_fraction_asked: self.volume_fraction(self.shapes),
                 distance_mm_reached: outcome.gap_mm,
-                distance_mm_asked: match self.request.distance {
-                    Distance::Constant { gap_mm, .. } => Some(gap_mm),
-                    _ => None,
-                },
+                distance_mm_asked,
                 scale_reached: outcome.scale,
                 effort: GrowthEffort::Cycles { cycles: counted.cycles, moves: counted.moves_tried },
                 end,
-            })));
+            }));
         }
         let growth_curve = outcome.growth_curve.iter().map(|point| GrowthPoint {
             packing_time_s: point.packing_time_s,

@@ -116,6 +116,8 @@ pub enum Interrupted {
         /// Bytes of the allocation that was refused.
         bytes: u64,
     },
+    /// Random addition found no start, at any of ever smaller sizes.
+    NoStart,
 }
 
 impl From<OutOfMemory> for Interrupted {
@@ -248,6 +250,6 @@ impl MonteCarlo<'_> {
                 rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
             }
         }
-        Err(Interrupted::Stopped)
+        Err(Interrupted::NoStart)
     }
 }
