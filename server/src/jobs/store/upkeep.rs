@@ -13,6 +13,9 @@ use crate::jobs::JobId;
 /// Most expired jobs removed in one transaction, so that submissions do not wait long for the writer.
 const EXPIRED_AT_ONCE: i64 = 200;
 
+/// How far the time of a file may lie behind that of a row written before it, in µs: file systems take it from a clock
+/// of the kernel that ticks every 1 to 10 ms.
+const FILE_CLOCK_TICK_US: i64 = 20_000;
 /// Most starts of a job, however far its checkpoints come.
 const MOST_ATTEMPTS: i64 = 1000;
 
@@ -91,7 +94,7 @@ impl Store {
                 .bind(&kept.job)
                 .bind(kept.attempt)
                 .bind(leases_until)
-                .bind(kept.at_us)
+                .bind(kept.at_us.saturating_add(FILE_CLOCK_TICK_US))
                 .bind(MOST_ATTEMPTS)
                 .execute(&mut *tx)
                 .await?;
