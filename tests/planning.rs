@@ -84,6 +84,8 @@ async fn capabilities_tell_what_can_be_asked_for() {
         "maximize",
         "rsa",
         "edmd",
+        "monte_carlo",
+        "ellipsoid",
         "vtp",
         "npy",
         "20000000",

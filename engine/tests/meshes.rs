@@ -9,7 +9,8 @@ use std::process::Command;
 
 use packstone_engine::export::Model;
 use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
-use packstone_engine::methods::rsa_shapes::{EllipsoidRsa, uniform_orientation};
+use packstone_engine::methods::rsa_shapes::EllipsoidRsa;
+use packstone_engine::mix::uniform_orientation;
 use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::{Boundary, Distance, Specimen};
 use packstone_engine::shape::Ellipsoid;

@@ -1,7 +1,7 @@
 //! A polyhedron as the check sees it: the hull of the points that its stored numbers give, rounded by a radius.
 //!
 //! The points are computed in the order of operations that is part of the stored form
-//! ([`crate::shape::ConvexPolyhedron`], `world_vertices_mm`): `x + ((R_k0 u_0 + R_k1 u_1) + R_k2 u_2)` with `u = s v`.
+//! ([`crate::shape::Polyhedron`], `world_vertices_mm`): `x + ((R_k0 u_0 + R_k1 u_1) + R_k2 u_2)` with `u = s v`.
 //! From there on they are exact. Faces and edges only suggest directions.
 
 use std::collections::BTreeMap;

@@ -7,13 +7,13 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
-use super::polyhedron::Polyhedron;
+use super::polyhedron::Polyhedron as Checked;
 use super::*;
 use crate::Unattended;
 use crate::gap::polyhedra::Body;
 use crate::rng::{Stream, stream, uniform};
-use crate::shape::ConvexPolyhedron;
-use crate::shape::polyhedron_samples::{cuboid, hull, octahedron};
+use crate::shape::Polyhedron;
+use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
@@ -36,7 +36,7 @@ fn orientation(rng: &mut Rng) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::from(coords))
 }
 
-fn template(rng: &mut Rng, n: usize, stretch: f64, rounding: f64) -> ConvexPolyhedron {
+fn template(rng: &mut Rng, n: usize, stretch: f64, rounding: f64) -> Polyhedron {
     let points: Vec<V> =
         (0..n).map(|_| direction(rng).component_mul(&V::new(stretch, 1.0, 1.0 / stretch))).collect();
     let mean = points.iter().sum::<V>() / n as f64;
@@ -46,7 +46,7 @@ fn template(rng: &mut Rng, n: usize, stretch: f64, rounding: f64) -> ConvexPolyh
 
 #[derive(Clone)]
 struct Grain {
-    template: ConvexPolyhedron,
+    template: Polyhedron,
     scale: f64,
     pose: Pose,
 }
@@ -137,7 +137,12 @@ fn bring_together(rng: &mut Rng, grains: &mut [Grain], gap: f64, kind: u64) -> O
                 .iter()
                 .map(|grain| {
                     let vertices = grain.vertices();
-                    grain.template.edges().map(|edge| edge.map(|v| vertices[v as usize])).collect()
+                    grain
+                        .template
+                        .edges()
+                        .iter()
+                        .map(|edge| edge.ends.map(|v| vertices[v as usize]))
+                        .collect()
                 })
                 .collect();
             let [of_a, of_b] = [grains[0].vertices(), grains[1].vertices()];
@@ -175,7 +180,7 @@ fn bring_together(rng: &mut Rng, grains: &mut [Grain], gap: f64, kind: u64) -> O
 fn polyhedra_pushed_into_another_by_a_billionth_of_their_size_are_refused() {
     let mut rng = stream(21, Stream::Sampling);
     // Making templates costs more than the check. Those of odd numbers are rounded.
-    let templates: Vec<ConvexPolyhedron> = (0..40)
+    let templates: Vec<Polyhedron> = (0..40)
         .map(|i| template(&mut rng, 5 + i / 2, 1.0 + 0.015 * i as f64, if i % 2 == 0 { 0.0 } else { 0.05 }))
         .collect();
     let mut cases = 0;
@@ -256,10 +261,10 @@ proptest! {
         let center = direction(&mut rng) * 50.0;
         let scale = between(&mut rng, 0.1, 9.0);
         let grain = Grain::random(&mut rng, center, scale, rounding);
-        let body = Polyhedron::new(&grain.shape(), &grain.pose).unwrap();
+        let body = Checked::new(&grain.shape(), &grain.pose).unwrap();
         prop_assert_eq!(&body.points, &grain.vertices());
         prop_assert!((body.volume / (grain.template.volume() * scale.powi(3)) - 1.0).abs() < 1e-12);
-        prop_assert_eq!(body.edges.len(), grain.template.edges().count());
+        prop_assert_eq!(body.edges.len(), grain.template.edges().len());
     }
 }
 
@@ -267,7 +272,7 @@ proptest! {
 fn faces_edges_and_corners_that_touch_exactly_pass_and_the_last_digit_of_an_overlap_fails() {
     let (cube, diamond) = (cuboid([1.0; 3], 0.0), octahedron(1.0));
     let round = cuboid([0.75; 3], 0.25);
-    let at = |template: &ConvexPolyhedron, center: [f64; 3]| Grain {
+    let at = |template: &Polyhedron, center: [f64; 3]| Grain {
         template: template.clone(),
         scale: 1.0,
         pose: Pose::at(V::from(center)),

@@ -10,3 +10,4 @@ pub mod edmd;
 pub mod monte_carlo;
 pub mod rsa;
 pub mod rsa_shapes;
+mod swap_pairs;

@@ -16,7 +16,7 @@ pub mod sieve;
 use crate::request::{Grading, Mix, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
-pub use orientation::draw_orientation;
+pub use orientation::{draw_orientation, uniform_orientation};
 pub use shapes::ShapeSampler;
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest

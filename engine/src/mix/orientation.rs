@@ -20,7 +20,7 @@ use crate::rng::uniform;
 /// those of the specimen.
 pub fn draw_orientation(orientation: &Orientation, rng: &mut Xoshiro256PlusPlus) -> UnitQuaternion<f64> {
     match *orientation {
-        Orientation::Uniform {} => uniform_rotation(rng),
+        Orientation::Uniform {} => uniform_orientation(rng),
         Orientation::Axis { axis, concentration } => about_axis(axis, concentration, rng),
     }
 }
@@ -36,7 +36,8 @@ fn in_disc(rng: &mut Xoshiro256PlusPlus) -> ([f64; 2], f64) {
     }
 }
 
-fn uniform_rotation(rng: &mut Xoshiro256PlusPlus) -> UnitQuaternion<f64> {
+/// Draws an orientation that is uniform on the rotation group.
+pub fn uniform_orientation(rng: &mut Xoshiro256PlusPlus) -> UnitQuaternion<f64> {
     let ([w, x], square) = in_disc(rng);
     let ([y, z], other) = in_disc(rng);
     let scale = ((1.0 - square) / other).sqrt();

@@ -1,7 +1,7 @@
 //! The grains of a packing: their shapes and poses, largest first. The row number is the id of a grain.
 
 use crate::request::Mix;
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::{Ellipsoid, Polyhedron, Pose, ScaledPolyhedron};
 
 /// Spheres in columns of equal length, largest first; the row number is the grain's id.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,6 +72,46 @@ impl Ellipsoids {
     /// The grains one after the other.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (&Ellipsoid, &Pose)> {
         self.shapes.iter().zip(&self.poses)
+    }
+}
+
+/// Convex polyhedra, by descending equivalent diameter. Many grains share a template.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Polyhedra {
+    /// The forms of the grains: polyhedra with an equivalent diameter of 1, so that the equivalent diameter of a grain
+    /// is its scale.
+    pub templates: Vec<Polyhedron>,
+    /// The template of each grain.
+    pub template: Vec<u32>,
+    /// Equivalent diameters in mm; as many as grains.
+    pub d_mm: Vec<f64>,
+    /// Where each grain is.
+    pub poses: Vec<Pose>,
+}
+
+impl Polyhedra {
+    /// Number of polyhedra.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.d_mm.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.d_mm.is_empty()
+    }
+
+    /// The shape of a grain.
+    #[must_use]
+    pub fn shape(&self, grain: usize) -> ScaledPolyhedron<'_> {
+        let template = &self.templates[self.template[grain] as usize];
+        ScaledPolyhedron { template, scale_mm: self.d_mm[grain] }
+    }
+
+    /// The grains one after the other.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = (ScaledPolyhedron<'_>, &Pose)> {
+        (0..self.len()).map(|grain| (self.shape(grain), &self.poses[grain]))
     }
 }
 

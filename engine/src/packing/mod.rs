@@ -7,7 +7,7 @@ mod grains;
 
 use serde::{Deserialize, Serialize};
 
-pub use grains::{Ellipsoids, GrainKind, Grains, GrainsRef, Spheres};
+pub use grains::{Ellipsoids, GrainKind, Grains, GrainsRef, Polyhedra, Spheres};
 
 /// Name and version of the random generator, recorded in every result: the stream behind a seed
 /// is part of what a seed means.
@@ -210,9 +210,9 @@ pub struct Summary {
     pub volume_fraction_with_coating: f64,
     /// The constant distance kept, or `null` where it varies from pair to pair.
     pub distance_mm: Option<f64>,
-    /// Smallest diameter placed.
+    /// Smallest diameter placed; of grains that are not spheres that of the sphere of equal volume.
     pub d_min_mm: f64,
-    /// Largest diameter placed.
+    /// Largest diameter placed; the same.
     pub d_max_mm: f64,
     /// Size classes from fine to coarse; `sieve_class` in the VTK forms counts them from 0.
     pub classes: Vec<ClassReport>,

@@ -25,20 +25,20 @@ pub struct MethodEstimate {
     pub volume_fraction_with_coating_reach: f64,
 }
 
-/// Both methods.
+/// The method that inserts grains at their size, and the method that grows them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MethodEstimates {
     /// Random sequential addition.
     pub rsa: MethodEstimate,
-    /// Event-driven molecular dynamics; of grains that are no spheres the dense method.
-    pub edmd: MethodEstimate,
+    /// Growth: event-driven molecular dynamics of spheres, hard-particle Monte Carlo of other grains.
+    pub growth: MethodEstimate,
 }
 
 impl MethodEstimates {
     /// Whether `auto` places at random first: that will do, and is done sooner.
     pub(super) fn places_first(&self) -> bool {
-        self.rsa.success_probability >= LIKELY && self.rsa.time_s <= self.edmd.time_s
+        self.rsa.success_probability >= LIKELY && self.rsa.time_s <= self.growth.time_s
     }
 }
 
@@ -96,7 +96,7 @@ impl<'a> Case<'a> {
                 time_s: features.rsa_time_s(filled, grains, attempts),
                 volume_fraction_with_coating_reach: features.rsa_reach(attempts),
             },
-            edmd: MethodEstimate {
+            growth: MethodEstimate {
                 success_probability: features.growth_success(filled, grains, &options),
                 // The largest distance is looked for until growth stalls, or as long as it may.
                 time_s: features.growth_time_s(if maximize { 1.0 } else { filled }, grains, &options),
@@ -116,10 +116,10 @@ impl<'a> Case<'a> {
         match self.request.method {
             Method::Rsa { .. } => methods.rsa,
             Method::Auto {} if methods.places_first() => MethodEstimate {
-                success_probability: methods.rsa.success_probability.max(methods.edmd.success_probability),
+                success_probability: methods.rsa.success_probability.max(methods.growth.success_probability),
                 ..methods.rsa
             },
-            Method::Edmd { .. } | Method::MonteCarlo { .. } | Method::Auto {} => methods.edmd,
+            Method::Edmd { .. } | Method::MonteCarlo { .. } | Method::Auto {} => methods.growth,
         }
     }
 

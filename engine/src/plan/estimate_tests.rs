@@ -46,7 +46,7 @@ fn estimates_hold_where_they_were_not_fitted() {
     for study in studies().iter().filter(|study| !study.fitted) {
         for row in &study.rows {
             let plan = plan_of(study, row);
-            let likely = if row.method == "rsa" { plan.methods.rsa } else { plan.methods.edmd };
+            let likely = if row.method == "rsa" { plan.methods.rsa } else { plan.methods.growth };
             let what = format!("{} {} {}", study.case, row.method, row.volume_fraction);
             assert!(plan.extrapolations.is_empty(), "{what}: {:?}", plan.extrapolations);
             if row.succeeded == 0 {
@@ -71,7 +71,7 @@ fn estimates_follow_the_studies_they_were_fitted_to() {
     for study in studies().iter().filter(|study| study.fitted) {
         for row in &study.rows {
             let plan = plan_of(study, row);
-            let likely = if row.method == "rsa" { plan.methods.rsa } else { plan.methods.edmd };
+            let likely = if row.method == "rsa" { plan.methods.rsa } else { plan.methods.growth };
             if let (Some(time_s), true) = (row.time_s.filter(|t| *t > 0.03), row.succeeded == row.runs) {
                 squares.push((likely.time_s / time_s).ln().powi(2));
             }

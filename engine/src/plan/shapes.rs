@@ -47,7 +47,7 @@ pub(super) fn limited(spheres: MethodEstimates, filled: f64, grains: f64) -> Met
     };
     MethodEstimates {
         rsa: limit(spheres.rsa, RANDOM_REACH, &RANDOM_TIMES_S),
-        edmd: limit(spheres.edmd, DENSE_REACH, &DENSE_TIMES_S),
+        growth: limit(spheres.growth, DENSE_REACH, &DENSE_TIMES_S),
     }
 }
 

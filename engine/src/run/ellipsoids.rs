@@ -3,11 +3,11 @@
 use std::time::Instant;
 
 use super::spheres::RSA_TIME_EXPONENT;
-use super::{PACKING_SHARE, Placed, stopped};
+use super::{PACKING_SHARE, Placed, distance_asked_mm, inserted, not_grown, not_inserted, stopped};
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::memory::copied;
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
@@ -80,10 +80,6 @@ fn after_rsa(placed: Placed) -> Placed {
     Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }
 }
 
-fn not_grown(stopped: GrowthStopped) -> PackError {
-    PackError::TargetNotReached(TargetNotReached::GrowthStopped(stopped))
-}
-
 impl Job<'_> {
     fn volume_fraction(&self, shapes: &[Ellipsoid]) -> f64 {
         shapes.iter().map(Ellipsoid::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
@@ -106,31 +102,12 @@ impl Job<'_> {
         };
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
         let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
-        let placed = outcome.poses.len();
-        match outcome.end {
-            End::Complete => Ok(Placed {
-                grains: self.grains(outcome.poses)?,
-                statistics: Statistics { rsa: Some(outcome.statistics), ..Statistics::default() },
-                distance_mm: None,
-                growth_curve: Vec::new(),
-                rsa_s: start.elapsed().as_secs_f64(),
-                growth_s: None,
-                method_used: MethodUsed::Rsa,
-            }),
-            End::Stopped => Err(stopped(placed, self.shapes.len())),
-            End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
-            End::InsertionFailed { saturation_proven, attempts } => {
-                Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
-                    placed: placed as u64,
-                    grains: self.shapes.len() as u64,
-                    diameter_mm: self.shapes[placed].equivalent_diameter_mm(),
-                    volume_fraction_reached: self.volume_fraction(&self.shapes[..placed]),
-                    volume_fraction_asked: self.volume_fraction(self.shapes),
-                    saturation_proven,
-                    attempts,
-                })))
-            }
+        if outcome.end == End::Complete {
+            return Ok(inserted(self.grains(outcome.poses)?, outcome.statistics, start));
         }
+        let counts = [outcome.poses.len(), self.shapes.len()];
+        let diameter_mm = |i: usize| self.shapes[i].equivalent_diameter_mm();
+        Err(not_inserted(outcome.end, counts, diameter_mm, self.mix.specimen_volume_mm3))
     }
 
     /// Hard-particle Monte Carlo.
@@ -157,10 +134,7 @@ impl Job<'_> {
             seed: self.request.seed,
             keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(self.request, write))),
         };
-        let distance_mm_asked = match self.request.distance {
-            Distance::Constant { gap_mm, .. } => Some(gap_mm),
-            _ => None,
-        };
+        let distance_mm_asked = distance_asked_mm(self.request);
         let ran = method.run(resume.map(|resume| resume.body.as_slice()), control);
         let outcome = ran.map_err(|interrupted| match interrupted {
             Interrupted::Stopped => stopped(self.shapes.len(), self.shapes.len()),

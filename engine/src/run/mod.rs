@@ -10,12 +10,14 @@ use crate::check::{self, Check};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::error::{PackError, PlanError};
+use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::memory;
+use crate::methods::rsa::End;
 use crate::mix::sampling::{sample, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
-    ClassReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, Statistics, Summary, Timings,
+    ClassReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, RsaStatistics, Statistics,
+    Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, PackingRequest, Segregation};
@@ -172,6 +174,57 @@ impl Placed {
     /// Growth that followed a random sequential addition which did not reach the target.
     fn after_rsa(self) -> Self {
         Self { method_used: MethodUsed::RsaThenEdmd, ..self }
+    }
+}
+
+/// Grains that random sequential addition inserted, all of them.
+fn inserted(grains: Grains, statistics: RsaStatistics, started: Instant) -> Placed {
+    Placed {
+        grains,
+        statistics: Statistics { rsa: Some(statistics), ..Statistics::default() },
+        distance_mm: None,
+        growth_curve: Vec::new(),
+        rsa_s: started.elapsed().as_secs_f64(),
+        growth_s: None,
+        method_used: MethodUsed::Rsa,
+    }
+}
+
+/// The end of a random sequential addition that has not inserted all grains. `diameter_mm` is the diameter of the sphere
+/// that has the volume of a grain, by its rank.
+fn not_inserted(
+    end: End,
+    [placed, grains]: [usize; 2],
+    diameter_mm: impl Fn(usize) -> f64,
+    specimen_mm3: f64,
+) -> PackError {
+    let fraction = |n: usize| (0..n).map(|i| sphere_volume(diameter_mm(i))).sum::<f64>() / specimen_mm3;
+    match end {
+        End::InsertionFailed { saturation_proven, attempts } => {
+            PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
+                placed: placed as u64,
+                grains: grains as u64,
+                diameter_mm: diameter_mm(placed),
+                volume_fraction_reached: fraction(placed),
+                volume_fraction_asked: fraction(grains),
+                saturation_proven,
+                attempts,
+            }))
+        }
+        End::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+        End::Stopped | End::Complete => stopped(placed, grains),
+    }
+}
+
+fn not_grown(stopped: GrowthStopped) -> PackError {
+    PackError::TargetNotReached(TargetNotReached::GrowthStopped(stopped))
+}
+
+/// The constant distance of a request.
+fn distance_asked_mm(request: &PackingRequest) -> Option<f64> {
+    match request.distance {
+        Distance::Constant { gap_mm, .. } => Some(gap_mm),
+        _ => None,
     }
 }
 

@@ -2,11 +2,11 @@
 
 use std::time::Instant;
 
-use super::{PACKING_SHARE, Placed, stopped};
+use super::{PACKING_SHARE, Placed, distance_asked_mm, inserted, not_grown, not_inserted, stopped};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, TargetNotReached};
+use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::memory::{OutOfMemory, collected, copied};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
@@ -100,31 +100,11 @@ impl Job<'_> {
         };
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
         let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
-        let placed = outcome.centers_mm.len();
-        match outcome.end {
-            End::Complete => Ok(Placed {
-                grains: self.spheres(&outcome.centers_mm)?,
-                statistics: Statistics { rsa: Some(outcome.statistics), ..Statistics::default() },
-                distance_mm: None,
-                growth_curve: Vec::new(),
-                rsa_s: start.elapsed().as_secs_f64(),
-                growth_s: None,
-                method_used: MethodUsed::Rsa,
-            }),
-            End::Stopped => Err(stopped(placed, self.diameters.len())),
-            End::OutOfMemory { bytes } => Err(PackError::OutOfMemory { bytes }),
-            End::InsertionFailed { saturation_proven, attempts } => {
-                Err(PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
-                    placed: placed as u64,
-                    grains: self.diameters.len() as u64,
-                    diameter_mm: self.diameters[placed],
-                    volume_fraction_reached: self.volume_fraction(&self.diameters[..placed]),
-                    volume_fraction_asked: self.volume_fraction(self.diameters),
-                    saturation_proven,
-                    attempts,
-                })))
-            }
+        if outcome.end == End::Complete {
+            return Ok(inserted(self.spheres(&outcome.centers_mm)?, outcome.statistics, start));
         }
+        let counts = [outcome.centers_mm.len(), self.diameters.len()];
+        Err(not_inserted(outcome.end, counts, |i| self.diameters[i], self.mix.specimen_volume_mm3))
     }
 
     /// Event-driven molecular dynamics.
@@ -147,22 +127,19 @@ impl Job<'_> {
         let statistics = outcome.statistics;
         let maximize = matches!(self.request.distance, Distance::Maximize { .. });
         if statistics.growth_scale < 1.0 {
-            return Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(GrowthStopped {
+            return Err(not_grown(GrowthStopped {
                 grains: self.diameters.len() as u64,
                 volume_fraction_reached: outcome.volume_fraction,
                 volume_fraction_asked: self.volume_fraction(self.diameters),
                 distance_mm_reached: outcome.distance_mm,
-                distance_mm_asked: match self.request.distance {
-                    Distance::Constant { gap_mm: mm, .. } => Some(mm),
-                    _ => None,
-                },
+                distance_mm_asked: distance_asked_mm(self.request),
                 scale_reached: statistics.growth_scale,
                 effort: GrowthEffort::Events {
                     events: statistics.events,
                     simulated_time_s: statistics.simulated_time_s,
                 },
                 end: statistics.stop,
-            })));
+            }));
         }
         Ok(Placed {
             grains: self.spheres(&outcome.centers_mm)?,

@@ -10,7 +10,8 @@ use super::tests::{cube, decoded, read};
 use super::*;
 use crate::Unattended;
 use crate::distance::DistanceRule;
-use crate::methods::rsa_shapes::{EllipsoidRsa, uniform_orientation};
+use crate::methods::rsa_shapes::EllipsoidRsa;
+use crate::mix::uniform_orientation;
 use crate::packing::Ellipsoids;
 use crate::request::{Boundary, Distance};
 use crate::shape::{Ellipsoid, Pose};
@@ -141,7 +142,9 @@ fn cuts_of_ellipsoids_add_up_to_the_volume() {
 fn the_grey_of_a_picture_of_ellipses_is_their_area_fraction() {
     for specimen in specimens() {
         let grains = packed(&specimen);
-        for (axis, at_mm) in [("x", 9.3), ("y", 0.4), ("z", 9.3)] {
+        // Through the largest grain, near a wall, and through the largest grain again.
+        let center = grains.poses[0].center_mm;
+        for (axis, at_mm) in [("x", center.x), ("y", 0.4), ("z", center.z)] {
             let options = json!({"format": "png", "axis": axis, "at_mm": at_mm, "pixels": 256});
             let (report, bytes) = written(&specimen, &grains, &options);
             let (frame, _, pixels) = decoded(&bytes);
@@ -153,7 +156,7 @@ fn the_grey_of_a_picture_of_ellipses_is_their_area_fraction() {
             }
             let mean = aggregate / inside;
             assert!((mean - report.area_fraction).abs() < 2e-4, "{mean} {}", report.area_fraction);
-            assert!(report.area_fraction > 0.0 || matches!(specimen, Specimen::Cylinder { .. }));
+            assert!(report.area_fraction > 0.0 || axis == "y");
         }
     }
 }

@@ -17,7 +17,7 @@ mod simplex;
 
 use nalgebra::Vector3;
 
-use crate::shape::{ConvexPolyhedron, Pose};
+use crate::shape::{Polyhedron, Pose};
 use simplex::{Difference, Simplex};
 
 /// Steps after which a search ends; it takes some three to six.
@@ -40,7 +40,7 @@ pub struct Body {
 
 impl Body {
     /// A template of a scale, placed.
-    pub fn new(template: &ConvexPolyhedron, scale_mm: f64, pose: &Pose) -> Self {
+    pub fn new(template: &Polyhedron, scale_mm: f64, pose: &Pose) -> Self {
         let mut body = Self {
             center_mm: pose.center_mm,
             groups: vec![[[0.0; 4]; 3]; template.vertices().len().div_ceil(4)],
@@ -53,7 +53,7 @@ impl Body {
     }
 
     /// Gives the body another pose; template and scale must be those that it was made of.
-    pub fn turn(&mut self, template: &ConvexPolyhedron, scale_mm: f64, pose: &Pose) {
+    pub fn turn(&mut self, template: &Polyhedron, scale_mm: f64, pose: &Pose) {
         self.center_mm = pose.center_mm;
         let rotation = pose.rotation() * scale_mm;
         let vertices = template.vertices();

@@ -8,7 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
 use crate::rng::{Stream, stream, uniform};
-use crate::shape::polyhedron_samples::{cuboid, hull, octahedron};
+use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
@@ -29,7 +29,7 @@ fn orientation(rng: &mut Rng) -> UnitQuaternion<f64> {
 }
 
 /// The hull of random points about their mean.
-fn template(rng: &mut Rng, n: usize, stretch: f64, rounding: f64) -> ConvexPolyhedron {
+fn template(rng: &mut Rng, n: usize, stretch: f64, rounding: f64) -> Polyhedron {
     let mut points: Vec<V> =
         (0..n).map(|_| direction(rng).component_mul(&V::new(stretch, 1.0, 1.0 / stretch))).collect();
     let mean = points.iter().sum::<V>() / n as f64;
@@ -47,7 +47,7 @@ struct Features {
 }
 
 impl Features {
-    fn new(template: &ConvexPolyhedron, scale: f64, pose: &Pose) -> Self {
+    fn new(template: &Polyhedron, scale: f64, pose: &Pose) -> Self {
         let vertices: Vec<V> = template.world_vertices_mm(scale, pose).collect();
         let fan = |face: &Vec<u32>| {
             let corner = |v: u32| vertices[v as usize];
@@ -57,7 +57,7 @@ impl Features {
                 .collect::<Vec<_>>()
         };
         let triangles = template.faces().iter().flat_map(fan).collect();
-        let edges = template.edges().map(|edge| edge.map(|v| vertices[v as usize])).collect();
+        let edges = template.edges().iter().map(|edge| edge.ends.map(|v| vertices[v as usize])).collect();
         Self { vertices, triangles, edges }
     }
 
@@ -118,7 +118,7 @@ fn brute_force_distance(a: &Features, b: &Features) -> f64 {
 }
 
 struct Case {
-    templates: [ConvexPolyhedron; 2],
+    templates: [Polyhedron; 2],
     scales: [f64; 2],
     poses: [Pose; 2],
 }

@@ -3,7 +3,7 @@
 use super::contact::{rises_to_zero, used_up};
 use crate::request::{Boundary, Specimen};
 
-/// Images of a periodic box skin two boxes to either side, so that even a grain as wide as the box
+/// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box
 /// finds all of its neighbours.
 const IMAGES_PER_AXIS: i32 = 5;
 /// Number of images.

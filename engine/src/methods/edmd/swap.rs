@@ -8,111 +8,67 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::system::{System, unpack};
-use crate::memory::{OutOfMemory, make_room, refill};
+use crate::memory::OutOfMemory;
+use crate::methods::swap_pairs::SwapPairs;
 use crate::rng::uniform;
 use crate::segregation::Preference;
 
-/// Share of accepted swaps that the window of sizes is steered to.
-const ACCEPTED_AIM: f64 = 0.3;
-const LEAST_WINDOW: f64 = 1e-7;
-const MOST_WINDOW: f64 = 0.3;
-
-/// What an swap needs to know beside the grains.
-#[derive(Clone, Debug)]
-pub(crate) struct Swaps {
-    /// Where the grain of each rank is.
-    site: Vec<u32>,
-    /// The lowest rank that each rank may change places with.
-    limit: Vec<u32>,
-    /// Largest relative difference of two radii that is tried.
-    pub(crate) window: f64,
-    pub(crate) tried: u64,
-    pub(crate) accepted: u64,
+/// Tries so many swaps in a system whose lists were just rebuilt. `sizes` are contact radii by rank, falling, in any
+/// unit. With a preference swaps are as Metropolis and others (1953) have it: those that go against it happen the more
+/// rarely the more they do, so that the gradient is kept and not levelled.
+///
+/// # Errors
+/// When the system refuses memory.
+pub(crate) fn sweep(
+    pairs: &mut SwapPairs,
+    system: &mut System,
+    sizes: &[f64],
+    preference: Option<&Preference>,
+    tries: u64,
+    rng: &mut Xoshiro256PlusPlus,
+) -> Result<(), OutOfMemory> {
+    let n = system.len();
+    if n < 2 || sizes[0] <= sizes[n - 1] {
+        return Ok(());
+    }
+    pairs.prepare(&system.rank, sizes)?;
+    let cpu = system.cpu;
+    let (tried, accepted) = cpu.call(
+        #[inline(always)]
+        || try_pairs(pairs, system, sizes, preference, tries, rng),
+    );
+    pairs.count(tried, accepted);
+    Ok(())
 }
 
-impl Swaps {
-    pub(crate) fn new(window: f64) -> Self {
-        Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
+/// Tries so many pairs; returns how many had different sizes, and how many of these were exchanged.
+#[inline(always)]
+fn try_pairs(
+    pairs: &mut SwapPairs,
+    system: &mut System,
+    sizes: &[f64],
+    preference: Option<&Preference>,
+    tries: u64,
+    rng: &mut Xoshiro256PlusPlus,
+) -> (u64, u64) {
+    let (mut tried, mut accepted) = (0_u64, 0_u64);
+    for _ in 0..tries {
+        let [larger, smaller] = pairs.draw(rng);
+        if sizes[larger] <= sizes[smaller] {
+            continue;
+        }
+        tried += 1;
+        let (i, j) = (pairs.site(larger), pairs.site(smaller));
+        let places = [system.hot[i].position, system.hot[j].position];
+        let wanted = preference.is_none_or(|preference| {
+            uniform(rng).ln() <= preference.log_acceptance_ratio([larger, smaller], places)
+        });
+        if wanted && swap(system, i, j) {
+            pairs.exchange([larger, smaller]);
+            accepted += 1;
+        }
     }
-
-    /// Tries so many swaps in a system whose lists were just rebuilt. `sizes` are contact radii
-    /// by rank, falling, in any unit. With a preference swaps are as Metropolis and others (1953) have it: those
-    /// that go against it happen the more rarely the more they do, so that the gradient is kept and not levelled.
-    ///
-    /// # Errors
-    /// When the system refuses memory.
-    pub(crate) fn sweep(
-        &mut self,
-        system: &mut System,
-        sizes: &[f64],
-        preference: Option<&Preference>,
-        tries: u64,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> Result<(), OutOfMemory> {
-        let n = system.len();
-        if n < 2 || sizes[0] <= sizes[n - 1] {
-            return Ok(());
-        }
-        refill(&mut self.site, n, 0)?;
-        for (site, &rank) in system.rank.iter().enumerate() {
-            self.site[rank as usize] = site as u32;
-        }
-        self.limit.clear();
-        make_room(&mut self.limit, n)?;
-        let mut largest = 0;
-        for &size in sizes {
-            while sizes[largest] > size * (1.0 + self.window) {
-                largest += 1;
-            }
-            self.limit.push(largest as u32);
-        }
-        let cpu = system.cpu;
-        let (tried, accepted) = cpu.call(
-            #[inline(always)]
-            || self.try_pairs(system, sizes, preference, tries, rng),
-        );
-        self.tried += tried;
-        self.accepted += accepted;
-        if tried >= 20 {
-            let share = accepted as f64 / tried as f64;
-            let factor = if share < ACCEPTED_AIM { 0.7 } else { 1.3 };
-            self.window = (self.window * factor).clamp(LEAST_WINDOW, MOST_WINDOW);
-        }
-        Ok(())
-    }
-
-    /// Tries so many pairs; returns how many had different sizes, and how many of these were exchanged.
-    #[inline(always)]
-    fn try_pairs(
-        &mut self,
-        system: &mut System,
-        sizes: &[f64],
-        preference: Option<&Preference>,
-        tries: u64,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> (u64, u64) {
-        let n = system.len();
-        let (mut tried, mut accepted) = (0_u64, 0_u64);
-        for _ in 0..tries {
-            let smaller = (uniform(rng) * n as f64) as usize;
-            let largest = self.limit[smaller] as usize;
-            let larger = largest + (uniform(rng) * (smaller - largest) as f64) as usize;
-            if sizes[larger] <= sizes[smaller] {
-                continue;
-            }
-            tried += 1;
-            let (i, j) = (self.site[larger] as usize, self.site[smaller] as usize);
-            let places = [system.hot[i].position, system.hot[j].position];
-            let wanted = preference.is_none_or(|preference| {
-                uniform(rng).ln() <= preference.log_acceptance_ratio([larger, smaller], places)
-            });
-            if wanted && swap(system, i, j) {
-                self.site.swap(larger, smaller);
-                accepted += 1;
-            }
-        }
-        (tried, accepted)
-    }
+    (tried, accepted)
 }
 
 /// Tries to swap a grain for a smaller one anywhere, so that it gets free; says whether it is.

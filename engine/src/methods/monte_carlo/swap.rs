@@ -11,131 +11,83 @@ use super::shake::{Pending, fits};
 use super::system::{Hot, System, shape_matrix};
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
 use crate::gap::linear::Vector;
-use crate::memory::{OutOfMemory, make_room, refill};
-use crate::rng::uniform;
+use crate::memory::OutOfMemory;
+use crate::methods::swap_pairs::SwapPairs;
 use crate::shape::Ellipsoid;
 
-/// Share of accepted swaps that the window of sizes is steered to.
-const ACCEPTED_AIM: f64 = 0.3;
-const LEAST_WINDOW: f64 = 1e-7;
-const MOST_WINDOW: f64 = 0.3;
 /// Share of the skin that a larger grain may take.
 const SKIN_SHARE: f64 = 0.5;
-
 /// Pairs that are drawn ahead.
 const AHEAD: usize = 8;
 
-/// What a swap needs to know beside the grains.
-#[derive(Clone, Debug)]
-pub(super) struct Swaps {
-    /// Where the grain of each rank is.
-    site: Vec<u32>,
-    /// The lowest rank that each rank may change places with.
-    limit: Vec<u32>,
-    /// Largest relative difference of two diameters that is tried.
-    pub(super) window: f64,
-    pub(super) tried: u64,
-    pub(super) accepted: u64,
+/// Tries so many swaps. Shapes and their equivalent diameters are given by rank.
+///
+/// # Errors
+/// When the system refuses memory.
+pub(super) fn sweep(
+    pairs: &mut SwapPairs,
+    system: &mut System,
+    shapes: &[Ellipsoid],
+    diameters: &[f64],
+    tries: u64,
+    rng: &mut Xoshiro256PlusPlus,
+) -> Result<(), OutOfMemory> {
+    if system.len() < 2 {
+        return Ok(());
+    }
+    pairs.prepare(&system.rank, diameters)?;
+    let cpu = system.cpu;
+    let (tried, accepted) = with_instruction_set!(cpu, set => set.call(
+        #[inline(always)]
+        || try_pairs(set, pairs, system, shapes, tries, rng)
+    ));
+    pairs.count(tried, accepted);
+    Ok(())
 }
 
-impl Swaps {
-    pub(super) fn new(window: f64) -> Self {
-        Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
+/// Tries so many pairs; returns how many had different shapes, and how many of these were exchanged.
+#[inline(always)]
+fn try_pairs<S: InstructionSet>(
+    set: S,
+    pairs: &mut SwapPairs,
+    system: &mut System,
+    shapes: &[Ellipsoid],
+    tries: u64,
+    rng: &mut Xoshiro256PlusPlus,
+) -> (u64, u64) {
+    let (mut tried, mut accepted) = (0, 0);
+    let mut left = tries;
+    while left > 0 {
+        let count = left.min(AHEAD as u64) as usize;
+        left -= count as u64;
+        // Pairs are drawn ahead, so that the cache misses behind them overlap.
+        let mut drawn = [[0_usize; 2]; AHEAD];
+        for pair in &mut drawn[..count] {
+            *pair = pairs.draw(rng);
+            for rank in *pair {
+                let site = pairs.site(rank);
+                prefetch(&system.hot, site);
+                prefetch(&system.cold, site);
+            }
+        }
+        for pair in &drawn[..count] {
+            let cold = &system.cold[pairs.site(pair[1])];
+            for group in 0..cold.count as usize {
+                prefetch(&system.groups, cold.first as usize + group);
+            }
+        }
+        for &[larger, smaller] in &drawn[..count] {
+            if larger == smaller || shapes[larger] == shapes[smaller] {
+                continue;
+            }
+            tried += 1;
+            if swap(set, system, pairs.site(larger), pairs.site(smaller)) {
+                pairs.exchange([larger, smaller]);
+                accepted += 1;
+            }
+        }
     }
-
-    /// Tries so many swaps.
-    ///
-    /// # Errors
-    /// When the system refuses memory.
-    pub(super) fn sweep(
-        &mut self,
-        system: &mut System,
-        shapes: &[Ellipsoid],
-        diameters: &[f64],
-        tries: u64,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> Result<(), OutOfMemory> {
-        let n = system.len();
-        if n < 2 {
-            return Ok(());
-        }
-        refill(&mut self.site, n, 0)?;
-        for (site, &rank) in system.rank.iter().enumerate() {
-            self.site[rank as usize] = site as u32;
-        }
-        self.limit.clear();
-        make_room(&mut self.limit, n)?;
-        let mut largest = 0;
-        for &d in diameters {
-            while diameters[largest] > d * (1.0 + self.window) {
-                largest += 1;
-            }
-            self.limit.push(largest as u32);
-        }
-        let cpu = system.cpu;
-        let (tried, accepted) = with_instruction_set!(cpu, set => set.call(
-            #[inline(always)]
-            || self.try_pairs(set, system, shapes, tries, rng)
-        ));
-        self.tried += tried;
-        self.accepted += accepted;
-        if tried >= 20 {
-            let share = accepted as f64 / tried as f64;
-            let factor = if share < ACCEPTED_AIM { 0.7 } else { 1.3 };
-            self.window = (self.window * factor).clamp(LEAST_WINDOW, MOST_WINDOW);
-        }
-        Ok(())
-    }
-
-    /// Tries so many pairs; returns how many had different shapes, and how many of these were exchanged.
-    #[inline(always)]
-    fn try_pairs<S: InstructionSet>(
-        &mut self,
-        set: S,
-        system: &mut System,
-        shapes: &[Ellipsoid],
-        tries: u64,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> (u64, u64) {
-        let n = system.len();
-        let (mut tried, mut accepted) = (0, 0);
-        let mut left = tries;
-        while left > 0 {
-            let count = left.min(AHEAD as u64) as usize;
-            left -= count as u64;
-            // Pairs are drawn ahead, so that the cache misses behind them overlap.
-            let mut pairs = [[0_usize; 2]; AHEAD];
-            for pair in &mut pairs[..count] {
-                let smaller = (uniform(rng) * n as f64) as usize;
-                let largest = self.limit[smaller] as usize;
-                let larger = largest + (uniform(rng) * (smaller - largest) as f64) as usize;
-                *pair = [larger, smaller];
-                for rank in *pair {
-                    let site = self.site[rank] as usize;
-                    prefetch(&system.hot, site);
-                    prefetch(&system.cold, site);
-                }
-            }
-            for pair in &pairs[..count] {
-                let cold = &system.cold[self.site[pair[1]] as usize];
-                for group in 0..cold.count as usize {
-                    prefetch(&system.groups, cold.first as usize + group);
-                }
-            }
-            for &[larger, smaller] in &pairs[..count] {
-                if larger == smaller || shapes[larger] == shapes[smaller] {
-                    continue;
-                }
-                tried += 1;
-                let (i, j) = (self.site[larger] as usize, self.site[smaller] as usize);
-                if swap(set, system, i, j) {
-                    self.site.swap(larger, smaller);
-                    accepted += 1;
-                }
-            }
-        }
-        (tried, accepted)
-    }
+    (tried, accepted)
 }
 
 /// The site as it would be with another shape: how much longer its semi-axes are at most, and how much closer it may

@@ -58,7 +58,7 @@ pub(super) enum Container {
     Cylinder { radius: f64, height: f64 },
 }
 
-/// Images of a periodic box skin two boxes to either side, so that even a grain as wide as the box finds all of its
+/// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box finds all of its
 /// neighbours.
 const IMAGES_PER_AXIS: u32 = 5;
 pub(super) const IMAGES: u32 = 125;

@@ -9,7 +9,7 @@ use super::*;
 use crate::control::{Progress, Unattended};
 use crate::cpu::tests::on_baseline;
 use crate::methods::brute_force_tests::assert_valid;
-use crate::methods::rsa_shapes::uniform_orientation;
+use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance};
 
 const BOX: Specimen = Specimen::Box { size_mm: [30.0, 25.0, 20.0], boundary: Boundary::Walls };

@@ -17,7 +17,7 @@ use crate::shape::{Ellipsoid, Pose};
 const CELL_EDGE: f64 = 2.0;
 /// Most cells per inserted and expected grain: few grains in much space need no fine cells.
 const MOST_CELLS: f64 = 2e6;
-/// Images of a periodic box skin two boxes to either side.
+/// Images of a periodic box reach two boxes to either side.
 const IMAGES_PER_AXIS: usize = 5;
 const IMAGES: usize = 125;
 /// The code of no shift at all.

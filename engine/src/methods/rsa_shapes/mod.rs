@@ -16,7 +16,6 @@
 #![allow(clippy::inline_always)]
 
 mod grid;
-mod orientation;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
@@ -36,7 +35,6 @@ use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Pose};
 use crate::specimen::Region;
 use grid::{Grid, Inserted};
-pub use orientation::uniform_orientation;
 use voxels::Voxels;
 
 /// Draws between two looks at the control: less than a millisecond.
@@ -74,7 +72,7 @@ pub struct EllipsoidRsa<'a> {
     pub rule: DistanceRule,
     /// Attempts per grain; `None` goes on until saturation is proven, or to a number beyond all use.
     pub attempts_per_grain: Option<u64>,
-    /// Draws orientations; [`uniform_orientation`] where none is preferred.
+    /// Draws orientations; [`crate::mix::uniform_orientation`] where none is preferred.
     pub orientation: &'a Orientation<'a>,
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
@@ -10,6 +10,7 @@ use super::*;
 use crate::control::Unattended;
 use crate::methods::brute_force_tests::assert_valid;
 use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
+use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance};
 
 fn boxed(size_mm: [f64; 3], boundary: Boundary) -> Specimen {
@@ -202,23 +203,6 @@ fn spheres_are_placed_as_spheres() {
     let variance = |x: &[f64]| x.iter().map(|y| (y - mean(x)).powi(2)).sum::<f64>() / x.len() as f64;
     let error = ((variance(&ours) + variance(&theirs)) / 200.0).sqrt();
     assert!((mean(&ours) - mean(&theirs)).abs() < 4.0 * error, "{} {}", mean(&ours), mean(&theirs));
-}
-
-#[test]
-fn orientations_are_uniform() {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
-    let count = 100_000;
-    let mut second = Matrix3::zeros();
-    let mut cubes = 0.0;
-    for _ in 0..count {
-        let q = uniform_orientation(&mut rng);
-        let axis = q * Vector3::x();
-        second += axis * axis.transpose() / f64::from(count);
-        // The angle has the density (1 - cos t) / pi: its cosine has the mean -1/2.
-        cubes += q.angle().cos() / f64::from(count);
-    }
-    assert!((second - Matrix3::identity() / 3.0).abs().max() < 0.005, "{second}");
-    assert!((cubes + 0.5).abs() < 0.01, "{cubes}");
 }
 
 #[test]

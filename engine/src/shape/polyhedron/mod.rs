@@ -1,65 +1,180 @@
 //! Convex polyhedra, sharp or rounded: templates of angular grains.
 //!
-//! A template is a set of vertices and faces with its centroid at the origin. Rounded by a radius `r` it is the set of
-//! points within `r` of it, with the volume `V + S r + M r² + 4/3 pi r³` (Steiner), where `M = 1/2 sum over the edges
-//! of length times exterior angle`.
+//! A polyhedron has vertices and faces, the core, and a radius of rounding `r`: the body is the set of all points
+//! within `r` of the core. Angular grains refer to a template, a polyhedron of any unit of length, by a scale in mm.
+//!
+//! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia, `sieve`
+//! the sieve size.
 
+mod draw;
 mod hull;
+mod measures;
+#[cfg(test)]
+pub(crate) mod samples;
 mod sieve;
-mod template;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 
-use std::f64::consts::PI;
+use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
+use super::Pose;
+pub use draw::{TemplateKind, draw_template};
 use hull::{hull, intersection};
-pub use template::{TemplateKind, draw_template};
+pub use measures::Edge;
 
-/// A convex polyhedron with its centroid at the origin.
+/// Largest distance of a vertex above the plane of a face, relative to the size of the polyhedron: what rounding of
+/// numbers leaves of a face with more than three vertices.
+const FLATNESS: f64 = 1.0e-9;
+/// Most steps of the search for the radius of a rounding.
+const MOST_STEPS: usize = 100;
+
+/// A convex polyhedron by the vertices and faces of its core, with a radius by which it is rounded. All lengths are in
+/// one unit, which the scale of a grain gives in mm.
+///
+/// # Examples
+/// ```
+/// use nalgebra::Vector3;
+/// use packstone_engine::shape::Polyhedron;
+///
+/// let corners: Vec<_> =
+///     (0..8).map(|i| Vector3::from_fn(|axis, _| f64::from(i >> axis & 1))).collect();
+/// let cube = Polyhedron::hull_of(&corners).unwrap();
+/// assert_eq!(cube.faces().len(), 6);
+/// assert!((cube.volume() - 1.0).abs() < 1e-12);
+/// let round = cube.with_relative_rounding(0.1).unwrap();
+/// assert!((round.equivalent_diameter() - cube.equivalent_diameter()).abs() < 1e-12);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
-    vertices_mm: Vec<Vector3<f64>>,
+    vertices: Vec<Vector3<f64>>,
     /// Vertices of each face, counter-clockwise as seen from outside.
     faces: Vec<Vec<u32>>,
-    volume_mm3: f64,
+    rounding: f64,
+    /// Volume of the rounded body.
+    volume: f64,
+    /// Radii of the spheres around the origin that hold the body, and that it holds.
+    outer_radius: f64,
+    inner_radius: f64,
 }
 
-/// An edge between two faces.
+/// A template with its scale: the shape of one grain.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Edge {
-    /// Its ends, as indices of vertices.
-    pub ends: [u32; 2],
-    /// Angle between the outward normals of its faces: pi less the dihedral angle.
-    pub exterior_angle: f64,
+pub struct ScaledPolyhedron<'a> {
+    /// The polyhedron, in units of the scale.
+    pub template: &'a Polyhedron,
+    /// The scale in mm.
+    pub scale_mm: f64,
+}
+
+/// Why vertices and faces are no convex polyhedron.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PolyhedronFault {
+    /// A coordinate or the radius is no number, or the radius is negative.
+    #[error("a coordinate or the radius is no number, or the radius is negative")]
+    NotANumber,
+    /// A face names a vertex that does not exist, or fewer than three.
+    #[error("face {face} names fewer than three vertices, or one that does not exist")]
+    Face {
+        /// Index of the face.
+        face: usize,
+    },
+    /// The faces are no closed surface: an edge has not one face on each side.
+    #[error("the edge from vertex {from} to vertex {to} has not one face on each side")]
+    Edge {
+        /// Index of a vertex.
+        from: u32,
+        /// Index of the next vertex of a face.
+        to: u32,
+    },
+    /// A vertex lies above the plane of a face or is a corner of it and lies below, or the volume is not positive: the
+    /// faces are not plane, not counter-clockwise seen from outside, or the body is not convex.
+    #[error("vertex {vertex} lies above face {face}, or the face is not plane")]
+    NotConvex {
+        /// Index of the face.
+        face: usize,
+        /// Index of the vertex.
+        vertex: usize,
+    },
 }
 
 impl Polyhedron {
-    /// The convex hull of up to some hundred points in mm; `None` where they lie in a plane or are not finite.
+    /// A polyhedron by vertices, faces whose vertices are counter-clockwise as seen from outside, and a radius of
+    /// rounding. The vertices stay as they are, wherever the origin lies.
+    ///
+    /// # Errors
+    /// See [`PolyhedronFault`].
+    pub fn new(
+        vertices: Vec<Vector3<f64>>,
+        faces: Vec<Vec<u32>>,
+        rounding: f64,
+    ) -> Result<Self, PolyhedronFault> {
+        let is_number = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
+        if !(vertices.iter().all(is_number) && rounding.is_finite() && rounding >= 0.0) {
+            return Err(PolyhedronFault::NotANumber);
+        }
+        let mut edges = BTreeMap::new();
+        for (face, corners) in faces.iter().enumerate() {
+            if corners.len() < 3 || corners.iter().any(|&v| v as usize >= vertices.len()) {
+                return Err(PolyhedronFault::Face { face });
+            }
+            for [from, to] in edges_of(corners) {
+                *edges.entry([from, to]).or_insert(0) += 1;
+            }
+        }
+        for (&[from, to], &faces) in &edges {
+            if faces != 1 || from == to || !edges.contains_key(&[to, from]) {
+                return Err(PolyhedronFault::Edge { from, to });
+            }
+        }
+        let polyhedron = Self::of_parts(vertices, faces, rounding);
+        let size = polyhedron.outer_radius();
+        for face in 0..polyhedron.faces.len() {
+            let (normal, height) = polyhedron.plane(face);
+            let above = |v: &Vector3<f64>| normal.dot(v) - height;
+            let outside = polyhedron.vertices.iter().position(|v| above(v) > FLATNESS * size);
+            let corners = polyhedron.faces[face].iter().map(|&v| v as usize);
+            let below = || corners.clone().find(|&v| above(&polyhedron.vertices[v]) < -FLATNESS * size);
+            if let Some(vertex) = outside.or_else(below) {
+                return Err(PolyhedronFault::NotConvex { face, vertex });
+            }
+        }
+        if polyhedron.core_volume() > 0.0 {
+            Ok(polyhedron)
+        } else {
+            Err(PolyhedronFault::NotConvex { face: 0, vertex: 0 })
+        }
+    }
+
+    /// The convex hull of up to some hundred points, with its centroid at the origin; `None` where the points lie in a
+    /// plane or are not finite.
     #[must_use]
-    pub fn hull_of(points_mm: &[Vector3<f64>]) -> Option<Self> {
-        if !points_mm.iter().all(|point| point.iter().all(|x| x.is_finite())) {
+    pub fn hull_of(points: &[Vector3<f64>]) -> Option<Self> {
+        if !points.iter().all(|point| point.iter().all(|x| x.is_finite())) {
             return None;
         }
         // The tolerances of the hull are relative to the distance from the origin.
-        let center = points_mm.iter().sum::<Vector3<f64>>() / points_mm.len().max(1) as f64;
-        let points: Vec<Vector3<f64>> = points_mm.iter().map(|point| point - center).collect();
+        let center = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+        let points: Vec<Vector3<f64>> = points.iter().map(|point| point - center).collect();
         let faces = hull(&points).into_iter().map(|facet| facet.points).collect();
-        Self::new(&points, faces)
+        Self::centered(&points, faces)
     }
 
-    /// The body in which `normal . x <= offset` for all planes of unit normals and offsets above 0; `None` where it is
-    /// not bounded.
+    /// The body in which `normal . x <= offset` for all planes of unit normals and offsets above 0, moved to its
+    /// centroid; `None` where it is not bounded.
     #[must_use]
     pub fn of_half_spaces(planes: &[(Vector3<f64>, f64)]) -> Option<Self> {
         if !planes.iter().all(|(normal, offset)| normal.norm().is_finite() && *offset > 0.0) {
             return None;
         }
         let (vertices, faces) = intersection(planes);
-        Self::new(&vertices, faces)
+        Self::centered(&vertices, faces)
     }
 
-    /// A body of vertices and faces, moved to its centroid, without the vertices that no face has.
-    fn new(vertices: &[Vector3<f64>], mut faces: Vec<Vec<u32>>) -> Option<Self> {
+    /// A sharp body of vertices and faces, moved to its centroid, without the vertices that no face has.
+    fn centered(vertices: &[Vector3<f64>], mut faces: Vec<Vec<u32>>) -> Option<Self> {
         let mut used = vec![None; vertices.len()];
         let mut kept = Vec::new();
         for vertex in faces.iter_mut().flatten() {
@@ -69,179 +184,128 @@ impl Polyhedron {
                 kept.len() as u32 - 1
             });
         }
-        let mut body = Self { vertices_mm: kept, faces, volume_mm3: 0.0 };
-        body.center()?;
-        Some(body)
+        let body = Self::of_parts(kept, faces, 0.0);
+        let centroid = body.centroid()?;
+        let vertices = body.vertices.iter().map(|vertex| vertex - centroid).collect();
+        Some(Self::of_parts(vertices, body.faces, 0.0))
     }
 
-    /// Measures the volume and moves the centroid to the origin.
-    fn center(&mut self) -> Option<()> {
-        let (mut volume, mut moment) = (0.0, Vector3::zeros());
-        for [p, q, r] in self.triangles() {
-            let part = p.dot(&q.cross(&r)) / 6.0;
-            volume += part;
-            moment += part * (p + q + r) / 4.0;
-        }
-        if !(volume.is_finite() && volume > 0.0) {
-            return None;
-        }
-        let centroid = moment / volume;
-        for vertex in &mut self.vertices_mm {
-            *vertex -= centroid;
-        }
-        self.volume_mm3 = volume;
-        Some(())
+    /// Measures a body.
+    fn of_parts(vertices: Vec<Vector3<f64>>, faces: Vec<Vec<u32>>, rounding: f64) -> Self {
+        let body = Self { vertices, faces, rounding, volume: 0.0, outer_radius: 0.0, inner_radius: 0.0 };
+        let volume = body.steiner_volume();
+        let outer_radius = body.vertices.iter().map(Vector3::norm).fold(0.0, f64::max) + rounding;
+        let heights = (0..body.faces.len()).map(|face| body.plane(face).1);
+        let inner_radius = heights.fold(f64::INFINITY, f64::min) + rounding;
+        Self { volume, outer_radius, inner_radius, ..body }
     }
 
-    /// The same body stretched along x, y and z; `None` unless the factors are finite and positive.
+    /// The core stretched along x, y and z, sharp and moved to its centroid; `None` unless the factors are finite and
+    /// positive.
     #[must_use]
     pub fn stretched(&self, factors: Vector3<f64>) -> Option<Self> {
         if !factors.iter().all(|factor| factor.is_finite() && *factor > 0.0) {
             return None;
         }
         let vertices: Vec<Vector3<f64>> =
-            self.vertices_mm.iter().map(|vertex| vertex.component_mul(&factors)).collect();
-        Self::new(&vertices, self.faces.clone())
+            self.vertices.iter().map(|vertex| vertex.component_mul(&factors)).collect();
+        Self::centered(&vertices, self.faces.clone())
     }
 
-    /// Vertices in mm.
+    /// The same body in other units: all lengths times a factor, which must be finite and positive.
     #[must_use]
-    pub fn vertices_mm(&self) -> &[Vector3<f64>] {
-        &self.vertices_mm
+    pub fn scaled(&self, factor: f64) -> Self {
+        let vertices = self.vertices.iter().map(|vertex| vertex * factor).collect();
+        Self::of_parts(vertices, self.faces.clone(), self.rounding * factor)
     }
 
-    /// Faces by their vertices, counter-clockwise as seen from outside.
+    /// The body with an equivalent diameter of 1.
+    #[must_use]
+    pub fn normalized(&self) -> Self {
+        self.scaled(1.0 / self.equivalent_diameter())
+    }
+
+    /// A smaller core with a radius of rounding that is a share of the equivalent diameter, which stays what it is;
+    /// `None` unless the share lies in 0..0.5, where 0.5 would be a sphere.
+    #[must_use]
+    pub fn with_relative_rounding(&self, share: f64) -> Option<Self> {
+        if !(0.0..0.5).contains(&share) {
+            return None;
+        }
+        let size = self.equivalent_diameter();
+        let rounded = |radius| Self::of_parts(self.vertices.clone(), self.faces.clone(), radius);
+        // The ratio of the radius to the equivalent diameter of the rounded body grows with the radius.
+        let (mut low, mut high) = (0.0, share * size);
+        let ratio = |radius: f64| radius / rounded(radius).equivalent_diameter();
+        while ratio(high) < share {
+            high *= 2.0;
+        }
+        for _ in 0..MOST_STEPS {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if ratio(middle) < share { low = middle } else { high = middle }
+        }
+        let rounded = rounded(high);
+        let factor = size / rounded.equivalent_diameter();
+        Some(rounded.scaled(factor))
+    }
+
+    /// Vertices of the core.
+    #[must_use]
+    pub fn vertices(&self) -> &[Vector3<f64>] {
+        &self.vertices
+    }
+
+    /// Faces of the core by their vertices, counter-clockwise as seen from outside.
     #[must_use]
     pub fn faces(&self) -> &[Vec<u32>] {
         &self.faces
     }
 
-    fn at(&self, vertex: u32) -> Vector3<f64> {
-        self.vertices_mm[vertex as usize]
+    /// Volume of the rounded body.
+    #[must_use]
+    pub fn volume(&self) -> f64 {
+        self.volume
     }
 
-    /// The faces as fans of triangles.
-    fn triangles(&self) -> impl Iterator<Item = [Vector3<f64>; 3]> + '_ {
-        self.faces.iter().flat_map(|face| {
-            face.windows(2).skip(1).map(|pair| [self.at(face[0]), self.at(pair[0]), self.at(pair[1])])
+    /// Radius of the sphere around the origin that holds the body.
+    #[must_use]
+    pub fn outer_radius(&self) -> f64 {
+        self.outer_radius
+    }
+
+    /// Radius of the largest sphere around the origin within the body; negative where the origin lies outside.
+    #[must_use]
+    pub fn inner_radius(&self) -> f64 {
+        self.inner_radius
+    }
+
+    /// Radius of rounding.
+    #[must_use]
+    pub fn rounding(&self) -> f64 {
+        self.rounding
+    }
+
+    /// The vertices of a grain in mm, in the one order of operations that everything which reads a packing follows.
+    ///
+    /// With the scale `s`, the rotation `R` of [`Pose::rotation`] and the centre `x`, a vertex `v` lies at `x + w`,
+    /// where `w_k = (R_k0 u_0 + R_k1 u_1) + R_k2 u_2` and `u = s v`, each operation rounded once. The grain *is* the
+    /// hull of these points, rounded by the radius `s r`.
+    pub fn world_vertices_mm(&self, scale_mm: f64, pose: &Pose) -> impl Iterator<Item = Vector3<f64>> {
+        let (rotation, center) = (pose.rotation(), pose.center_mm);
+        self.vertices.iter().map(move |v| {
+            let u = v * scale_mm;
+            Vector3::from_fn(|k, _| {
+                let turned = (rotation[(k, 0)] * u[0] + rotation[(k, 1)] * u[1]) + rotation[(k, 2)] * u[2];
+                center[k] + turned
+            })
         })
-    }
-
-    /// Twice the area of a face along its outward normal.
-    fn double_area(&self, face: &[u32]) -> Vector3<f64> {
-        let first = self.at(face[0]);
-        face.windows(2)
-            .skip(1)
-            .map(|pair| (self.at(pair[0]) - first).cross(&(self.at(pair[1]) - first)))
-            .sum()
-    }
-
-    /// Volume in mm³, without rounding.
-    #[must_use]
-    pub fn volume_mm3(&self) -> f64 {
-        self.volume_mm3
-    }
-
-    /// Surface in mm², without rounding.
-    #[must_use]
-    pub fn surface_mm2(&self) -> f64 {
-        self.faces.iter().map(|face| self.double_area(face).norm() / 2.0).sum()
-    }
-
-    /// The edges, in the order of the faces that have them first.
-    #[must_use]
-    pub fn edges(&self) -> Vec<Edge> {
-        let normals: Vec<Vector3<f64>> =
-            self.faces.iter().map(|face| self.double_area(face).normalize()).collect();
-        let mut of_edge = std::collections::BTreeMap::new();
-        for (face, vertices) in self.faces.iter().enumerate() {
-            for (i, &from) in vertices.iter().enumerate() {
-                of_edge.insert((from, vertices[(i + 1) % vertices.len()]), face);
-            }
-        }
-        let mut edges = Vec::new();
-        for (&(from, to), &face) in &of_edge {
-            if let (true, Some(&other)) = (from < to, of_edge.get(&(to, from))) {
-                let (p, q) = (normals[face], normals[other]);
-                edges.push(Edge { ends: [from, to], exterior_angle: p.cross(&q).norm().atan2(p.dot(&q)) });
-            }
-        }
-        edges
-    }
-
-    /// `M = 1/2 sum over the edges of length times exterior angle`, in mm.
-    #[must_use]
-    pub fn mean_curvature_mm(&self) -> f64 {
-        let of_edge = |edge: &Edge| {
-            let [from, to] = edge.ends;
-            (self.at(to) - self.at(from)).norm() * edge.exterior_angle / 2.0
-        };
-        self.edges().iter().map(of_edge).sum()
-    }
-
-    /// Volume in mm³ of the body rounded by a radius in mm.
-    #[must_use]
-    pub fn rounded_volume_mm3(&self, radius_mm: f64) -> f64 {
-        let r = radius_mm;
-        self.volume_mm3 + r * (self.surface_mm2() + r * (self.mean_curvature_mm() + r * 4.0 / 3.0 * PI))
-    }
-
-    /// Diameter of the sphere of equal volume, in mm, without rounding.
-    #[must_use]
-    pub fn equivalent_diameter_mm(&self) -> f64 {
-        (6.0 / PI * self.volume_mm3).cbrt()
-    }
-
-    /// Inertia tensor about the centroid in mm⁵, with a density of one per mm³, without rounding.
-    #[must_use]
-    pub fn inertia_mm5(&self) -> Matrix3<f64> {
-        let mut second = Matrix3::zeros();
-        for [p, q, r] in self.triangles() {
-            let sum = p + q + r;
-            let squares = p * p.transpose() + q * q.transpose() + r * r.transpose();
-            second += p.dot(&q.cross(&r)) / 120.0 * (sum * sum.transpose() + squares);
-        }
-        Matrix3::from_diagonal_element(second.trace()) - second
-    }
-
-    /// Support function in mm: how far the body reaches from its centroid along a unit vector, in its own axes, without
-    /// rounding.
-    #[must_use]
-    pub fn support_mm(&self, direction: &Vector3<f64>) -> f64 {
-        self.vertices_mm.iter().map(|vertex| vertex.dot(direction)).fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    /// Width in mm along a unit vector.
-    #[must_use]
-    pub fn width_mm(&self, direction: &Vector3<f64>) -> f64 {
-        self.support_mm(direction) + self.support_mm(&-direction)
-    }
-
-    /// Largest caliper width in mm: the largest distance of two vertices.
-    #[must_use]
-    pub fn length_mm(&self) -> f64 {
-        let pairs = self.vertices_mm.iter().enumerate();
-        pairs
-            .flat_map(|(i, p)| self.vertices_mm[i + 1..].iter().map(move |q| (p - q).norm()))
-            .fold(0.0, f64::max)
-    }
-
-    /// Least caliper width in mm. It is found along the normal of a face, or across two edges.
-    #[must_use]
-    pub fn thickness_mm(&self) -> f64 {
-        let directions: Vec<Vector3<f64>> = self
-            .edges()
-            .iter()
-            .map(|edge| (self.at(edge.ends[1]) - self.at(edge.ends[0])).normalize())
-            .collect();
-        let across = directions.iter().enumerate().flat_map(|(i, p)| {
-            directions[i + 1..].iter().filter_map(move |q| p.cross(q).try_normalize(1e-9))
-        });
-        let normals = self.faces.iter().map(|face| self.double_area(face).normalize());
-        normals.chain(across).map(|direction| self.width_mm(&direction)).fold(f64::INFINITY, f64::min)
     }
 }
 
-#[cfg(test)]
-#[path = "polyhedron_tests.rs"]
-mod tests;
+/// The directed edges of a face.
+fn edges_of(corners: &[u32]) -> impl Iterator<Item = [u32; 2]> {
+    corners.iter().zip(corners.iter().cycle().skip(1)).map(|(&from, &to)| [from, to])
+}

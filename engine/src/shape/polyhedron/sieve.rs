@@ -15,15 +15,14 @@ const FIRST_STEP: f64 = 0.3;
 const LAST_STEP: f64 = 1.0e-6;
 
 impl Polyhedron {
-    /// Sieve size in mm: the edge of the least square opening that the body passes by moving straight, without
-    /// rounding. A rounding by a radius adds twice the radius.
+    /// Sieve size: the edge of the least square opening that the body passes by moving straight.
     #[must_use]
-    pub fn sieve_size_mm(&self) -> f64 {
+    pub fn sieve_size(&self) -> f64 {
         (0..STARTS).map(|i| self.opening_from(start(i))).fold(f64::INFINITY, f64::min)
     }
 
     fn opening(&self, frame: &Matrix3<f64>) -> f64 {
-        let width = |axis: Vector3<f64>| self.width_mm(&axis);
+        let width = |axis: Vector3<f64>| self.width(&axis);
         width(frame.column(0).into_owned()).max(width(frame.column(1).into_owned()))
     }
 

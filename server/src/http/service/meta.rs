@@ -39,6 +39,8 @@ pub(crate) struct Capabilities {
     standard_curves: Vec<Curve>,
     /// Rules for the distance between grains.
     distances: Vec<&'static str>,
+    /// Shapes of grains.
+    shapes: Vec<&'static str>,
     /// Methods.
     methods: Vec<&'static str>,
     /// Formats of results.
@@ -163,7 +165,8 @@ pub(crate) async fn capabilities(
             .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
             .collect(),
         distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
-        methods: vec!["auto", "rsa", "edmd"],
+        shapes: vec!["sphere", "ellipsoid", "mixture"],
+        methods: vec!["auto", "rsa", "edmd", "monte_carlo"],
         formats: Format::ALL
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })

@@ -15,12 +15,13 @@ use std::time::Instant;
 use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
 use super::container::Container;
 use super::growth_protocol::GrowthProtocol;
-use super::swap::{Swaps, unjam};
+use super::swap::{self, unjam};
 use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
 use crate::checkpoint::Checkpoint;
 use crate::control::Control;
 use crate::memory::{OutOfMemory, collected, filled};
+use crate::methods::swap_pairs::SwapPairs;
 use crate::mix::sphere_volume;
 use crate::packing::{GrowthEnd, GrowthPoint, RsaStatistics};
 use crate::request::{EdmdOptions, PackingRequest};
@@ -141,7 +142,7 @@ pub(crate) struct Run {
     pressure: f64,
     events_per_time: f64,
     energy: f64,
-    swaps: Swaps,
+    swaps: SwapPairs,
     compression_cycles: u64,
     rescalings: u64,
     pinned_grains: u64,
@@ -198,7 +199,7 @@ impl Run {
             pressure: 1.0,
             events_per_time,
             energy,
-            swaps: Swaps::new(FIRST_SWAP_WINDOW),
+            swaps: SwapPairs::new(FIRST_SWAP_WINDOW),
             compression_cycles: 0,
             rescalings: 0,
             pinned_grains: 0,
@@ -289,7 +290,8 @@ impl Run {
         }
         if frame.options.swap != Some(false) {
             let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
-            self.swaps.sweep(
+            swap::sweep(
+                &mut self.swaps,
                 &mut self.system,
                 &protocol.radii_mm,
                 frame.preference.as_ref(),

@@ -13,11 +13,12 @@ use std::time::Instant;
 use super::lists::Lists;
 use super::push::{Pusher, Tighten};
 use super::shake;
-use super::swap::Swaps;
+use super::swap;
 use super::system::System;
 use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
 use crate::control::Control;
 use crate::memory::{OutOfMemory, collected, filled};
+use crate::methods::swap_pairs::SwapPairs;
 use crate::packing::RsaStatistics;
 use crate::rng::cycle_stream;
 use crate::shape::Pose;
@@ -81,7 +82,7 @@ pub(super) struct Run {
     diameters: Vec<f64>,
     stage: Stage,
     rate: f64,
-    swaps: Swaps,
+    swaps: SwapPairs,
     statistics: Statistics,
     pub(super) rsa: RsaStatistics,
     pub(super) rsa_s: f64,
@@ -124,7 +125,7 @@ impl Run {
             diameters: collected(of.shapes.iter().map(crate::shape::Ellipsoid::equivalent_diameter_mm))?,
             stage: Stage::Scale,
             rate: MOST_RATE,
-            swaps: Swaps::new(FIRST_SWAP_WINDOW),
+            swaps: SwapPairs::new(FIRST_SWAP_WINDOW),
             statistics: Statistics::default(),
             rsa: RsaStatistics::default(),
             rsa_s: 0.0,
@@ -248,7 +249,7 @@ impl Run {
         let mut rng = cycle_stream(of.seed, self.statistics.cycles);
         if of.swap {
             let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
-            self.swaps.sweep(&mut self.system, of.shapes, &self.diameters, tries, &mut rng)?;
+            swap::sweep(&mut self.swaps, &mut self.system, of.shapes, &self.diameters, tries, &mut rng)?;
         }
         if control.should_stop() {
             return Ok(false);

@@ -1,4 +1,8 @@
-#![allow(clippy::unwrap_used)]
+//! Closed forms of cuboid and tetrahedron, refusals, random templates.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 
 use super::*;
 use crate::rng::{Stream, stream};
@@ -16,22 +20,21 @@ fn cuboid(edges: [f64; 3]) -> Polyhedron {
 /// Euler's formula, planar and convex faces, closed surface, centroid at the origin.
 fn assert_sound(body: &Polyhedron) {
     let edges = body.edges();
-    assert_eq!(body.vertices_mm().len() + body.faces().len(), edges.len() + 2);
+    assert_eq!(body.vertices().len() + body.faces().len(), edges.len() + 2);
     assert_eq!(body.faces().iter().map(Vec::len).sum::<usize>(), 2 * edges.len());
-    let size = body.length_mm();
-    for face in body.faces() {
-        let normal = body.double_area(face).normalize();
-        let offset = body.at(face[0]).dot(&normal);
+    let size = body.length();
+    for (index, face) in body.faces().iter().enumerate() {
+        let (normal, offset) = body.plane(index);
         assert!(offset > 0.0);
-        for vertex in body.vertices_mm() {
+        for vertex in body.vertices() {
             assert!(vertex.dot(&normal) < offset + 1e-7 * size);
         }
         for &vertex in face {
-            assert!((body.at(vertex).dot(&normal) - offset).abs() < 1e-7 * size);
+            assert!((body.vertices()[vertex as usize].dot(&normal) - offset).abs() < 1e-7 * size);
         }
     }
     assert!(
-        body.faces().iter().map(|face| body.double_area(face)).sum::<Vector3<f64>>().norm()
+        (0..body.faces().len()).map(|face| body.double_area(face)).sum::<Vector3<f64>>().norm()
             < 1e-9 * size * size
     );
     let moment: Vector3<f64> =
@@ -44,19 +47,21 @@ fn a_cuboid_has_its_closed_forms() {
     let [a, b, c] = [3.0, 2.0, 1.0];
     let body = cuboid([a, b, c]);
     assert_sound(&body);
-    assert_eq!((body.vertices_mm().len(), body.faces().len(), body.edges().len()), (8, 6, 12));
-    close(body.volume_mm3(), a * b * c, 1e-14);
-    close(body.surface_mm2(), 2.0 * (a * b + a * c + b * c), 1e-14);
-    close(body.mean_curvature_mm(), PI * (a + b + c), 1e-14);
+    assert_eq!((body.vertices().len(), body.faces().len(), body.edges().len()), (8, 6, 12));
+    close(body.volume(), a * b * c, 1e-14);
+    close(body.surface(), 2.0 * (a * b + a * c + b * c), 1e-14);
+    close(body.mean_curvature(), PI * (a + b + c), 1e-14);
     let r = 0.3;
     let rounded = a * b * c + 22.0 * r + PI * (a + b + c) * r * r + 4.0 / 3.0 * PI * r.powi(3);
-    close(body.rounded_volume_mm3(r), rounded, 1e-14);
+    close(Polyhedron::of_parts(body.vertices.clone(), body.faces.clone(), r).volume(), rounded, 1e-14);
+    let surface = 22.0 + 2.0 * PI * (a + b + c) * r + 4.0 * PI * r * r;
+    close(Polyhedron::of_parts(body.vertices.clone(), body.faces.clone(), r).surface(), surface, 1e-14);
     let inertia = Matrix3::from_diagonal(&Vector3::new(b * b + c * c, a * a + c * c, a * a + b * b))
         * (a * b * c / 12.0);
-    assert!((body.inertia_mm5() - inertia).norm() < 1e-12);
-    close(body.length_mm(), 14.0_f64.sqrt(), 1e-14);
-    close(body.thickness_mm(), c, 1e-14);
-    close(body.support_mm(&Vector3::x()), 1.5, 1e-14);
+    assert!((body.core_inertia() - inertia).norm() < 1e-12);
+    close(body.length(), 14.0_f64.sqrt(), 1e-14);
+    close(body.thickness(), c, 1e-14);
+    close(body.support(&Vector3::x()), 1.5, 1e-14);
 }
 
 #[test]
@@ -66,19 +71,17 @@ fn a_tetrahedron_has_its_closed_forms() {
     let body = Polyhedron::hull_of(&points).unwrap();
     assert_sound(&body);
     let edge = 8.0_f64.sqrt();
-    close(body.volume_mm3(), edge.powi(3) / 72.0_f64.sqrt(), 1e-14);
-    close(body.surface_mm2(), edge * edge * 3.0_f64.sqrt(), 1e-14);
-    close(body.mean_curvature_mm(), 3.0 * edge * (PI - (1.0_f64 / 3.0).acos()), 1e-14);
-    assert!(
-        (body.inertia_mm5() - Matrix3::identity() * body.volume_mm3() * edge * edge / 20.0).norm() < 1e-12
-    );
+    close(body.volume(), edge.powi(3) / 72.0_f64.sqrt(), 1e-14);
+    close(body.surface(), edge * edge * 3.0_f64.sqrt(), 1e-14);
+    close(body.mean_curvature(), 3.0 * edge * (PI - (1.0_f64 / 3.0).acos()), 1e-14);
+    assert!((body.core_inertia() - Matrix3::identity() * body.volume() * edge * edge / 20.0).norm() < 1e-12);
     // Across two opposite edges.
-    close(body.thickness_mm(), 2.0, 1e-14);
+    close(body.thickness(), 2.0, 1e-14);
     // The same body as four half-spaces.
     let planes = points.map(|point| (-point.normalize(), 1.0 / 3.0_f64.sqrt()));
     let cut = Polyhedron::of_half_spaces(&planes).unwrap();
     assert_sound(&cut);
-    close(cut.volume_mm3(), body.volume_mm3(), 1e-13);
+    close(cut.volume(), body.volume(), 1e-13);
 }
 
 #[test]
@@ -86,9 +89,9 @@ fn the_sieve_size_of_a_cuboid_is_that_of_its_smallest_face() {
     // Upright, or turned by 45 degrees where that needs less.
     for [b, c] in [[1.0, 1.0], [1.0, 0.8], [1.0, 0.5], [1.0, 0.3], [1.0, 0.1_f64]] {
         let known = f64::min(b, (b + c) / 2.0_f64.sqrt());
-        close(cuboid([3.0, b, c]).sieve_size_mm(), known, 1e-5);
+        close(cuboid([3.0, b, c]).sieve_size(), known, 1e-5);
     }
-    close(cuboid([1.0; 3]).sieve_size_mm(), 1.0, 1e-5);
+    close(cuboid([1.0; 3]).sieve_size(), 1.0, 1e-5);
 }
 
 #[test]
@@ -119,9 +122,9 @@ fn templates_are_sound_and_the_same_for_the_same_seed() {
             let body = draw_template(kind, form, &mut rng).unwrap();
             assert_sound(&body);
             assert_eq!(Some(&body), draw_template(kind, form, &mut again).as_ref());
-            let thickness = body.thickness_mm();
-            let sieve = body.sieve_size_mm();
-            assert!(thickness <= sieve && sieve <= body.length_mm(), "{kind:?}: {thickness} {sieve}");
+            let thickness = body.thickness();
+            let sieve = body.sieve_size();
+            assert!(thickness <= sieve && sieve <= body.length(), "{kind:?}: {thickness} {sieve}");
         }
     }
     let mut rng = stream(3, Stream::Shape);
@@ -137,7 +140,7 @@ fn voronoi_cells_have_their_mean_volume_and_number_of_faces() {
     let (mut volume, mut faces) = (0.0, 0.0);
     for _ in 0..n {
         let cell = draw_template(TemplateKind::Voronoi, Form::SPHERE, &mut rng).unwrap();
-        volume += cell.volume_mm3() / (4.0 / 3.0 * PI) / f64::from(n);
+        volume += cell.volume() / (4.0 / 3.0 * PI) / f64::from(n);
         faces += cell.faces().len() as f64 / f64::from(n);
     }
     // Standard deviations 0.42 and 3.3 of one cell.
@@ -152,7 +155,51 @@ fn cuts_have_the_ratio_of_diameters_that_was_measured() {
     let n = 20;
     let mean: f64 = (0..n)
         .map(|_| draw_template(TemplateKind::Cuts(21), form, &mut rng).unwrap())
-        .map(|body| body.equivalent_diameter_mm() / body.sieve_size_mm() / f64::from(n))
+        .map(|body| body.equivalent_diameter() / body.sieve_size() / f64::from(n))
         .sum();
     assert!((mean - 1.074).abs() < 0.03, "{mean}");
+}
+
+#[test]
+fn a_rounded_body_keeps_its_volume_and_has_the_radius_that_was_named() {
+    let body = cuboid([3.0, 2.0, 1.0]);
+    for share in [0.0, 1e-3, 0.05, 0.3, 0.45] {
+        let rounded = body.with_relative_rounding(share).unwrap();
+        close(rounded.volume(), 6.0, 1e-12);
+        close(rounded.rounding() / rounded.equivalent_diameter(), share, 1e-12);
+        close(rounded.normalized().equivalent_diameter(), 1.0, 1e-14);
+    }
+    assert_eq!(body.with_relative_rounding(0.5), None);
+    assert_eq!(body.with_relative_rounding(-0.1), None);
+    let nearly_a_sphere = body.with_relative_rounding(0.4999).unwrap().normalized();
+    close(nearly_a_sphere.surface(), PI, 1e-4);
+}
+
+#[test]
+fn open_inverted_and_dented_surfaces_are_refused() {
+    let cube = samples::cuboid([1.0; 3], 0.0);
+    let (vertices, faces) = (cube.vertices().to_vec(), cube.faces().to_vec());
+    let new = |v: &[Vector3<f64>], f: &[Vec<u32>]| Polyhedron::new(v.to_vec(), f.to_vec(), 0.0);
+    assert!(matches!(new(&vertices, &faces[1..]), Err(PolyhedronFault::Edge { .. })));
+    let inverted: Vec<Vec<u32>> = faces.iter().map(|f| f.iter().rev().copied().collect()).collect();
+    assert!(matches!(new(&vertices, &inverted), Err(PolyhedronFault::NotConvex { .. })));
+    let mut dented = vertices.clone();
+    dented[7] = Vector3::new(0.5, 0.5, 0.5);
+    assert!(matches!(new(&dented, &faces), Err(PolyhedronFault::NotConvex { .. })));
+    dented[7].x = f64::NAN;
+    assert_eq!(new(&dented, &faces), Err(PolyhedronFault::NotANumber));
+    let mut wrong = faces.clone();
+    wrong[2][1] = 8;
+    assert_eq!(new(&vertices, &wrong), Err(PolyhedronFault::Face { face: 2 }));
+}
+
+#[test]
+fn world_vertices_are_turned_scaled_and_moved() {
+    let q = UnitQuaternion::new_unchecked(Quaternion::new(0.3, 0.1, -0.7, 0.2));
+    let pose = Pose { center_mm: Vector3::new(5.0, 6.0, 7.0), orientation: q };
+    let cube = samples::cuboid([1.0, 2.0, 3.0], 0.0);
+    let turned = UnitQuaternion::new_normalize(*q.quaternion());
+    for (w, v) in cube.world_vertices_mm(2.5, &pose).zip(cube.vertices()) {
+        assert!((w - (pose.center_mm + turned * (v * 2.5))).norm() < 1e-14);
+    }
 }

@@ -1,7 +1,6 @@
 //! Random templates of angular grains: half-space cuts, deformed cuboids, Poisson-Voronoi cells.
 //!
-//! Each is drawn with a radius of about 1 and then stretched to ratios of its axes; [`Polyhedron::stretched`] scales it
-//! to a size.
+//! Each is drawn with a radius of about 1 and then stretched to ratios of its axes.
 
 use nalgebra::Vector3;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -99,7 +98,7 @@ fn voronoi_cell(rng: &mut Xoshiro256PlusPlus) -> Option<Polyhedron> {
         let (vertices, faces) = intersection(&planes);
         let reach = vertices.iter().map(Vector3::norm).fold(0.0, f64::max);
         if reach > 0.0 && reach <= volume.cbrt() / 2.0 {
-            return Polyhedron::new(&vertices, faces);
+            return Polyhedron::centered(&vertices, faces);
         }
     }
     None
