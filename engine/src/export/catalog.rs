@@ -169,10 +169,7 @@ impl ExportRequest {
     pub fn check(&self, specimen: &Specimen, grains: GrainKind, limits: &Limits) -> Result<(), ExportError> {
         let limits = &of_exports(limits);
         match self {
-            Self::Ldpm(_) if grains != GrainKind::Spheres => {
-                Err(ExportError::of_spheres_alone("a lattice model"))
-            }
-            Self::Mesh(mesh) => mesh.check(specimen),
+            Self::Mesh(mesh) => mesh.check(specimen, grains),
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),

@@ -22,7 +22,7 @@ use thiserror::Error;
 
 use crate::control::Control;
 use crate::memory::OutOfMemory;
-use crate::packing::{GrainsRef, Spheres};
+use crate::packing::GrainsRef;
 use crate::request::{FieldError, Specimen};
 
 pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
@@ -53,26 +53,6 @@ impl<'a> Model<'a> {
     pub fn with_provenance(self, provenance: &'a Provenance) -> Self {
         Self { provenance: Some(provenance), ..self }
     }
-
-    /// The packing as one of spheres.
-    ///
-    /// # Errors
-    /// [`ExportError::Unavailable`] where the grains are not spheres; the text names the export.
-    pub(crate) fn of_spheres(&self, export: &str) -> Result<SphereModel<'a>, ExportError> {
-        match self.grains {
-            GrainsRef::Spheres(spheres) => Ok(SphereModel { specimen: self.specimen, spheres }),
-            GrainsRef::Ellipsoids(_) => Err(ExportError::of_spheres_alone(export)),
-        }
-    }
-}
-
-/// A finished packing of spheres, in memory.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct SphereModel<'a> {
-    /// The region.
-    pub(crate) specimen: &'a Specimen,
-    /// The grains, largest first; none overlaps another or leaves the region.
-    pub(crate) spheres: &'a Spheres,
 }
 
 /// Why something was not made of a packing.
@@ -102,16 +82,6 @@ pub enum ExportError {
     /// What was made could not be written.
     #[error("{0}")]
     Write(#[from] io::Error),
-}
-
-impl ExportError {
-    /// The refusal of an export that grains of other shapes do not have.
-    fn of_spheres_alone(export: &str) -> Self {
-        Self::Unavailable(format!(
-            "{export} is made of spheres alone, and the grains are ellipsoids: meshes, voxels, slices and pictures can be \
-             made of them"
-        ))
-    }
 }
 
 impl From<OutOfMemory> for ExportError {

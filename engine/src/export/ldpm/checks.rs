@@ -251,8 +251,9 @@ fn count(nodes: &Nodes, tets: usize, topology: &Topology, surface: &Surface, che
 fn edge_parameters(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
     for [a, b] in topology.edges() {
         let [a, b] = [a as usize, b as usize];
-        let length = (point(nodes.points_mm[b]) - point(nodes.points_mm[a])).norm();
-        let (r, s) = (nodes.radii_mm[a], nodes.radii_mm[b]);
+        let along = point(nodes.points_mm[b]) - point(nodes.points_mm[a]);
+        let length = along.norm();
+        let (r, s) = (nodes.reach_mm(a, &along), nodes.reach_mm(b, &-along));
         let parameter = edge_parameter(length, r, s);
         checks.edge_parameter_min = checks.edge_parameter_min.min(parameter);
         checks.edge_parameter_max = checks.edge_parameter_max.max(parameter);

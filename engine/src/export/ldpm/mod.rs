@@ -3,18 +3,19 @@
 //!
 //! Grains and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay tetrahedralisation; each
 //! tetrahedron falls into facets between the cells of its nodes (`tessellation`); every lattice is checked
-//! (`checks`, `spheres`) and then written (`chrono`, `vtu`). Facets are many and follow from the nodes: they are
-//! computed wherever they are needed, never kept. It knows spheres and their specimen; it must never know how
+//! (`checks`, `clearances`) and then written (`chrono`, `vtu`). Facets are many and follow from the nodes: they are
+//! computed wherever they are needed, never kept. It knows grains and their specimen; it must never know how
 //! they were packed or where what it writes goes.
 
-mod balls;
 mod checks;
 mod chrono;
+mod clearances;
+mod grains;
 mod nodes;
+mod obstacles;
 mod options;
 mod report;
 mod sample;
-mod spheres;
 mod surface;
 mod tessellation;
 mod text;
@@ -33,11 +34,12 @@ pub use report::{Checks, LatticeReport, NodeReport};
 
 use crate::control::{Control, Part};
 use crate::export::steps::Steps;
-use crate::export::{ExportError, Model, Provenance, SphereModel};
+use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::memory;
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
+use grains::Grains;
 use tessellation::point;
 use topology::Topology;
 use vtu::Vtu;
@@ -103,15 +105,14 @@ impl Lattice {
         limits: &Limits,
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
-        let model = &model.of_spheres("a lattice model")?;
-        check(model.specimen, options, limits)?;
-        let grains = model.spheres;
-        if grains.is_empty() {
+        let (specimen, grains) = (model.specimen, &Grains::new(model)?);
+        check(specimen, options, limits)?;
+        if grains.len() == 0 {
             return Err(ExportError::Unavailable("a lattice needs grains, and this packing has none".into()));
         }
-        check_spacing(model, options)?;
-        check_memory(model, options, limits)?;
-        let nodes = nodes::lay(model, options, control)?;
+        check_spacing(specimen, grains, options)?;
+        check_memory(specimen, grains, options, limits)?;
+        let nodes = nodes::lay(specimen, grains, options, control)?;
         let Delaunay { nodes: tets, neighbors } = delaunay(&nodes.points_mm, &Part::new(control, 0.02, 0.4))?;
         let topology = Topology::new(nodes.len(), &tets, &neighbors, control)?;
         check_radii(&nodes, &topology)?;
@@ -121,7 +122,8 @@ impl Lattice {
         let mut node_report = NodeReport::new(&nodes, options);
         let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
         let spans = [clear, node_report.spacing_mm];
-        spheres::check(model, &nodes, spans, control, &mut checked.checks, &mut node_report)?;
+        let (checks, of_nodes) = (&mut checked.checks, &mut node_report);
+        clearances::check(specimen, grains, &nodes, spans, control, checks, of_nodes)?;
         let report = LatticeReport {
             nodes: node_report,
             edges: topology.edge_ends.len() as u64,
@@ -129,11 +131,11 @@ impl Lattice {
             facets: 12 * tets.len() as u64,
             surface_triangles: checked.surface_triangles,
             volume_mm3: checked.volume_mm3,
-            volume_over_specimen: checked.volume_mm3 / model.specimen.volume_mm3(),
+            volume_over_specimen: checked.volume_mm3 / specimen.volume_mm3(),
             checks: checked.checks,
         };
         let lattice = Self { nodes, tets, neighbors, topology, cells: checked.cells, report };
-        lattice.check_surface(model.specimen)?;
+        lattice.check_surface(specimen)?;
         Ok(lattice)
     }
 
@@ -226,15 +228,14 @@ pub(super) fn expected_bytes(
     (4000.0 + per_tetrahedron * tetrahedra) as u64
 }
 
-/// Smallest diameter of a packing, by which the options are multiplied.
-fn d_min_mm(model: &SphereModel<'_>) -> f64 {
-    model.spheres.d_mm.iter().copied().fold(f64::INFINITY, f64::min)
-}
-
 /// Refuses to make a prism of fewer than six sides of a cylinder.
-fn check_spacing(model: &SphereModel<'_>, options: &LatticeOptions) -> Result<(), ExportError> {
-    let spacing_mm = options.spacing * d_min_mm(model);
-    match *model.specimen {
+fn check_spacing(
+    specimen: &Specimen,
+    grains: &Grains<'_>,
+    options: &LatticeOptions,
+) -> Result<(), ExportError> {
+    let spacing_mm = options.spacing * grains.d_min_mm();
+    match *specimen {
         Specimen::Cylinder { diameter_mm, .. } if spacing_mm > diameter_mm / 2.0 => {
             Err(ExportError::Unavailable(format!(
                 "nodes {spacing_mm} mm apart make no cylinder of {diameter_mm} mm: choose a smaller \"spacing\""
@@ -244,14 +245,15 @@ fn check_spacing(model: &SphereModel<'_>, options: &LatticeOptions) -> Result<()
     }
 }
 
-/// Refuses surface nodes so large that the points of their edges, half way between the spheres at both ends, would lie
+/// Refuses surface nodes so large that the points of their edges, half way between the bodies at both ends, would lie
 /// beyond one of the ends.
 fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
     let of_surface = |node: u32| (node as usize) < nodes.boundary;
     for [a, b] in topology.edges() {
         let [p, q] = [a, b].map(|node| point(nodes.points_mm[node as usize]));
-        let length_mm = (p - q).norm();
-        let (first, second) = (nodes.radii_mm[a as usize], nodes.radii_mm[b as usize]);
+        let along = q - p;
+        let length_mm = along.norm();
+        let (first, second) = (nodes.reach_mm(a as usize, &along), nodes.reach_mm(b as usize, &-along));
         let reach_mm = if of_surface(a) && of_surface(b) { first } else { (first - second).abs() };
         if reach_mm >= length_mm && (of_surface(a) || of_surface(b)) {
             let radius_mm = if of_surface(a) { first } else { second };
@@ -265,12 +267,13 @@ fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
 }
 
 fn check_memory(
-    model: &SphereModel<'_>,
+    specimen: &Specimen,
+    grains: &Grains<'_>,
     options: &LatticeOptions,
     limits: &Limits,
 ) -> Result<(), ExportError> {
-    let boundary = nodes::expected_on_boundary(model.specimen, options, d_min_mm(model));
-    let grains = model.spheres.len() as f64;
+    let boundary = nodes::expected_on_boundary(specimen, options, grains.d_min_mm());
+    let grains = grains.len() as f64;
     let bytes = (boundary + grains) * BYTES_PER_NODE;
     if bytes <= limits.max_memory_bytes as f64 {
         // What comes in small pieces is asked for as one.

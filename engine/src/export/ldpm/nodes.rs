@@ -2,16 +2,17 @@
 //!
 //! It knows the surface and the grains; it must never know how nodes are joined.
 
+use nalgebra::Vector3;
 use rand::rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::balls::Balls;
+use super::grains::{Grains, Reach};
+use super::obstacles::{Obstacle, Obstacles};
 use super::options::{BoundaryNodes, LatticeOptions};
 use super::sample;
 use super::surface::{Edge, Face, LateralSurface, Surface};
-use super::tessellation::point;
 use crate::control::Control;
-use crate::export::{ExportError, SphereModel, go_on};
+use crate::export::{ExportError, go_on};
 use crate::memory::{make_room, reserved};
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -27,7 +28,7 @@ const DISKS_PER_AREA: f64 = 0.70;
 pub struct Nodes {
     /// Where they are.
     pub points_mm: Vec<[f64; 3]>,
-    /// Their radius in the tessellation.
+    /// Their radius in the tessellation; of grains that are no spheres that of the sphere of equal volume.
     pub radii_mm: Vec<f64>,
     /// How many lie on the surface.
     pub boundary: usize,
@@ -39,6 +40,8 @@ pub struct Nodes {
     pub complete: bool,
     /// Diameter of the smallest grain.
     pub d_min_mm: f64,
+    /// How far grains reach along lines.
+    pub(super) reach: Reach,
 }
 
 impl Nodes {
@@ -52,7 +55,16 @@ impl Nodes {
         self.points_mm.is_empty()
     }
 
-    /// Diameter of the grain at a node; 0 on the surface.
+    /// How far the tessellation takes the body at a node to reach from it along a vector, which must not be zero: the
+    /// radius of nodes on the surface and of spheres, else the distance of the grain's surface from its centre.
+    pub(super) fn reach_mm(&self, node: usize, along: &Vector3<f64>) -> f64 {
+        match node.checked_sub(self.boundary) {
+            Some(grain) => self.reach.along_mm(grain, self.radii_mm[node], along),
+            None => self.radii_mm[node],
+        }
+    }
+
+    /// Equivalent diameter of the grain at a node; 0 on the surface.
     pub fn diameter_mm(&self, node: usize) -> f64 {
         if node < self.boundary { 0.0 } else { 2.0 * self.radii_mm[node] }
     }
@@ -82,10 +94,11 @@ struct Layer<'a> {
     /// Distance that all nodes keep.
     distance: f64,
     rng: Xoshiro256PlusPlus,
-    /// Grains that keep nodes from the surface, as balls.
-    grains: Vec<([f64; 3], f64)>,
+    grains: &'a Grains<'a>,
+    /// Grains that keep nodes from the surface.
+    near_surface: Vec<Obstacle>,
     /// These and the nodes so far.
-    balls: Balls,
+    obstacles: Obstacles,
     points: Vec<[f64; 3]>,
     complete: bool,
 }
@@ -94,7 +107,7 @@ impl Layer<'_> {
     fn push(&mut self, points: impl IntoIterator<Item = [f64; 3]>) {
         for p in points {
             self.points.push(p);
-            self.balls.push(p, self.distance);
+            self.obstacles.push(Obstacle::ball(p, self.distance));
         }
     }
 
@@ -108,8 +121,9 @@ impl Layer<'_> {
         count: f64,
         draw: impl Fn(&mut Xoshiro256PlusPlus) -> Option<[f64; 3]>,
     ) -> Result<(), ExportError> {
-        let Self { distance, rng, balls, control, points, .. } = self;
-        self.complete &= sample::scatter(count as u64, *distance, balls, *control, points, || draw(rng))?;
+        let Self { distance, rng, grains, obstacles, control, points, .. } = self;
+        self.complete &=
+            sample::scatter(count as u64, *distance, grains, obstacles, *control, points, || draw(rng))?;
         Ok(())
     }
 
@@ -118,8 +132,9 @@ impl Layer<'_> {
         if self.is_none() {
             return self.scatter(edge.length / self.spacing, |rng| Some(edge.at(edge.length * uniform(rng))));
         }
-        let earlier = self.points.iter().map(|&p| (p, self.distance));
-        let points = sample::divide(edge, self.distance, self.grains.iter().copied().chain(earlier));
+        let earlier = self.points.iter().map(|&p| Obstacle::ball(p, self.distance));
+        let taken = self.near_surface.iter().copied().chain(earlier);
+        let points = sample::divide(edge, self.distance, self.grains, taken);
         self.push(points);
         Ok(())
     }
@@ -127,8 +142,7 @@ impl Layer<'_> {
     /// End circles, where rulings begin and end.
     fn lay_end_circles(&mut self, rulings: &[Edge]) {
         for end in [0.0, 1.0] {
-            let free =
-                |p: &[f64; 3]| !self.grains.iter().any(|&(center, radius)| is_in_ball(*p, center, radius));
+            let free = |p: &[f64; 3]| !self.near_surface.iter().any(|grain| grain.holds(self.grains, *p));
             let circle: Vec<_> = rulings.iter().map(|g| g.at(end * g.length)).filter(free).collect();
             self.push(circle);
         }
@@ -148,9 +162,9 @@ impl Layer<'_> {
             // Every other one begins half a step later, which makes better triangles; where grains leave too little
             // for that, what is left is filled.
             for factor in if i % 2 == 0 { &[1.0][..] } else { &[1.5, 1.0] } {
-                let earlier = own.iter().map(|&p| (p, factor * self.distance));
-                let taken = self.grains.iter().copied().chain(earlier);
-                let points = sample::divide(ruling, self.distance, taken);
+                let earlier = own.iter().map(|&p| Obstacle::ball(p, factor * self.distance));
+                let taken = self.near_surface.iter().copied().chain(earlier);
+                let points = sample::divide(ruling, self.distance, self.grains, taken);
                 own.extend_from_slice(&points);
                 self.push(points);
             }
@@ -166,37 +180,34 @@ impl Layer<'_> {
                 face.has(uv).then(|| face.at(uv))
             });
         }
-        sample::fill(face, self.distance, &mut self.balls, &mut self.rng, self.control, &mut self.points)
+        let Self { distance, grains, obstacles, rng, control, points, .. } = self;
+        sample::fill(face, *distance, grains, obstacles, rng, *control, points)
     }
 }
 
-fn is_in_ball(p: [f64; 3], center: [f64; 3], radius: f64) -> bool {
-    (point(p) - point(center)).norm_squared() < radius * radius
-}
-
-/// Lays nodes on the surface of a model, and appends its grains.
+/// Lays nodes on the surface of a specimen, and appends its grains.
 pub(super) fn lay(
-    model: &SphereModel<'_>,
+    specimen: &Specimen,
+    grains: &Grains<'_>,
     options: &LatticeOptions,
     control: &dyn Control,
 ) -> Result<Nodes, ExportError> {
-    let grains = model.spheres;
-    let d_min = grains.d_mm.iter().copied().fold(f64::INFINITY, f64::min);
-    let surface = Surface::of(model.specimen);
+    let d_min = grains.d_min_mm();
+    let surface = Surface::of(specimen);
     let spacing = options.spacing * d_min;
     let clear = options.fictitious_diameter * d_min / 2.0;
     let distance = match options.boundary_nodes {
         BoundaryNodes::PoissonDisk => spacing,
         BoundaryNodes::Random => 2.0 * clear,
     };
-    let mut balls = Balls::new(model.specimen.bounds_mm(), distance);
+    let mut obstacles = Obstacles::new(specimen.bounds_mm(), distance);
     let mut near_surface = Vec::new();
     for i in 0..grains.len() {
-        let (center, radius) = (grains.center(i), grains.d_mm[i] / 2.0);
         // Others cannot keep a node from the surface.
-        if model.specimen.clearance_reaching_all(center, [0.0; 3]) < radius + clear {
-            near_surface.push((center, radius + clear));
-            balls.push(center, radius + clear);
+        if specimen.clearance_reaching_all(grains.center(i), [0.0; 3]) < grains.outer_mm(i) + clear {
+            let obstacle = Obstacle::grain(grains, i, clear);
+            near_surface.push(obstacle);
+            obstacles.push(obstacle);
         }
     }
     let mut layer = Layer {
@@ -205,8 +216,9 @@ pub(super) fn lay(
         spacing,
         distance,
         rng: Xoshiro256PlusPlus::seed_from_u64(options.seed ^ STREAM),
-        grains: near_surface,
-        balls,
+        grains,
+        near_surface,
+        obstacles,
         points: Vec::new(),
         complete: true,
     };
@@ -231,6 +243,7 @@ pub(super) fn lay(
     radii_mm.resize(boundary, options.surface_radius * d_min);
     make_room(&mut points, grains.len())?;
     points.extend((0..grains.len()).map(|i| grains.center(i)));
-    radii_mm.extend(grains.d_mm.iter().map(|d| d / 2.0));
-    Ok(Nodes { points_mm: points, radii_mm, boundary, on_vertices, on_edges, complete, d_min_mm: d_min })
+    radii_mm.extend((0..grains.len()).map(|i| grains.d_mm(i) / 2.0));
+    let (points_mm, reach) = (points, grains.reach()?);
+    Ok(Nodes { points_mm, radii_mm, boundary, on_vertices, on_edges, complete, d_min_mm: d_min, reach })
 }

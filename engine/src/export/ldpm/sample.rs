@@ -1,12 +1,13 @@
-//! Points on edges and faces that keep clear of balls: evenly, as Poisson disks until none fits, or at random.
+//! Points on edges and faces that keep clear of obstacles: evenly, as Poisson disks until none fits, or at random.
 //!
 //! The faces' sampler is that of Ebeida and others (2012, doi:10.1111/j.1467-8659.2012.03059.x): points are drawn from
 //! cells that can still take one, and cells are split and dropped until none is left. What is drawn is then a maximal
-//! set: every point of the face lies in a ball. Every point that is taken becomes a ball.
+//! set: every point of the face lies in an obstacle. Every point that is taken becomes one, a ball.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::balls::Balls;
+use super::grains::Grains;
+use super::obstacles::{Obstacle, Obstacles};
 use super::surface::{Edge, Face};
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
@@ -19,16 +20,17 @@ const MAX_DRAWS: usize = 10_000;
 /// Draws between two looks at whether to go on.
 const DRAWS_PER_LOOK: usize = 4096;
 
-/// Points that divide an edge evenly at distances of at least `distance`, where `balls` leave it free.
+/// Points that divide an edge evenly at distances of at least `distance`, where obstacles leave it free.
 ///
 /// Between two balls (two vertices, mostly) the points begin at one and end at the other.
 pub(super) fn divide(
     edge: &Edge,
     distance: f64,
-    balls: impl Iterator<Item = ([f64; 3], f64)>,
+    grains: &Grains<'_>,
+    obstacles: impl Iterator<Item = Obstacle>,
 ) -> Vec<[f64; 3]> {
     let mut taken: Vec<(f64, f64)> =
-        balls.filter_map(|(center, radius)| edge.inside(center, radius)).collect();
+        obstacles.filter_map(|obstacle| obstacle.on_line(grains, edge)).collect();
     taken.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut points: Vec<f64> = Vec::new();
     for (from, to) in free_parts(&taken, edge.length) {
@@ -66,7 +68,8 @@ fn free_parts(taken: &[(f64, f64)], length: f64) -> Vec<(f64, f64)> {
 pub(super) fn fill(
     face: &Face,
     distance: f64,
-    balls: &mut Balls,
+    grains: &Grains<'_>,
+    obstacles: &mut Obstacles,
     rng: &mut Xoshiro256PlusPlus,
     control: &dyn Control,
     points: &mut Vec<[f64; 3]>,
@@ -79,7 +82,7 @@ pub(super) fn fill(
     for j in 0..counts[1] as usize {
         for i in 0..counts[0] as usize {
             let middle = [(2 * i + 1) as f64 * half[0], (2 * j + 1) as f64 * half[1]];
-            if is_open(face, balls, middle, half) {
+            if is_open(face, grains, obstacles, middle, half) {
                 cells.push(middle);
             }
         }
@@ -92,9 +95,9 @@ pub(super) fn fill(
             let middle = cells[(uniform(rng) * cells.len() as f64) as usize];
             let uv = std::array::from_fn(|a| middle[a] + half[a] * (2.0 * uniform(rng) - 1.0));
             let p = face.at(uv);
-            if face.has(uv) && !balls.holds(p) {
+            if face.has(uv) && !obstacles.hold(grains, p) {
                 points.push(p);
-                balls.push(p, distance);
+                obstacles.push(Obstacle::ball(p, distance));
             }
         }
         half = half.map(|h| h / 2.0);
@@ -102,7 +105,11 @@ pub(super) fn fill(
             [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
                 .map(|side: [f64; 2]| std::array::from_fn(|a| middle[a] + side[a] * half[a]))
         };
-        cells = cells.iter().flat_map(split).filter(|&middle| is_open(face, balls, middle, half)).collect();
+        cells = cells
+            .iter()
+            .flat_map(split)
+            .filter(|&middle| is_open(face, grains, obstacles, middle, half))
+            .collect();
         if cells.is_empty() {
             break;
         }
@@ -110,16 +117,23 @@ pub(super) fn fill(
     Ok(())
 }
 
-/// Whether a cell may have a place, as far as one ball at a time can tell.
-fn is_open(face: &Face, balls: &Balls, middle: [f64; 2], half: [f64; 2]) -> bool {
-    face.reaches(middle, half) && !balls.cover(face.at(middle), half[0].hypot(half[1]))
+/// Whether a cell may have a place, as far as one obstacle at a time can tell.
+fn is_open(
+    face: &Face,
+    grains: &Grains<'_>,
+    obstacles: &Obstacles,
+    middle: [f64; 2],
+    half: [f64; 2],
+) -> bool {
+    face.reaches(middle, half) && !obstacles.cover(grains, face.at(middle), half[0].hypot(half[1]))
 }
 
 /// Takes `count` points drawn by `draw`, or as many as have a place; `false` when not all had.
 pub(super) fn scatter(
     count: u64,
     distance: f64,
-    balls: &mut Balls,
+    grains: &Grains<'_>,
+    obstacles: &mut Obstacles,
     control: &dyn Control,
     points: &mut Vec<[f64; 3]>,
     mut draw: impl FnMut() -> Option<[f64; 3]>,
@@ -128,11 +142,11 @@ pub(super) fn scatter(
         if i % 256 == 0 {
             go_on(control)?;
         }
-        let Some(p) = (0..MAX_DRAWS).filter_map(|_| draw()).find(|&p| !balls.holds(p)) else {
+        let Some(p) = (0..MAX_DRAWS).filter_map(|_| draw()).find(|&p| !obstacles.hold(grains, p)) else {
             return Ok(false);
         };
         points.push(p);
-        balls.push(p, distance);
+        obstacles.push(Obstacle::ball(p, distance));
     }
     Ok(true)
 }

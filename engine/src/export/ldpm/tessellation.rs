@@ -58,9 +58,9 @@ pub(super) fn point(p: [f64; 3]) -> Point {
 }
 
 /// Where the point of an edge lies, as a parameter from 0 at its first node to 1 at its
-/// second: in the middle of the gap between the spheres.
-pub(super) fn edge_parameter(length: f64, first_radius: f64, second_radius: f64) -> f64 {
-    (length + first_radius - second_radius) / (2.0 * length)
+/// second: in the middle of the gap between the grains.
+pub(super) fn edge_parameter(length: f64, first_reach: f64, second_reach: f64) -> f64 {
+    (length + first_reach - second_reach) / (2.0 * length)
 }
 
 /// The point of the edge between two nodes.
@@ -68,13 +68,13 @@ pub(super) fn edge_point(nodes: &Nodes, a: u32, b: u32) -> Point {
     let (i, j) = (a.min(b) as usize, a.max(b) as usize);
     let (from, to) = (point(nodes.points_mm[i]), point(nodes.points_mm[j]));
     let along = to - from;
-    from + along * edge_parameter(along.norm(), nodes.radii_mm[i], nodes.radii_mm[j])
+    from + along * edge_parameter(along.norm(), nodes.reach_mm(i, &along), nodes.reach_mm(j, &-along))
 }
 
-/// Half way from `from` to the surface of the sphere of `node`.
+/// Half way from `from` to the surface of the body of `node`, towards the node.
 fn half_way(nodes: &Nodes, from: Point, node: u32) -> Point {
     let to_center = point(nodes.points_mm[node as usize]) - from;
-    from + to_center * (0.5 - 0.5 * nodes.radii_mm[node as usize] / to_center.norm())
+    from + to_center * (0.5 - 0.5 * nodes.reach_mm(node as usize, &-to_center) / to_center.norm())
 }
 
 /// The point of the face between three nodes.

@@ -86,12 +86,17 @@ pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), Expo
 pub(super) fn spheres<'a>(model: &Model<'a>) -> Result<&'a Spheres, ExportError> {
     match model.grains {
         GrainsRef::Spheres(spheres) => Ok(spheres),
-        GrainsRef::Ellipsoids(_) => Err(ExportError::Unavailable(
-            "the format geo of a surface mesh is for spheres alone, not for ellipsoids: ask for msh, which Gmsh fills, or \
-             for stl"
-                .into(),
-        )),
+        GrainsRef::Ellipsoids(_) => Err(of_spheres_alone()),
     }
+}
+
+/// The refusal of grains of other shapes.
+pub(super) fn of_spheres_alone() -> ExportError {
+    ExportError::Unavailable(
+        "the format geo of a surface mesh is for spheres alone, not for grains of other shapes: ask for msh, which Gmsh \
+         fills, or for stl"
+            .into(),
+    )
 }
 
 /// Writes the script.

@@ -32,6 +32,7 @@ use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::{self, make_room, reserved};
+use crate::packing::GrainKind;
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
@@ -117,7 +118,10 @@ impl MeshRequest {
     ///
     /// # Errors
     /// [`ExportError::Unavailable`] for a periodic box.
-    pub fn check(&self, specimen: &Specimen) -> Result<(), ExportError> {
+    pub fn check(&self, specimen: &Specimen, grains: GrainKind) -> Result<(), ExportError> {
+        if let (Self::Geo(_), false) = (self, grains == GrainKind::Spheres) {
+            return Err(geo::of_spheres_alone());
+        }
         check(specimen)
     }
 

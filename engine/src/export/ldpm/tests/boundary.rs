@@ -2,6 +2,7 @@ use proptest::prelude::*;
 use rand::rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::super::grains::Grains;
 use super::super::nodes::{Nodes, lay};
 use super::super::surface::Surface;
 use super::super::{BoundaryNodes, LatticeOptions};
@@ -17,7 +18,7 @@ fn distance(p: [f64; 3], q: [f64; 3]) -> f64 {
 }
 
 fn laid(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Nodes {
-    lay(&Model::new(specimen, spheres).of_spheres("it").unwrap(), options, &Unattended).unwrap()
+    lay(specimen, &Grains::new(&Model::new(specimen, spheres)).unwrap(), options, &Unattended).unwrap()
 }
 
 /// Smallest distance of two nodes on the surface.

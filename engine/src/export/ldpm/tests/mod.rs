@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod boundary;
+mod ellipsoids;
 mod extremes;
 mod files;
 mod model;
