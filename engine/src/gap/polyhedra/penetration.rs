@@ -20,26 +20,41 @@ struct Face {
     /// Outward unit normal.
     normal: Vector3<f64>,
     /// Distance of its plane from the origin.
+    plane: f64,
+    /// The same, or infinity where the face is passed over.
     height: f64,
 }
 
 /// Direction of the least depth; `None` where rounding leaves no polytope.
+///
+/// The support function of the difference along any normal is a depth, so that the least one seen is kept. Points of
+/// the difference often lie in a plane, as corners of parallel edges do; faces between them may be slivers without a
+/// plane of their own. Such a face finds no point that is not known, and is passed over.
 pub(super) fn least_depth(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vector3<f64>> {
     let mut points = first_points(pair, simplex)?;
-    let mut faces = Vec::with_capacity(64);
+    let mut faces: Vec<Face> = Vec::with_capacity(64);
     for corners in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {
-        faces.push(Face::new(corners, &points)?);
+        faces.push(Face::new(corners, &points));
     }
     let rounding = 16.0 * f64::EPSILON * (pair.a.outer_mm + pair.b.outer_mm);
+    let mut best: Option<(f64, Vector3<f64>)> = None;
     for _ in 0..MOST_STEPS {
-        let nearest = *faces.iter().min_by(|p, q| p.height.total_cmp(&q.height))?;
+        let (index, nearest) = faces.iter().enumerate().min_by(|p, q| p.1.height.total_cmp(&q.1.height))?;
+        let nearest = *nearest;
+        // Every depth that is not known yet is at least this one.
+        if best.is_some_and(|(depth, _)| depth - nearest.height <= rounding) {
+            break;
+        }
         let (s, difference) = pair.core_separation(&-nearest.normal);
-        let is_known = points.iter().any(|point| point.w == difference.w);
-        if -s - nearest.height <= rounding || is_known {
-            return Some(-nearest.normal);
+        if best.is_none_or(|(depth, _)| -s < depth) {
+            best = Some((-s, -nearest.normal));
+        }
+        if points.iter().any(|point| point.w == difference.w) {
+            faces[index].height = f64::INFINITY;
+            continue;
         }
         // Faces that see the new point give way; the edges between them and the others are its horizon.
-        let sees = |face: &Face| face.normal.dot(&difference.w) > face.height + rounding;
+        let sees = |face: &Face| face.normal.dot(&difference.w) > face.plane + rounding;
         let mut horizon: Vec<[usize; 2]> = Vec::new();
         for face in faces.iter().filter(|face| sees(face)) {
             let [i, j, k] = face.corners;
@@ -53,10 +68,10 @@ pub(super) fn least_depth(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vector3<
         faces.retain(|face| !sees(face));
         points.push(difference);
         for [from, to] in horizon {
-            faces.push(Face::new([from, to, points.len() - 1], &points)?);
+            faces.push(Face::new([from, to, points.len() - 1], &points));
         }
     }
-    None
+    best.map(|(_, normal)| normal)
 }
 
 /// A tetrahedron of points of the difference, the fourth on the left of the others: of the simplex and the extreme
@@ -85,9 +100,17 @@ fn first_points(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vec<Difference>> {
 }
 
 impl Face {
-    fn new(corners: [usize; 3], points: &[Difference]) -> Option<Self> {
+    fn new(corners: [usize; 3], points: &[Difference]) -> Self {
         let [a, b, c] = corners.map(|corner| points[corner].w);
-        let normal = (b - a).cross(&(c - a)).try_normalize(f64::MIN_POSITIVE)?;
-        Some(Self { corners, normal, height: normal.dot(&a) })
+        match (b - a).cross(&(c - a)).try_normalize(f64::MIN_POSITIVE) {
+            Some(normal) => {
+                let plane = normal.dot(&a);
+                Self { corners, normal, plane, height: plane }
+            }
+            // Three points of a line: seen by every point, and nearest to nothing.
+            None => {
+                Self { corners, normal: Vector3::zeros(), plane: f64::NEG_INFINITY, height: f64::INFINITY }
+            }
+        }
     }
 }

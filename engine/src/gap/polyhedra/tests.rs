@@ -8,7 +8,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
 use crate::rng::{Stream, stream, uniform};
+use crate::shape::Form;
 use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
+use crate::shape::polyhedron::{TemplateKind, draw_template};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
@@ -207,6 +209,41 @@ proptest! {
         prop_assert_eq!(pair.decide(0.0).is_apart, axes >= 0.0);
         let found = pair.contact().gap_mm;
         prop_assert!(axes >= 0.0 || (found - axes).abs() < 1e-13, "{found} {axes}");
+    }
+}
+
+/// Bodies with faces of more than three corners, whose difference has many corners in a plane.
+#[test]
+fn least_depths_of_random_templates_agree_with_brute_force() {
+    let mut rng = stream(1, Stream::Shape);
+    let templates: Vec<Polyhedron> = (0..60_u32)
+        .map(|i| {
+            let kind = match i % 3 {
+                0 => TemplateKind::Cuts(6 + i / 6),
+                1 => TemplateKind::Cuboid(0.25),
+                _ => TemplateKind::Voronoi,
+            };
+            let (elongation, flatness) = (between(&mut rng, 0.4, 1.0), between(&mut rng, 0.4, 1.0));
+            draw_template(kind, Form { elongation, flatness }, &mut rng).unwrap().normalized()
+        })
+        .collect();
+    for case in 0..4000 {
+        let mut pick = || {
+            let template = &templates[(uniform(&mut rng) * 60.0) as usize];
+            let pose = Pose { center_mm: V::zeros(), orientation: orientation(&mut rng) };
+            (template, between(&mut rng, 0.5, 4.0), pose)
+        };
+        let (a, mut b) = (pick(), pick());
+        // Past touching by 1e-9 to 0.5 of their size along a direction.
+        let n = direction(&mut rng);
+        let bodies = [&a, &b].map(|(template, scale, pose)| Body::new(template, *scale, pose));
+        let (of_a, of_b) = (bodies[0].core_support(&n).1, bodies[1].core_support(&-n).1);
+        let depth = 0.5 * 10.0_f64.powf(between(&mut rng, -9.0, 0.0)) * (a.1 + b.1);
+        b.2.center_mm = of_a - of_b - n * depth;
+        let other = Body::new(b.0, b.1, &b.2);
+        let [p, q] = [&a, &b].map(|(template, scale, pose)| Features::new(template, *scale, pose));
+        let (axes, found) = (brute_force_axes(&p, &q), bodies[0].with(&other).contact().gap_mm);
+        assert!((found - axes).abs() < 1e-10 || axes > 0.0, "case {case}: {found} {axes}");
     }
 }
 
