@@ -9,7 +9,7 @@ use std::process::Command;
 
 use packstone_engine::export::Model;
 use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
-use packstone_engine::methods::rsa_shapes::EllipsoidRsa;
+use packstone_engine::methods::rsa_shapes::ShapeRsa;
 use packstone_engine::mix::uniform_orientation;
 use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::{Boundary, Distance, Specimen};
@@ -84,7 +84,7 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
             Ellipsoid::new([0.64 * d, 0.51 * d, 0.38 * d]).unwrap()
         })
         .collect();
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),

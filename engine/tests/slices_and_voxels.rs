@@ -14,7 +14,7 @@ use packstone_engine::{
     Ellipsoids, Limits, PackingRequest, Unattended,
     distance::DistanceRule,
     export::{slice, voxels},
-    methods::rsa_shapes::EllipsoidRsa,
+    methods::rsa_shapes::ShapeRsa,
     mix::uniform_orientation,
     pack,
     request::{Boundary, Distance, Specimen},
@@ -109,7 +109,7 @@ fn ellipsoids(specimen: &Specimen) -> Ellipsoids {
             Ellipsoid::new([0.75 * d, 0.5 * d, d / 3.0]).unwrap()
         })
         .collect();
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm: 0.2, wall_gap_mm: None }, specimen),

@@ -16,7 +16,11 @@
 //! An ellipsoid whose semi-axes are longer by `g / 2` lies inside the parallel body at the distance `g / 2`. Two such
 //! ellipsoids that only touch are therefore closer than `g`: they are no test of a gap.
 
+pub use super::grain::Decision;
+use super::grain::{GrainShape, Orientation, PushContact, Turned};
 use super::linear::{Symmetric, Vector, cross, dot, minus, norm, scaled, sum};
+use super::walls;
+use crate::request::Specimen;
 use crate::shape::{Ellipsoid, Pose};
 
 /// Most iterations of the fixed point. Pairs that are undecided by then touch to the last digits and count as overlap.
@@ -63,6 +67,28 @@ impl Body {
         self.matrix_mm2.quadratic(n).sqrt()
     }
 
+    /// Smallest clear distance to the walls in mm, negative where the body reaches beyond one; infinite without walls.
+    #[must_use]
+    pub fn wall_gap_mm(&self, specimen: &Specimen) -> f64 {
+        walls::wall_gap_mm(self.center_mm, &self.matrix_mm2, specimen)
+    }
+
+    /// Distance in mm of the farthest point from an axis along z.
+    #[must_use]
+    pub fn reach_from_axis_mm(&self, axis_mm: [f64; 2]) -> f64 {
+        self.matrix_mm2.reach_across_mm(self.from_axis_mm(axis_mm)).0
+    }
+
+    /// The direction across the axis to the farthest point, as a unit vector.
+    #[must_use]
+    pub fn reach_direction(&self, axis_mm: [f64; 2]) -> Vector {
+        self.matrix_mm2.reach_across_mm(self.from_axis_mm(axis_mm)).1
+    }
+
+    fn from_axis_mm(&self, axis_mm: [f64; 2]) -> [f64; 2] {
+        [self.center_mm[0] - axis_mm[0], self.center_mm[1] - axis_mm[1]]
+    }
+
     /// The pair of this body and another one.
     #[inline(always)]
     #[must_use]
@@ -87,15 +113,6 @@ pub struct Pair<'a> {
     pub b: &'a Symmetric,
     /// From the centre of A to that of B, in mm.
     pub r: Vector,
-}
-
-/// Whether a pair keeps a gap.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Decision {
-    /// Whether `s(n) >= g` for the unit vector along `normal`.
-    pub is_apart: bool,
-    /// The last direction that was looked at, from A to B, of any length.
-    pub normal: Vector,
 }
 
 /// The gap of a pair.
@@ -280,5 +297,123 @@ impl Pair<'_> {
         let inverse = 1.0 / (uu * vv - uv * uv);
         let (s_u, s_v) = ((vv * g_u - uv * g_v) * inverse, (uu * g_v - uv * g_u) * inverse);
         sum(scaled(u, s_u), scaled(v, s_v))
+    }
+}
+
+impl GrainShape for Ellipsoid {
+    type Turned = Symmetric;
+
+    fn volume_mm3(&self) -> f64 {
+        self.volume_mm3()
+    }
+
+    fn equivalent_diameter_mm(&self) -> f64 {
+        self.equivalent_diameter_mm()
+    }
+
+    fn scaled(&self, factor: f64) -> Option<Self> {
+        Self::new((self.semi_axes_mm() * factor).into())
+    }
+
+    #[inline(always)]
+    fn is_same(&self, other: &Self) -> bool {
+        self == other
+    }
+
+    #[inline(always)]
+    fn is_similar(&self, _: &Self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn outer_mm(&self) -> f64 {
+        self.semi_axes_mm().x
+    }
+
+    #[inline(always)]
+    fn inner_mm(&self) -> f64 {
+        self.semi_axes_mm().z
+    }
+
+    #[inline(always)]
+    fn inside_mm(&self) -> Vector {
+        self.semi_axes_mm().into()
+    }
+
+    #[inline(always)]
+    fn around_mm(&self) -> Vector {
+        self.semi_axes_mm().into()
+    }
+
+    /// `(a - c) t` and `a - c` in all.
+    #[inline(always)]
+    fn change_mm(&self, angle: f64) -> f64 {
+        let axes = self.semi_axes_mm();
+        (axes.x - axes.z) * angle.min(1.0)
+    }
+
+    #[inline(always)]
+    fn per_inertia(&self, per_mass: f64) -> Vector {
+        let [a, b, c] = Vector::from(self.semi_axes_mm()).map(|axis| axis * axis);
+        [5.0 * per_mass / (b + c), 5.0 * per_mass / (a + c), 5.0 * per_mass / (a + b)]
+    }
+
+    #[inline(always)]
+    fn rows(&self, pose: &Pose) -> [Vector; 3] {
+        let r = pose.rotation();
+        [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
+    }
+
+    fn to_principal(&self, orientation: Orientation) -> Orientation {
+        orientation
+    }
+
+    fn from_principal(&self, orientation: Orientation) -> Orientation {
+        orientation
+    }
+
+    #[inline(always)]
+    fn turned(&self, rows: &[Vector; 3]) -> Symmetric {
+        Symmetric::rotated_diagonal(rows, Vector::from(self.semi_axes_mm()).map(|axis| axis * axis))
+    }
+}
+
+/// An ellipsoid by its shape matrix.
+impl Turned for Symmetric {
+    const IS_ELLIPSOID: bool = true;
+
+    #[inline(always)]
+    fn around(&self) -> &Symmetric {
+        self
+    }
+
+    #[inline(always)]
+    fn support_mm(&self, n: Vector) -> f64 {
+        self.quadratic(n).sqrt()
+    }
+
+    #[inline(always)]
+    fn support_back_mm(&self, n: Vector) -> f64 {
+        self.quadratic(n).sqrt()
+    }
+
+    #[inline(always)]
+    fn decide(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector) -> Decision {
+        Pair { a: self, b: other, r }.decide_from(gap_mm, normal)
+    }
+
+    #[inline(always)]
+    fn contact(&self, other: &Self, _: Vector, _: f64, normal: Vector) -> PushContact {
+        let (a_n, b_n) = (self.times(normal), other.times(normal));
+        let (h_a, h_b) = (dot(normal, a_n).sqrt(), dot(normal, b_n).sqrt());
+        PushContact {
+            normal,
+            supports_mm: [h_a, h_b],
+            arms_mm: [scaled(a_n, 1.0 / h_a), scaled(b_n, -1.0 / h_b)],
+        }
+    }
+
+    fn reach_across_mm(&self, from_axis_mm: [f64; 2]) -> (f64, Vector) {
+        walls::farthest_of_ellipsoid(self, from_axis_mm)
     }
 }

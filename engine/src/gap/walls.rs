@@ -1,7 +1,7 @@
-//! An ellipsoid and the walls of a specimen.
+//! A grain and the walls of a specimen.
 //!
 //! A plane wall with the inward normal `m` at the offset `o` is kept at the distance `x · m - h(m) - o`. In a cylinder
-//! the clearance is its radius less the distance of the ellipsoid's farthest point from the axis. Across the axis the
+//! the clearance is its radius less the distance of the grain's farthest point from the axis. Across the axis an
 //! ellipsoid is an ellipse with the centre `c` and the squared semi-axes `e_1 >= e_2`. In their directions its farthest
 //! point maximizes `|c + diag(sqrt(e)) v|²` over `|v| = 1`; the dual function
 //!
@@ -12,8 +12,8 @@
 //! is at least the square of that distance for every `t`, and equal to it at its minimum (the trust-region problem;
 //! Moré and Sorensen 1983, DOI 10.1137/0904038). So whatever `t` the iteration ends with, the clearance is proven.
 
-use super::ellipsoids::Body;
-use super::linear::{Vector, dot};
+use super::grain::Turned;
+use super::linear::{Symmetric, Vector};
 use crate::request::{Boundary, Specimen};
 
 /// Most steps of Newton's method; few are needed.
@@ -21,47 +21,38 @@ const MOST_STEPS: u32 = 30;
 /// Directions in the plane of the cylinder's section with the squared semi-axes of the ellipse.
 const ACROSS: usize = 2;
 
-impl Body {
-    /// Smallest clear distance to the walls in mm, negative where the body reaches beyond one; infinite without walls.
-    #[must_use]
-    pub fn wall_gap_mm(&self, specimen: &Specimen) -> f64 {
-        match *specimen {
-            Specimen::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
-            Specimen::Box { size_mm, .. } => {
-                (0..3).map(|axis| self.between_planes_mm(axis, size_mm[axis])).fold(f64::INFINITY, f64::min)
-            }
-            Specimen::Cylinder { diameter_mm, height_mm } => {
-                let radius = diameter_mm / 2.0;
-                (radius - self.reach_from_axis_mm([radius, radius])).min(self.between_planes_mm(2, height_mm))
-            }
+/// Smallest clear distance of a grain to the walls in mm, negative where it reaches beyond one; infinite without walls.
+#[must_use]
+pub fn wall_gap_mm(center_mm: Vector, grain: &impl Turned, specimen: &Specimen) -> f64 {
+    let between = |axis: usize, length_mm: f64| between_planes_mm(center_mm, grain, axis, length_mm);
+    match *specimen {
+        Specimen::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
+        Specimen::Box { size_mm, .. } => {
+            (0..3).map(|axis| between(axis, size_mm[axis])).fold(f64::INFINITY, f64::min)
         }
-    }
-
-    /// Smaller distance in mm to the planes at 0 and at a length along an axis.
-    #[inline(always)]
-    #[must_use]
-    pub fn between_planes_mm(&self, axis: usize, length_mm: f64) -> f64 {
-        let half = self.matrix_mm2.0[[0, 3, 5][axis]].sqrt();
-        (self.center_mm[axis] - half).min(length_mm - self.center_mm[axis] - half)
-    }
-
-    /// Distance in mm of the farthest point from an axis along z.
-    #[must_use]
-    pub fn reach_from_axis_mm(&self, axis_mm: [f64; 2]) -> f64 {
-        farthest(self, axis_mm).0
-    }
-
-    /// The direction across the axis to the farthest point, as a unit vector.
-    #[must_use]
-    pub fn reach_direction(&self, axis_mm: [f64; 2]) -> Vector {
-        farthest(self, axis_mm).1
+        Specimen::Cylinder { diameter_mm, height_mm } => {
+            let radius = diameter_mm / 2.0;
+            let reach = grain.reach_across_mm([center_mm[0] - radius, center_mm[1] - radius]).0;
+            (radius - reach).min(between(2, height_mm))
+        }
     }
 }
 
-/// Distance of the farthest point from an axis along z, and the direction to it.
-fn farthest(body: &Body, axis_mm: [f64; 2]) -> (f64, Vector) {
-    let [xx, xy, _, yy, ..] = body.matrix_mm2.0;
-    let c = [body.center_mm[0] - axis_mm[0], body.center_mm[1] - axis_mm[1]];
+/// Smaller distance of a grain in mm to the planes at 0 and at a length along an axis.
+#[inline(always)]
+#[must_use]
+pub fn between_planes_mm(center_mm: Vector, grain: &impl Turned, axis: usize, length_mm: f64) -> f64 {
+    let mut n = [0.0; 3];
+    n[axis] = 1.0;
+    let [to_low, to_high] = [grain.support_back_mm(n), grain.support_mm(n)];
+    (center_mm[axis] - to_low).min(length_mm - center_mm[axis] - to_high)
+}
+
+/// Of an ellipsoid by its shape matrix, with its centre at this offset from an axis along z: distance of the farthest
+/// point from the axis, and the direction to it.
+pub(super) fn farthest_of_ellipsoid(matrix_mm2: &Symmetric, from_axis_mm: [f64; 2]) -> (f64, Vector) {
+    let [xx, xy, _, yy, ..] = matrix_mm2.0;
+    let c = from_axis_mm;
     // Eigenvalues and vectors of the section; the smaller one by the determinant, which does not cancel.
     let half = (xx - yy) / 2.0;
     let root = (half * half + xy * xy).sqrt();
@@ -103,10 +94,4 @@ fn farthest(body: &Body, axis_mm: [f64; 2]) -> (f64, Vector) {
     let across = [0, 1].map(|a| signed[0] * first[a] + signed[1] * second[a]);
     let length = (across[0] * across[0] + across[1] * across[1]).sqrt();
     (least.sqrt(), [across[0] / length, across[1] / length, 0.0])
-}
-
-/// Distance in mm of a body from a plane through `point` with the inward unit normal `m`.
-#[must_use]
-pub fn plane_gap_mm(body: &Body, point_mm: Vector, m: Vector) -> f64 {
-    dot(body.center_mm, m) - dot(point_mm, m) - body.support_mm(m)
 }

@@ -11,7 +11,7 @@ use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::memory::copied;
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
-use crate::methods::rsa_shapes::EllipsoidRsa;
+use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{
     Ellipsoids, Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Statistics,
@@ -93,7 +93,7 @@ impl Job<'_> {
     fn insert(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
         let start = Instant::now();
         let orientation = self.request.mix.orientation;
-        let rsa = EllipsoidRsa {
+        let rsa = ShapeRsa {
             shapes: self.shapes,
             specimen: &self.request.specimen,
             rule: self.rule(),

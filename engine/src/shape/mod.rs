@@ -16,6 +16,7 @@ mod target;
 pub use ellipsoid::Ellipsoid;
 pub use form::{Form, SizeMeasure, Zingg};
 pub use indices::{BodyAxis, flakiness_index, orientation_tensor, shape_index};
+pub(crate) use polyhedron::Principal;
 pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};
 pub use pose::Pose;
 pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};

@@ -13,7 +13,7 @@ use super::tests::{CUBE, CYLINDER, assert_closed_sphere, smallest_angle};
 use super::*;
 use crate::distance::DistanceRule;
 use crate::gap::ellipsoids::Body;
-use crate::methods::rsa_shapes::EllipsoidRsa;
+use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::uniform_orientation;
 use crate::packing::{Ellipsoids, Spheres};
 use crate::request::{Boundary, Distance};
@@ -69,7 +69,7 @@ fn packed(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
             Ellipsoid::new([0.75 * d, 0.5 * d, d / 3.0]).unwrap()
         })
         .collect();
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),

@@ -10,7 +10,7 @@ use super::tests::{cube, decoded, read};
 use super::*;
 use crate::Unattended;
 use crate::distance::DistanceRule;
-use crate::methods::rsa_shapes::EllipsoidRsa;
+use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::uniform_orientation;
 use crate::packing::Ellipsoids;
 use crate::request::{Boundary, Distance};
@@ -33,7 +33,7 @@ fn packed(specimen: &Specimen) -> Ellipsoids {
             Ellipsoid::new([0.75 * d, 0.5 * d, d / 3.0]).unwrap()
         })
         .collect();
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm: 0.2, wall_gap_mm: None }, specimen),

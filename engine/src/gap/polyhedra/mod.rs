@@ -1,6 +1,7 @@
 //! Gaps between convex polyhedra, rounded or not.
 //!
-//! `s(n)` is evaluated by scanning all vertices, which lie in columns. A direction is sought by the algorithm of
+//! `s(n)` is evaluated by scanning all vertices of the template, which lie in columns in its principal axes: `n` is
+//! turned to them, no vertex is turned. A direction is sought by the algorithm of
 //! Gilbert, Johnson and Keerthi 1988 ([doi:10.1109/56.2083](https://doi.org/10.1109/56.2083)) on the differences of the
 //! vertices: the point of a growing simplex that is nearest to the origin gives the next `n`. A direction that parted
 //! the pair before is tried first. A nearest point in the inside of a triangle gives the triangle's normal, which stays
@@ -12,24 +13,121 @@
 //!
 //! Rounding adds a radius to each support function; all simplices are those of the cores, without it.
 
+mod grains;
 mod penetration;
 mod simplex;
 
 use nalgebra::Vector3;
 
-use crate::shape::{Polyhedron, Pose};
+use super::grain::GrainShape;
+use super::linear::{Symmetric, Vector};
+use crate::shape::{Polyhedron, Pose, Principal, ScaledPolyhedron};
 use simplex::{Difference, Simplex};
 
 /// Steps after which a search ends; it takes some three to six.
 const MOST_STEPS: usize = 100;
+/// Turns of the search for the least widening, how much wider than known to suffice each looks, and the factor of a
+/// gain that is worth another.
+const WIDENINGS: u32 = 3;
+const WIDER: f64 = 1.02;
+const LEAST_GAIN: f64 = 1.0 - 1e-4;
+
+/// A polyhedron, turned.
+#[derive(Clone, Copy, Debug)]
+pub struct TurnedPolyhedron<'a> {
+    /// Rotation of the principal axes, by rows.
+    rows: [Vector; 3],
+    principal: &'a Principal,
+    scale_mm: f64,
+    rounding_mm: f64,
+    /// Shape matrix of the ellipsoid around it.
+    around: Symmetric,
+}
+
+impl TurnedPolyhedron<'_> {
+    /// A vector in the principal axes.
+    #[inline(always)]
+    fn local(&self, n: Vector) -> Vector {
+        let [x, y, z] = &self.rows;
+        [0, 1, 2].map(|k| n[0] * x[k] + n[1] * y[k] + n[2] * z[k])
+    }
+
+    /// Support function of the core for a vector in the principal axes, times its length, in units of the scale.
+    #[inline(always)]
+    fn height(&self, [x, y, z]: Vector) -> f64 {
+        let mut best = [f64::NEG_INFINITY; 4];
+        for group in &self.principal.groups {
+            for lane in 0..4 {
+                let h = x * group[0][lane] + y * group[1][lane] + z * group[2][lane];
+                best[lane] = if h > best[lane] { h } else { best[lane] };
+            }
+        }
+        let [a, b, c, d] = best;
+        let (ab, cd) = (if a > b { a } else { b }, if c > d { c } else { d });
+        if ab > cd { ab } else { cd }
+    }
+
+    /// Support function of the core, and the vertex that attains it, relative to the centre.
+    #[inline(always)]
+    fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let [x, y, z] = self.local([n.x, n.y, n.z]);
+        let mut best = [f64::NEG_INFINITY; 4];
+        // Numbers of groups as floats, which share the masks of the heights.
+        let mut at = [0.0_f64; 4];
+        let mut number = 0.0;
+        for group in &self.principal.groups {
+            for lane in 0..4 {
+                let h = x * group[0][lane] + y * group[1][lane] + z * group[2][lane];
+                let is_larger = h > best[lane];
+                best[lane] = if is_larger { h } else { best[lane] };
+                at[lane] = if is_larger { number } else { at[lane] };
+            }
+            number += 1.0;
+        }
+        let mut lane = 0;
+        for other in 1..4 {
+            if best[other] > best[lane] {
+                lane = other;
+            }
+        }
+        let [x, y, z] = &self.principal.groups[at[lane] as usize];
+        let vertex = [x[lane] * self.scale_mm, y[lane] * self.scale_mm, z[lane] * self.scale_mm];
+        (best[lane] * self.scale_mm, self.in_space(vertex))
+    }
+
+    /// A vector of the principal axes.
+    #[inline(always)]
+    fn in_space(&self, v: Vector) -> Vector3<f64> {
+        let [x, y, z] = &self.rows;
+        Vector3::new(super::linear::dot(*x, v), super::linear::dot(*y, v), super::linear::dot(*z, v))
+    }
+
+    /// About the radius of the sphere that holds the body, in mm: of the ellipsoid around it.
+    fn outer_mm(&self) -> f64 {
+        self.principal.around[0].max(self.principal.around[1]).max(self.principal.around[2]) * self.scale_mm
+    }
+
+    /// Vertices whose height along `n` is within a tolerance of the support function of the core.
+    fn attaining(&self, n: &Vector3<f64>, tolerance: f64) -> Vec<Vector3<f64>> {
+        let least = self.core_support(n).0 - tolerance;
+        self.vertices().filter(|v| v.dot(n) >= least).collect()
+    }
+
+    /// The vertices relative to the centre, in mm.
+    fn vertices(&self) -> impl Iterator<Item = Vector3<f64>> {
+        self.principal.groups.iter().flat_map(move |[x, y, z]| {
+            (0..4).map(move |lane| self.in_space([x[lane], y[lane], z[lane]].map(|x| x * self.scale_mm)))
+        })
+    }
+}
 
 /// A polyhedron with position and orientation.
-#[derive(Clone, Debug)]
-pub struct Body {
+#[derive(Clone, Copy, Debug)]
+pub struct Body<'a> {
     /// Centre in mm.
     pub center_mm: Vector3<f64>,
-    /// Vertices relative to the centre, in groups of four: x, y, z. The first vertex fills the last group.
-    groups: Vec<[[f64; 4]; 3]>,
+    /// The polyhedron about its centre.
+    pub turned: TurnedPolyhedron<'a>,
     /// Radius of rounding in mm.
     pub rounding_mm: f64,
     /// Radius of the sphere around the centre that holds the body, in mm.
@@ -38,29 +136,16 @@ pub struct Body {
     pub inner_mm: f64,
 }
 
-impl Body {
+impl<'a> Body<'a> {
     /// A template of a scale, placed.
-    pub fn new(template: &Polyhedron, scale_mm: f64, pose: &Pose) -> Self {
-        let mut body = Self {
+    pub fn new(template: &'a Polyhedron, scale_mm: f64, pose: &Pose) -> Self {
+        let shape = ScaledPolyhedron { template, scale_mm };
+        Self {
             center_mm: pose.center_mm,
-            groups: vec![[[0.0; 4]; 3]; template.vertices().len().div_ceil(4)],
+            turned: shape.turned(&shape.rows(pose)),
             rounding_mm: scale_mm * template.rounding(),
-            outer_mm: scale_mm * template.outer_radius(),
-            inner_mm: scale_mm * template.inner_radius(),
-        };
-        body.turn(template, scale_mm, pose);
-        body
-    }
-
-    /// Gives the body another pose; template and scale must be those that it was made of.
-    pub fn turn(&mut self, template: &Polyhedron, scale_mm: f64, pose: &Pose) {
-        self.center_mm = pose.center_mm;
-        let rotation = pose.rotation() * scale_mm;
-        let vertices = template.vertices();
-        for (g, group) in self.groups.iter_mut().enumerate() {
-            let turned: [Vector3<f64>; 4] =
-                std::array::from_fn(|lane| rotation * vertices.get(4 * g + lane).unwrap_or(&vertices[0]));
-            *group = std::array::from_fn(|k| turned.map(|w| w[k]));
+            outer_mm: shape.outer_mm(),
+            inner_mm: shape.inner_mm(),
         }
     }
 
@@ -69,47 +154,19 @@ impl Body {
         self.core_support(n).0 + self.rounding_mm
     }
 
-    /// Support function of the core, and the vertex that attains it, relative to the centre.
-    #[inline]
+    #[inline(always)]
     fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        let mut best = [f64::NEG_INFINITY; 4];
-        let mut at = [0_usize; 4];
-        for (g, [x, y, z]) in self.groups.iter().enumerate() {
-            for lane in 0..4 {
-                let h = (x[lane] * n.x + y[lane] * n.y) + z[lane] * n.z;
-                let is_larger = h > best[lane];
-                best[lane] = if is_larger { h } else { best[lane] };
-                at[lane] = if is_larger { g } else { at[lane] };
-            }
-        }
-        let mut lane = 0;
-        for other in 1..4 {
-            if best[other] > best[lane] {
-                lane = other;
-            }
-        }
-        let [x, y, z] = &self.groups[at[lane]];
-        (best[lane], Vector3::new(x[lane], y[lane], z[lane]))
-    }
-
-    /// Vertices whose height along `n` is within a tolerance of the support function of the core.
-    fn attaining(&self, n: &Vector3<f64>, tolerance: f64) -> Vec<Vector3<f64>> {
-        let least = self.core_support(n).0 - tolerance;
-        let vertices = self
-            .groups
-            .iter()
-            .flat_map(|[x, y, z]| (0..4).map(move |lane| Vector3::new(x[lane], y[lane], z[lane])));
-        vertices.filter(|v| v.dot(n) >= least).collect()
+        self.turned.core_support(n)
     }
 
     /// This body and another.
-    pub fn with<'a>(&'a self, other: &'a Self) -> Pair<'a> {
+    pub fn with<'b>(&'b self, other: &'b Self) -> Pair<'b> {
         self.with_at(other, other.center_mm)
     }
 
     /// This body and another whose centre is moved, as a periodic image's is.
-    pub fn with_at<'a>(&'a self, other: &'a Self, center_mm: Vector3<f64>) -> Pair<'a> {
-        Pair { a: self, b: other, r: center_mm - self.center_mm }
+    pub fn with_at<'b>(&'b self, other: &'b Self, center_mm: Vector3<f64>) -> Pair<'b> {
+        Pair { a: &self.turned, b: &other.turned, r: center_mm - self.center_mm }
     }
 }
 
@@ -117,9 +174,9 @@ impl Body {
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<'a> {
     /// The first body.
-    pub a: &'a Body,
+    pub a: &'a TurnedPolyhedron<'a>,
     /// The second body.
-    pub b: &'a Body,
+    pub b: &'a TurnedPolyhedron<'a>,
     /// From the centre of the first to that of the second, in mm.
     pub r: Vector3<f64>,
 }
@@ -158,7 +215,8 @@ enum End {
 impl Pair<'_> {
     /// `s(n)` in mm for a unit vector.
     pub fn separation_mm(&self, n: &Vector3<f64>) -> f64 {
-        self.r.dot(n) - self.a.support_mm(n) - self.b.support_mm(&-n)
+        let core = self.r.dot(n) - self.a.core_support(n).0 - self.b.core_support(&-n).0;
+        core - self.a.rounding_mm - self.b.rounding_mm
     }
 
     /// Whether the bodies keep a gap, from the line of the centres.
@@ -167,6 +225,7 @@ impl Pair<'_> {
     }
 
     /// Whether the bodies keep a gap, from the direction that was found for the pair before.
+    #[inline(always)]
     pub fn decide_from(&self, gap_mm: f64, normal: &Vector3<f64>) -> Decision {
         let enough = gap_mm + self.rounding_mm();
         let (best, end) = self.search(normal, enough, enough);
@@ -197,15 +256,50 @@ impl Pair<'_> {
         }
     }
 
+    /// Of bodies that are too close along a direction: one along which their centres need be moved apart by nearly the
+    /// least factor, with the points of the cores that face each other there.
+    ///
+    /// The factor along `n` is `(h_A(n) + h_B(n) + g) / (r · n)`. With centres that lie apart by somewhat more than the
+    /// factor of a known direction the pair keeps its gap, and the direction of its distance has a smaller factor
+    /// (Dinkelbach 1967, DOI 10.1287/mnsc.13.7.492), again and again.
+    #[inline(always)]
+    fn widening_from(&self, normal: &Vector3<f64>, gap_mm: f64) -> (Vector3<f64>, [Vector3<f64>; 2]) {
+        let mut n = *normal;
+        if self.r.dot(&n) <= 0.0 {
+            n = self.r.try_normalize(0.0).unwrap_or(n);
+        }
+        let mut best = 1.0 / self.factor(&n, gap_mm);
+        let mut points = None;
+        for _ in 0..WIDENINGS {
+            let wider = Self { r: self.r * (best * WIDER), ..*self };
+            let ((s, next), end) = wider.search(&n, f64::INFINITY, 0.0);
+            let End::Near(simplex) = end else { break };
+            let factor = 1.0 / self.factor(&next, gap_mm);
+            if s <= 0.0 || factor.is_nan() || factor <= 0.0 {
+                break;
+            }
+            points = Some(simplex.points());
+            let has_gained = factor < best * LEAST_GAIN;
+            if factor < best {
+                (best, n) = (factor, next);
+            }
+            if !has_gained {
+                break;
+            }
+        }
+        (n, points.unwrap_or_else(|| self.deepest_points(&n)))
+    }
+
     /// Factor by which both bodies and the gap may grow at least, about their centres, before they are closer than the
     /// gap: `r . n / (h_A + h_B + g)`. Below 1 where they are too close along `n`. The centres must lie inside.
     pub fn factor(&self, normal: &Vector3<f64>, gap_mm: f64) -> f64 {
-        self.r.dot(normal) / (self.a.support_mm(normal) + self.b.support_mm(&-normal) + gap_mm)
+        let cores = self.a.core_support(normal).0 + self.b.core_support(&-normal).0;
+        self.r.dot(normal) / (cores + self.rounding_mm() + gap_mm)
     }
 
     /// About the rounding error of `s(n)`.
     fn rounding(&self) -> f64 {
-        4.0 * f64::EPSILON * (self.r.norm() + self.a.outer_mm + self.b.outer_mm)
+        4.0 * f64::EPSILON * (self.r.norm() + self.a.outer_mm() + self.b.outer_mm())
     }
 
     fn rounding_mm(&self) -> f64 {
@@ -214,7 +308,7 @@ impl Pair<'_> {
 
     /// Points of the cores that attain the support functions along `n`, as near to each other across `n` as they come.
     fn deepest_points(&self, n: &Vector3<f64>) -> [Vector3<f64>; 2] {
-        let tolerance = 1.0e-9 * (self.a.outer_mm + self.b.outer_mm);
+        let tolerance = 1.0e-9 * (self.a.outer_mm() + self.b.outer_mm());
         let (of_a, of_b) = (self.a.attaining(n, tolerance), self.b.attaining(&-n, tolerance));
         let differences: Vec<Difference> = of_a
             .iter()
@@ -241,7 +335,7 @@ impl Pair<'_> {
     }
 
     /// `s(n)` of the cores, and the vertices that attain it.
-    #[inline]
+    #[inline(always)]
     fn core_separation(&self, n: &Vector3<f64>) -> (f64, Difference) {
         let (h_a, of_a) = self.a.core_support(n);
         let (h_b, of_b) = self.b.core_support(&-n);
@@ -250,6 +344,7 @@ impl Pair<'_> {
 
     /// Seeks a direction with `s(n) >= enough` of the cores; ends early where their distance is less than `least`.
     /// Returns the best direction with its `s`.
+    #[inline(always)]
     fn search(&self, from: &Vector3<f64>, enough: f64, least: f64) -> ((f64, Vector3<f64>), End) {
         let start = from.try_normalize(0.0).or_else(|| self.r.try_normalize(0.0));
         let mut n = start.unwrap_or_else(Vector3::x);

@@ -36,7 +36,7 @@ pub(super) fn least_depth(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vector3<
     for corners in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {
         faces.push(Face::new(corners, &points));
     }
-    let rounding = 16.0 * f64::EPSILON * (pair.a.outer_mm + pair.b.outer_mm);
+    let rounding = 16.0 * f64::EPSILON * (pair.a.outer_mm() + pair.b.outer_mm());
     let mut best: Option<(f64, Vector3<f64>)> = None;
     for _ in 0..MOST_STEPS {
         let (index, nearest) = faces.iter().enumerate().min_by(|p, q| p.1.height.total_cmp(&q.1.height))?;

@@ -2,11 +2,13 @@
 //!
 //! Each grain may come out of its place by its skin (near-neighbour lists: Donev, Torquato and Stillinger 2005,
 //! DOI 10.1016/j.jcp.2004.08.014), and the specimen may shrink by a factor. Two grains are neighbours unless some
-//! direction shows a gap that both skins and the gap they keep do not use up. Candidates come from a grid of levels, a
+//! direction shows a gap of the ellipsoids around them that both skins and the gap they keep do not use up: so lists
+//! hold for other shapes at a site that lie in its ellipsoid. Candidates come from a grid of levels, a
 //! factor of 1.6 of radius each.
 
 use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack};
 use super::system::{Container, HOME, IMAGES, System, opposite};
+use crate::gap::grain::{GrainShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 use crate::memory::{OutOfMemory, make_room, refill};
 
@@ -57,7 +59,7 @@ impl Lists {
     /// When the system refuses memory.
     pub(super) fn build(
         &mut self,
-        system: &mut System,
+        system: &mut System<impl GrainShape>,
         shrink: f64,
         reserve: f64,
     ) -> Result<(), OutOfMemory> {
@@ -73,14 +75,14 @@ impl Lists {
     }
 
     /// Sorts the grains into levels and cells.
-    fn sort(&mut self, system: &System) -> Result<(), OutOfMemory> {
+    fn sort(&mut self, system: &System<impl GrainShape>) -> Result<(), OutOfMemory> {
         let n = system.len();
         refill(&mut self.reach, n, 0.0)?;
         refill(&mut self.level_of, n, 0)?;
         let mut largest = 0.0_f64;
         for (i, reach) in self.reach.iter_mut().enumerate() {
             let (cold, d) = (&system.cold[i], system.hot[i].d);
-            *reach = cold.semi_axes[0] + cold.skin + (system.gap(d, d) + self.reserve) / 2.0;
+            *reach = cold.shape.outer_mm() + cold.skin + (system.gap(d, d) + self.reserve) / 2.0;
             largest = largest.max(*reach);
         }
         // Gaps of pairs may exceed the mean of the gaps to grains of their own size by this, of no rule that there is.
@@ -125,7 +127,7 @@ impl Lists {
     }
 
     /// Finds the pairs: each grain looks at its own level and at the finer ones.
-    fn find(&mut self, system: &System, shrink: f64) -> Result<(), OutOfMemory> {
+    fn find(&mut self, system: &System<impl GrainShape>, shrink: f64) -> Result<(), OutOfMemory> {
         let mut pairs = std::mem::take(&mut self.pairs);
         pairs.clear();
         let is_periodic = system.container.is_periodic();
@@ -172,18 +174,25 @@ impl Lists {
 
     /// Of two neighbours, a direction near that of their gap; `None` if they are none.
     #[inline(always)]
-    fn direction(&self, system: &System, i: usize, j: usize, shift: Vector, shrink: f64) -> Option<Vector> {
+    fn direction(
+        &self,
+        system: &System<impl GrainShape>,
+        i: usize,
+        j: usize,
+        shift: Vector,
+        shrink: f64,
+    ) -> Option<Vector> {
         let (one, other) = (&system.hot[i], &system.hot[j]);
         let r = sum(minus(other.center, one.center), shift);
         let gap = system.gap(one.d, other.d) + self.reserve;
         let skins = system.cold[i].skin + system.cold[j].skin + gap;
-        let far = (system.cold[i].semi_axes[0] + system.cold[j].semi_axes[0] + skins) * shrink;
+        let far = (system.cold[i].shape.outer_mm() + system.cold[j].shape.outer_mm() + skins) * shrink;
         let r2 = dot(r, r);
         if r2 >= far * far {
             return None;
         }
         let per_shrink = 1.0 / shrink;
-        let (a, b) = (&one.matrix, &other.matrix);
+        let (a, b) = (one.turned.around(), other.turned.around());
         let (mut n, mut h_a, mut h_b) = (r, a.quadratic(r).sqrt(), b.quadratic(r).sqrt());
         let mut best = (f64::NEG_INFINITY, r);
         for step in 0..=DIRECTIONS {
@@ -205,7 +214,7 @@ impl Lists {
     }
 
     /// Lays the planes of all pairs and walls out in groups, and between the grains.
-    fn lay_out(&mut self, system: &mut System, shrink: f64) -> Result<(), OutOfMemory> {
+    fn lay_out(&mut self, system: &mut System<impl GrainShape>, shrink: f64) -> Result<(), OutOfMemory> {
         let n = system.len();
         refill(&mut self.next, n, 0)?;
         for pair in &self.pairs {
@@ -290,11 +299,11 @@ impl Level {
 }
 
 /// The plane walls that a grain can come close to, as bits.
-fn walls(system: &System, i: usize, shrink: f64, reserve: f64) -> u32 {
+fn walls(system: &System<impl GrainShape>, i: usize, shrink: f64, reserve: f64) -> u32 {
     let (hot, cold) = (&system.hot[i], &system.cold[i]);
     let mut walls = 0;
     for axis in system.container.walled_axes() {
-        let half = hot.matrix.0[[0, 3, 5][axis]].sqrt();
+        let half = hot.turned.around().0[[0, 3, 5][axis]].sqrt();
         // As it will be when the specimen has shrunk.
         let reach = (half + cold.skin + system.wall_gap(hot.d) + reserve) * shrink;
         let length = system.container.bounds()[axis] * system.stretch;
@@ -305,13 +314,19 @@ fn walls(system: &System, i: usize, shrink: f64, reserve: f64) -> u32 {
 }
 
 /// Whether a grain can come close to the lateral surface of a cylinder, and to an image of its own.
-fn is_special(system: &System, i: usize, reach: f64, shrink: f64, reserve: f64) -> (bool, bool) {
+fn is_special(
+    system: &System<impl GrainShape>,
+    i: usize,
+    reach: f64,
+    shrink: f64,
+    reserve: f64,
+) -> (bool, bool) {
     let (hot, cold) = (&system.hot[i], &system.cold[i]);
     let is_near_lateral = match system.container {
         Container::Cylinder { radius, .. } => {
             let axis = radius * system.stretch;
             let far = (hot.center[0] - axis).hypot(hot.center[1] - axis);
-            far + (cold.semi_axes[0] + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
+            far + (cold.shape.outer_mm() + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
         }
         _ => false,
     };
@@ -319,7 +334,7 @@ fn is_special(system: &System, i: usize, reach: f64, shrink: f64, reserve: f64) 
     (is_near_lateral, system.container.is_periodic() && 2.0 * reach >= shortest)
 }
 
-impl System {
+impl<S: GrainShape> System<S> {
     /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
     pub(super) fn wall_plane(&self, wall: u32, d: f64) -> (Vector, f64) {
         let (axis, is_far) = ((wall / 2) as usize, wall % 2 == 1);

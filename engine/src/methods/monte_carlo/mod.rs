@@ -1,4 +1,4 @@
-//! Hard-particle Monte Carlo of growing ellipsoids: shake, swap, grow, push.
+//! Hard-particle Monte Carlo of growing grains that are no spheres: shake, swap, grow, push.
 //!
 //! Compression cycles carry a loose random packing to its target. In each cycle grains of similar size exchange their
 //! places where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the specimen
@@ -29,14 +29,15 @@ use std::time::Instant;
 
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
+use crate::gap::grain::GrainShape;
 use crate::memory::{OutOfMemory, reserved};
 use crate::methods::rsa;
-use crate::methods::rsa_shapes::{EllipsoidRsa, Orientation};
+use crate::methods::rsa_shapes::{Orientation, ShapeRsa};
 use crate::mix::sphere_volume;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::{Stream, stream};
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::Pose;
 pub use planes::MAX_GRAINS;
 use run::Run;
 
@@ -57,9 +58,9 @@ const STARTS: u32 = 60;
 const START_SHARE: f64 = 0.05;
 
 /// What is to be packed densely.
-pub struct MonteCarlo<'a> {
+pub struct MonteCarlo<'a, S> {
     /// Grains by equivalent diameter from the largest down, [`MAX_GRAINS`] at most.
-    pub shapes: &'a [Ellipsoid],
+    pub shapes: &'a [S],
     /// Where they go.
     pub specimen: &'a Specimen,
     /// The gaps they keep; without gaps where the largest one is requested.
@@ -187,7 +188,7 @@ pub struct Outcome {
     pub growth_s: f64,
 }
 
-impl MonteCarlo<'_> {
+impl<S: GrainShape> MonteCarlo<'_, S> {
     /// Inserts and grows the grains, or goes on from the body of a checkpoint; one that is none of this request is
     /// ignored.
     ///
@@ -212,8 +213,8 @@ impl MonteCarlo<'_> {
     }
 
     /// Random addition to grow from.
-    fn start(&self, started: Instant, control: &dyn Control) -> Result<Run, Interrupted> {
-        let with_gap = |shape: &Ellipsoid| {
+    fn start(&self, started: Instant, control: &dyn Control) -> Result<Run<S>, Interrupted> {
+        let with_gap = |shape: &S| {
             let d = shape.equivalent_diameter_mm();
             sphere_volume(d + self.rule.gap_mm(d, d))
         };
@@ -225,10 +226,8 @@ impl MonteCarlo<'_> {
         let control = Part::new(control, 0.0, START_SHARE);
         for _ in 0..STARTS {
             let mut shapes = reserved(self.shapes.len())?;
-            shapes.extend(
-                self.shapes.iter().filter_map(|shape| Ellipsoid::new((shape.semi_axes_mm() * scale).into())),
-            );
-            let rsa = EllipsoidRsa {
+            shapes.extend(self.shapes.iter().filter_map(|shape| shape.scaled(scale)));
+            let rsa = ShapeRsa {
                 shapes: &shapes,
                 specimen: self.specimen,
                 rule: self.rule.scaled(scale),

@@ -8,12 +8,13 @@
 //! ```
 //!
 //! it keeps its gaps to all neighbours, which need not be looked at: the test reads the grain and its list and nothing
-//! else. Only where it crosses a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if
+//! else. Four planes at a time are held against the ellipsoid that the grain is, or that lies around it, with the shape
+//! matrix `A`; a polyhedron then looks at its vertices for the planes that the ellipsoid crosses. Only where it crosses a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if
 //! they are apart. A plane wall is a plane like any other, but one that never moves.
 
 use super::system::{Hot, System};
 use crate::cpu::{InstructionSet, Lanes};
-use crate::gap::ellipsoids::Pair;
+use crate::gap::grain::{GrainShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 
 /// Lanes of a group.
@@ -78,7 +79,7 @@ pub(super) fn is_wall(neighbor: u32) -> bool {
     neighbor >= WALL && neighbor != NOBODY
 }
 
-/// A grain in four lanes.
+/// A grain in four lanes, by the ellipsoid around it.
 #[derive(Clone, Copy)]
 pub(super) struct Spread<L> {
     center: [L; 3],
@@ -105,7 +106,7 @@ impl<L: Lanes> Spread<L> {
         }
     }
 
-    /// Mask of the planes of a group that the grain crosses, or would where they were nearer by `more`.
+    /// Mask of the planes of a group that the ellipsoid crosses, or would where they were nearer by `more`.
     #[inline(always)]
     pub(super) fn crosses<S: InstructionSet<Lanes = L>>(&self, set: S, group: &Group, more: L) -> L {
         let [x, y, z] = [set.lanes(group.n[0]), set.lanes(group.n[1]), set.lanes(group.n[2])];
@@ -115,6 +116,16 @@ impl<L: Lanes> Spread<L> {
         let h2 = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + z * (zz * z);
         left.lt(self.zero) | (left * left).lt(h2)
     }
+}
+
+/// Whether a grain whose ellipsoid crosses a plane, or would where it was nearer by `more`, does so itself.
+#[inline(always)]
+pub(super) fn crosses_itself<T: Turned>(grain: &Hot<T>, group: &Group, lane: usize, more: f64) -> bool {
+    if T::IS_ELLIPSOID {
+        return true;
+    }
+    let n = group.normal(lane);
+    dot(grain.center, n) + grain.turned.support_mm(n) > group.o[lane] - more
 }
 
 /// Planes between two grains that are apart, to be laid when a move is made.
@@ -136,25 +147,25 @@ pub(super) enum Decided {
     TooClose(Vector),
 }
 
-impl System {
-    /// Decides the pair of a grain's plane, where the grain has this centre and matrix.
+impl<S: GrainShape> System<S> {
+    /// Decides the pair of a grain's plane, where the grain is this one.
     #[inline(always)]
-    pub(super) fn decide(&self, i: usize, as_if: &Hot, group: usize, lane: usize) -> Decided {
+    pub(super) fn decide(&self, i: usize, as_if: &Hot<S::Turned>, group: usize, lane: usize) -> Decided {
         let planes = &self.groups[group];
         let (j, image) = unpack(planes.neighbors[lane]);
         let other = &self.hot[j];
         let at =
             if self.container.is_periodic() { sum(other.center, self.shift(image)) } else { other.center };
-        let pair = Pair { a: &as_if.matrix, b: &other.matrix, r: minus(at, as_if.center) };
+        let r = minus(at, as_if.center);
         let gap = self.gap(as_if.d, other.d);
         let mut n = planes.normal(lane);
-        let (mut h_a, mut h_b) = (as_if.matrix.quadratic(n).sqrt(), other.matrix.quadratic(n).sqrt());
-        let mut slack = dot(pair.r, n) - h_a - h_b - gap;
+        let (mut h_a, mut h_b) = (as_if.turned.support_mm(n), other.turned.support_back_mm(n));
+        let mut slack = dot(r, n) - h_a - h_b - gap;
         if slack < 0.0 {
-            let decision = pair.decide_from(gap, n);
+            let decision = as_if.turned.decide(&other.turned, r, gap, n);
             n = scaled(decision.normal, 1.0 / norm(decision.normal));
-            (h_a, h_b) = (as_if.matrix.quadratic(n).sqrt(), other.matrix.quadratic(n).sqrt());
-            slack = dot(pair.r, n) - h_a - h_b - gap;
+            (h_a, h_b) = (as_if.turned.support_mm(n), other.turned.support_back_mm(n));
+            slack = dot(r, n) - h_a - h_b - gap;
             // By s(n) alone: a slack that rounding has made negative is none.
             if !decision.is_apart || slack < 0.0 {
                 return Decided::TooClose(n);
@@ -186,7 +197,7 @@ impl System {
         let (j, image) = unpack(planes.neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);
         let at = sum(other.center, self.shift(image));
-        let (h_a, h_b) = (one.matrix.quadratic(n).sqrt(), other.matrix.quadratic(n).sqrt());
+        let (h_a, h_b) = (one.turned.support_mm(n), other.turned.support_back_mm(n));
         let slack = dot(minus(at, one.center), n) - h_a - h_b - self.gap(one.d, other.d);
         let share = self.cold[i].step / (self.cold[i].step + self.cold[j].step);
         self.lay(&NewPlanes {

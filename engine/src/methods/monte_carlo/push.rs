@@ -6,9 +6,10 @@
 //! × n) · I⁻¹ (x × n)` (position-based dynamics; Müller, Heidelberger, Hennix and Ratcliff 2007, DOI
 //! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
 
-use super::planes::{Decided, LANES, Spread, WALL, is_wall, unpack};
-use super::system::{Hot, System, rotation, shape_matrix, turned};
+use super::planes::{Decided, LANES, Spread, WALL, crosses_itself, is_wall, unpack};
+use super::system::{Hot, System, rotation, turned};
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
+use crate::gap::grain::{GrainShape, Orientation, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
 use crate::memory::{OutOfMemory, refill};
 
@@ -43,7 +44,7 @@ pub(super) struct Pushed {
 /// Poses to go back to, and the grains that look again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pusher {
-    saved: Vec<(Vector, [f64; 4], Vector)>,
+    saved: Vec<(Vector, Orientation, Vector)>,
     saved_stretch: f64,
     saved_more: f64,
     active: Vec<bool>,
@@ -57,7 +58,7 @@ impl Pusher {
     /// When the system refuses memory.
     pub(super) fn push(
         &mut self,
-        system: &mut System,
+        system: &mut System<impl GrainShape>,
         by: Tighten,
         most_sweeps: u32,
     ) -> Result<Pushed, OutOfMemory> {
@@ -81,7 +82,12 @@ impl Pusher {
     }
 
     #[inline(always)]
-    fn sweeps<S: InstructionSet>(&mut self, set: S, system: &mut System, most: u32) -> Pushed {
+    fn sweeps<I: InstructionSet>(
+        &mut self,
+        set: I,
+        system: &mut System<impl GrainShape>,
+        most: u32,
+    ) -> Pushed {
         let held = system.held;
         let mut pushed = Pushed { sweeps: 0, is_held: false, is_clear: false, pushes: 0 };
         for sweep in 1..=most {
@@ -106,10 +112,10 @@ impl Pusher {
 
     /// Pushes a grain and its neighbours apart; returns how often.
     #[inline(always)]
-    fn visit<S: InstructionSet>(&mut self, set: S, system: &mut System, i: usize) -> u64 {
+    fn visit<I: InstructionSet>(&mut self, set: I, system: &mut System<impl GrainShape>, i: usize) -> u64 {
         let mut pushes = 0;
         let range = system.cold[i].first as usize..(system.cold[i].first + system.cold[i].count) as usize;
-        let mut spread = Spread::new(set, system.hot[i].center, &system.hot[i].matrix);
+        let mut spread = Spread::new(set, system.hot[i].center, system.hot[i].turned.around());
         let none = set.splat(0.0);
         for group in range {
             let crossed = spread.crosses(set, &system.groups[group], none);
@@ -118,14 +124,16 @@ impl Pusher {
             }
             let crossed = crossed.to_array();
             for lane in 0..LANES {
-                if crossed[lane].to_bits() == 0 {
+                if crossed[lane].to_bits() == 0
+                    || !crosses_itself(&system.hot[i], &system.groups[group], lane, 0.0)
+                {
                     continue;
                 }
                 let neighbor = system.groups[group].neighbors[lane];
                 if is_wall(neighbor) {
                     let (n, o) = (system.groups[group].normal(lane), system.groups[group].o[lane]);
                     let hot = &system.hot[i];
-                    let depth = dot(hot.center, n) + hot.matrix.quadratic(n).sqrt() - o;
+                    let depth = dot(hot.center, n) + hot.turned.support_mm(n) - o;
                     system.push_from_wall(i, n, depth);
                     self.next[i] = true;
                 } else {
@@ -146,21 +154,19 @@ impl Pusher {
                     }
                 }
                 pushes += 1;
-                spread = Spread::new(set, system.hot[i].center, &system.hot[i].matrix);
+                spread = Spread::new(set, system.hot[i].center, system.hot[i].turned.around());
             }
         }
         let cold = &system.cold[i];
         if cold.is_near_lateral {
-            let (hot, outer) = (system.hot[i], cold.semi_axes[0]);
-            let slack = system.lateral_slack(&hot, outer);
+            let (slack, n) = system.lateral_slack(&system.hot[i]);
             if slack < 0.0 {
-                let n = system.lateral_direction(&hot, outer);
                 system.push_from_wall(i, n, -slack);
                 self.next[i] = true;
                 pushes += 1;
             }
         }
-        if system.cold[i].is_near_itself && !system.clears_itself(&system.hot[i].matrix, system.hot[i].d) {
+        if system.cold[i].is_near_itself && !system.clears_itself(&system.hot[i]) {
             // No push helps a grain that meets its own image.
             self.next[i] = true;
             pushes += 1;
@@ -170,7 +176,7 @@ impl Pusher {
 
     /// Widens the specimen, or narrows the gap, until the overlaps that are left are none; says whether that is tighter
     /// than before and all gaps are kept.
-    pub(super) fn keep_what_is_valid(&mut self, system: &mut System, by: Tighten) -> bool {
+    pub(super) fn keep_what_is_valid(&mut self, system: &mut System<impl GrainShape>, by: Tighten) -> bool {
         match by {
             Tighten::Shrink(factor) => {
                 let Some(widen) = self.least_factor(system) else { return false };
@@ -194,7 +200,7 @@ impl Pusher {
 
     /// Calls `visit` with every pair and wall of a grain that looks again which is not clear: the grain, the direction,
     /// the vector between the centres along it or the distance from the wall, and what the gap lacks.
-    fn for_each_left(&self, system: &System, mut visit: impl FnMut(f64, f64)) -> bool {
+    fn for_each_left(&self, system: &System<impl GrainShape>, mut visit: impl FnMut(f64, f64)) -> bool {
         let mut is_possible = true;
         for i in (0..system.len()).filter(|&i| self.active[i]) {
             let (hot, cold) = (system.hot[i], system.cold[i]);
@@ -205,7 +211,7 @@ impl Pusher {
                     if neighbor == super::planes::NOBODY {
                         continue;
                     }
-                    let h = hot.matrix.quadratic(n).sqrt();
+                    let h = hot.turned.support_mm(n);
                     let left = planes.o[lane] - dot(hot.center, n);
                     if left >= h {
                         continue;
@@ -219,14 +225,15 @@ impl Pusher {
                         let (j, image) = unpack(neighbor);
                         let other = &system.hot[j];
                         let r = minus(sum(other.center, system.shift(image)), hot.center);
-                        let h_b = other.matrix.quadratic(n).sqrt();
-                        let h_a = hot.matrix.quadratic(n).sqrt();
-                        visit(dot(r, n), h_a + h_b + system.gap(hot.d, other.d));
+                        let gap = system.gap(hot.d, other.d);
+                        let contact = hot.turned.contact(&other.turned, r, gap, n);
+                        let [h_a, h_b] = contact.supports_mm;
+                        visit(dot(r, contact.normal), h_a + h_b + gap);
                     }
                 }
             }
             if cold.is_near_lateral {
-                let slack = system.lateral_slack(&hot, cold.semi_axes[0]);
+                let (slack, _) = system.lateral_slack(&hot);
                 if slack < 0.0 {
                     let axis = system.container.bounds()[0] / 2.0 * system.stretch;
                     // In a wider cylinder the centre lies farther out in proportion, and the farthest point no more.
@@ -234,13 +241,13 @@ impl Pusher {
                     visit(axis - out, axis - out - slack);
                 }
             }
-            is_possible &= !cold.is_near_itself || system.clears_itself(&hot.matrix, hot.d);
+            is_possible &= !cold.is_near_itself || system.clears_itself(&hot);
         }
         is_possible
     }
 
     /// The least factor on all lengths of the specimen, 1 or more, at which the gaps are kept.
-    fn least_factor(&self, system: &System) -> Option<f64> {
+    fn least_factor(&self, system: &System<impl GrainShape>) -> Option<f64> {
         let mut factor = 1.0_f64;
         let is_possible = self.for_each_left(system, |away, needed| {
             factor = factor.max(if away > 0.0 { needed / away } else { f64::INFINITY });
@@ -249,14 +256,14 @@ impl Pusher {
     }
 
     /// The most that a gap lacks.
-    fn deepest(&self, system: &System) -> Option<f64> {
+    fn deepest(&self, system: &System<impl GrainShape>) -> Option<f64> {
         let mut depth = 0.0_f64;
         let is_possible = self.for_each_left(system, |away, needed| depth = depth.max(needed - away));
         is_possible.then_some(depth)
     }
 
     /// Goes back to before the push; the planes follow.
-    pub(super) fn undo(&mut self, system: &mut System) {
+    pub(super) fn undo(&mut self, system: &mut System<impl GrainShape>) {
         if system.more > self.saved_more {
             system.widen_gaps(self.saved_more - system.more);
             system.more = self.saved_more;
@@ -266,8 +273,8 @@ impl Pusher {
         }
         system.stretch = self.saved_stretch;
         for (i, &(center, orientation, listed_center)) in self.saved.iter().enumerate() {
-            let matrix = shape_matrix(orientation, system.cold[i].semi_axes);
-            system.set_pose(i, center, orientation, matrix);
+            let turned = system.cold[i].shape.turned(&rotation(orientation));
+            system.set_pose(i, center, orientation, turned);
             system.cold[i].listed_center = listed_center;
         }
         system.set_wall_planes();
@@ -276,7 +283,7 @@ impl Pusher {
     }
 }
 
-impl System {
+impl<S: GrainShape> System<S> {
     /// Whether all gaps are kept. Lays new planes where the grains cross theirs.
     pub(super) fn is_clear(&mut self) -> bool {
         let cpu = self.cpu;
@@ -345,16 +352,16 @@ impl System {
         self.displace(i, scaled(n, -by), [0.0; 3]);
     }
 
-    /// Pushes a grain and its neighbour apart along a unit vector, and lays their planes anew.
+    /// Pushes a grain and its neighbour, which are too close along a unit vector, apart, and lays their planes anew.
     fn push_apart(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
         let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (a, b) = (self.hot[i], self.hot[j]);
         let r = minus(sum(b.center, self.shift(image)), a.center);
-        let (an, bn) = (a.matrix.times(n), b.matrix.times(n));
-        let (h_a, h_b) = (dot(n, an).sqrt(), dot(n, bn).sqrt());
-        let lacks = self.gap(a.d, b.d) + h_a + h_b - dot(r, n);
+        let gap = self.gap(a.d, b.d);
+        let contact = a.turned.contact(&b.turned, r, gap, n);
+        let (n, [h_a, h_b], [arm_a, arm_b]) = (contact.normal, contact.supports_mm, contact.arms_mm);
+        let lacks = gap + h_a + h_b - dot(r, n);
         let by = BEYOND * lacks + BEYOND_D * a.d.min(b.d);
-        let (arm_a, arm_b) = (scaled(an, 1.0 / h_a), scaled(bn, -1.0 / h_b));
         let (pushed_a, pushed_b) = (self.inertia(i, &a, arm_a, n), self.inertia(j, &b, arm_b, n));
         let share = by / (pushed_a.weight + pushed_b.weight);
         self.displace(i, scaled(n, -share * pushed_a.per_mass), scaled(pushed_a.turn, -share));
@@ -364,13 +371,12 @@ impl System {
 
     /// What an impulse along `n` at the end of an arm does to a grain.
     #[inline(always)]
-    fn inertia(&self, i: usize, hot: &Hot, arm: Vector, n: Vector) -> Impulse {
+    fn inertia(&self, i: usize, hot: &Hot<S::Turned>, arm: Vector, n: Vector) -> Impulse {
         let cold = &self.cold[i];
         let per_mass = 1.0 / hot.d;
         let moment = cross(arm, n);
         let rows = rotation(cold.orientation);
-        let [a, b, c] = cold.semi_axes.map(|axis| axis * axis);
-        let per_inertia = [5.0 * per_mass / (b + c), 5.0 * per_mass / (a + c), 5.0 * per_mass / (a + b)];
+        let per_inertia = cold.shape.per_inertia(per_mass);
         let local = [0, 1, 2].map(|k| {
             per_inertia[k] * (rows[0][k] * moment[0] + rows[1][k] * moment[1] + rows[2][k] * moment[2])
         });
@@ -388,8 +394,8 @@ impl System {
             self.cold[i].is_held = true;
             return;
         }
-        let matrix = shape_matrix(orientation, self.cold[i].semi_axes);
-        self.set_pose(i, center, orientation, matrix);
+        let turned = self.cold[i].shape.turned(&rotation(orientation));
+        self.set_pose(i, center, orientation, turned);
     }
 }
 

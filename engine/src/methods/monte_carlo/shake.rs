@@ -7,9 +7,10 @@
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::planes::{Decided, LANES, NewPlanes, Spread, is_wall};
-use super::system::{Hot, System, shape_matrix, turned};
+use super::planes::{Decided, LANES, NewPlanes, Spread, crosses_itself, is_wall};
+use super::system::{Hot, System, rotation, turned};
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
+use crate::gap::grain::{GrainShape, Turned};
 use crate::gap::linear::Vector;
 
 /// Factors on the step after a move that was made, and after one that was not.
@@ -57,7 +58,7 @@ impl Pending {
     }
 
     #[inline(always)]
-    pub(super) fn lay(&self, system: &mut System) {
+    pub(super) fn lay(&self, system: &mut System<impl GrainShape>) {
         for planes in self.planes[..self.count].iter().flatten() {
             system.lay(planes);
         }
@@ -77,7 +78,7 @@ fn six(rng: &mut Xoshiro256PlusPlus) -> [Vector; 2] {
 }
 
 /// Tries one move of each grain.
-pub(super) fn sweep(system: &mut System, rng: &mut Xoshiro256PlusPlus) -> Moves {
+pub(super) fn sweep(system: &mut System<impl GrainShape>, rng: &mut Xoshiro256PlusPlus) -> Moves {
     let cpu = system.cpu;
     with_instruction_set!(cpu, set => set.call(
         #[inline(always)]
@@ -86,26 +87,29 @@ pub(super) fn sweep(system: &mut System, rng: &mut Xoshiro256PlusPlus) -> Moves 
 }
 
 #[inline(always)]
-fn sweep_with<S: InstructionSet>(set: S, system: &mut System, rng: &mut Xoshiro256PlusPlus) -> Moves {
+fn sweep_with<I: InstructionSet>(
+    set: I,
+    system: &mut System<impl GrainShape>,
+    rng: &mut Xoshiro256PlusPlus,
+) -> Moves {
     let mut moves = Moves::default();
     for i in 0..system.len() {
         moves.tried += 1;
         let (hot, cold) = (&system.hot[i], &system.cold[i]);
         let step = cold.step;
         let [x, t] = six(rng);
-        let angle = TURN * step / cold.semi_axes[0];
+        let angle = TURN * step / cold.shape.outer_mm();
         let center = [0, 1, 2].map(|a| hot.center[a] + step * x[a]);
         let orientation = turned(cold.orientation, t.map(|t| angle * t));
         if system.skin_used(i, center, orientation) > SKIN_SHARE * cold.skin {
             system.cold[i].step *= SKIN_NARROWER;
             continue;
         }
-        let matrix = shape_matrix(orientation, cold.semi_axes);
-        let as_if = Hot { center, matrix, d: hot.d };
+        let as_if = Hot { center, turned: cold.shape.turned(&rotation(orientation)), d: hot.d };
         let mut pending = Pending::new();
         if fits(set, system, i, &as_if, 0.0, &mut pending) {
             pending.lay(system);
-            system.set_pose(i, center, orientation, matrix);
+            system.set_pose(i, center, orientation, as_if.turned);
             let longest = LONGEST_STEP * as_if.d;
             system.cold[i].step = (step * WIDER).min(longest);
             moves.accepted += 1;
@@ -116,28 +120,28 @@ fn sweep_with<S: InstructionSet>(set: S, system: &mut System, rng: &mut Xoshiro2
     moves
 }
 
-/// Whether a grain that had this centre, matrix and size would keep all its gaps; notes the planes that are to be laid
+/// Whether a grain that were this one would keep all its gaps; notes the planes that are to be laid
 /// anew. `more` is how much closer than it may the grain has come to its planes beforehand, where it gets another gap.
 #[inline(always)]
-pub(super) fn fits<S: InstructionSet>(
-    set: S,
-    system: &System,
+pub(super) fn fits<I: InstructionSet, S: GrainShape>(
+    set: I,
+    system: &System<S>,
     i: usize,
-    as_if: &Hot,
+    as_if: &Hot<S::Turned>,
     more: f64,
     pending: &mut Pending,
 ) -> bool {
     let cold = &system.cold[i];
-    let spread = Spread::new(set, as_if.center, &as_if.matrix);
-    let more = set.splat(more);
+    let spread = Spread::new(set, as_if.center, as_if.turned.around());
+    let more_lanes = set.splat(more);
     for group in cold.first as usize..(cold.first + cold.count) as usize {
-        let crossed = spread.crosses(set, &system.groups[group], more);
+        let crossed = spread.crosses(set, &system.groups[group], more_lanes);
         if !crossed.any() {
             continue;
         }
         let crossed = crossed.to_array();
         for lane in 0..LANES {
-            if crossed[lane].to_bits() == 0 {
+            if crossed[lane].to_bits() == 0 || !crosses_itself(as_if, &system.groups[group], lane, more) {
                 continue;
             }
             if is_wall(system.groups[group].neighbors[lane]) {
@@ -149,8 +153,8 @@ pub(super) fn fits<S: InstructionSet>(
             }
         }
     }
-    if cold.is_near_lateral && system.lateral_slack(as_if, cold.semi_axes[0]) < 0.0 {
+    if cold.is_near_lateral && system.lateral_slack(as_if).0 < 0.0 {
         return false;
     }
-    !cold.is_near_itself || system.clears_itself(&as_if.matrix, as_if.d)
+    !cold.is_near_itself || system.clears_itself(as_if)
 }

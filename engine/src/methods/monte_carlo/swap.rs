@@ -8,12 +8,11 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::planes::{LANES, NOBODY, is_wall};
 use super::shake::{Pending, fits};
-use super::system::{Hot, System, shape_matrix};
+use super::system::{Hot, System, rotation};
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
-use crate::gap::linear::Vector;
+use crate::gap::grain::GrainShape;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::SwapPairs;
-use crate::shape::Ellipsoid;
 
 /// Share of the skin that a larger grain may take.
 const SKIN_SHARE: f64 = 0.5;
@@ -24,10 +23,10 @@ const AHEAD: usize = 8;
 ///
 /// # Errors
 /// When the system refuses memory.
-pub(super) fn sweep(
+pub(super) fn sweep<S: GrainShape>(
     pairs: &mut SwapPairs,
-    system: &mut System,
-    shapes: &[Ellipsoid],
+    system: &mut System<S>,
+    shapes: &[S],
     diameters: &[f64],
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
@@ -47,11 +46,11 @@ pub(super) fn sweep(
 
 /// Tries so many pairs; returns how many had different shapes, and how many of these were exchanged.
 #[inline(always)]
-fn try_pairs<S: InstructionSet>(
-    set: S,
+fn try_pairs<I: InstructionSet, S: GrainShape>(
+    set: I,
     pairs: &mut SwapPairs,
-    system: &mut System,
-    shapes: &[Ellipsoid],
+    system: &mut System<S>,
+    shapes: &[S],
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
 ) -> (u64, u64) {
@@ -77,7 +76,7 @@ fn try_pairs<S: InstructionSet>(
             }
         }
         for &[larger, smaller] in &drawn[..count] {
-            if larger == smaller || shapes[larger] == shapes[smaller] {
+            if larger == smaller || shapes[larger].is_same(&shapes[smaller]) {
                 continue;
             }
             tried += 1;
@@ -90,28 +89,29 @@ fn try_pairs<S: InstructionSet>(
     (tried, accepted)
 }
 
-/// The site as it would be with another shape: how much longer its semi-axes are at most, and how much closer it may
-/// come to its planes for its gaps.
-struct Changed {
-    as_if: Hot,
-    semi_axes: Vector,
+/// The site as it would be with another shape: how much longer the semi-axes of the ellipsoid around it are at most,
+/// and how much closer it may come to its planes for its gaps.
+struct Changed<S: GrainShape> {
+    as_if: Hot<S::Turned>,
+    shape: S,
     longer: f64,
     more: f64,
 }
 
 #[inline(always)]
-fn changed(system: &System, site: usize, from: usize) -> Changed {
+fn changed<S: GrainShape>(system: &System<S>, site: usize, from: usize) -> Changed<S> {
     let (old, new) = (&system.cold[site], &system.cold[from]);
     let (d_old, d_new) = (system.hot[site].d, system.hot[from].d);
-    let longer = [0, 1, 2].map(|a| new.semi_axes[a] - old.semi_axes[a]).into_iter().fold(0.0, f64::max);
-    let matrix = shape_matrix(old.orientation, new.semi_axes);
-    let as_if = Hot { center: system.hot[site].center, matrix, d: d_new };
-    Changed { as_if, semi_axes: new.semi_axes, longer, more: system.more_gap(d_old, d_new) }
+    let (around, around_old) = (new.shape.around_mm(), old.shape.around_mm());
+    let longer = [0, 1, 2].map(|a| around[a] - around_old[a]).into_iter().fold(0.0, f64::max);
+    let turned = new.shape.turned(&rotation(old.orientation));
+    let as_if = Hot { center: system.hot[site].center, turned, d: d_new };
+    Changed { as_if, shape: new.shape, longer, more: system.more_gap(d_old, d_new) }
 }
 
 /// Lets the shapes of two sites change places if they fit; the larger one is at the first site.
 #[inline(always)]
-fn swap<S: InstructionSet>(set: S, system: &mut System, i: usize, j: usize) -> bool {
+fn swap<I: InstructionSet>(set: I, system: &mut System<impl GrainShape>, i: usize, j: usize) -> bool {
     let at_j = changed(system, j, i);
     let mut planes_j = Pending::new();
     if at_j.longer + at_j.more > SKIN_SHARE * system.cold[j].skin
@@ -134,7 +134,7 @@ fn swap<S: InstructionSet>(set: S, system: &mut System, i: usize, j: usize) -> b
         system.come_closer(site, change.more, change.as_if.d);
         system.hot[site] = change.as_if;
         let cold = &mut system.cold[site];
-        cold.semi_axes = change.semi_axes;
+        cold.shape = change.shape;
         cold.skin -= change.longer + change.more;
     }
     planes_j.lay(system);
@@ -146,7 +146,7 @@ fn swap<S: InstructionSet>(set: S, system: &mut System, i: usize, j: usize) -> b
 }
 
 /// Whether two sites are in each other's lists.
-fn are_neighbors(system: &System, i: usize, j: usize) -> bool {
+fn are_neighbors(system: &System<impl GrainShape>, i: usize, j: usize) -> bool {
     let cold = &system.cold[i];
     let groups = &system.groups[cold.first as usize..(cold.first + cold.count) as usize];
     groups
@@ -155,7 +155,7 @@ fn are_neighbors(system: &System, i: usize, j: usize) -> bool {
         .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && super::planes::unpack(neighbor).0 == j)
 }
 
-impl System {
+impl<S: GrainShape> System<S> {
     /// The most by which a gap of a grain grows when its diameter changes.
     #[inline(always)]
     fn more_gap(&self, d_old: f64, d_new: f64) -> f64 {

@@ -7,29 +7,27 @@
 use super::planes::Group;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
-use crate::gap::ellipsoids::{Body, Pair};
-use crate::gap::linear::{Symmetric, Vector, dot};
+use crate::gap::grain::{GrainShape, Orientation, Turned};
+use crate::gap::linear::{Vector, dot};
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::request::{Boundary, Specimen};
-use crate::shape::{Ellipsoid, Pose};
-
-/// Quaternions as w, x, y, z.
-pub(super) type Orientation = [f64; 4];
+use crate::shape::Pose;
 
 /// What a pair test reads of a grain.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hot {
+pub(super) struct Hot<T> {
     pub(super) center: Vector,
-    pub(super) matrix: Symmetric,
+    pub(super) turned: T,
     /// Equivalent diameter.
     pub(super) d: f64,
 }
 
 /// The rest of a grain. Lengths are in mm.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cold {
+pub(super) struct Cold<S> {
+    /// That of the principal axes.
     pub(super) orientation: Orientation,
-    pub(super) semi_axes: Vector,
+    pub(super) shape: S,
     /// Largest step of a move along each axis.
     pub(super) step: f64,
     /// Where the list was built.
@@ -117,7 +115,7 @@ pub(super) fn opposite(image: u32) -> u32 {
 
 /// The grains of a run.
 #[derive(Clone, Debug)]
-pub(super) struct System {
+pub(super) struct System<S: GrainShape> {
     pub(super) cpu: Cpu,
     pub(super) container: Container,
     /// Size of the specimen over the requested one.
@@ -126,8 +124,8 @@ pub(super) struct System {
     /// Gap beyond the rule's, and the share of it that is kept to walls.
     pub(super) more: f64,
     pub(super) wall_share: f64,
-    pub(super) hot: Vec<Hot>,
-    pub(super) cold: Vec<Cold>,
+    pub(super) hot: Vec<Hot<S::Turned>>,
+    pub(super) cold: Vec<Cold<S>>,
     /// Which shape stands at each site.
     pub(super) rank: Vec<u32>,
     pub(super) groups: Vec<Group>,
@@ -135,12 +133,12 @@ pub(super) struct System {
     pub(super) held: u64,
 }
 
-impl System {
+impl<S: GrainShape> System<S> {
     /// Grains at poses in the specimen at its requested size.
     pub(super) fn new(
         specimen: &Specimen,
         rule: DistanceRule,
-        shapes: &[Ellipsoid],
+        shapes: &[S],
         poses: &[Pose],
     ) -> Result<Self, OutOfMemory> {
         let order = along_a_curve(poses, specimen.bounds_mm())?;
@@ -148,15 +146,14 @@ impl System {
         let mut cold = reserved(shapes.len())?;
         for &rank in &order {
             let (shape, pose) = (&shapes[rank as usize], &poses[rank as usize]);
-            let semi_axes: Vector = shape.semi_axes_mm().into();
             let q = pose.orientation.quaternion();
-            let orientation = [q.w, q.i, q.j, q.k];
+            let orientation = shape.to_principal([q.w, q.i, q.j, q.k]);
             let center = pose.center_mm.into();
             let d = shape.equivalent_diameter_mm();
-            hot.push(Hot { center, matrix: shape_matrix(orientation, semi_axes), d });
+            hot.push(Hot { center, turned: shape.turned(&rotation(orientation)), d });
             cold.push(Cold {
                 orientation,
-                semi_axes,
+                shape: *shape,
                 step: 0.1 * d,
                 listed_center: center,
                 listed_orientation: orientation,
@@ -207,14 +204,14 @@ impl System {
 
     /// Puts a grain elsewhere.
     #[inline(always)]
-    pub(super) fn set_pose(&mut self, i: usize, center: Vector, orientation: Orientation, matrix: Symmetric) {
+    pub(super) fn set_pose(&mut self, i: usize, center: Vector, orientation: Orientation, turned: S::Turned) {
         self.hot[i].center = center;
-        self.hot[i].matrix = matrix;
+        self.hot[i].turned = turned;
         self.cold[i].orientation = orientation;
     }
 
     /// How far a pose has come out of where the list of a grain was built: the displacement, and what the rotation adds
-    /// to the support function. Under a rotation by `t` that changes by no more than `(a - c) t`, and `a - c` in all.
+    /// to the support function.
     #[inline(always)]
     pub(super) fn skin_used(&self, i: usize, center: Vector, q: Orientation) -> f64 {
         let cold = &self.cold[i];
@@ -224,30 +221,26 @@ impl System {
         let sine2 = (1.0 - cosine * cosine).max(0.0);
         // Twice the sine of half the angle; the angle is longer by less than a twentieth of its square, up to 1.
         let chord = 2.0 * sine2.sqrt();
-        let angle = (chord * (1.0 + 0.05 * chord * chord)).min(1.0);
-        dot(x, x).sqrt() + (cold.semi_axes[0] - cold.semi_axes[2]) * angle
+        let angle = chord * (1.0 + 0.05 * chord * chord);
+        dot(x, x).sqrt() + cold.shape.change_mm(angle)
     }
 
-    /// By how much more than its gap a body keeps from the lateral surface of a cylinder.
-    pub(super) fn lateral_slack(&self, hot: &Hot, outer: f64) -> f64 {
-        let Container::Cylinder { radius, .. } = self.container else { return f64::INFINITY };
+    /// By how much more than its gap a grain keeps from the lateral surface of a cylinder, and the direction in which
+    /// it comes closest to it.
+    pub(super) fn lateral_slack(&self, hot: &Hot<S::Turned>) -> (f64, Vector) {
+        let Container::Cylinder { radius, .. } = self.container else { return (f64::INFINITY, [0.0; 3]) };
         let axis = radius * self.stretch;
-        axis - self.wall_gap(hot.d) - body(hot, outer).reach_from_axis_mm([axis, axis])
+        let (reach, n) = hot.turned.reach_across_mm([hot.center[0] - axis, hot.center[1] - axis]);
+        (axis - self.wall_gap(hot.d) - reach, n)
     }
 
-    /// The direction in which a body comes closest to the lateral surface.
-    pub(super) fn lateral_direction(&self, hot: &Hot, outer: f64) -> Vector {
-        let axis = self.container.bounds()[0] / 2.0 * self.stretch;
-        body(hot, outer).reach_direction([axis, axis])
-    }
-
-    /// Whether a body of a periodic box keeps its gap to its own images.
-    pub(super) fn clears_itself(&self, matrix: &Symmetric, d: f64) -> bool {
-        let gap = self.gap(d, d);
+    /// Whether a grain of a periodic box keeps its gap to its own images.
+    pub(super) fn clears_itself(&self, hot: &Hot<S::Turned>) -> bool {
+        let gap = self.gap(hot.d, hot.d);
         // One of each pair of opposite images.
         (HOME + 1..IMAGES).all(|image| {
-            let pair = Pair { a: matrix, b: matrix, r: self.shift(image) };
-            pair.decide(gap).is_apart
+            let r = self.shift(image);
+            hot.turned.decide(&hot.turned, r, gap, r).is_apart
         })
     }
 
@@ -266,10 +259,6 @@ impl System {
     }
 }
 
-fn body(hot: &Hot, outer: f64) -> Body {
-    Body { center_mm: hot.center, matrix_mm2: hot.matrix, outer_mm: outer, inner_mm: 0.0 }
-}
-
 /// The rotation of a quaternion, by rows.
 #[inline(always)]
 pub(super) fn rotation(q: Orientation) -> [Vector; 3] {
@@ -279,11 +268,6 @@ pub(super) fn rotation(q: Orientation) -> [Vector; 3] {
         [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
     ]
-}
-
-#[inline(always)]
-pub(super) fn shape_matrix(q: Orientation, semi_axes: Vector) -> Symmetric {
-    Symmetric::rotated_diagonal(&rotation(q), semi_axes.map(|axis| axis * axis))
 }
 
 /// The quaternion turned by a small rotation vector, to first order, and made a unit again.

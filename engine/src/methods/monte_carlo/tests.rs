@@ -11,6 +11,7 @@ use crate::cpu::tests::on_baseline;
 use crate::methods::brute_force_tests::assert_valid;
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance};
+use crate::shape::Ellipsoid;
 
 const BOX: Specimen = Specimen::Box { size_mm: [30.0, 25.0, 20.0], boundary: Boundary::Walls };
 
@@ -31,7 +32,11 @@ fn rule(distance: &Distance, specimen: &Specimen) -> DistanceRule {
     DistanceRule::new(distance, specimen)
 }
 
-fn packing<'a>(shapes: &'a [Ellipsoid], specimen: &'a Specimen, distance: &Distance) -> MonteCarlo<'a> {
+fn packing<'a>(
+    shapes: &'a [Ellipsoid],
+    specimen: &'a Specimen,
+    distance: &Distance,
+) -> MonteCarlo<'a, Ellipsoid> {
     let maximize = match *distance {
         Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
         _ => None,

@@ -3,17 +3,15 @@
 //!
 //! The lists are built for a stage; grains inserted since are chained to them.
 
-use nalgebra::Vector3;
-
 use super::Stage;
 use crate::distance::DistanceRule;
-use crate::gap::ellipsoids::Body;
-use crate::gap::linear::{Symmetric, Vector, minus};
+use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::linear::{Symmetric, Vector, minus, sum};
 use crate::memory::{OutOfMemory, filled, make_room};
 use crate::request::Specimen;
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::Pose;
 
-/// Edge of a cell over the shortest semi-axis of the stage, gap included.
+/// Edge of a cell over the shortest inner radius of the stage, gap included.
 const CELL_EDGE: f64 = 2.0;
 /// Most cells per inserted and expected grain: few grains in much space need no fine cells.
 const MOST_CELLS: f64 = 2e6;
@@ -30,29 +28,57 @@ const NONE: u32 = u32::MAX;
 /// A voxel is said to be covered with this margin, far above rounding.
 const COVERED_MARGIN: f64 = 1.0 - 1e-12;
 
+/// A shape at a pose. Lengths are in mm.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed<T> {
+    pub(super) center_mm: Vector,
+    pub(super) turned: T,
+    /// Radius of a sphere around it.
+    pub(super) outer_mm: f64,
+    /// Rotation of its principal axes.
+    rows: [Vector; 3],
+}
+
+impl<T: Turned> Placed<T> {
+    #[inline(always)]
+    pub(super) fn new<S: GrainShape<Turned = T>>(shape: &S, pose: &Pose) -> Self {
+        let rows = shape.rows(pose);
+        Self {
+            center_mm: pose.center_mm.into(),
+            turned: shape.turned(&rows),
+            outer_mm: shape.outer_mm(),
+            rows,
+        }
+    }
+
+    /// Whether the grain keeps a gap to another one, whose centre lies at `r` from its own.
+    #[inline(always)]
+    pub(super) fn keeps(&self, other: &Self, r: Vector, gap_mm: f64) -> bool {
+        self.turned.decide(&other.turned, r, gap_mm, r).is_apart
+    }
+}
+
 /// A grain that was inserted.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Inserted {
-    pub(super) body: Body,
+pub(super) struct Inserted<T> {
+    pub(super) body: Placed<T>,
     pub(super) d_mm: f64,
-    semi_axes_mm: Vector,
-    rows: [Vector; 3],
+    /// Semi-axes of an ellipsoid that it holds.
+    inside_mm: Vector,
     /// Inverse shape matrix of the ellipsoid that no centre of a stage's grains lies in.
     excluded: Symmetric,
     /// One over that ellipsoid's shortest semi-axis.
     per_shortest: f64,
-    /// Gap and longest semi-axes: beyond this distance of the centres there is nothing to test.
+    /// Gap and radii: beyond this distance of the centres there is nothing to test.
     reach_mm: f64,
 }
 
-impl Inserted {
-    pub(super) fn new(body: Body, shape: &Ellipsoid, pose: &Pose) -> Self {
-        let r = pose.rotation();
+impl<T: Turned> Inserted<T> {
+    pub(super) fn new(body: Placed<T>, shape: &impl GrainShape) -> Self {
         Self {
             body,
             d_mm: shape.equivalent_diameter_mm(),
-            semi_axes_mm: shape.semi_axes_mm().into(),
-            rows: [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]]),
+            inside_mm: shape.inside_mm(),
             excluded: Symmetric([0.0; 6]),
             per_shortest: 0.0,
             reach_mm: 0.0,
@@ -62,8 +88,8 @@ impl Inserted {
     /// Makes the exclusion that of a stage.
     pub(super) fn cover(&mut self, stage: &Stage, rule: &DistanceRule) {
         let [largest, smallest] = stage.diameters.map(|d_mm| rule.gap_mm(d_mm, self.d_mm));
-        let axes = self.semi_axes_mm.map(|axis| axis + stage.inner + smallest);
-        self.excluded = Symmetric::rotated_diagonal(&self.rows, axes.map(|axis| 1.0 / (axis * axis)));
+        let axes = self.inside_mm.map(|axis| axis + stage.inner + smallest);
+        self.excluded = Symmetric::rotated_diagonal(&self.body.rows, axes.map(|axis| 1.0 / (axis * axis)));
         self.per_shortest = 1.0 / axes[2];
         self.reach_mm = (self.body.outer_mm + stage.outer + largest) * (1.0 + 1e-12);
     }
@@ -99,7 +125,7 @@ impl Grid {
         specimen: &Specimen,
         stage: &Stage,
         rule: &DistanceRule,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
     ) -> Result<Self, OutOfMemory> {
         let bounds_mm = specimen.bounds_mm();
         let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
@@ -146,7 +172,7 @@ impl Grid {
     }
 
     /// Adds a grain to the lists of all cells that it can matter to.
-    pub(super) fn insert(&mut self, id: usize, inserted: &Inserted) -> Result<(), OutOfMemory> {
+    pub(super) fn insert(&mut self, id: usize, inserted: &Inserted<impl Turned>) -> Result<(), OutOfMemory> {
         let mut touched = 0;
         self.for_each_touched(inserted, |_, _| touched += 1);
         make_room(&mut self.links, touched)?;
@@ -199,7 +225,7 @@ impl Grid {
         &self,
         cell: usize,
         point: Vector,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
     ) -> Option<(usize, Vector)> {
         self.covering_ball(cell, point, 0.0, inserted)
     }
@@ -211,7 +237,7 @@ impl Grid {
         cell: usize,
         point: Vector,
         radius_mm: f64,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
     ) -> Option<(usize, Vector)> {
         let mut found = None;
         self.any_near(cell, |grain, shift| {
@@ -225,20 +251,20 @@ impl Grid {
     }
 
     /// Whether a body comes closer than a gap to an image of its own.
-    pub(super) fn meets_own_image(&self, body: &Body, gap_mm: f64) -> bool {
+    pub(super) fn meets_own_image(&self, body: &Placed<impl Turned>, gap_mm: f64) -> bool {
         let shortest = self.bounds_mm.into_iter().fold(f64::INFINITY, f64::min);
         if !self.is_periodic || 2.0 * body.outer_mm + gap_mm < shortest {
             return false;
         }
         // One of each pair of opposite images.
         self.shifts[HOME + 1..].iter().any(|shift| {
-            let at: Vector3<f64> = Vector3::from(body.center_mm) + Vector3::from(*shift);
-            !body.with_at(body, at.into()).decide(gap_mm).is_apart
+            let r = minus(sum(body.center_mm, *shift), body.center_mm);
+            !body.keeps(body, r, gap_mm)
         })
     }
 
     /// Calls `visit` with every cell, and the image, that a grain can matter to.
-    fn for_each_touched(&self, inserted: &Inserted, mut visit: impl FnMut(usize, usize)) {
+    fn for_each_touched(&self, inserted: &Inserted<impl Turned>, mut visit: impl FnMut(usize, usize)) {
         let images = if self.is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
         for image in images {
             let shift = self.shifts[image];

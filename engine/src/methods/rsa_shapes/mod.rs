@@ -1,11 +1,11 @@
-//! Random sequential addition of ellipsoids: each, from the largest to the smallest, gets the first pose drawn at
+//! Random sequential addition of grains that are no spheres: each, from the largest to the smallest, gets the first pose drawn at
 //! random that keeps its gaps to all grains inserted before and to the walls.
 //!
-//! An attempt of the textbook algorithm draws a uniform centre from the region that keeps the shortest semi-axis and
-//! the wall gap from the walls, and an orientation. Most centres lie in or near a grain. For an inserted grain with the
-//! semi-axes `a, b, c` and a new one with the shortest semi-axis `r_in`, no centre in the ellipsoid with the semi-axes
-//! `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the body parallel
-//! to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore dropped, and
+//! An attempt of the textbook algorithm draws a uniform centre from the region that keeps the inner radius and the wall
+//! gap from the walls, and an orientation. Most centres lie in or near a grain. For an inserted grain that holds an
+//! ellipsoid with the semi-axes `a, b, c` and a new one of the inner radius `r_in`, no centre in the ellipsoid with the
+//! semi-axes `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the body
+//! parallel to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore dropped, and
 //! centres are drawn from the voxels that are left. Attempts that would have fallen elsewhere are counted by a
 //! geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no voxel
 //! is left, saturation is proven.
@@ -26,15 +26,17 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::gap::ellipsoids::Body;
+use crate::gap::grain::GrainShape;
+use crate::gap::linear::{dot, minus};
+use crate::gap::walls::wall_gap_mm;
 use crate::memory::{OutOfMemory, reserved};
 use crate::methods::rsa::End;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::uniform;
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::Pose;
 use crate::specimen::Region;
-use grid::{Grid, Inserted};
+use grid::{Grid, Inserted, Placed};
 use voxels::Voxels;
 
 /// Draws between two looks at the control: less than a millisecond.
@@ -63,9 +65,9 @@ const ROUNDING_MARGIN: f64 = 1e-13;
 pub type Orientation<'a> = dyn Fn(&mut Xoshiro256PlusPlus) -> UnitQuaternion<f64> + 'a;
 
 /// What random sequential addition is asked for.
-pub struct EllipsoidRsa<'a> {
+pub struct ShapeRsa<'a, S> {
     /// Grains by equivalent diameter from the largest down.
-    pub shapes: &'a [Ellipsoid],
+    pub shapes: &'a [S],
     /// Where they go.
     pub specimen: &'a Specimen,
     /// The gaps they keep.
@@ -100,18 +102,18 @@ struct Search {
     limit: Option<u64>,
 }
 
-enum Found {
-    Pose(Pose, Body),
+enum Found<T> {
+    Pose(Pose, Placed<T>),
     NotYet,
     Nothing { saturation_proven: bool },
     Stopped,
 }
 
-struct Run<'a> {
-    rsa: &'a EllipsoidRsa<'a>,
+struct Run<'a, S: GrainShape> {
+    rsa: &'a ShapeRsa<'a, S>,
     control: &'a dyn Control,
     poses: Vec<Pose>,
-    inserted: Vec<Inserted>,
+    inserted: Vec<Inserted<S::Turned>>,
     statistics: RsaStatistics,
     draws: u64,
     /// Draws per grain of the last stage.
@@ -123,12 +125,12 @@ struct Run<'a> {
 pub(crate) struct Stage {
     /// Equivalent diameters of the largest and the smallest grain.
     diameters: [f64; 2],
-    /// Longest of the longest, and shortest of the shortest semi-axes.
+    /// Longest of the radii of the spheres around the grains, and shortest of those inside.
     outer: f64,
     inner: f64,
 }
 
-impl EllipsoidRsa<'_> {
+impl<S: GrainShape> ShapeRsa<'_, S> {
     /// Inserts the grains.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
         let count = self.shapes.len();
@@ -155,17 +157,17 @@ impl EllipsoidRsa<'_> {
         while end < self.shapes.len().min(most) && d(end) * ratio > d(first) {
             end += 1;
         }
-        let axes = || self.shapes[first..end].iter().map(Ellipsoid::semi_axes_mm);
+        let shapes = || self.shapes[first..end].iter();
         let stage = Stage {
             diameters: [d(first), d(end - 1)],
-            outer: axes().map(|axes| axes.x).fold(0.0, f64::max),
-            inner: axes().map(|axes| axes.z).fold(f64::INFINITY, f64::min),
+            outer: shapes().map(S::outer_mm).fold(0.0, f64::max),
+            inner: shapes().map(S::inner_mm).fold(f64::INFINITY, f64::min),
         };
         (stage, end)
     }
 }
 
-impl Run<'_> {
+impl<S: GrainShape> Run<'_, S> {
     fn insert_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
         let rsa = self.rsa;
         let mut first = 0;
@@ -205,7 +207,7 @@ impl Run<'_> {
             let shape = &rsa.shapes[grain];
             let d_mm = shape.equivalent_diameter_mm();
             let wall_gap_mm = rsa.rule.wall_gap_mm(d_mm);
-            let own = rsa.specimen.center_region(shape.semi_axes_mm().z + wall_gap_mm);
+            let own = rsa.specimen.center_region(shape.inner_mm() + wall_gap_mm);
             let own = own.ok_or(no_place)?;
             let mut search = Search {
                 grain,
@@ -227,7 +229,7 @@ impl Run<'_> {
             self.statistics.attempts += search.attempts;
             match found {
                 Found::Pose(pose, body) => {
-                    let mut inserted = Inserted::new(body, shape, &pose);
+                    let mut inserted = Inserted::new(body, shape);
                     inserted.cover(stage, &rsa.rule);
                     grid.insert(self.inserted.len(), &inserted)?;
                     self.inserted.push(inserted);
@@ -250,7 +252,7 @@ impl Run<'_> {
         voxels: &mut Voxels,
         grid: &Grid,
         rng: &mut Xoshiro256PlusPlus,
-    ) -> Result<Found, OutOfMemory> {
+    ) -> Result<Found<S::Turned>, OutOfMemory> {
         self.draws += 1;
         if self.draws.is_multiple_of(DRAWS_PER_LOOK) {
             self.report();
@@ -293,7 +295,7 @@ impl Run<'_> {
         cell: usize,
         grid: &Grid,
         rng: &mut Xoshiro256PlusPlus,
-    ) -> Result<(Pose, Body), Option<(usize, [f64; 3])>> {
+    ) -> Result<(Pose, Placed<S::Turned>), Option<(usize, [f64; 3])>> {
         let rsa = self.rsa;
         // What excludes the point for any orientation.
         if let Some(blocking) = grid.covering(cell, point, &self.inserted) {
@@ -301,8 +303,8 @@ impl Run<'_> {
         }
         let orientation = (rsa.orientation)(rng);
         let pose = Pose { center_mm: point.into(), orientation };
-        let body = Body::new(&rsa.shapes[search.grain], &pose);
-        if body.wall_gap_mm(rsa.specimen) < search.wall_gap_mm {
+        let body = Placed::new(&rsa.shapes[search.grain], &pose);
+        if wall_gap_mm(body.center_mm, &body.turned, rsa.specimen) < search.wall_gap_mm {
             return Err(None);
         }
         let blocked = grid.any_near(cell, |grain, shift| {
@@ -310,10 +312,9 @@ impl Run<'_> {
             let margin_mm = ROUNDING_MARGIN * (body.outer_mm + other.body.outer_mm);
             let gap_mm = rsa.rule.gap_mm(search.d_mm, other.d_mm) + margin_mm;
             let center: [f64; 3] = std::array::from_fn(|a| other.body.center_mm[a] + shift[a]);
-            let pair = body.with_at(&other.body, center);
+            let r = minus(center, body.center_mm);
             let far = body.outer_mm + other.body.outer_mm + gap_mm;
-            pair.r[0] * pair.r[0] + pair.r[1] * pair.r[1] + pair.r[2] * pair.r[2] < far * far
-                && !pair.decide(gap_mm).is_apart
+            dot(r, r) < far * far && !body.keeps(&other.body, r, gap_mm)
         });
         let blocked = blocked || grid.meets_own_image(&body, rsa.rule.gap_mm(search.d_mm, search.d_mm));
         if blocked { Err(None) } else { Ok((pose, body)) }
@@ -328,10 +329,7 @@ impl Run<'_> {
             done,
             total,
             unit: "grains",
-            message: format!(
-                "placing grains of {:.3} mm",
-                present.map_or(0.0, Ellipsoid::equivalent_diameter_mm)
-            ),
+            message: format!("placing grains of {:.3} mm", present.map_or(0.0, S::equivalent_diameter_mm)),
             growth: None,
         });
     }

@@ -8,10 +8,12 @@ use rand_xoshiro::rand_core::SeedableRng;
 
 use super::*;
 use crate::control::Unattended;
+use crate::gap::ellipsoids::Body;
 use crate::methods::brute_force_tests::assert_valid;
 use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance};
+use crate::shape::Ellipsoid;
 
 fn boxed(size_mm: [f64; 3], boundary: Boundary) -> Specimen {
     Specimen::Box { size_mm, boundary }
@@ -41,7 +43,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
         let shapes = shapes(count, d_max, 2.0, ratios);
         for specimen in &specimens {
             for distance in &distances {
-                let rsa = EllipsoidRsa {
+                let rsa = ShapeRsa {
                     shapes: &shapes,
                     specimen,
                     rule: DistanceRule::new(distance, specimen),
@@ -64,7 +66,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
     // The longest axis is longer than every edge: the grain would meet its own image along an edge.
     let shapes = vec![Ellipsoid::new([6.0, 1.5, 1.0]).unwrap(), Ellipsoid::new([2.0, 1.0, 1.0]).unwrap()];
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen: &specimen,
         rule,
@@ -77,7 +79,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
         assert_valid(rsa.specimen, &rsa.rule, rsa.shapes, &outcome.poses);
     }
     let along_an_edge = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
-    let outcome = EllipsoidRsa { orientation: &along_an_edge, ..rsa }
+    let outcome = ShapeRsa { orientation: &along_an_edge, ..rsa }
         .run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended);
     assert_eq!(outcome.end, End::InsertionFailed { saturation_proven: false, attempts: 100_000 });
 }
@@ -88,7 +90,7 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
     let run = |axes: [[f64; 3]; 2]| {
         let shapes = axes.map(|axes| Ellipsoid::new(axes).unwrap());
-        let rsa = EllipsoidRsa {
+        let rsa = ShapeRsa {
             shapes: &shapes,
             specimen: &specimen,
             rule,
@@ -115,7 +117,7 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
     let specimen = boxed([10.0; 3], Boundary::Walls);
     let shapes = shapes(6, 4.4, 3.6, [1.6, 1.2, 1.0]);
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen: &specimen,
         rule,
@@ -178,7 +180,7 @@ fn spheres_are_placed_as_spheres() {
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
     for seed in 0..200 {
-        let rsa = EllipsoidRsa {
+        let rsa = ShapeRsa {
             shapes: &shapes,
             specimen: &specimen,
             rule,
@@ -221,7 +223,7 @@ fn a_stop_is_obeyed_and_progress_reported() {
     let specimen = boxed([10.0; 3], Boundary::Walls);
     let shapes = shapes(40, 5.0, 4.0, [2.0, 1.5, 1.0]);
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
-    let rsa = EllipsoidRsa {
+    let rsa = ShapeRsa {
         shapes: &shapes,
         specimen: &specimen,
         rule,

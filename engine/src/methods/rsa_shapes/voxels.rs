@@ -8,6 +8,7 @@ use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::grid::{Grid, Inserted};
+use crate::gap::grain::Turned;
 use crate::gap::linear::Vector;
 use crate::memory::{OutOfMemory, make_room};
 use crate::rng::uniform;
@@ -48,7 +49,7 @@ impl Voxels {
         region: Region,
         level: usize,
         grid: &Grid,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
         tested: &mut u64,
     ) -> Result<Self, OutOfMemory> {
         let mut voxels =
@@ -66,7 +67,7 @@ impl Voxels {
         level: usize,
         upto: usize,
         grid: &Grid,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
         tested: &mut u64,
     ) -> Result<(), OutOfMemory> {
         let (corner, edge) = place(&voxel, level, grid);
@@ -92,7 +93,7 @@ impl Voxels {
         level: usize,
         upto: usize,
         grid: &Grid,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
         tested: &mut u64,
     ) -> Result<(), OutOfMemory> {
         for part in 0..8 {
@@ -142,7 +143,7 @@ impl Voxels {
     }
 
     /// Drops the voxel of a draw if one exclusion covers it; says whether.
-    pub(super) fn drop_if_covered(&mut self, draw: &Draw, by: &Inserted, shift: Vector) -> bool {
+    pub(super) fn drop_if_covered(&mut self, draw: &Draw, by: &Inserted<impl Turned>, shift: Vector) -> bool {
         let is_covered = by.covers(shift, draw.center, draw.radius_mm);
         if is_covered {
             self.levels[draw.level].swap_remove(draw.index);
@@ -155,7 +156,7 @@ impl Voxels {
         &mut self,
         draw: &Draw,
         grid: &Grid,
-        inserted: &[Inserted],
+        inserted: &[Inserted<impl Turned>],
         tested: &mut u64,
     ) -> Result<(), OutOfMemory> {
         if draw.level == MOST_LEVELS {

@@ -3,12 +3,13 @@
 //! A polyhedron has vertices and faces, the core, and a radius of rounding `r`: the body is the set of all points
 //! within `r` of the core. Angular grains refer to a template, a polyhedron of any unit of length, by a scale in mm.
 //!
-//! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia, `sieve`
-//! the sieve size.
+//! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia,
+//! `principal` what packing reads, `sieve` the sieve size.
 
 mod draw;
 mod hull;
 mod measures;
+mod principal;
 #[cfg(test)]
 pub(crate) mod samples;
 mod sieve;
@@ -24,6 +25,7 @@ use super::Pose;
 pub use draw::{TemplateKind, draw_template};
 use hull::{hull, intersection};
 pub use measures::Edge;
+pub(crate) use principal::Principal;
 
 /// Largest distance of a vertex above the plane of a face, relative to the size of the polyhedron: what rounding of
 /// numbers leaves of a face with more than three vertices.
@@ -58,6 +60,7 @@ pub struct Polyhedron {
     /// Radii of the spheres around the origin that hold the body, and that it holds.
     outer_radius: f64,
     inner_radius: f64,
+    principal: Principal,
 }
 
 /// A template with its scale: the shape of one grain.
@@ -192,12 +195,15 @@ impl Polyhedron {
 
     /// Measures a body.
     fn of_parts(vertices: Vec<Vector3<f64>>, faces: Vec<Vec<u32>>, rounding: f64) -> Self {
-        let body = Self { vertices, faces, rounding, volume: 0.0, outer_radius: 0.0, inner_radius: 0.0 };
+        let principal = Principal::none();
+        let body =
+            Self { vertices, faces, rounding, volume: 0.0, outer_radius: 0.0, inner_radius: 0.0, principal };
         let volume = body.steiner_volume();
         let outer_radius = body.vertices.iter().map(Vector3::norm).fold(0.0, f64::max) + rounding;
         let heights = (0..body.faces.len()).map(|face| body.plane(face).1);
-        let inner_radius = heights.fold(f64::INFINITY, f64::min) + rounding;
-        Self { volume, outer_radius, inner_radius, ..body }
+        let core_inner = heights.fold(f64::INFINITY, f64::min);
+        let principal = Principal::new(&body, core_inner);
+        Self { volume, outer_radius, inner_radius: core_inner + rounding, principal, ..body }
     }
 
     /// The core stretched along x, y and z, sharp and moved to its centroid; `None` unless the factors are finite and
@@ -280,6 +286,11 @@ impl Polyhedron {
     #[must_use]
     pub fn inner_radius(&self) -> f64 {
         self.inner_radius
+    }
+
+    /// The body in its principal axes.
+    pub(crate) fn principal(&self) -> &Principal {
+        &self.principal
     }
 
     /// Radius of rounding.

@@ -4,7 +4,9 @@ use std::io::{self, Read, Write};
 use std::time::Instant;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Run, Stage};
+use crate::gap::grain::GrainShape;
 use crate::memory::{OutOfMemory, filled, reserved};
+use crate::methods::monte_carlo::system::rotation;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo};
 use crate::packing::RsaStatistics;
 use crate::shape::Pose;
@@ -38,7 +40,7 @@ fn invalid() -> io::Error {
     io::ErrorKind::InvalidData.into()
 }
 
-impl Run {
+impl<S: GrainShape> Run<S> {
     /// The body of a checkpoint.
     pub(super) fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         let counted = self.counted();
@@ -96,7 +98,7 @@ impl Run {
     /// # Errors
     /// When it cannot be one of this request; [`io::ErrorKind::OutOfMemory`].
     pub(in crate::methods::monte_carlo) fn read(
-        of: &MonteCarlo<'_>,
+        of: &MonteCarlo<'_, S>,
         body: &[u8],
         started: Instant,
     ) -> io::Result<Self> {
@@ -183,15 +185,15 @@ impl Run {
     }
 
     /// Puts the grain of a rank to a site.
-    fn place(&mut self, of: &MonteCarlo<'_>, site: usize, rank: usize, floats: [f64; FLOATS]) {
+    fn place(&mut self, of: &MonteCarlo<'_, S>, site: usize, rank: usize, floats: [f64; FLOATS]) {
         let [x, y, z, w, i, j, k, step, margin] = floats;
-        let semi_axes = of.shapes[rank].semi_axes_mm().into();
+        let shape = of.shapes[rank];
         self.system.rank[site] = rank as u32;
         self.system.hot[site].d = self.diameters[rank];
         let cold = &mut self.system.cold[site];
-        (cold.semi_axes, cold.step, cold.margin) = (semi_axes, step, margin);
-        let matrix = crate::methods::monte_carlo::system::shape_matrix([w, i, j, k], semi_axes);
-        self.system.set_pose(site, [x, y, z], [w, i, j, k], matrix);
+        (cold.shape, cold.step, cold.margin) = (shape, step, margin);
+        let turned = shape.turned(&rotation([w, i, j, k]));
+        self.system.set_pose(site, [x, y, z], [w, i, j, k], turned);
     }
 
     /// Whether what was read can be a run of this request: one that cannot might never end.

@@ -17,6 +17,7 @@ use super::swap;
 use super::system::System;
 use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
 use crate::control::Control;
+use crate::gap::grain::GrainShape;
 use crate::memory::{OutOfMemory, collected, filled};
 use crate::methods::swap_pairs::SwapPairs;
 use crate::packing::RsaStatistics;
@@ -77,8 +78,8 @@ enum Stage {
 }
 
 /// A run between two cycles, or in one.
-pub(super) struct Run {
-    system: System,
+pub(super) struct Run<S: GrainShape> {
+    system: System<S>,
     diameters: Vec<f64>,
     stage: Stage,
     rate: f64,
@@ -105,10 +106,10 @@ pub(super) struct Run {
     listed_more: f64,
 }
 
-impl Run {
+impl<S: GrainShape> Run<S> {
     /// A run from poses that are valid at a scale.
     pub(super) fn new(
-        of: &MonteCarlo<'_>,
+        of: &MonteCarlo<'_, S>,
         poses: &[Pose],
         scale: f64,
         started: Instant,
@@ -119,10 +120,10 @@ impl Run {
         for hot in &mut system.hot {
             hot.center = hot.center.map(|x| x / scale);
         }
-        let volume: f64 = of.shapes.iter().map(crate::shape::Ellipsoid::volume_mm3).sum();
+        let volume: f64 = of.shapes.iter().map(S::volume_mm3).sum();
         Ok(Self {
             system,
-            diameters: collected(of.shapes.iter().map(crate::shape::Ellipsoid::equivalent_diameter_mm))?,
+            diameters: collected(of.shapes.iter().map(S::equivalent_diameter_mm))?,
             stage: Stage::Scale,
             rate: MOST_RATE,
             swaps: SwapPairs::new(FIRST_SWAP_WINDOW),
@@ -146,7 +147,7 @@ impl Run {
     }
 
     /// Grows until something ends it.
-    pub(super) fn grow(&mut self, of: &MonteCarlo<'_>, control: &dyn Control) -> Result<End, Interrupted> {
+    pub(super) fn grow(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) -> Result<End, Interrupted> {
         loop {
             if self.stage == Stage::Scale && self.is_full_size() {
                 if of.maximize.is_none() {
@@ -240,7 +241,7 @@ impl Run {
     /// One cycle; says whether to go on.
     fn cycle(
         &mut self,
-        of: &MonteCarlo<'_>,
+        of: &MonteCarlo<'_, S>,
         by: Tighten,
         control: &dyn Control,
     ) -> Result<bool, OutOfMemory> {
@@ -309,7 +310,7 @@ impl Run {
         }
     }
 
-    fn limit_reached(&mut self, of: &MonteCarlo<'_>) -> Option<End> {
+    fn limit_reached(&mut self, of: &MonteCarlo<'_, S>) -> Option<End> {
         if of.limits.sweeps.is_some_and(|most| self.statistics.sweeps >= most) {
             return Some(End::SweepLimit);
         }
@@ -326,7 +327,7 @@ impl Run {
     }
 
     /// The result.
-    pub(super) fn outcome(mut self, of: &MonteCarlo<'_>, end: End) -> Result<Outcome, Interrupted> {
+    pub(super) fn outcome(mut self, of: &MonteCarlo<'_, S>, end: End) -> Result<Outcome, Interrupted> {
         self.system.wrap();
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.specimen.bounds_mm();
@@ -337,7 +338,7 @@ impl Run {
                     *x = if *x < length { *x } else { 0.0 };
                 }
             }
-            let [w, i, j, k] = cold.orientation;
+            let [w, i, j, k] = cold.shape.from_principal(cold.orientation);
             let orientation = nalgebra::UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k));
             poses[rank as usize] = Pose { center_mm: center.into(), orientation };
         }

@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, Run, Stage, Statistics};
 use crate::control::{Control, Growth, Phase, Progress};
+use crate::gap::grain::GrainShape;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo, START_SHARE};
 
 /// Width of the fall of growth per work, as a share of the target's volume.
@@ -45,7 +46,7 @@ impl Forecast {
     }
 }
 
-impl Run {
+impl<S: GrainShape> Run<S> {
     /// Work so far, in tried moves per grain.
     fn work(&self) -> f64 {
         let counted = self.statistics;
@@ -54,7 +55,7 @@ impl Run {
     }
 
     /// The constant gap that the grains keep by now at their full size, where one is requested.
-    pub(super) fn gap_mm(&self, of: &MonteCarlo<'_>) -> Option<f64> {
+    pub(super) fn gap_mm(&self, of: &MonteCarlo<'_, S>) -> Option<f64> {
         match (self.stage, of.maximize, of.rule.constant_mm()) {
             (Stage::Gap, ..) => Some(self.system.more),
             (Stage::Scale, None, Some(mm)) if mm > 0.0 => {
@@ -94,7 +95,7 @@ impl Run {
     }
 
     /// Share of the run's work that is done, and whether the remaining time follows from it.
-    fn share_done(&self, of: &MonteCarlo<'_>) -> (f64, bool) {
+    fn share_done(&self, of: &MonteCarlo<'_, S>) -> (f64, bool) {
         let limits = of.limits;
         let by_limits = [
             limits.sweeps.map(|most| self.statistics.sweeps as f64 / most as f64),
@@ -119,7 +120,7 @@ impl Run {
     }
 
     /// Tells the control where the run stands.
-    pub(super) fn report(&mut self, of: &MonteCarlo<'_>, control: &dyn Control) {
+    pub(super) fn report(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) {
         let (fraction, predictable) = self.share_done(of);
         self.fraction = self.fraction.max(fraction.min(1.0));
         let moves = self.statistics.moves_tried;
