@@ -3,12 +3,14 @@
 //! A polyhedron has vertices and faces, the core, and a radius of rounding `r`: the body is the set of all points
 //! within `r` of the core. Angular grains refer to a template, a polyhedron of any unit of length, by a scale in mm.
 //!
-//! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia, `sieve`
-//! the sieve size.
+//! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia, `axes` the
+//! form, `sieve` the sieve size.
 
+mod axes;
 mod draw;
 mod hull;
 mod measures;
+mod minimax;
 #[cfg(test)]
 pub(crate) mod samples;
 mod sieve;
@@ -17,6 +19,7 @@ mod sieve;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
@@ -236,7 +239,8 @@ impl Polyhedron {
         let rounded = |radius| Self::of_parts(self.vertices.clone(), self.faces.clone(), radius);
         // The ratio of the radius to the equivalent diameter of the rounded body grows with the radius.
         let (mut low, mut high) = (0.0, share * size);
-        let ratio = |radius: f64| radius / rounded(radius).equivalent_diameter();
+        let volume = self.core_parallel_volume();
+        let ratio = |radius: f64| radius / (6.0 / PI * volume(radius)).cbrt();
         while ratio(high) < share {
             high *= 2.0;
         }
