@@ -62,6 +62,47 @@ async fn ellipsoids_come_back_in_every_table_and_export_that_has_them() {
     server.stop().await;
 }
 
+fn polyhedra(fields: Value) -> Value {
+    let mut shape = fields;
+    shape["type"] = json!("polyhedron");
+    jobs::with(jobs::quick(1), "/mix/shape", shape)
+}
+
+#[tokio::test]
+async fn polyhedra_have_plans() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).start().await;
+    let client = server.client();
+    let capabilities = client.get("/v1/capabilities").send().await.expect(200).json();
+    assert!(capabilities["shapes"].as_array().unwrap().contains(&json!("polyhedron")), "{capabilities:#}");
+    let plan = async |job: Value| client.post("/v1/plans").json(&job).send().await.expect(200).json();
+    let spheres = plan(jobs::quick(1)).await;
+    for fields in [
+        json!({}),
+        json!({"faces": 60, "rounding": 0.1, "ratios": {"type": "triangle", "k": 0.3}}),
+        json!({"template": "deformed_cuboid"}),
+        json!({"template": "voronoi", "template_count": 4, "template_seed": 3}),
+    ] {
+        for method in ["rsa", "monte_carlo", "auto"] {
+            let job = jobs::with(polyhedra(fields.clone()), "/method", json!({"type": method}));
+            let planned = plan(job).await;
+            let number = |plan: &Value, name: &str| plan[name].as_f64().unwrap();
+            // A grain has more volume than a sphere that passes the same sieve.
+            let ratio = number(&spheres, "grains") / number(&planned, "grains");
+            assert!(ratio > 1.0 && ratio < 2.5, "{fields} {method}: {planned:#}");
+            let fraction = number(&planned, "volume_fraction_effective");
+            assert!(
+                (fraction / number(&spheres, "volume_fraction_effective") - 1.0).abs() < 1e-12,
+                "{planned:#}"
+            );
+            assert!(number(&planned, "estimated_time_s") > 0.0, "{planned:#}");
+            let beyond = planned["extrapolations"].as_array().unwrap();
+            assert!(beyond.iter().any(|x| x.as_str().unwrap().contains("polyhedra")), "{planned:#}");
+        }
+    }
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn what_cannot_be_packed_is_refused_with_its_place() {
     let data_dir = DataDir::new();
@@ -73,7 +114,21 @@ async fn what_cannot_be_packed_is_refused_with_its_place() {
     for (job, pointer) in [
         (jobs::with(shaped(1), "/method", json!({"type": "edmd"})), "/method/type"),
         (jobs::with(jobs::quick(1), "/method", json!({"type": "monte_carlo"})), "/method/type"),
-        (jobs::with(jobs::quick(1), "/mix/shape", json!({"type": "polyhedron"})), "/mix/shape/type"),
+        (polyhedra(json!({"faces": 3})), "/mix/shape/faces"),
+        (polyhedra(json!({"template": "voronoi", "displacement": 0.1})), "/mix/shape/displacement"),
+        (polyhedra(json!({"rounding": 0.6})), "/mix/shape/rounding"),
+        (polyhedra(json!({"template_count": 1000})), "/mix/shape/template_count"),
+        (polyhedra(json!({"ratios": {"type": "shape_index", "index": 0.2}})), "/mix/shape/ratios/type"),
+        (
+            jobs::with(
+                jobs::quick(1),
+                "/mix/shape",
+                json!({"type": "mixture", "of": [
+                    {"share": 0.5, "shape": {"type": "polyhedron"}}, {"share": 0.5, "shape": {"type": "sphere"}}]}),
+            ),
+            "/mix/shape",
+        ),
+        (jobs::with(polyhedra(json!({})), "/method", json!({"type": "edmd"})), "/method/type"),
         (jobs::with(jobs::quick(1), "/mix/shape", json!({"type": "cube"})), "/mix/shape/type"),
         (
             ratios(json!({"type": "constant", "b_over_a": 0.01, "c_over_a": 0.5})),

@@ -23,6 +23,8 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
     }
     assert Method.edmd(time_s=5, growth_rate=0.1) == {"type": "edmd", "growth_rate": 0.1, "stop": {"time_s": 5}}
     assert "stop" not in Method.edmd()
+    assert Shape.polyhedron() == {"type": "polyhedron"}
+    assert Shape.polyhedron("voronoi", rounding=0.1) == {"type": "polyhedron", "template": "voronoi", "rounding": 0.1}
     assert json.loads(json.dumps(Grading.classes([(2, 4, 0.5)])))["classes"][0]["mass_fraction"] == 0.5
     assert repr(Method.auto()) == "Method({'type': 'auto'})"
     assert pickle.loads(pickle.dumps(Box(1))) == Box(1)
@@ -76,6 +78,28 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
         {
             "specimen": Box(40),
             "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.ellipsoid(Ratios.measured([(3, 2, 1), (4, 3, 2)], [1, 2]))),
+        },
+        {"specimen": Box(40), "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.polyhedron())},
+        {
+            "specimen": Box(40),
+            "mix": Mix(
+                "A16",
+                0.2,
+                d_min_mm=4,
+                shapes=[
+                    (8, Shape.polyhedron(faces=40, rounding=0.05, ratios=Ratios.triangle(0.4), template_count=16)),
+                    (
+                        0,
+                        Shape.mixture(
+                            [
+                                (0.5, Shape.polyhedron("deformed_cuboid", displacement=0.1)),
+                                (0.5, Shape.polyhedron("voronoi", template_seed=3)),
+                            ]
+                        ),
+                    ),
+                ],
+            ),
+            "method": Method.rsa(),
         },
         {
             "specimen": Box(60),

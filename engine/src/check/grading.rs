@@ -7,7 +7,9 @@
 //! every sieve; an explicit list must come back as it was.
 //!
 //! The size of a grain that is not a sphere is that of its sieve, or the diameter of the sphere of its volume; its
-//! volume is its own in either case, so that the curve holds by mass.
+//! volume is its own in either case, so that the curve holds by mass. Such a size is known within an error. Grains so
+//! close to a sieve that they may lie on either side of it count on both: the volume above the sieve lies between that
+//! with and that without them, and one of the two bounds must do.
 //!
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
 //! ([`crate::mix::sampling`]); the table of the standard curves is data that both read.
@@ -20,8 +22,10 @@ use crate::request::{Grading, Mix, PackingRequest, Specimen, VolumeFractionOf};
 
 /// Sums of millions of volumes agree to this.
 const ROUNDING: f64 = 1.0e-9;
-/// Largest relative error of a size that was computed from the dimensions of a body.
-const SIZE_ROUNDING: f64 = 1.0e-12;
+/// Largest relative error of a size that was computed from the dimensions of a body in closed form.
+pub(super) const SIZE_ERROR: f64 = 1.0e-12;
+/// Largest relative error of a sieve size that was searched for.
+pub(super) const SIEVE_ERROR: f64 = 1.0e-5;
 /// Principal sizes of ISO 565 that concrete laboratories use, in mm.
 const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
 
@@ -30,16 +34,21 @@ const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0,
 pub(super) enum Grains<'a> {
     /// Spheres by their diameters.
     Spheres(&'a [f64]),
-    /// Other bodies by size and volume. The size was computed from the dimensions of the body, which were computed
-    /// from the size that was sampled: it is known within [`SIZE_ROUNDING`].
-    Bodies(&'a [(f64, f64)]),
+    /// Other bodies. Their sizes were computed from their dimensions, which were computed from the sizes that were
+    /// sampled.
+    Bodies {
+        /// Size and volume of each.
+        sizes: &'a [(f64, f64)],
+        /// Largest relative error of the sizes.
+        error: f64,
+    },
 }
 
 impl Grains<'_> {
     fn len(&self) -> usize {
         match self {
             Self::Spheres(d) => d.len(),
-            Self::Bodies(grains) => grains.len(),
+            Self::Bodies { sizes, .. } => sizes.len(),
         }
     }
 
@@ -47,7 +56,7 @@ impl Grains<'_> {
     fn get(&self, row: usize) -> (f64, f64) {
         match self {
             Self::Spheres(d) => (d[row], volume_mm3(d[row])),
-            Self::Bodies(grains) => grains[row],
+            Self::Bodies { sizes, .. } => sizes[row],
         }
     }
 
@@ -55,7 +64,7 @@ impl Grains<'_> {
     fn size_error(&self) -> f64 {
         match self {
             Self::Spheres(_) => 0.0,
-            Self::Bodies(_) => SIZE_ROUNDING,
+            Self::Bodies { error, .. } => *error,
         }
     }
 }
@@ -68,8 +77,10 @@ pub(super) fn check(grains: Grains<'_>, request: &PackingRequest) -> Result<(Vec
     // Largest grain that a class may hold: the overshoot of the last one.
     let mut largest: Vec<f64> = match grains {
         Grains::Spheres(_) => classes.iter().map(|class| volume_mm3(class.d_max_mm)).collect(),
-        Grains::Bodies(_) => vec![0.0; classes.len()],
+        Grains::Bodies { .. } => vec![0.0; classes.len()],
     };
+    // Volume of the grains of finer classes that may belong to this one or to a coarser one.
+    let mut doubtful_mm3 = vec![0.0; classes.len()];
     for row in 0..grains.len() {
         let (d, volume_mm3) = grains.get(row);
         if d < d_min * (1.0 - error) || d > d_max * (1.0 + error) {
@@ -79,21 +90,27 @@ pub(super) fn check(grains: Grains<'_>, request: &PackingRequest) -> Result<(Vec
             let class = &mut classes[index];
             class.grains += 1;
             class.volume_mm3 += volume_mm3;
-            largest[index] = largest[index].max(volume_mm3);
+            let upper = class_of(&classes, d * (1.0 + error)).unwrap_or(index);
+            for doubtful_mm3 in &mut doubtful_mm3[index + 1..=upper] {
+                *doubtful_mm3 += volume_mm3;
+            }
+            for largest in &mut largest[index..=upper] {
+                *largest = largest.max(volume_mm3);
+            }
         }
     }
     let all: f64 = classes.iter().map(|c| c.volume_mm3).sum();
     match &list {
         Some(list) => {
             check_list(grains, list)?;
-            if let Grains::Bodies(_) = grains {
+            if let Grains::Bodies { .. } = grains {
                 // A list names sizes; their volumes are those of the bodies.
                 for class in &mut classes {
                     class.target_volume_mm3 = class.volume_mm3;
                 }
             }
         }
-        None => check_cumulative(&classes, &largest, ROUNDING * all.max(1.0))?,
+        None => check_cumulative(&classes, &largest, &doubtful_mm3, ROUNDING * all.max(1.0))?,
     }
     let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs() / all;
     let worst = classes.iter().map(miss).fold(0.0, f64::max);
@@ -203,13 +220,20 @@ fn check_list(grains: Grains<'_>, list: &[f64]) -> Result<(), String> {
     }
 }
 
-/// Compares the volume above each sieve with what the curve asks for; `largest` are the largest grains of the classes.
-fn check_cumulative(classes: &[ClassReport], largest: &[f64], rounding: f64) -> Result<(), String> {
+/// Compares the volume above each sieve with what the curve asks for; `largest` are the volumes of the largest grains
+/// of the classes, `doubtful_mm3` those of the grains below the sieve that may belong above it.
+fn check_cumulative(
+    classes: &[ClassReport],
+    largest: &[f64],
+    doubtful_mm3: &[f64],
+    rounding: f64,
+) -> Result<(), String> {
     let (mut excess, mut allowed) = (0.0, 0.0);
-    for (class, &largest) in classes.iter().zip(largest).rev() {
+    for ((class, &largest), &doubtful) in classes.iter().zip(largest).zip(doubtful_mm3).rev() {
         excess += class.volume_mm3 - class.target_volume_mm3;
-        allowed = if class.grains > 0 { largest } else { allowed - class.target_volume_mm3 };
-        if excess < -rounding || excess > allowed + rounding {
+        allowed =
+            if class.grains > 0 || doubtful > 0.0 { largest } else { allowed - class.target_volume_mm3 };
+        if excess + doubtful < -rounding || excess > allowed + rounding {
             return Err(format!(
                 "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} \
                  mm3",

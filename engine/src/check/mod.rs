@@ -43,7 +43,10 @@ mod polyhedron;
 mod polyhedron_separation;
 mod required;
 mod separation;
+mod sieve;
 mod table;
+
+use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
@@ -52,9 +55,9 @@ use crate::cpu::Cpu;
 use crate::memory::{OutOfMemory, collected};
 use crate::packing::{CheckReport, ClassReport, Spheres};
 use crate::request::PackingRequest;
-use crate::shape::{Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure};
+use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure};
 use bodies::{Convex, Packing};
-use grading::Grains;
+use grading::{Grains, SIEVE_ERROR, SIZE_ERROR};
 use required::Required;
 use table::{Grain, Table};
 
@@ -161,7 +164,8 @@ pub fn check_ellipsoids(
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let packing = ellipsoid_bodies(shapes, poses, request)?;
-    check_bodies(&packing, &ellipsoids::sizes(shapes, size)?, request, control)
+    let sizes = ellipsoids::sizes(shapes, size)?;
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: SIZE_ERROR }, request, control)
 }
 
 /// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than
@@ -183,27 +187,34 @@ pub fn certify_ellipsoids(
 
 /// Checks a packing of convex polyhedra against its request. Shape and pose of a grain have the same index.
 ///
-/// `sizes_mm` are the sizes of the grains by the measure of the grading; where there are none, the diameters of the
-/// spheres of equal volume.
+/// `size` is what the grading measures. The sieve size of each template is measured once, by a search of the check's
+/// own that finds it to [`SIEVE_ERROR`]; grains share a template where they refer to the same one.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
 pub fn check_polyhedra(
     shapes: &[ScaledPolyhedron<'_>],
     poses: &[Pose],
-    sizes_mm: Option<&[f64]>,
     request: &PackingRequest,
+    size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    if sizes_mm.is_some_and(|sizes| sizes.len() != shapes.len()) {
-        return Err(Fault::Columns);
-    }
     let packing = polyhedron_bodies(shapes, poses, request)?;
-    let sizes = packing.bodies().iter().enumerate().map(|(grain, body)| {
-        let size = sizes_mm.map_or(body.equivalent_diameter(), |sizes| sizes[grain]);
-        (size, body.volume)
+    let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
+    let sizes = packing.bodies().iter().zip(shapes).map(|(body, shape)| match size {
+        SizeMeasure::Equivalent => (body.equivalent_diameter(), body.volume),
+        SizeMeasure::Sieve => {
+            let template: *const _ = shape.template;
+            let of_template = *sieves.entry(template).or_insert_with(|| sieve::sieve_size(shape.template));
+            (of_template * shape.scale_mm, body.volume)
+        }
     });
-    check_bodies(&packing, &collected(sizes)?, request, control)
+    let sizes = collected(sizes)?;
+    let error = match size {
+        SizeMeasure::Equivalent => SIZE_ERROR,
+        SizeMeasure::Sieve => SIEVE_ERROR,
+    };
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error }, request, control)
 }
 
 /// Checks all pairs of a packing of convex polyhedra and returns a direction for each whose gap is less than
@@ -245,17 +256,16 @@ fn ellipsoid_bodies(
     Packing::new(shapes.len(), |i| ellipsoid::Body::new(&shapes[i], &poses[i]), request)
 }
 
-/// Checks the walls, all pairs, and the grading of grains by size and volume.
+/// Checks the walls, all pairs, and the grading of grains.
 fn check_bodies<B: Convex>(
     packing: &Packing<B>,
-    sizes: &[(f64, f64)],
+    grains: Grains<'_>,
     request: &PackingRequest,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let min_wall_gap_mm = packing.check_walls()?;
     let pairs = packing.check_pairs(control)?;
-    let (classes, max_class_mass_error) =
-        grading::check(Grains::Bodies(sizes), request).map_err(Fault::Grading)?;
+    let (classes, max_class_mass_error) = grading::check(grains, request).map_err(Fault::Grading)?;
     Ok(Check {
         found: CheckReport {
             min_gap_mm: pairs.min_gap_mm,

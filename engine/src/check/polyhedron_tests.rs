@@ -110,7 +110,7 @@ fn request_for(specimen: &Value, distance: &Value, grains: &[Grain]) -> PackingR
 fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {
     let shapes: Vec<_> = grains.iter().map(Grain::shape).collect();
     let poses: Vec<_> = grains.iter().map(|grain| grain.pose).collect();
-    check_polyhedra(&shapes, &poses, None, request, &Unattended)
+    check_polyhedra(&shapes, &poses, request, SizeMeasure::Equivalent, &Unattended)
 }
 
 fn gap_of(grains: &[Grain], request: &PackingRequest) -> f64 {

@@ -12,12 +12,13 @@ pub mod orientation;
 pub mod sampling;
 pub mod shapes;
 pub mod sieve;
+mod templates;
 
-use crate::request::{Grading, Mix, VolumeFractionOf, standard};
+use crate::request::{Grading, Mix, ShapeKind, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
 pub use orientation::{draw_orientation, uniform_orientation};
-pub use shapes::ShapeSampler;
+pub use shapes::{AngularGrain, ShapeSampler};
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest
 /// grains follow it too and the total misses by less than one of the smallest.
@@ -112,6 +113,11 @@ impl GradedMix {
             specimen_volume_mm3,
             shapes,
         }
+    }
+
+    /// What the grains are.
+    pub fn kind(&self) -> ShapeKind {
+        self.shapes.as_ref().map_or(ShapeKind::Spheres, ShapeSampler::kind)
     }
 
     /// Volume that a class is to fill (`V_i` of `docs/method.md`, section 1).
@@ -266,5 +272,7 @@ fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
     classes
 }
 
+#[cfg(test)]
+mod angular_tests;
 #[cfg(test)]
 mod tests;

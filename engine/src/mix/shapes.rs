@@ -2,15 +2,19 @@
 //!
 //! A size is drawn from the grading as for spheres and read as a sieve size or as an equivalent diameter; the shape is
 //! drawn independently of it. The parts of a mixture have shares of the volume, so that a part is drawn with a
-//! probability proportional to its share over the mean volume of its grains.
+//! probability proportional to its share over the mean volume of its grains. An angular grain is one of the templates of
+//! its part, all of which are equally likely.
+
+use std::sync::Arc;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::class::{Class, Law};
 use super::sphere_volume;
-use crate::request::Mix;
+use super::templates::Templates;
+use crate::request::{Mix, PlainShape, ShapeKind};
 use crate::rng::uniform;
-use crate::shape::{Ellipsoid, Form, RatioSampler, SizeMeasure};
+use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure};
 
 /// Grains of a law that are looked at where one that fits is looked for.
 const TRIALS: usize = 64;
@@ -19,6 +23,7 @@ const TRIALS: usize = 64;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShapeSampler {
     measure: SizeMeasure,
+    kind: ShapeKind,
     /// From the coarsest down.
     by_size: Vec<ShapesAbove>,
 }
@@ -36,8 +41,46 @@ struct ShapesAbove {
 struct Part {
     /// Share of the grains, by number, that are of this part or of one before it.
     cumulative: f64,
-    /// The law; none for spheres.
-    ratios: Option<RatioSampler>,
+    forms: Forms,
+}
+
+/// What the grains of a part are.
+#[derive(Clone, Debug, PartialEq)]
+enum Forms {
+    Spheres,
+    Ellipsoids(RatioSampler),
+    Polyhedra {
+        templates: Arc<Templates>,
+        /// Index of the first among the templates of the mix.
+        first: u32,
+    },
+}
+
+impl Forms {
+    fn mean_volume_ratio(&self) -> f64 {
+        match self {
+            Self::Spheres => 1.0,
+            Self::Ellipsoids(ratios) => ratios.mean_volume_ratio(),
+            Self::Polyhedra { templates, .. } => templates.mean_volume_ratio(),
+        }
+    }
+
+    fn least_volume_ratio(&self) -> f64 {
+        match self {
+            Self::Spheres => 1.0,
+            Self::Ellipsoids(ratios) => ratios.least_volume_ratio(),
+            Self::Polyhedra { templates, .. } => templates.least_volume_ratio(),
+        }
+    }
+}
+
+/// An angular grain that was drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AngularGrain {
+    /// Index of its template among [`ShapeSampler::templates`].
+    pub template: u32,
+    /// Its equivalent diameter in mm.
+    pub equivalent_mm: f64,
 }
 
 impl ShapeSampler {
@@ -47,26 +90,60 @@ impl ShapeSampler {
         let shapes = mix.grain_shapes()?;
         let curve = Curve::new(classes, list);
         let mut by_size = Vec::with_capacity(shapes.len());
+        let mut number = 0;
         let mut up_to = f64::INFINITY;
         for (above_mm, shape) in shapes {
             let passing = |d: f64| curve.finer(d.clamp(above_mm, up_to));
-            let parts = shape.parts().into_iter().map(|(share, ratios)| {
-                (share, ratios.map(|ratios| RatioSampler::of_valid(ratios, mix.size, &passing)))
+            let parts = shape.parts().into_iter().map(|(share, shape)| {
+                let forms = match (shape, Templates::of_shape(shape, mix.size)) {
+                    (_, Some(templates)) => {
+                        let first = number;
+                        number += templates.len() as u32;
+                        Forms::Polyhedra { templates, first }
+                    }
+                    (PlainShape::Ellipsoid { ratios }, _) => {
+                        Forms::Ellipsoids(RatioSampler::of_valid(ratios, mix.size, &passing))
+                    }
+                    _ => Forms::Spheres,
+                };
+                (share, forms)
             });
             by_size.push(ShapesAbove::new(above_mm, parts));
             up_to = above_mm;
         }
-        Some(Self { measure: mix.size, by_size })
+        Some(Self { measure: mix.size, kind: mix.shape_kind(), by_size })
+    }
+
+    /// What the grains are.
+    pub fn kind(&self) -> ShapeKind {
+        self.kind
+    }
+
+    /// The templates of all parts, polyhedra with an equivalent diameter of 1; none but for polyhedra.
+    pub fn templates(&self) -> impl Iterator<Item = &Polyhedron> {
+        self.by_size.iter().flat_map(|shapes| &shapes.parts).flat_map(|part| match &part.forms {
+            Forms::Polyhedra { templates, .. } => templates.bodies.as_slice(),
+            Forms::Spheres | Forms::Ellipsoids(_) => &[],
+        })
     }
 
     fn of_size(&self, size_mm: f64) -> Option<&ShapesAbove> {
         self.by_size.iter().find(|shapes| size_mm > shapes.above_mm).or(self.by_size.last())
     }
 
-    /// Draws the shape of a grain of this size.
-    pub fn draw(&self, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Ellipsoid {
-        let form = self.of_size(size_mm).map_or(Form::SPHERE, |shapes| shapes.draw(rng));
-        self.measure.ellipsoid(size_mm, form)
+    /// Draws the shape of a grain of this size; `None` for polyhedra.
+    pub fn draw(&self, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Option<Ellipsoid> {
+        let form = self.of_size(size_mm).map_or(Some(Form::SPHERE), |shapes| shapes.draw(rng))?;
+        Some(self.measure.ellipsoid(size_mm, form))
+    }
+
+    /// Draws an angular grain of this size; `None` for other shapes.
+    pub fn draw_angular(&self, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Option<AngularGrain> {
+        let shapes = self.of_size(size_mm)?;
+        let Forms::Polyhedra { templates, first } = shapes.draw_forms(rng)? else { return None };
+        let of_part = ((uniform(rng) * templates.len() as f64) as usize).min(templates.len() - 1);
+        let equivalent_mm = size_mm * templates.equivalent_over_size[of_part];
+        Some(AngularGrain { template: first + of_part as u32, equivalent_mm })
     }
 
     /// Mean volume of a grain of this size over that of a sphere of this diameter: `E[(d_eq / D_s)³]` for sieve sizes.
@@ -79,10 +156,26 @@ impl ShapeSampler {
         self.of_size(size_mm).map_or(1.0, |shapes| shapes.least_volume_ratio)
     }
 
-    /// Whether one of many grains of this size satisfies a condition.
-    pub(crate) fn any(&self, size_mm: f64, condition: impl Fn(&Ellipsoid) -> bool) -> bool {
+    /// Whether one of many ellipsoids of this size satisfies a condition, or one of the polyhedra of this size another.
+    pub(crate) fn any(
+        &self,
+        size_mm: f64,
+        ellipsoid: impl Fn(&Ellipsoid) -> bool,
+        polyhedron: impl Fn(&ScaledPolyhedron<'_>) -> bool,
+    ) -> bool {
+        if self.kind == ShapeKind::Polyhedra {
+            let parts = self.of_size(size_mm).map_or(&[][..], |shapes| &shapes.parts);
+            return parts.iter().any(|part| match &part.forms {
+                Forms::Polyhedra { templates, .. } => {
+                    templates.bodies.iter().zip(&templates.equivalent_over_size).any(|(template, ratio)| {
+                        polyhedron(&ScaledPolyhedron { template, scale_mm: size_mm * ratio })
+                    })
+                }
+                Forms::Spheres | Forms::Ellipsoids(_) => false,
+            });
+        }
         let mut rng = crate::rng::stream(0, crate::rng::Stream::Shape);
-        (0..TRIALS).any(|_| condition(&self.draw(size_mm, &mut rng)))
+        (0..TRIALS).any(|_| self.draw(size_mm, &mut rng).is_some_and(|grain| ellipsoid(&grain)))
     }
 
     /// What the sizes are.
@@ -116,15 +209,14 @@ impl ShapeSampler {
 }
 
 impl ShapesAbove {
-    fn new(above_mm: f64, parts: impl Iterator<Item = (f64, Option<RatioSampler>)>) -> Self {
+    fn new(above_mm: f64, parts: impl Iterator<Item = (f64, Forms)>) -> Self {
         let (mut shares, mut numbers, mut least) = (0.0, 0.0, f64::INFINITY);
         let mut parts: Vec<Part> = parts
-            .map(|(share, ratios)| {
-                let ratio = ratios.as_ref().map_or(1.0, RatioSampler::mean_volume_ratio);
-                least = least.min(ratios.as_ref().map_or(1.0, RatioSampler::least_volume_ratio));
+            .map(|(share, forms)| {
+                least = least.min(forms.least_volume_ratio());
                 shares += share;
-                numbers += share / ratio;
-                Part { cumulative: numbers, ratios }
+                numbers += share / forms.mean_volume_ratio();
+                Part { cumulative: numbers, forms }
             })
             .collect();
         for part in &mut parts {
@@ -133,7 +225,8 @@ impl ShapesAbove {
         Self { above_mm, parts, mean_volume_ratio: shares / numbers, least_volume_ratio: least }
     }
 
-    fn draw(&self, rng: &mut Xoshiro256PlusPlus) -> Form {
+    /// Draws the part that a grain belongs to.
+    fn draw_forms(&self, rng: &mut Xoshiro256PlusPlus) -> Option<&Forms> {
         let part = match self.parts.as_slice() {
             [part] => Some(part),
             parts => {
@@ -141,7 +234,15 @@ impl ShapesAbove {
                 parts.iter().find(|part| u < part.cumulative).or(parts.last())
             }
         };
-        part.and_then(|part| part.ratios.as_ref()).map_or(Form::SPHERE, |ratios| ratios.draw(rng))
+        part.map(|part| &part.forms)
+    }
+
+    fn draw(&self, rng: &mut Xoshiro256PlusPlus) -> Option<Form> {
+        match self.draw_forms(rng) {
+            Some(Forms::Ellipsoids(ratios)) => Some(ratios.draw(rng)),
+            Some(Forms::Spheres) | None => Some(Form::SPHERE),
+            Some(Forms::Polyhedra { .. }) => None,
+        }
     }
 }
 

@@ -103,7 +103,10 @@ impl<'a> Case<'a> {
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
         };
-        if self.mix.shapes.is_some() { shapes::limited(of_spheres, filled, grains) } else { of_spheres }
+        match &self.mix.shapes {
+            Some(of_grains) => shapes::limited(of_spheres, of_grains, filled, grains),
+            None => of_spheres,
+        }
     }
 
     /// Events per grain that growth to the target is expected to take, at most those of a stall.
@@ -151,7 +154,7 @@ impl<'a> Case<'a> {
     fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
         let features = features(self.request, self.mix, 1.0, distance_mm);
         let filled = self.mix.expected_enlarged_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
-        if self.mix.shapes.is_some() && filled > shapes::DENSE_REACH {
+        if self.mix.shapes.as_ref().is_some_and(|of_grains| filled > shapes::known(of_grains).dense_reach) {
             return false;
         }
         match self.request.method {
@@ -169,8 +172,8 @@ impl<'a> Case<'a> {
         if matches!(self.request.distance, Distance::SmallerDiameter { .. }) {
             beyond.push("a distance by the smaller diameter, taken as that of the smallest grains".into());
         }
-        if self.mix.shapes.is_some() {
-            beyond.push(shapes::EXTRAPOLATION.into());
+        if let Some(of_grains) = &self.mix.shapes {
+            beyond.push(shapes::known(of_grains).extrapolation.into());
         }
         let options = match self.request.method {
             Method::Edmd { options } => options,

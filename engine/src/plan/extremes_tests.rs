@@ -141,6 +141,40 @@ fn shape() -> BoxedStrategy<Value> {
     .boxed()
 }
 
+/// Polyhedra, alone or mixed.
+fn polyhedra() -> BoxedStrategy<Value> {
+    let template = prop_oneof![
+        prop_oneof![Just(6), Just(7), 6..=60].prop_map(|faces| json!({"template": "cuts", "faces": faces})),
+        prop_oneof![Just(0.0), Just(0.4), 0.0..=0.4]
+            .prop_map(|share| json!({"template": "deformed_cuboid", "displacement": share})),
+        Just(json!({"template": "voronoi"})),
+    ];
+    let ratios = prop_oneof![
+        Just(json!({"type": "triangle", "k": 0.1})),
+        (ratio(), ratio())
+            .prop_map(|(a, b)| json!({"type": "constant", "b_over_a": a.max(b), "c_over_a": a.min(b)})),
+        (law(), law()).prop_map(|(e, f)| json!({"type": "independent", "elongation": e, "flatness": f})),
+    ];
+    let rounding = prop_oneof![Just(0.0), Just(0.4), 0.0..=0.4];
+    let one = (template, ratios, rounding, 1..3, 0..4_u64)
+        .prop_map(|(template, ratios, rounding, count, seed)| {
+            let mut shape = template;
+            shape["type"] = json!("polyhedron");
+            shape["ratios"] = ratios;
+            shape["rounding"] = json!(rounding);
+            shape["template_count"] = json!(count);
+            shape["template_seed"] = json!(seed);
+            shape
+        })
+        .boxed();
+    prop_oneof![
+        2 => one.clone(),
+        1 => (one.clone(), one, 0.01..0.99).prop_map(|(a, b, share)| json!({"type": "mixture", "of": [
+            {"share": share, "shape": a}, {"share": 1.0 - share, "shape": b}]})),
+    ]
+    .boxed()
+}
+
 /// The shapes of a mix: none, one for all sizes, or two by size.
 fn shapes() -> BoxedStrategy<Value> {
     prop_oneof![
@@ -149,6 +183,11 @@ fn shapes() -> BoxedStrategy<Value> {
             json!({"shape": shape, "size": if by_volume { "equivalent" } else { "sieve" }})
         }),
         1 => (shape(), shape(), magnitude()).prop_map(|(coarse, fine, above)| json!({"shapes": [
+            {"above_mm": above, "shape": coarse}, {"above_mm": 0, "shape": fine}]})),
+        1 => (polyhedra(), any::<bool>()).prop_map(|(shape, by_volume)| {
+            json!({"shape": shape, "size": if by_volume { "equivalent" } else { "sieve" }})
+        }),
+        1 => (polyhedra(), polyhedra(), magnitude()).prop_map(|(coarse, fine, above)| json!({"shapes": [
             {"above_mm": above, "shape": coarse}, {"above_mm": 0, "shape": fine}]})),
     ]
     .boxed()

@@ -1,7 +1,8 @@
 //! The plan of a run: expected numbers of grains, memory, time and success, before any grain is sampled.
 //!
 //! Numbers and volume fractions are closed forms of the grading; time and success are estimates of a fitted model
-//! (`docs/estimates.md`). A plan draws no random numbers: the same request has the same plan.
+//! (`docs/estimates.md`). A plan draws no random numbers but the templates of angular grains, which have a seed of their
+//! own: the same request has the same plan.
 
 mod estimate;
 mod model;
@@ -17,7 +18,7 @@ use crate::methods::monte_carlo;
 use crate::methods::rsa::MAX_PLACED;
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, deviation};
-use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, ShapeKind, Specimen};
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
@@ -183,7 +184,7 @@ impl Plan {
         };
         let memory_bytes = match &mix.shapes {
             None => memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows),
-            Some(_) => (cost::BYTES + grains * shapes::BYTES_PER_GRAIN) as u64,
+            Some(of_grains) => (cost::BYTES + grains * shapes::bytes_per_grain(of_grains)) as u64,
         };
         check_limits(&mix, grains, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
@@ -334,7 +335,11 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     let (request, filled, effective) = (case.request, case.filled, case.mix.volume_fraction_effective);
     let ratio = case.features.ratio();
     let are_spheres = case.mix.shapes.is_none();
-    let equal = if are_spheres { EQUAL_SPHERES } else { shapes::EQUAL_ELLIPSOIDS };
+    let (equal, bodies) = match case.mix.kind() {
+        ShapeKind::Spheres => (EQUAL_SPHERES, "spheres"),
+        ShapeKind::Ellipsoids => (shapes::EQUAL_ELLIPSOIDS, "ellipsoids"),
+        ShapeKind::Polyhedra => (shapes::EQUAL_POLYHEDRA, "polyhedra"),
+    };
     let mut densest = 1.0 - (1.0 - equal) * ratio.powf(VOIDS_EXPONENT);
     if are_spheres && case.mix.list.is_none() && ratio > NEARLY_EQUAL {
         densest = densest.min(BEYOND_RANDOM * case.features.random_close());
@@ -347,7 +352,6 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     } else {
         String::new()
     };
-    let bodies = if are_spheres { "spheres" } else { "ellipsoids" };
     Err(infeasible(
         request.mix.amount_pointer(),
         format!(

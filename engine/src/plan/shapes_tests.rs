@@ -159,3 +159,74 @@ fn more_grains_than_the_dense_method_can_number_are_refused() {
         other => panic!("{other:?}"),
     }
 }
+
+fn polyhedra(fields: &Value) -> Value {
+    let mut shape = fields.clone();
+    shape["type"] = json!("polyhedron");
+    shape
+}
+
+#[test]
+fn plans_of_polyhedra_have_their_own_numbers() {
+    let shape = polyhedra(&json!({"template_count": 8}));
+    let at = |fraction: f64| plan(&request(CUBE_80, &fuller(fraction, &shape)));
+    let spheres = plan(&request(CUBE_80, &fuller(0.5, &json!({"type": "sphere"})))).unwrap();
+    let loose = at(0.5).unwrap();
+    let wanted = request(CUBE_80, &fuller(0.5, &shape));
+    let mix = GradedMix::new(&wanted.mix, wanted.specimen.volume_mm3());
+    let shapes = mix.shapes.as_ref().unwrap();
+    let mean = shapes.templates().map(|body| body.sieve_size().powi(-3)).sum::<f64>() / 8.0;
+    assert!((spheres.grains / loose.grains / mean - 1.0).abs() < 1e-9, "{mean}");
+    assert!((loose.volume_fraction_effective - 0.5).abs() < 1e-12);
+    assert!(loose.success_probability > 0.9 && loose.warnings.is_empty(), "{loose:?}");
+    let corners = shapes.templates().map(|body| body.vertices().len()).sum::<usize>() as f64 / 8.0;
+    assert!(loose.memory_bytes as f64 > loose.grains * (800.0 + 48.0 * corners));
+    assert!(loose.extrapolations.iter().any(|beyond| beyond.contains("polyhedra of 21 faces")), "{loose:?}");
+    let ellipsoid = plan(&request(CUBE_80, &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
+    let dense = at(0.6).unwrap();
+    assert!(dense.methods.growth.time_s > 10.0 * ellipsoid.methods.growth.time_s, "{dense:?}");
+    assert!(at(0.75).unwrap().warnings[0].contains("reaches about 0.65"), "{:?}", at(0.75));
+    // Some polyhedra fill space, so that only more than all of it is impossible.
+    let Err(PlanError::Infeasible(fault)) = plan(&with_gap(1.0, &fuller(0.9, &shape))) else {
+        panic!("accepted")
+    };
+    assert!(
+        fault.detail.contains("polyhedra of this range of diameters (1 : 8.00) fill at most 1"),
+        "{fault}"
+    );
+}
+
+fn with_gap(gap_mm: f64, mix: &Value) -> PackingRequest {
+    let value = json!({"specimen": {"type": "box", "size_mm": CUBE_80}, "mix": mix,
+        "distance": {"type": "constant", "gap_mm": gap_mm}});
+    PackingRequest::from_json(&value, 1).unwrap()
+}
+
+#[test]
+fn a_box_that_no_polyhedron_of_the_largest_size_fits_is_refused() {
+    let one = |size_mm: [f64; 3], size: &str| {
+        let shape = polyhedra(&json!({"template": "deformed_cuboid", "displacement": 0, "template_count": 2,
+            "ratios": {"type": "constant", "elongation": 0.5, "flatness": 1}}));
+        let list =
+            json!({"grading": {"type": "diameters", "diameters_mm": [10]}, "size": size, "shape": shape});
+        plan(&request(size_mm, &list))
+    };
+    // Prisms 20 x 10 x 10.
+    assert!(one([20.1, 10.1, 10.1], "sieve").is_ok() && one([10.1, 20.1, 10.1], "sieve").is_ok());
+    for narrow in [[9.0, 30.0, 30.0], [30.0, 9.9, 9.9], [14.0, 14.0, 12.0]] {
+        let Err(PlanError::Invalid(faults)) = one(narrow, "sieve") else { panic!("{narrow:?} accepted") };
+        assert!(faults[0].detail.contains("no grain of the largest sieve size, 10 mm, fits"), "{faults:?}");
+    }
+    assert!(one([3.0; 3], "equivalent").is_err() && one([30.0; 3], "equivalent").is_ok());
+}
+
+#[test]
+fn the_most_templates_are_planned_soon() {
+    let shape = polyhedra(&json!({"template_count": 128, "faces": 60, "rounding": 0.1, "template_seed": 99}));
+    let wanted = request(CUBE_80, &fuller(0.5, &shape));
+    let planned = plan(&wanted).unwrap().with_proposal(&wanted);
+    // Templates that are known are not drawn again.
+    let start = std::time::Instant::now();
+    assert_eq!(plan(&wanted).unwrap().grains, planned.grains);
+    assert!(start.elapsed().as_secs_f64() < 1.0);
+}

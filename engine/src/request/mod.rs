@@ -26,7 +26,10 @@ pub use edmd::{EdmdOptions, EdmdStop};
 pub use monte_carlo::MonteCarloStop;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
-pub use shape::{GrainShape, MixturePart, Orientation, PlainShape, ShapeClass};
+pub use shape::{
+    DEFAULT_TEMPLATES, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation, PlainShape,
+    ShapeClass, ShapeKind, ShapeMixture, TemplateShape,
+};
 pub use upgrade::{upgrade, upgrade_export};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
@@ -167,6 +170,18 @@ impl Mix {
             None => self.shapes.iter().map(|class| (class.above_mm, &class.shape)).collect(),
         };
         (!shapes.iter().all(|(_, shape)| shape.is_sphere())).then_some(shapes)
+    }
+
+    /// What the grains are: polyhedra are never mixed with other shapes, spheres count as ellipsoids among them.
+    pub fn shape_kind(&self) -> ShapeKind {
+        let Some(shapes) = self.grain_shapes() else { return ShapeKind::Spheres };
+        let of_polyhedra =
+            |shape: &GrainShape| shape.parts().iter().any(|(_, shape)| shape.kind() == ShapeKind::Polyhedra);
+        if shapes.iter().any(|(_, shape)| of_polyhedra(shape)) {
+            ShapeKind::Polyhedra
+        } else {
+            ShapeKind::Ellipsoids
+        }
     }
 
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;

@@ -5,7 +5,7 @@
 use serde::Serialize;
 
 use super::decode::{At, Bound, Items, Object};
-use super::{Axis, MAX_LENGTH_MM};
+use super::{Axis, MAX_LENGTH_MM, MAX_SEED};
 use crate::shape::ratios::{
     AxisRatios, DEFAULT_TARGET_ELONGATION, MAX_MEASURED_GRAINS, MAX_TABLE_VALUES, MIN_RATIO,
     RatioDistribution, RatioLaw,
@@ -19,10 +19,25 @@ pub const MAX_MIXTURE_PARTS: usize = 16;
 /// of the axis or of the plane across it.
 pub const MAX_CONCENTRATION: f64 = 100.0;
 
+/// Most templates of all shapes of a mix, so that they are drawn and measured in a moment.
+pub const MAX_TEMPLATES: u32 = 128;
+/// Number of templates of a shape that names none.
+pub const DEFAULT_TEMPLATES: u32 = 32;
+/// Fewest half-spaces that cut a template.
+pub const MIN_FACES: u32 = 6;
+/// Most half-spaces that cut a template.
+pub const MAX_FACES: u32 = 60;
+const DEFAULT_FACES: u32 = 24;
+const DEFAULT_DISPLACEMENT: f64 = 0.2;
+
 /// Any number; its bounds are those of the law.
 const ANY: Bound = Bound::closed(f64::MIN, f64::MAX, "");
 const RATIO: Bound = Bound::closed(MIN_RATIO, 1.0, "");
 const ABOVE: Bound = Bound::closed(0.0, MAX_LENGTH_MM, "mm");
+/// Beyond it a cube may be crumpled to a sheet.
+const DISPLACEMENT: Bound = Bound::closed(0.0, 0.4, "");
+/// At 0.5 a grain would be a sphere.
+const ROUNDING: Bound = Bound::closed(0.0, 0.4, "");
 const SHARE: Bound = Bound::positive(1.0, "");
 const CONCENTRATION: Bound = Bound::closed(-MAX_CONCENTRATION, MAX_CONCENTRATION, "");
 /// Shares typed by hand (three thirds as 0.333) may miss 1 by this much.
@@ -31,16 +46,19 @@ const SUM_TOLERANCE: f64 = 2.0e-3;
 /// The shape of the grains.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(untagged)]
 pub enum GrainShape {
-    /// Spheres.
-    Sphere {},
-    /// Ellipsoids with axes `a >= b >= c`.
-    Ellipsoid {
-        /// How the ratios of the axes are distributed.
-        #[cfg_attr(feature = "openapi", schema(value_type = super::schema::AxisRatiosInput))]
-        ratios: AxisRatios,
-    },
+    /// Grains of one shape.
+    Plain(PlainShape),
+    /// Grains of several shapes.
+    Mixture(ShapeMixture),
+}
+
+/// Grains of several shapes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ShapeMixture {
     /// Grains of several shapes.
     Mixture {
         /// The shapes with their shares of the volume.
@@ -74,6 +92,66 @@ pub enum PlainShape {
         #[cfg_attr(feature = "openapi", schema(value_type = super::schema::AxisRatiosInput))]
         ratios: AxisRatios,
     },
+    /// Angular grains: convex polyhedra. Each grain is one of some templates, in its own size.
+    Polyhedron {
+        /// How templates are made.
+        #[cfg_attr(feature = "openapi", schema(default = "cuts", required = false))]
+        template: TemplateShape,
+        /// Half-spaces that cut a template out of a ball; of `cuts` alone, 24 when absent. Some of them may leave no
+        /// face.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 6, maximum = 60))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        faces: Option<u32>,
+        /// How far the corners of a cube are displaced along each axis, at most, as a share of its edge; of
+        /// `deformed_cuboid` alone, 0.2 when absent.
+        #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 0.4))]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        displacement: Option<f64>,
+        /// The ratios by which templates are stretched, drawn for each template; 1 when absent. Laws with a target
+        /// index are for ellipsoids alone.
+        #[cfg_attr(
+            feature = "openapi",
+            schema(required = false, value_type = super::schema::AxisRatiosInput)
+        )]
+        ratios: AxisRatios,
+        /// Radius by which edges and corners are rounded, over the equivalent diameter of the grain.
+        #[cfg_attr(feature = "openapi", schema(default = 0, required = false, minimum = 0, maximum = 0.4))]
+        rounding: f64,
+        /// Number of templates. All shapes of a mix have 128 at most.
+        #[cfg_attr(feature = "openapi", schema(default = 32, required = false, minimum = 1, maximum = 128))]
+        template_count: u32,
+        /// Seed of the templates, which do not depend on the seed of the job.
+        #[cfg_attr(
+            feature = "openapi",
+            schema(default = 0, required = false, maximum = 9_007_199_254_740_991_u64)
+        )]
+        template_seed: u64,
+    },
+}
+
+/// How the templates of angular grains are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum TemplateShape {
+    /// A ball cut by half-spaces at nearly equal distances from its centre.
+    #[default]
+    Cuts,
+    /// The convex hull of the displaced corners of a cube (Titscher and Unger 2015, figure 12b).
+    DeformedCuboid,
+    /// A cell of a Poisson-Voronoi tessellation.
+    Voronoi,
+}
+
+/// What the grains of a mix are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ShapeKind {
+    /// All grains are spheres.
+    Spheres,
+    /// Ellipsoids, spheres among them.
+    Ellipsoids,
+    /// Convex polyhedra.
+    Polyhedra,
 }
 
 /// The shape of the grains above a size.
@@ -123,12 +201,21 @@ impl Orientation {
 }
 
 impl PlainShape {
-    /// The law of the axis ratios; `None` for spheres.
+    /// What the grains are.
     #[must_use]
-    pub fn ratios(&self) -> Option<&AxisRatios> {
+    pub fn kind(&self) -> ShapeKind {
         match self {
-            Self::Sphere {} => None,
-            Self::Ellipsoid { ratios } => Some(ratios),
+            Self::Sphere {} => ShapeKind::Spheres,
+            Self::Ellipsoid { .. } => ShapeKind::Ellipsoids,
+            Self::Polyhedron { .. } => ShapeKind::Polyhedra,
+        }
+    }
+
+    /// Number of its templates.
+    fn templates(&self) -> u32 {
+        match self {
+            Self::Polyhedron { template_count, .. } => *template_count,
+            Self::Sphere {} | Self::Ellipsoid { .. } => 0,
         }
     }
 }
@@ -137,16 +224,17 @@ impl GrainShape {
     /// Whether all grains are spheres.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
-        self.parts().iter().all(|(_, ratios)| ratios.is_none())
+        self.parts().iter().all(|(_, shape)| shape.kind() == ShapeKind::Spheres)
     }
 
-    /// Shares of the volume with the laws of the axis ratios; `None` for spheres.
+    /// Shares of the volume with their shapes.
     #[must_use]
-    pub fn parts(&self) -> Vec<(f64, Option<&AxisRatios>)> {
+    pub fn parts(&self) -> Vec<(f64, &PlainShape)> {
         match self {
-            Self::Sphere {} => vec![(1.0, None)],
-            Self::Ellipsoid { ratios } => vec![(1.0, Some(ratios))],
-            Self::Mixture { of } => of.iter().map(|part| (part.share, part.shape.ratios())).collect(),
+            Self::Plain(shape) => vec![(1.0, shape)],
+            Self::Mixture(ShapeMixture::Mixture { of }) => {
+                of.iter().map(|part| (part.share, &part.shape)).collect()
+            }
         }
     }
 }
@@ -164,12 +252,13 @@ pub(super) struct ShapeFields {
 pub(super) fn read_shapes(mix: &mut Object<'_>) -> Option<ShapeFields> {
     let shape_at = mix.optional("shape");
     let shape = shape_at.as_ref().map(read_shape);
-    let shapes = match mix.optional("shapes") {
+    let shapes_at = mix.optional("shapes");
+    let shapes = match &shapes_at {
         Some(at) if shape_at.is_some() => {
             at.fault("the mix has a shape for all sizes too: leave one of the two out");
             None
         }
-        Some(at) => read_classes(&at),
+        Some(at) => read_classes(at),
         None => Some(Vec::new()),
     };
     let orientation_at = mix.optional("orientation");
@@ -182,6 +271,10 @@ pub(super) fn read_shapes(mix: &mut Object<'_>) -> Option<ShapeFields> {
         Some(read) => Some(read?),
     };
     let (shapes, orientation) = (shapes?, orientation?);
+    let all_shapes = || shape.iter().chain(shapes.iter().map(|class| &class.shape));
+    if let Some(at) = shape_at.as_ref().or(shapes_at.as_ref()) {
+        judge_polyhedra(at, all_shapes())?;
+    }
     let are_spheres = shape.as_ref().is_none_or(GrainShape::is_sphere)
         && shapes.iter().all(|class| class.shape.is_sphere());
     if let (true, false, Some(at)) = (are_spheres, orientation.is_uniform(), &orientation_at) {
@@ -215,42 +308,142 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
     Some(classes)
 }
 
+/// Judges what the polyhedra among the shapes of a mix need of one another.
+fn judge_polyhedra<'a>(at: &At<'_>, shapes: impl Iterator<Item = &'a GrainShape>) -> Option<()> {
+    let plain: Vec<&PlainShape> = shapes.flat_map(GrainShape::parts).map(|(_, shape)| shape).collect();
+    let is_polyhedron = |shape: &&PlainShape| shape.kind() == ShapeKind::Polyhedra;
+    let polyhedra = plain.iter().copied().filter(is_polyhedron).count();
+    if polyhedra > 0 && polyhedra < plain.len() {
+        at.fault(
+            "polyhedra and spheres or ellipsoids cannot be mixed yet: every shape must be of the type \"polyhedron\", \
+             or none",
+        );
+        return None;
+    }
+    let templates: u32 = plain.iter().map(|shape| shape.templates()).sum();
+    if templates > MAX_TEMPLATES {
+        at.fault(format!(
+            "the shapes have {templates} templates together: must have at most {MAX_TEMPLATES}; lower template_count"
+        ));
+        return None;
+    }
+    Some(())
+}
+
 /// The kinds of shapes, by their names.
 #[derive(Clone, Copy)]
 enum Kind {
     Sphere,
     Ellipsoid,
+    Polyhedron,
     Mixture,
 }
 
-/// Reads the kind of a shape; those to come are refused by name.
-fn read_kind(object: &mut Object<'_>, kinds: &[(&str, Kind)]) -> Option<Kind> {
-    let at = object.required("type")?;
-    if at.value() == "polyhedron" {
-        let names: Vec<String> = kinds.iter().map(|(name, _)| format!("{name:?}")).collect();
-        at.fault(format!("polyhedra are not available yet: must be one of {}", names.join(", ")));
-        return None;
-    }
-    at.choice(kinds)
-}
-
-const PLAIN: [(&str, Kind); 2] = [("sphere", Kind::Sphere), ("ellipsoid", Kind::Ellipsoid)];
+const PLAIN: [(&str, Kind); 3] =
+    [("sphere", Kind::Sphere), ("ellipsoid", Kind::Ellipsoid), ("polyhedron", Kind::Polyhedron)];
 
 fn read_shape(at: &At<'_>) -> Option<GrainShape> {
     let mut object = at.object()?;
-    let [sphere, ellipsoid] = PLAIN;
-    let shape = match read_kind(&mut object, &[sphere, ellipsoid, ("mixture", Kind::Mixture)])? {
-        Kind::Sphere => Some(GrainShape::Sphere {}),
-        Kind::Ellipsoid => object
-            .required("ratios")
-            .and_then(|at| read_ratios(&at))
-            .map(|ratios| GrainShape::Ellipsoid { ratios }),
-        Kind::Mixture => {
-            object.required("of").and_then(|at| read_mixture(&at)).map(|of| GrainShape::Mixture { of })
-        }
+    let [sphere, ellipsoid, polyhedron] = PLAIN;
+    let shape = match object.variant(&[sphere, ellipsoid, polyhedron, ("mixture", Kind::Mixture)])? {
+        Kind::Mixture => object
+            .required("of")
+            .and_then(|at| read_mixture(&at))
+            .map(|of| GrainShape::Mixture(ShapeMixture::Mixture { of })),
+        plain => read_plain_fields(plain, &mut object).map(GrainShape::Plain),
     };
     object.finish();
     shape
+}
+
+fn read_plain(at: &At<'_>) -> Option<PlainShape> {
+    let mut object = at.object()?;
+    let kind = object.variant(&PLAIN)?;
+    let shape = read_plain_fields(kind, &mut object);
+    object.finish();
+    shape
+}
+
+fn read_plain_fields(kind: Kind, object: &mut Object<'_>) -> Option<PlainShape> {
+    match kind {
+        Kind::Ellipsoid => object
+            .required("ratios")
+            .and_then(|at| read_ratios(&at))
+            .map(|ratios| PlainShape::Ellipsoid { ratios }),
+        Kind::Polyhedron => read_polyhedron(object),
+        Kind::Sphere | Kind::Mixture => Some(PlainShape::Sphere {}),
+    }
+}
+
+fn read_polyhedron(object: &mut Object<'_>) -> Option<PlainShape> {
+    let template = match object.optional("template") {
+        None => Some(TemplateShape::Cuts),
+        Some(at) => at.choice(&[
+            ("cuts", TemplateShape::Cuts),
+            ("deformed_cuboid", TemplateShape::DeformedCuboid),
+            ("voronoi", TemplateShape::Voronoi),
+        ]),
+    };
+    let only_of = |at: &At<'_>, name: &str| -> Option<()> {
+        at.fault(format!("is a field of the template {name:?} alone: leave it out"));
+        None
+    };
+    // Where the template is in doubt, its fields are judged by their bounds all the same.
+    let faces = match object.optional("faces") {
+        Some(at) if template.is_some_and(|template| template != TemplateShape::Cuts) => {
+            only_of(&at, "cuts").map(|()| None)
+        }
+        Some(at) => at.integer(MIN_FACES.into(), MAX_FACES.into()).map(|faces| Some(faces as u32)),
+        None => Some((template == Some(TemplateShape::Cuts)).then_some(DEFAULT_FACES)),
+    };
+    let displacement = match object.optional("displacement") {
+        Some(at) if template.is_some_and(|template| template != TemplateShape::DeformedCuboid) => {
+            only_of(&at, "deformed_cuboid").map(|()| None)
+        }
+        Some(at) => at.number(DISPLACEMENT).map(Some),
+        None => Some((template == Some(TemplateShape::DeformedCuboid)).then_some(DEFAULT_DISPLACEMENT)),
+    };
+    let ratios = match object.optional("ratios") {
+        Some(at) => read_template_ratios(&at),
+        None => Some(AxisRatios::Constant { elongation: 1.0, flatness: 1.0 }),
+    };
+    let rounding = match object.optional("rounding") {
+        Some(at) => at.number(ROUNDING),
+        None => Some(0.0),
+    };
+    let count = match object.optional("template_count") {
+        Some(at) => at.integer(1, MAX_TEMPLATES.into()).map(|count| count as u32),
+        None => Some(DEFAULT_TEMPLATES),
+    };
+    let seed = match object.optional("template_seed") {
+        Some(at) => at.integer(0, MAX_SEED as i64).map(|seed| seed as u64),
+        None => Some(0),
+    };
+    Some(PlainShape::Polyhedron {
+        template: template?,
+        faces: faces?,
+        displacement: displacement?,
+        ratios: ratios?,
+        rounding: rounding?,
+        template_count: count?,
+        template_seed: seed?,
+    })
+}
+
+/// Reads the law by which templates are stretched.
+fn read_template_ratios(at: &At<'_>) -> Option<AxisRatios> {
+    if let Some(name @ ("flakiness" | "shape_index")) = at.value().get("type").and_then(|name| name.as_str())
+    {
+        at.fault_below(
+            "/type",
+            format!(
+                "{name:?} is a law of ellipsoids alone: must be one of \"constant\", \"independent\", \"triangle\", \
+                 \"measured\" for polyhedra, whose flakiness index and shape index the result reports"
+            ),
+        );
+        return None;
+    }
+    read_ratios(at)
 }
 
 fn read_mixture(at: &At<'_>) -> Option<Vec<MixturePart>> {
@@ -268,19 +461,6 @@ fn read_mixture(at: &At<'_>) -> Option<Vec<MixturePart>> {
         return None;
     }
     Some(parts)
-}
-
-fn read_plain(at: &At<'_>) -> Option<PlainShape> {
-    let mut object = at.object()?;
-    let shape = match read_kind(&mut object, &PLAIN)? {
-        Kind::Ellipsoid => object
-            .required("ratios")
-            .and_then(|at| read_ratios(&at))
-            .map(|ratios| PlainShape::Ellipsoid { ratios }),
-        _ => Some(PlainShape::Sphere {}),
-    };
-    object.finish();
-    shape
 }
 
 /// Reads the law of the axis ratios, whose numbers are judged together at the end.

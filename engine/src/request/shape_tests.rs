@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use crate::request::{PackingRequest, SizeMeasure};
+use crate::request::{PackingRequest, ShapeKind, SizeMeasure};
 
 fn request(fields: &Value) -> Value {
     let mut mix = json!({"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4});
@@ -110,16 +110,14 @@ fn every_fault_names_its_place_the_value_and_the_bound() {
     let sphere = json!({"type": "sphere"});
     let cases = [
         (
-            json!({"shape": {"type": "polyhedron", "faces": 24}}),
-            "/mix/shape/type: polyhedra are not available yet: must be one of \"sphere\", \"ellipsoid\", \"mixture\"",
-        ),
-        (
             json!({"shape": {"type": "cube"}}),
-            "/mix/shape/type: \"cube\" is unknown: must be one of \"sphere\", \"ellipsoid\", \"mixture\"",
+            "/mix/shape/type: \"cube\" is unknown: must be one of \"sphere\", \"ellipsoid\", \"polyhedron\", \
+             \"mixture\"",
         ),
         (
             json!({"shape": {"type": "mixture", "of": [{"share": 1, "shape": {"type": "mixture"}}]}}),
-            "/mix/shape/of/0/shape/type: \"mixture\" is unknown: must be one of \"sphere\", \"ellipsoid\"",
+            "/mix/shape/of/0/shape/type: \"mixture\" is unknown: must be one of \"sphere\", \"ellipsoid\", \
+             \"polyhedron\"",
         ),
         (
             json!({"shape": {"type": "mixture", "of": [{"share": 0.5, "shape": sphere}, {"share": 0.4, "shape": sphere}]}}),
@@ -194,6 +192,131 @@ fn every_fault_names_its_place_the_value_and_the_bound() {
     assert_eq!(several.len(), 4, "{several:?}");
 }
 
+#[test]
+fn a_polyhedron_is_written_with_its_defaults() {
+    let equant = json!({"type": "constant", "elongation": 1.0, "flatness": 1.0});
+    let with = |fields: Value| {
+        let mut shape = json!({"type": "polyhedron", "ratios": equant, "rounding": 0.0, "template_count": 32, "template_seed": 0});
+        shape.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        shape
+    };
+    let triangle = json!({"type": "triangle", "k": 0.25});
+    for (given, known) in [
+        (json!({}), with(json!({"template": "cuts", "faces": 24}))),
+        (
+            json!({"faces": 6, "rounding": 0.25}),
+            with(json!({"template": "cuts", "faces": 6, "rounding": 0.25})),
+        ),
+        (
+            json!({"template": "deformed_cuboid", "ratios": triangle}),
+            with(json!({"template": "deformed_cuboid", "displacement": 0.2, "ratios": triangle})),
+        ),
+        (
+            json!({"template": "deformed_cuboid", "displacement": 0, "template_seed": 7}),
+            with(json!({"template": "deformed_cuboid", "displacement": 0.0, "template_seed": 7})),
+        ),
+        (
+            json!({"template": "voronoi", "template_count": 128}),
+            with(json!({"template": "voronoi", "template_count": 128})),
+        ),
+    ] {
+        let mut shape = given;
+        shape["type"] = json!("polyhedron");
+        assert_eq!(written(&json!({"shape": shape}))["shape"], known);
+    }
+    let half = json!({"share": 0.5, "shape": {"type": "polyhedron"}});
+    let mixed = json!({"shapes": [
+        {"above_mm": 8, "shape": {"type": "mixture", "of": [half, half]}}, {"above_mm": 0, "shape": {"type": "polyhedron"}}]});
+    let read = |fields: &Value| PackingRequest::from_json(&request(fields), 1).unwrap().mix.shape_kind();
+    assert_eq!(read(&mixed), ShapeKind::Polyhedra);
+    assert_eq!(read(&json!({"shape": ellipsoid(&triangle)})), ShapeKind::Ellipsoids);
+    assert_eq!(read(&json!({"shape": {"type": "sphere"}})), ShapeKind::Spheres);
+}
+
+#[test]
+fn every_fault_of_polyhedra_names_its_place_the_value_and_the_bound() {
+    let shape = |fields: Value| {
+        let mut shape = fields;
+        shape["type"] = json!("polyhedron");
+        json!({"shape": shape})
+    };
+    let (sphere, polyhedron) = (json!({"type": "sphere"}), json!({"type": "polyhedron"}));
+    let mixed = "polyhedra and spheres or ellipsoids cannot be mixed yet: every shape must be of the type \
+                 \"polyhedron\", or none";
+    let cases = [
+        (
+            shape(json!({"template": "stars"})),
+            "/mix/shape/template: \"stars\" is unknown: must be one of \"cuts\", \"deformed_cuboid\", \"voronoi\""
+                .to_owned(),
+        ),
+        (
+            shape(json!({"faces": 5})),
+            "/mix/shape/faces: 5 is out of range: must be a whole number from 6 to 60".to_owned(),
+        ),
+        (
+            shape(json!({"template": "voronoi", "faces": 12})),
+            "/mix/shape/faces: is a field of the template \"cuts\" alone: leave it out".to_owned(),
+        ),
+        (
+            shape(json!({"displacement": 0.2})),
+            "/mix/shape/displacement: is a field of the template \"deformed_cuboid\" alone: leave it out".to_owned(),
+        ),
+        (
+            shape(json!({"template": "deformed_cuboid", "displacement": 0.5})),
+            "/mix/shape/displacement: 0.5 is out of range: must be at least 0 and at most 0.4".to_owned(),
+        ),
+        (
+            shape(json!({"rounding": 0.5})),
+            "/mix/shape/rounding: 0.5 is out of range: must be at least 0 and at most 0.4".to_owned(),
+        ),
+        (
+            shape(json!({"template_count": 129})),
+            "/mix/shape/template_count: 129 is out of range: must be a whole number from 1 to 128".to_owned(),
+        ),
+        (
+            shape(json!({"template_seed": -1})),
+            "/mix/shape/template_seed: -1 is out of range: must be a whole number from 0 to 9007199254740991"
+                .to_owned(),
+        ),
+        (
+            shape(json!({"ratios": {"type": "flakiness", "index": 0.2}})),
+            "/mix/shape/ratios/type: \"flakiness\" is a law of ellipsoids alone: must be one of \"constant\", \
+             \"independent\", \"triangle\", \"measured\" for polyhedra, whose flakiness index and shape index the \
+             result reports"
+                .to_owned(),
+        ),
+        (
+            shape(json!({"ratios": {"type": "triangle", "k": 0.05}})),
+            "/mix/shape/ratios/k: 0.05 is out of range: must be at least 0.1 and at most 1".to_owned(),
+        ),
+        (
+            json!({"shape": {"type": "mixture", "of": [
+                {"share": 0.5, "shape": sphere}, {"share": 0.5, "shape": polyhedron}]}}),
+            format!("/mix/shape: {mixed}"),
+        ),
+        (
+            json!({"shapes": [{"above_mm": 8, "shape": polyhedron}, {"above_mm": 0, "shape": sphere}]}),
+            format!("/mix/shapes: {mixed}"),
+        ),
+        (
+            json!({"shape": {"type": "mixture", "of": [
+                {"share": 0.5, "shape": {"type": "polyhedron", "template_count": 100}},
+                {"share": 0.5, "shape": {"type": "polyhedron", "template_count": 100}}]}}),
+            "/mix/shape: the shapes have 200 templates together: must have at most 128; lower template_count".to_owned(),
+        ),
+    ];
+    for (fields, known) in cases {
+        let found = faults(&fields);
+        assert_eq!(found, [known]);
+    }
+    let several = faults(&shape(json!({"faces": 1, "rounding": 1, "template_count": 0, "corners": 3})));
+    assert_eq!(several.len(), 4, "{several:?}");
+    let edmd = json!({"specimen": {"type": "box", "size_mm": [80, 80, 80]}, "method": {"type": "edmd"}, "mix": {
+        "grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4, "shape": polyhedron}});
+    let refused = PackingRequest::from_json(&edmd, 1).unwrap_err();
+    assert_eq!(refused[0].pointer, "/method/type");
+}
+
 fn number() -> impl Strategy<Value = Value> {
     prop_oneof![4 => (0.05..1.1).prop_map(|x: f64| json!(x)), 1 => any::<f64>().prop_map(|x| json!(x)), 1 => Just(json!("x"))]
 }
@@ -227,6 +350,27 @@ proptest! {
     fn whatever_is_accepted_is_written_as_it_is_read(ratios in ratios()) {
         let value = request(&json!({"shape": ellipsoid(&ratios)}));
         if let Ok(first) = PackingRequest::from_json(&value, 1) {
+            let text = serde_json::to_value(&first).unwrap();
+            prop_assert_eq!(PackingRequest::from_json(&text, 2).unwrap(), first);
+        }
+    }
+
+    #[test]
+    fn polyhedra_that_are_accepted_are_written_as_they_are_read(
+        template in prop::sample::select(vec!["cuts", "deformed_cuboid", "voronoi", "cube"]),
+        faces in prop::option::of(0_i64..80), displacement in prop::option::of(-0.1..0.6_f64),
+        ratios in prop::option::of(ratios()), rounding in prop::option::of(-0.1..0.6_f64),
+        count in prop::option::of(-1_i64..200), seed in prop::option::of(any::<u64>()),
+    ) {
+        let mut shape = json!({"type": "polyhedron", "template": template});
+        let fields = [("faces", json!(faces)), ("displacement", json!(displacement)), ("ratios", json!(ratios)),
+            ("rounding", json!(rounding)), ("template_count", json!(count)), ("template_seed", json!(seed))];
+        for (name, value) in fields {
+            if !value.is_null() {
+                shape[name] = value;
+            }
+        }
+        if let Ok(first) = PackingRequest::from_json(&request(&json!({"shape": shape})), 1) {
             let text = serde_json::to_value(&first).unwrap();
             prop_assert_eq!(PackingRequest::from_json(&text, 2).unwrap(), first);
         }

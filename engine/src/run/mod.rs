@@ -20,7 +20,7 @@ use crate::packing::{
     Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Distance, PackingRequest, Segregation};
+use crate::request::{Distance, FieldError, PackingRequest, Segregation, ShapeKind};
 use crate::rng::{Stream, stream};
 use crate::shape::Ellipsoid;
 
@@ -144,6 +144,13 @@ impl Sampled {
         let should_stop = || control.should_stop();
         if mix.shapes.is_none() {
             return sample(mix, &mut sizes, &should_stop).map(Self::Spheres);
+        }
+        if mix.kind() == ShapeKind::Polyhedra {
+            let detail = "polyhedra cannot be packed yet: must be \"sphere\" or \"ellipsoid\"";
+            return Err(PackError::Plan(PlanError::Invalid(vec![FieldError::new(
+                "/mix/shape/type",
+                detail,
+            )])));
         }
         let mut forms = stream(request.seed, Stream::Shape);
         sample_shaped(mix, &mut sizes, &mut forms, &should_stop)

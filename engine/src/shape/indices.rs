@@ -27,27 +27,55 @@ const SHAPE_INDEX_RANGE_MM: [f64; 2] = [4.0, 63.0];
 /// Length over thickness above which EN 933-4 calls a grain non-cubical.
 pub(super) const NON_CUBICAL: f64 = 3.0;
 
-/// Whether a grain passes the slots of its fraction in EN 933-3; `None` where it lies in none.
-///
-/// A grain passes a slot that is wider than its thickness `2c`.
-fn is_flaky(grain: &Ellipsoid) -> Option<bool> {
-    let size = grain.sieve_size_mm();
-    let fraction = FLAKINESS_FRACTIONS_MM.iter().find(|[low, high, _]| *low < size && size <= *high)?;
-    Some(2.0 * grain.semi_axes_mm().z < fraction[2])
+/// What the indices look at of a grain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CaliperSizes {
+    /// Volume in mm³.
+    pub volume_mm3: f64,
+    /// Sieve size in mm.
+    pub sieve_mm: f64,
+    /// Largest caliper width in mm.
+    pub length_mm: f64,
+    /// Least caliper width in mm.
+    pub thickness_mm: f64,
 }
 
-fn is_non_cubical(grain: &Ellipsoid) -> Option<bool> {
+impl From<&Ellipsoid> for CaliperSizes {
+    fn from(grain: &Ellipsoid) -> Self {
+        let axes = grain.semi_axes_mm();
+        Self {
+            volume_mm3: grain.volume_mm3(),
+            sieve_mm: grain.sieve_size_mm(),
+            length_mm: 2.0 * axes.x,
+            thickness_mm: 2.0 * axes.z,
+        }
+    }
+}
+
+/// Whether a grain passes the slots of its fraction in EN 933-3; `None` where it lies in none.
+///
+/// A grain passes a slot that is wider than its thickness, `2c` of an ellipsoid.
+fn is_flaky(grain: &CaliperSizes) -> Option<bool> {
+    let size = grain.sieve_mm;
+    let fraction = FLAKINESS_FRACTIONS_MM.iter().find(|[low, high, _]| *low < size && size <= *high)?;
+    Some(grain.thickness_mm < fraction[2])
+}
+
+fn is_non_cubical(grain: &CaliperSizes) -> Option<bool> {
     let [low, high] = SHAPE_INDEX_RANGE_MM;
-    let size = grain.sieve_size_mm();
-    (low < size && size <= high).then(|| grain.length_over_thickness() > NON_CUBICAL)
+    let size = grain.sieve_mm;
+    (low < size && size <= high).then(|| grain.length_mm / grain.thickness_mm > NON_CUBICAL)
 }
 
 /// Share of the volume of the grains for which `judge` is true, of all for which it is something.
-fn share(grains: &[Ellipsoid], judge: fn(&Ellipsoid) -> Option<bool>) -> Option<f64> {
+fn share(
+    grains: impl Iterator<Item = CaliperSizes>,
+    judge: fn(&CaliperSizes) -> Option<bool>,
+) -> Option<f64> {
     let (mut of, mut all) = (0.0, 0.0);
     for grain in grains {
-        if let Some(counts) = judge(grain) {
-            let volume = grain.volume_mm3();
+        if let Some(counts) = judge(&grain) {
+            let volume = grain.volume_mm3;
             all += volume;
             of += if counts { volume } else { 0.0 };
         }
@@ -59,6 +87,11 @@ fn share(grains: &[Ellipsoid], judge: fn(&Ellipsoid) -> Option<bool>) -> Option<
 /// slots of half the upper sieve of their fraction. `None` where there are no such grains.
 #[must_use]
 pub fn flakiness_index(grains: &[Ellipsoid]) -> Option<f64> {
+    flakiness_index_of(grains.iter().map(CaliperSizes::from))
+}
+
+/// The same of grains of any shape.
+pub fn flakiness_index_of(grains: impl Iterator<Item = CaliperSizes>) -> Option<f64> {
     share(grains, is_flaky)
 }
 
@@ -66,6 +99,11 @@ pub fn flakiness_index(grains: &[Ellipsoid]) -> Option<f64> {
 /// than three times as long as thick. `None` where there are no such grains.
 #[must_use]
 pub fn shape_index(grains: &[Ellipsoid]) -> Option<f64> {
+    shape_index_of(grains.iter().map(CaliperSizes::from))
+}
+
+/// The same of grains of any shape.
+pub fn shape_index_of(grains: impl Iterator<Item = CaliperSizes>) -> Option<f64> {
     share(grains, is_non_cubical)
 }
 
@@ -102,6 +140,10 @@ mod tests {
 
     fn grain(size: f64, flatness: f64) -> Ellipsoid {
         Ellipsoid::with_sieve_size(size, Form { elongation: 0.5, flatness }).unwrap()
+    }
+
+    fn is_flaky(grain: &Ellipsoid) -> Option<bool> {
+        super::is_flaky(&grain.into())
     }
 
     #[test]

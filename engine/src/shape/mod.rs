@@ -15,7 +15,10 @@ mod target;
 
 pub use ellipsoid::Ellipsoid;
 pub use form::{Form, SizeMeasure, Zingg};
-pub use indices::{BodyAxis, flakiness_index, orientation_tensor, shape_index};
+pub use indices::{
+    BodyAxis, CaliperSizes, flakiness_index, flakiness_index_of, orientation_tensor, shape_index,
+    shape_index_of,
+};
 pub(crate) use polyhedron::Principal;
 pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};
 pub use pose::Pose;

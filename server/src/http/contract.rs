@@ -119,6 +119,7 @@ mod tests {
             "MonteCarloStop",
             "GrainShape",
             "PlainShape",
+            "ShapeMixture",
             "MixturePart",
             "ShapeClass",
             "AxisRatios",

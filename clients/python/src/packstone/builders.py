@@ -208,6 +208,35 @@ class Shape(_Fields):
         return cls(type="ellipsoid", ratios=ratios)
 
     @classmethod
+    def polyhedron(
+        cls,
+        template: Literal["cuts", "deformed_cuboid", "voronoi"] | None = None,
+        *,
+        faces: int | None = None,
+        displacement: float | None = None,
+        ratios: Ratios | Mapping[str, Any] | None = None,
+        rounding: float | None = None,
+        template_count: int | None = None,
+        template_seed: int | None = None,
+    ) -> Shape:
+        """Angular grains: convex polyhedra, each of them one of `template_count` templates in its own size.
+
+        `faces` is the number of ``cuts``, `displacement` how far the corners of a ``deformed_cuboid`` are moved, as a
+        share of its edge. Templates are stretched by `ratios` and rounded by a radius of `rounding` times the
+        equivalent diameter. They depend on `template_seed` alone, not on the seed of the job.
+        """
+        return cls(
+            type="polyhedron",
+            template=template,
+            faces=faces,
+            displacement=displacement,
+            ratios=ratios,
+            rounding=rounding,
+            template_count=template_count,
+            template_seed=template_seed,
+        )
+
+    @classmethod
     def mixture(cls, parts: Sequence[tuple[float, Shape]]) -> Shape:
         """Grains of several shapes: pairs of the share of the volume and the shape."""
         return cls(type="mixture", of=[{"share": share, "shape": shape} for share, shape in parts])

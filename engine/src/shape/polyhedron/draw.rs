@@ -17,8 +17,11 @@ const DRAWS: usize = 200;
 const CUT_DISTANCES: [f64; 2] = [0.9, 1.1];
 /// Seeds that are added around a Voronoi cell at a time, until those beyond cannot reach it.
 const SEEDS: usize = 40;
-/// Attempts to draw a body that is bounded.
-const ATTEMPTS: usize = 100;
+/// Attempts to draw a body that is bounded and no needle.
+const ATTEMPTS: usize = 1000;
+/// Largest radius over the smallest, both about the centroid, before a body is stretched: that of a tetrahedron is 3.
+/// Few cuts may leave splinters of any length.
+const SLENDEREST: f64 = 4.0;
 
 /// How templates are made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,14 +38,16 @@ pub enum TemplateKind {
 /// Draws a template of a kind and stretches it to the ratios of its axes along x, y and z; `None` for numbers that make
 /// no body: fewer than 4 cuts, a displacement that is not in 0..0.5, ratios that are not positive.
 pub fn draw_template(kind: TemplateKind, form: Form, rng: &mut Xoshiro256PlusPlus) -> Option<Polyhedron> {
-    let body = (0..ATTEMPTS).find_map(|_| match kind {
+    if matches!(kind, TemplateKind::Cuboid(displacement) if !(0.0..0.5).contains(&displacement)) {
+        return None;
+    }
+    let draw = |rng: &mut Xoshiro256PlusPlus| match kind {
         TemplateKind::Cuts(cuts) => Polyhedron::of_half_spaces(&half_spaces(cuts, rng)),
-        TemplateKind::Cuboid(displacement) => (0.0..0.5)
-            .contains(&displacement)
-            .then(|| corners(displacement, rng))
-            .and_then(|p| Polyhedron::hull_of(&p)),
+        TemplateKind::Cuboid(displacement) => Polyhedron::hull_of(&corners(displacement, rng)),
         TemplateKind::Voronoi => voronoi_cell(rng),
-    })?;
+    };
+    let is_compact = |body: &Polyhedron| body.outer_radius() <= SLENDEREST * body.inner_radius();
+    let body = (0..ATTEMPTS).find_map(|_| draw(rng).filter(is_compact))?;
     body.stretched(Vector3::new(1.0, form.elongation, form.elongation * form.flatness))
 }
 

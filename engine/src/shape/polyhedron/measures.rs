@@ -102,6 +102,12 @@ impl Polyhedron {
         self.core_volume() + r * (self.core_surface() + r * (self.mean_curvature() + r * 4.0 / 3.0 * PI))
     }
 
+    /// Volume of the core rounded by a radius, as a function of it.
+    pub(super) fn core_parallel_volume(&self) -> impl Fn(f64) -> f64 + use<> {
+        let (volume, surface, curvature) = (self.core_volume(), self.core_surface(), self.mean_curvature());
+        move |r| volume + r * (surface + r * (curvature + r * 4.0 / 3.0 * PI))
+    }
+
     /// Surface of the rounded body.
     #[must_use]
     pub fn surface(&self) -> f64 {

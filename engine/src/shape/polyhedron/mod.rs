@@ -4,11 +4,13 @@
 //! within `r` of the core. Angular grains refer to a template, a polyhedron of any unit of length, by a scale in mm.
 //!
 //! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia,
-//! `principal` what packing reads, `sieve` the sieve size.
+//! `principal` what packing reads, `axes` the form, `sieve` the sieve size.
 
+mod axes;
 mod draw;
 mod hull;
 mod measures;
+mod minimax;
 mod principal;
 #[cfg(test)]
 pub(crate) mod samples;
@@ -18,6 +20,7 @@ mod sieve;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
@@ -242,7 +245,8 @@ impl Polyhedron {
         let rounded = |radius| Self::of_parts(self.vertices.clone(), self.faces.clone(), radius);
         // The ratio of the radius to the equivalent diameter of the rounded body grows with the radius.
         let (mut low, mut high) = (0.0, share * size);
-        let ratio = |radius: f64| radius / rounded(radius).equivalent_diameter();
+        let volume = self.core_parallel_volume();
+        let ratio = |radius: f64| radius / (6.0 / PI * volume(radius)).cbrt();
         while ratio(high) < share {
             high *= 2.0;
         }

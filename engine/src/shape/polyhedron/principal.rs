@@ -7,14 +7,12 @@
 //! the ellipsoid inside. It is solved by the multiplicative algorithm of Titterington 1976 (DOI 10.2307/2347230) for
 //! the weights of the points.
 
-use nalgebra::{Matrix3, SymmetricEigen, UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::Polyhedron;
 
 /// Steps for the weights; whatever they are, the result holds.
 const STEPS: usize = 40;
-/// Steps and accuracy of the axes.
-const MOST_AXIS_STEPS: usize = 200;
 /// Share by which ellipsoids stay clear of rounding errors.
 const MARGIN: f64 = 1e-12;
 
@@ -57,7 +55,8 @@ impl Principal {
         if !(volume > 0.0 && inertia.iter().all(|x| x.is_finite()) && size2.is_finite()) {
             return Self::none();
         }
-        let axes = principal_axes(&inertia);
+        let axes = Rotation3::from_matrix_unchecked(of.principal_axes());
+        let axes = UnitQuaternion::from_rotation_matrix(&axes);
         let local: Vec<Vector3<f64>> = of.vertices.iter().map(|v| axes.inverse_transform_vector(v)).collect();
         let groups = (0..local.len().div_ceil(4)).map(|g| {
             let at = |lane: usize| local.get(4 * g + lane).unwrap_or(&local[0]);
@@ -103,18 +102,6 @@ impl Principal {
             turn_radius,
         }
     }
-}
-
-/// The rotation to the axes of a tensor of inertia from those of its moments, the least moment first.
-fn principal_axes(inertia: &Matrix3<f64>) -> UnitQuaternion<f64> {
-    let Some(eigen) = SymmetricEigen::try_new(*inertia, f64::EPSILON, MOST_AXIS_STEPS) else {
-        return UnitQuaternion::identity();
-    };
-    let mut order = [0, 1, 2];
-    order.sort_by(|&i, &j| eigen.eigenvalues[i].total_cmp(&eigen.eigenvalues[j]));
-    let [x, y, _] = order.map(|k| eigen.eigenvectors.column(k).into_owned());
-    let axes = Matrix3::from_columns(&[x, y, x.cross(&y)]);
-    UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(axes))
 }
 
 /// Numbers `q` of largest product with `sum over k of q_k p_k² <= 1` for all points, nearly.

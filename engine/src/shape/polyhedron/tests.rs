@@ -133,6 +133,49 @@ fn templates_are_sound_and_the_same_for_the_same_seed() {
 }
 
 #[test]
+fn no_template_is_a_needle() {
+    let mut rng = stream(11, Stream::Shape);
+    for kind in
+        [TemplateKind::Cuts(6), TemplateKind::Cuts(8), TemplateKind::Cuboid(0.4), TemplateKind::Voronoi]
+    {
+        for _ in 0..50 {
+            let body = draw_template(kind, Form::SPHERE, &mut rng).unwrap();
+            assert_sound(&body);
+            assert!(body.length() / body.thickness() <= 4.0, "{kind:?}");
+        }
+    }
+}
+
+#[test]
+fn the_form_is_that_of_the_ellipsoid_of_equal_inertia() {
+    let form = cuboid([3.0, 1.0, 2.0]).form();
+    close(form.elongation, 2.0 / 3.0, 1e-12);
+    close(form.flatness, 0.5, 1e-12);
+    let turn = UnitQuaternion::new_normalize(Quaternion::new(0.3, 0.5, -0.2, 0.7)).to_rotation_matrix();
+    let corners: Vec<_> = cuboid([3.0, 1.0, 2.0]).vertices.iter().map(|vertex| turn * vertex).collect();
+    let turned = Polyhedron::hull_of(&corners).unwrap();
+    let axes = turned.principal_axes();
+    close(axes.determinant(), 1.0, 1e-12);
+    for (i, known) in [Vector3::x(), Vector3::z(), Vector3::y()].into_iter().enumerate() {
+        close(axes.column(i).dot(&(turn * known)).abs(), 1.0, 1e-12);
+    }
+    let upright = turned.on_principal_axes();
+    assert_sound(&upright);
+    for (axis, width) in [(Vector3::x(), 3.0), (Vector3::y(), 2.0), (Vector3::z(), 1.0)] {
+        close(upright.width(&axis), width, 1e-12);
+    }
+    // Stretched templates have the form on average.
+    let form = Form::of_axes([2.0, 1.4, 1.0]);
+    let mut rng = stream(13, Stream::Shape);
+    let n = 40;
+    let forms: Vec<Form> =
+        (0..n).map(|_| draw_template(TemplateKind::Cuts(24), form, &mut rng).unwrap().form()).collect();
+    let mean = |of: &dyn Fn(&Form) -> f64| forms.iter().map(of).sum::<f64>() / f64::from(n);
+    close(mean(&|f| f.elongation), form.elongation, 0.02);
+    close(mean(&|f| f.flatness), form.flatness, 0.02);
+}
+
+#[test]
 fn voronoi_cells_have_their_mean_volume_and_number_of_faces() {
     // Poisson-Voronoi: the volume per seed and 15.535 faces on average (Meijering 1953).
     let mut rng = stream(5, Stream::Shape);

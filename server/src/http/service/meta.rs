@@ -165,7 +165,7 @@ pub(crate) async fn capabilities(
             .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
             .collect(),
         distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
-        shapes: vec!["sphere", "ellipsoid", "mixture"],
+        shapes: vec!["sphere", "ellipsoid", "polyhedron", "mixture"],
         methods: vec!["auto", "rsa", "edmd", "monte_carlo"],
         formats: Format::ALL
             .into_iter()
