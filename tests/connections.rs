@@ -8,7 +8,15 @@ use futures_util::future::join_all;
 use crate::harness::deadline::{patiently, within};
 use crate::harness::{DataDir, Launch, RawConnection, Server, id_of, jobs};
 
+/// One test, because both wait for time limits of the server, 10 s and 30 s: neither holds up a core for the other.
 #[tokio::test]
+async fn what_stops_arriving_is_given_up() {
+    tokio::join!(
+        half_open_connections_are_closed_and_others_served_meanwhile(),
+        a_body_that_stops_arriving_is_given_up(),
+    );
+}
+
 async fn half_open_connections_are_closed_and_others_served_meanwhile() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
@@ -90,7 +98,6 @@ async fn nonsense_on_the_wire_is_survived() {
     server.stop().await;
 }
 
-#[tokio::test]
 async fn a_body_that_stops_arriving_is_given_up() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
