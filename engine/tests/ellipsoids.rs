@@ -1,5 +1,4 @@
 //! Requests whose grains have a shape: packed, checked, the same for a seed, and judged by a search of the test's own.
-#![allow(clippy::unwrap_used)]
 
 use std::sync::Mutex;
 

@@ -4,8 +4,6 @@
 //! that commit 722a477 made of each: the little-endian bytes of the columns x, y, z and diameter. A change that
 //! alters one bit of a packing alters what a published seed means, and fails here. The logarithms and powers behind
 //! the diameters come from the platform's library, so the sums hold where they were recorded.
-#![cfg(all(target_arch = "x86_64", target_os = "linux"))]
-#![allow(clippy::unwrap_used)]
 
 use packstone_engine::{Limits, PackingRequest, Spheres, Unattended, pack};
 use serde_json::Value;

@@ -1,5 +1,4 @@
 //! Gradients through the public interface: they are there where they were asked for, and nowhere else.
-#![allow(clippy::unwrap_used)]
 
 use std::sync::Mutex;
 

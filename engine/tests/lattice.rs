@@ -1,7 +1,4 @@
 //! Files of lattices read by the readers that users have: VTK, meshio, and Project Chrono's rules for its own.
-#![allow(clippy::unwrap_used)]
-
-mod provenance;
 
 use std::fs::File;
 use std::io::Write;
@@ -36,7 +33,7 @@ fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &LatticeO
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let spheres = pack(&request, &Limits::default(), &Unattended).unwrap().into_spheres().unwrap();
-    let provenance = provenance::complete();
+    let provenance = crate::provenance::complete();
     let model = Model::new(&request.specimen, &spheres).with_provenance(&provenance);
     let directory = tempfile::tempdir().unwrap();
     let mut volume_mm3 = 0.0;

@@ -1,6 +1,5 @@
 //! The layers of the engine, read from its source: imports point down, and the check shares nothing with what it
 //! judges.
-#![allow(clippy::unwrap_used)]
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

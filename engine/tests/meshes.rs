@@ -1,5 +1,4 @@
 //! Meshes as the programs they are for see them: Gmsh fills them, VTK and meshio read them.
-#![allow(clippy::unwrap_used)]
 
 use std::f64::consts::PI;
 use std::fs::File;

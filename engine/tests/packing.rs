@@ -1,6 +1,5 @@
 //! Whole runs through the public interface: random mixes end valid or say why not, and the same
 //! seed gives the same packing.
-#![allow(clippy::unwrap_used)]
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,7 +1,4 @@
 //! Voxel models and cuts read by the programs that users have: VTK, meshio, Gmsh, Pillow, numpy.
-#![allow(clippy::unwrap_used)]
-
-mod provenance;
 
 use std::fs;
 use std::io::Write;
@@ -65,7 +62,7 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
     });
     let request = PackingRequest::from_json(&request, 1).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-    let provenance = provenance::complete();
+    let provenance = crate::provenance::complete();
     let model = Model::new(&request.specimen, packing.spheres().unwrap()).with_provenance(&provenance);
     let volume = json!({"specimen_volume_mm3": request.specimen.volume_mm3()});
     let grids = [
