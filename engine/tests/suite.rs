@@ -7,6 +7,8 @@
 mod provenance;
 
 mod edmd;
+#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+mod ellipsoid_fingerprints;
 mod ellipsoids;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod fingerprints;

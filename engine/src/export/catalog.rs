@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use super::{ExportError, Model};
 use super::{ldpm, mesh, slice, voxels};
 use crate::control::Control;
-use crate::packing::GrainKind;
+use crate::request::GrainKind;
 use crate::packing::GrainsRef;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};

@@ -8,7 +8,7 @@ use crate::PackError;
 use crate::mix::sampling::{AngularGrains, sample, sample_angular, sample_shaped};
 use crate::mix::sieve::class_of;
 use crate::mix::{GradedMix, sphere_volume};
-use crate::request::{PackingRequest, ShapeKind};
+use crate::request::{PackingRequest, GrainKind};
 use crate::rng::{Stream, stream};
 
 fn request(edge_mm: f64, mix: Value) -> PackingRequest {
@@ -51,7 +51,7 @@ fn the_volumes_of_the_classes_are_met_by_the_bodies() {
             let request = request(100.0, fields);
             for seed in 0..3 {
                 let (mix, grains) = drawn(&request, seed);
-                assert_eq!(mix.kind(), ShapeKind::Polyhedra);
+                assert_eq!(mix.kind(), GrainKind::Polyhedra);
                 let n = grains.d_mm.len();
                 assert_eq!((grains.template.len(), grains.sizes_mm.len()), (n, n));
                 assert!(grains.d_mm.is_sorted_by(|p, q| p >= q));

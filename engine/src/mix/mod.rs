@@ -14,7 +14,7 @@ pub mod shapes;
 pub mod sieve;
 mod templates;
 
-use crate::request::{Grading, Mix, ShapeKind, VolumeFractionOf, standard};
+use crate::request::{Grading, Mix, GrainKind, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
 pub use orientation::{draw_orientation, uniform_orientation};
@@ -116,8 +116,8 @@ impl GradedMix {
     }
 
     /// What the grains are.
-    pub fn kind(&self) -> ShapeKind {
-        self.shapes.as_ref().map_or(ShapeKind::Spheres, ShapeSampler::kind)
+    pub fn kind(&self) -> GrainKind {
+        self.shapes.as_ref().map_or(GrainKind::Spheres, ShapeSampler::kind)
     }
 
     /// Volume that a class is to fill (`V_i` of `docs/method.md`, section 1).

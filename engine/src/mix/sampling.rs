@@ -5,7 +5,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::{AngularGrain, GradedMix, sphere_volume};
 use crate::error::{PackError, PlanError};
 use crate::memory::{collected, copied, make_room, reserved};
-use crate::request::{FieldError, ShapeKind};
+use crate::request::{FieldError, GrainKind};
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Form, Polyhedron, SizeMeasure};
 
@@ -132,7 +132,7 @@ pub fn sample_angular(
 ) -> Result<AngularGrains, PackError> {
     let refused = || of_other_shape("spheres and ellipsoids cannot be drawn as polyhedra");
     let shapes =
-        mix.shapes.as_ref().filter(|shapes| shapes.kind() == ShapeKind::Polyhedra).ok_or_else(refused)?;
+        mix.shapes.as_ref().filter(|shapes| shapes.kind() == GrainKind::Polyhedra).ok_or_else(refused)?;
     let draw = |size_mm: f64| {
         let AngularGrain { template, equivalent_mm } =
             shapes.draw_angular(size_mm, forms).ok_or_else(refused)?;

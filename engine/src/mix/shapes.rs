@@ -12,7 +12,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::class::{Class, Law};
 use super::sphere_volume;
 use super::templates::Templates;
-use crate::request::{Mix, PlainShape, ShapeKind};
+use crate::request::{Mix, PlainShape, GrainKind};
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure};
 
@@ -23,7 +23,7 @@ const TRIALS: usize = 64;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShapeSampler {
     measure: SizeMeasure,
-    kind: ShapeKind,
+    kind: GrainKind,
     /// From the coarsest down.
     by_size: Vec<ShapesAbove>,
 }
@@ -111,11 +111,11 @@ impl ShapeSampler {
             by_size.push(ShapesAbove::new(above_mm, parts));
             up_to = above_mm;
         }
-        Some(Self { measure: mix.size, kind: mix.shape_kind(), by_size })
+        Some(Self { measure: mix.size, kind: mix.grain_kind(), by_size })
     }
 
     /// What the grains are.
-    pub fn kind(&self) -> ShapeKind {
+    pub fn kind(&self) -> GrainKind {
         self.kind
     }
 
@@ -163,7 +163,7 @@ impl ShapeSampler {
         ellipsoid: impl Fn(&Ellipsoid) -> bool,
         polyhedron: impl Fn(&ScaledPolyhedron<'_>) -> bool,
     ) -> bool {
-        if self.kind == ShapeKind::Polyhedra {
+        if self.kind == GrainKind::Polyhedra {
             let parts = self.of_size(size_mm).map_or(&[][..], |shapes| &shapes.parts);
             return parts.iter().any(|part| match &part.forms {
                 Forms::Polyhedra { templates, .. } => {

@@ -1,6 +1,6 @@
 //! The grains of a packing: their shapes and poses, largest first. The row number is the id of a grain.
 
-use crate::request::Mix;
+use crate::request::GrainKind;
 use crate::shape::{Ellipsoid, Polyhedron, Pose, ScaledPolyhedron};
 
 /// Spheres in columns of equal length, largest first; the row number is the grain's id.
@@ -144,23 +144,6 @@ impl Grains {
             Self::Spheres(spheres) => Some(spheres),
             Self::Ellipsoids(_) => None,
         }
-    }
-}
-
-/// What the grains of a packing are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GrainKind {
-    /// All grains are spheres.
-    Spheres,
-    /// The grains are ellipsoids, spheres among them.
-    Ellipsoids,
-}
-
-impl GrainKind {
-    /// Of the packing of a mix.
-    #[must_use]
-    pub fn of_mix(mix: &Mix) -> Self {
-        if mix.grain_shapes().is_some() { Self::Ellipsoids } else { Self::Spheres }
     }
 }
 

@@ -7,7 +7,7 @@ mod grains;
 
 use serde::{Deserialize, Serialize};
 
-pub use grains::{Ellipsoids, GrainKind, Grains, GrainsRef, Polyhedra, Spheres};
+pub use grains::{Ellipsoids, Grains, GrainsRef, Polyhedra, Spheres};
 
 /// Name and version of the random generator, recorded in every result: the stream behind a seed
 /// is part of what a seed means.

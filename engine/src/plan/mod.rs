@@ -18,7 +18,7 @@ use crate::methods::monte_carlo;
 use crate::methods::rsa::MAX_PLACED;
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, deviation};
-use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, ShapeKind, Specimen};
+use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, GrainKind, Specimen};
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
@@ -336,9 +336,9 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     let ratio = case.features.ratio();
     let are_spheres = case.mix.shapes.is_none();
     let (equal, bodies) = match case.mix.kind() {
-        ShapeKind::Spheres => (EQUAL_SPHERES, "spheres"),
-        ShapeKind::Ellipsoids => (shapes::EQUAL_ELLIPSOIDS, "ellipsoids"),
-        ShapeKind::Polyhedra => (shapes::EQUAL_POLYHEDRA, "polyhedra"),
+        GrainKind::Spheres => (EQUAL_SPHERES, "spheres"),
+        GrainKind::Ellipsoids => (shapes::EQUAL_ELLIPSOIDS, "ellipsoids"),
+        GrainKind::Polyhedra => (shapes::EQUAL_POLYHEDRA, "polyhedra"),
     };
     let mut densest = 1.0 - (1.0 - equal) * ratio.powf(VOIDS_EXPONENT);
     if are_spheres && case.mix.list.is_none() && ratio > NEARLY_EQUAL {

@@ -12,7 +12,7 @@ use super::model::LIKELY;
 use crate::distance::DistanceRule;
 use crate::error::PlanError;
 use crate::mix::{GradedMix, ShapeSampler};
-use crate::request::{PackingRequest, ShapeKind, Specimen};
+use crate::request::{PackingRequest, GrainKind, Specimen};
 use crate::shape::{Ellipsoid, ScaledPolyhedron, SizeMeasure};
 
 /// Densest packing known of equal ellipsoids (Donev, Stillinger, Chaikin and Torquato, Phys. Rev. Lett. 92, 255506,
@@ -69,7 +69,7 @@ const POLYHEDRA: Known = Known {
 
 /// What is known of the shapes of a mix.
 pub(super) fn known(shapes: &ShapeSampler) -> &'static Known {
-    if shapes.kind() == ShapeKind::Polyhedra { &POLYHEDRA } else { &ELLIPSOIDS }
+    if shapes.kind() == GrainKind::Polyhedra { &POLYHEDRA } else { &ELLIPSOIDS }
 }
 
 /// Memory per grain, in bytes.

@@ -28,7 +28,7 @@ pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
 pub use shape::{
     DEFAULT_TEMPLATES, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation, PlainShape,
-    ShapeClass, ShapeKind, ShapeMixture, TemplateShape,
+    ShapeClass, GrainKind, ShapeMixture, TemplateShape,
 };
 pub use upgrade::{upgrade, upgrade_export};
 
@@ -173,14 +173,14 @@ impl Mix {
     }
 
     /// What the grains are: polyhedra are never mixed with other shapes, spheres count as ellipsoids among them.
-    pub fn shape_kind(&self) -> ShapeKind {
-        let Some(shapes) = self.grain_shapes() else { return ShapeKind::Spheres };
+    pub fn grain_kind(&self) -> GrainKind {
+        let Some(shapes) = self.grain_shapes() else { return GrainKind::Spheres };
         let of_polyhedra =
-            |shape: &GrainShape| shape.parts().iter().any(|(_, shape)| shape.kind() == ShapeKind::Polyhedra);
+            |shape: &GrainShape| shape.parts().iter().any(|(_, shape)| shape.kind() == GrainKind::Polyhedra);
         if shapes.iter().any(|(_, shape)| of_polyhedra(shape)) {
-            ShapeKind::Polyhedra
+            GrainKind::Polyhedra
         } else {
-            ShapeKind::Ellipsoids
+            GrainKind::Ellipsoids
         }
     }
 

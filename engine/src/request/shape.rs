@@ -145,7 +145,7 @@ pub enum TemplateShape {
 
 /// What the grains of a mix are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ShapeKind {
+pub enum GrainKind {
     /// All grains are spheres.
     Spheres,
     /// Ellipsoids, spheres among them.
@@ -203,11 +203,11 @@ impl Orientation {
 impl PlainShape {
     /// What the grains are.
     #[must_use]
-    pub fn kind(&self) -> ShapeKind {
+    pub fn kind(&self) -> GrainKind {
         match self {
-            Self::Sphere {} => ShapeKind::Spheres,
-            Self::Ellipsoid { .. } => ShapeKind::Ellipsoids,
-            Self::Polyhedron { .. } => ShapeKind::Polyhedra,
+            Self::Sphere {} => GrainKind::Spheres,
+            Self::Ellipsoid { .. } => GrainKind::Ellipsoids,
+            Self::Polyhedron { .. } => GrainKind::Polyhedra,
         }
     }
 
@@ -224,7 +224,7 @@ impl GrainShape {
     /// Whether all grains are spheres.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
-        self.parts().iter().all(|(_, shape)| shape.kind() == ShapeKind::Spheres)
+        self.parts().iter().all(|(_, shape)| shape.kind() == GrainKind::Spheres)
     }
 
     /// Shares of the volume with their shapes.
@@ -311,7 +311,7 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
 /// Judges what the polyhedra among the shapes of a mix need of one another.
 fn judge_polyhedra<'a>(at: &At<'_>, shapes: impl Iterator<Item = &'a GrainShape>) -> Option<()> {
     let plain: Vec<&PlainShape> = shapes.flat_map(GrainShape::parts).map(|(_, shape)| shape).collect();
-    let is_polyhedron = |shape: &&PlainShape| shape.kind() == ShapeKind::Polyhedra;
+    let is_polyhedron = |shape: &&PlainShape| shape.kind() == GrainKind::Polyhedra;
     let polyhedra = plain.iter().copied().filter(is_polyhedron).count();
     if polyhedra > 0 && polyhedra < plain.len() {
         at.fault(

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use crate::request::{PackingRequest, ShapeKind, SizeMeasure};
+use crate::request::{PackingRequest, GrainKind, SizeMeasure};
 
 fn request(fields: &Value) -> Value {
     let mut mix = json!({"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4});
@@ -227,10 +227,10 @@ fn a_polyhedron_is_written_with_its_defaults() {
     let half = json!({"share": 0.5, "shape": {"type": "polyhedron"}});
     let mixed = json!({"shapes": [
         {"above_mm": 8, "shape": {"type": "mixture", "of": [half, half]}}, {"above_mm": 0, "shape": {"type": "polyhedron"}}]});
-    let read = |fields: &Value| PackingRequest::from_json(&request(fields), 1).unwrap().mix.shape_kind();
-    assert_eq!(read(&mixed), ShapeKind::Polyhedra);
-    assert_eq!(read(&json!({"shape": ellipsoid(&triangle)})), ShapeKind::Ellipsoids);
-    assert_eq!(read(&json!({"shape": {"type": "sphere"}})), ShapeKind::Spheres);
+    let read = |fields: &Value| PackingRequest::from_json(&request(fields), 1).unwrap().mix.grain_kind();
+    assert_eq!(read(&mixed), GrainKind::Polyhedra);
+    assert_eq!(read(&json!({"shape": ellipsoid(&triangle)})), GrainKind::Ellipsoids);
+    assert_eq!(read(&json!({"shape": {"type": "sphere"}})), GrainKind::Spheres);
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! One run from request to checked packing: size sampling, packing, check.
 
-mod ellipsoids;
+mod shaped;
 mod spheres;
 
 use std::time::Instant;
 
-use crate::analysis::{separation, shape_report};
+use crate::analysis::{polyhedron_report, separation, shape_report};
 use crate::check::{self, Check};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part, Phase, Progress};
@@ -13,16 +13,16 @@ use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::memory;
 use crate::methods::rsa::End;
-use crate::mix::sampling::{sample, sample_shaped};
+use crate::mix::sampling::{AngularGrains, sample, sample_angular, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
-    ClassReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, RsaStatistics, Statistics,
-    Summary, Timings,
+    ClassReport, Ellipsoids, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Polyhedra, Report,
+    RsaStatistics, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Distance, FieldError, PackingRequest, Segregation, ShapeKind};
+use crate::request::{Distance, PackingRequest, Segregation, GrainKind};
 use crate::rng::{Stream, stream};
-use crate::shape::Ellipsoid;
+use crate::shape::{Ellipsoid, ScaledPolyhedron};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
 const PACKING_SHARE: f64 = 0.98;
@@ -79,8 +79,22 @@ pub fn pack_or_resume(
             spheres::place(&job, &plan, resume, control)?
         }
         Sampled::Ellipsoids(shapes) => {
-            let job = ellipsoids::Job { request, mix: &mix, shapes: &shapes };
-            ellipsoids::place(&job, &plan, resume.as_ref(), control)?
+            let grains = |poses| Ok(Grains::Ellipsoids(Ellipsoids { shapes: memory::copied(&shapes)?, poses }));
+            let job = shaped::Job { request, mix: &mix, shapes: &shapes, grains: &grains };
+            shaped::place(&job, &plan, resume.as_ref(), control)?
+        }
+        Sampled::Polyhedra(AngularGrains { templates, template, d_mm, .. }) => {
+            let shape = |(&template, &scale_mm): (&u32, &f64)| {
+                let template = &templates[template as usize];
+                ScaledPolyhedron { template, scale_mm }
+            };
+            let shapes = memory::collected(template.iter().zip(&d_mm).map(shape))?;
+            let grains = |poses| {
+                let (template, d_mm) = (memory::copied(&template)?, memory::copied(&d_mm)?);
+                Ok(Grains::Polyhedra(Polyhedra { templates: templates.clone(), template, d_mm, poses }))
+            };
+            let job = shaped::Job { request, mix: &mix, shapes: &shapes, grains: &grains };
+            shaped::place(&job, &plan, resume.as_ref(), control)?
         }
     };
 
@@ -109,6 +123,7 @@ pub fn pack_or_resume(
     let shapes = match &placed.grains {
         Grains::Spheres(_) => None,
         Grains::Ellipsoids(ellipsoids) => shape_report(ellipsoids),
+        Grains::Polyhedra(polyhedra) => polyhedron_report(polyhedra),
     };
     Ok(Packing {
         grains: placed.grains,
@@ -136,6 +151,7 @@ pub fn pack_or_resume(
 enum Sampled {
     Spheres(Vec<f64>),
     Ellipsoids(Vec<Ellipsoid>),
+    Polyhedra(AngularGrains),
 }
 
 impl Sampled {
@@ -145,14 +161,10 @@ impl Sampled {
         if mix.shapes.is_none() {
             return sample(mix, &mut sizes, &should_stop).map(Self::Spheres);
         }
-        if mix.kind() == ShapeKind::Polyhedra {
-            let detail = "polyhedra cannot be packed yet: must be \"sphere\" or \"ellipsoid\"";
-            return Err(PackError::Plan(PlanError::Invalid(vec![FieldError::new(
-                "/mix/shape/type",
-                detail,
-            )])));
-        }
         let mut forms = stream(request.seed, Stream::Shape);
+        if mix.kind() == GrainKind::Polyhedra {
+            return sample_angular(mix, &mut sizes, &mut forms, &should_stop).map(Self::Polyhedra);
+        }
         sample_shaped(mix, &mut sizes, &mut forms, &should_stop)
             .map(|grains| Self::Ellipsoids(grains.ellipsoids))
     }
@@ -161,6 +173,7 @@ impl Sampled {
         match self {
             Self::Spheres(diameters) => diameters.iter().map(|&d| sphere_volume(d)).sum(),
             Self::Ellipsoids(shapes) => shapes.iter().map(Ellipsoid::volume_mm3).sum(),
+            Self::Polyhedra(grains) => grains.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
         }
     }
 }
@@ -246,6 +259,10 @@ fn judged(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> R
         Grains::Spheres(spheres) => check::check_with(spheres, request, &share),
         Grains::Ellipsoids(ellipsoids) => {
             check::check_ellipsoids(&ellipsoids.shapes, &ellipsoids.poses, request, request.mix.size, &share)
+        }
+        Grains::Polyhedra(polyhedra) => {
+            let shapes = memory::collected((0..polyhedra.len()).map(|grain| polyhedra.shape(grain)))?;
+            check::check_polyhedra(&shapes, &polyhedra.poses, request, request.mix.size, &share)
         }
     };
     let number = grains.len() as u64;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use packstone_engine::export::picture::{self, PictureOptions};
 use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, ExportType, Model};
-use packstone_engine::packing::GrainKind;
+use packstone_engine::request::GrainKind;
 use packstone_engine::request::Specimen;
 use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use packstone_engine::export::ExportRequest;
-use packstone_engine::packing::GrainKind;
+use packstone_engine::request::GrainKind;
 use packstone_engine::{Limits, Plan};
 
 use super::exit::Failure;
@@ -36,7 +36,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     run::warn(&plan.warnings);
     let named: Vec<&ExportRequest> = job.exports().chain(&options.exports).collect();
     for export in &named {
-        exports::check(export, &job.specimen, GrainKind::of_mix(&job.mix), &limits)?;
+        exports::check(export, &job.specimen, job.mix.grain_kind(), &limits)?;
     }
     let planned = planned(named, &packing, &plan);
     for PlannedExport { export, estimate } in &planned {

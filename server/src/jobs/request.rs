@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
-use packstone_engine::packing::GrainKind;
+use packstone_engine::request::GrainKind;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
 use packstone_engine::request::{Distance, Method, Mix, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
@@ -155,7 +155,7 @@ impl JobRequest {
     /// # Errors
     /// What is wrong with the first that cannot be made, at its place.
     pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Failure> {
-        let grains = GrainKind::of_mix(&self.mix);
+        let grains = self.mix.grain_kind();
         for (place, export) in self.postprocess.items() {
             export
                 .check(&self.specimen, grains, limits)

@@ -32,7 +32,7 @@ use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::{self, make_room, reserved};
-use crate::packing::GrainKind;
+use crate::request::GrainKind;
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};

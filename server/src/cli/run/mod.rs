@@ -11,7 +11,7 @@ use std::time::Duration;
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::packing::GrainKind;
+use packstone_engine::request::GrainKind;
 use packstone_engine::{
     FieldError, Grains, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume,
 };
@@ -103,7 +103,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     warn(&plan.warnings);
     let files = Files::of(options, &request);
     for output in &files.exports {
-        output.check(&request.specimen, GrainKind::of_mix(&request.mix), &limits)?;
+        output.check(&request.specimen, request.mix.grain_kind(), &limits)?;
     }
     for (kind, file) in &files.plots {
         job::check(*kind, &packing_request).map_err(|error| not_drawn(file, error))?;

@@ -3,7 +3,7 @@
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 use packstone_engine::export::{ExportRequest, ExportType};
-use packstone_engine::packing::GrainKind;
+use packstone_engine::request::GrainKind;
 use serde_json::{Map, Value as Json};
 use utoipa::IntoParams;
 use utoipa::openapi::Required;
@@ -146,7 +146,7 @@ impl Target {
             Problem::internal()
         })?;
         self.export
-            .check(&packed.specimen, GrainKind::of_mix(&packed.mix), &app.shared.limits)
+            .check(&packed.specimen, packed.mix.grain_kind(), &app.shared.limits)
             .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
         let (export, limits) = (self.export.clone(), app.shared.limits);
         let estimated = tokio::task::spawn_blocking(move || estimates::of_stored(&export, &request, &limits));

@@ -1,4 +1,4 @@
-//! A run whose grains are ellipsoids: random sequential addition, hard-particle Monte Carlo, or both.
+//! A run whose grains are ellipsoids or polyhedra: random sequential addition, hard-particle Monte Carlo, or both.
 
 use std::time::Instant;
 
@@ -8,25 +8,25 @@ use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
-use crate::memory::copied;
+use crate::gap::GrainShape;
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::{GradedMix, draw_orientation};
-use crate::packing::{
-    Ellipsoids, Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Statistics,
-};
+use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Statistics};
 use crate::plan::Plan;
 use crate::request::{Distance, Method, MonteCarloStop, PackingRequest};
 use crate::rng::{Stream, stream};
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::Pose;
 
 /// A run whose shapes are drawn.
-pub(super) struct Job<'a> {
+pub(super) struct Job<'a, S> {
     pub(super) request: &'a PackingRequest,
     pub(super) mix: &'a GradedMix,
     /// By equivalent diameter from the largest down.
-    pub(super) shapes: &'a [Ellipsoid],
+    pub(super) shapes: &'a [S],
+    /// Makes grains of poses in the order of the shapes.
+    pub(super) grains: &'a dyn Fn(Vec<Pose>) -> Result<Grains, PackError>,
 }
 
 /// Which methods are tried.
@@ -49,12 +49,12 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
     }
 }
 
-/// Packs ellipsoids by the method of the request, from a checkpoint where there is one.
+/// Packs shaped grains by the method of the request, from a checkpoint where there is one.
 ///
 /// # Errors
 /// See [`PackError`].
-pub(super) fn place(
-    job: &Job<'_>,
+pub(super) fn place<S: GrainShape>(
+    job: &Job<'_, S>,
     plan: &Plan,
     resume: Option<&Resume>,
     control: &dyn Control,
@@ -80,9 +80,9 @@ fn after_rsa(placed: Placed) -> Placed {
     Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }
 }
 
-impl Job<'_> {
-    fn volume_fraction(&self, shapes: &[Ellipsoid]) -> f64 {
-        shapes.iter().map(Ellipsoid::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
+impl<S: GrainShape> Job<'_, S> {
+    fn volume_fraction(&self, shapes: &[S]) -> f64 {
+        shapes.iter().map(GrainShape::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
     }
 
     fn rule(&self) -> DistanceRule {
@@ -103,7 +103,7 @@ impl Job<'_> {
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
         let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
         if outcome.end == End::Complete {
-            return Ok(inserted(self.grains(outcome.poses)?, outcome.statistics, start));
+            return Ok(inserted((self.grains)(outcome.poses)?, outcome.statistics, start));
         }
         let counts = [outcome.poses.len(), self.shapes.len()];
         let diameter_mm = |i: usize| self.shapes[i].equivalent_diameter_mm();
@@ -200,11 +200,7 @@ impl Job<'_> {
             rsa_s: outcome.rsa_s,
             growth_s: Some(outcome.growth_s),
             method_used: MethodUsed::MonteCarlo,
-            grains: self.grains(outcome.poses)?,
+            grains: (self.grains)(outcome.poses)?,
         })
-    }
-
-    fn grains(&self, poses: Vec<Pose>) -> Result<Grains, PackError> {
-        Ok(Grains::Ellipsoids(Ellipsoids { shapes: copied(self.shapes)?, poses }))
     }
 }
