@@ -300,9 +300,10 @@ mod tests {
             let (classes, _) = judge(&found).unwrap();
             assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);
             assert!(judge(&found[5..]).unwrap_err().contains("more than the curve asks for"));
-            let swollen: Vec<(f64, f64)> =
-                found.iter().map(|(size, volume)| (size * 1.001, *volume)).collect();
-            assert!(judge(&swollen).is_err());
+            for factor in [0.9, 1.1] {
+                let other: Vec<(f64, f64)> = found.iter().map(|(size, of)| (size * factor, *of)).collect();
+                assert!(judge(&other).is_err());
+            }
         }
     }
 }
