@@ -243,3 +243,67 @@ fn check_cumulative(
     }
     Ok(())
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::super::sieve::sieve_size;
+    use super::*;
+    use crate::mix::GradedMix;
+    use crate::mix::sampling::sample_angular;
+    use crate::rng::{Stream, stream};
+
+    fn request(edge_mm: f64, mix: &Value) -> PackingRequest {
+        let value = json!({"specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm]}, "mix": mix});
+        PackingRequest::from_json(&value, 1).unwrap()
+    }
+
+    #[test]
+    fn a_grain_close_to_a_sieve_counts_on_either_side_of_it() {
+        // 200 mm³ on each side of 8 mm.
+        let sieves = json!({"type": "sieves", "points": [[4.0, 0.0], [8.0, 0.5], [16.0, 1.0]]});
+        let request = request(10.0, &json!({"grading": sieves, "volume_fraction": 0.4}));
+        let accepted =
+            |sizes: &[(f64, f64)], error: f64| check(Grains::Bodies { sizes, error }, &request).is_ok();
+        for (size, exactly, roughly) in
+            [(8.000_04, true, true), (7.999_96, false, true), (7.999, false, false), (8.001, true, true)]
+        {
+            let grains = [(12.0, 150.0), (size, 50.0), (6.0, 200.0)];
+            assert_eq!((accepted(&grains, 1e-12), accepted(&grains, 1e-5)), (exactly, roughly), "{size}");
+        }
+        // Too much above the sieve, unless grains in doubt lie below it.
+        for (size, expected) in [(8.000_04, true), (8.001, false)] {
+            let grains = [(12.0, 100.0), (11.0, 100.0), (size, 60.0), (size, 60.0), (6.0, 80.0)];
+            assert_eq!(accepted(&grains, 1e-5), expected, "{size}");
+        }
+        let outside = [(16.000_04, 200.0), (3.999_98, 200.0)];
+        assert!(accepted(&outside, 1e-5) && !accepted(&outside, 1e-12));
+    }
+
+    #[test]
+    fn sampled_polyhedra_follow_the_curve_by_the_sieve_sizes_of_the_check() {
+        let shape =
+            json!({"type": "polyhedron", "template_count": 6, "ratios": {"type": "triangle", "k": 0.3}});
+        let grading = json!({"type": "standard", "name": "A16"});
+        let request = request(100.0, &json!({"grading": grading, "volume_fraction": 0.5, "shape": shape}));
+        let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+        for seed in 0..5 {
+            let [mut sizes, mut forms] = [Stream::Sampling, Stream::Shape].map(|of| stream(seed, of));
+            let grains = sample_angular(&mix, &mut sizes, &mut forms, &|| false).unwrap();
+            let sieves: Vec<f64> = grains.templates.iter().map(sieve_size).collect();
+            let found: Vec<(f64, f64)> = (grains.d_mm.iter().zip(&grains.template))
+                .map(|(&d, &template)| (sieves[template as usize] * d, volume_mm3(d)))
+                .collect();
+            let judge = |sizes: &[(f64, f64)]| check(Grains::Bodies { sizes, error: SIEVE_ERROR }, &request);
+            let (classes, _) = judge(&found).unwrap();
+            assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);
+            assert!(judge(&found[5..]).unwrap_err().contains("more than the curve asks for"));
+            for factor in [0.9, 1.1] {
+                let other: Vec<(f64, f64)> = found.iter().map(|(size, of)| (size * factor, *of)).collect();
+                assert!(judge(&other).is_err());
+            }
+        }
+    }
+}

@@ -17,7 +17,7 @@ use crate::shape::Polyhedron;
 /// Rings of latitude on the half sphere; as far apart as the directions on them.
 const RINGS: usize = 26;
 /// Most directions that the search goes on from.
-const STARTS: usize = 24;
+const STARTS: usize = 60;
 /// Openings after the coarse steps, over the least, that are followed to the end: more than these steps leave to gain.
 const FINISHED: f64 = 1.01;
 /// Angle by which these lie apart, in radians.

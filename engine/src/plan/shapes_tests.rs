@@ -191,7 +191,7 @@ fn plans_of_polyhedra_have_their_own_numbers() {
         panic!("accepted")
     };
     assert!(
-        fault.detail.contains("polyhedra of this range of diameters (1 : 8.00) fill at most 1"),
+        fault.detail.contains("polyhedra of this range of diameters (1 : 5.67) fill at most 1.0000"),
         "{fault}"
     );
 }

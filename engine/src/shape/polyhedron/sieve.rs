@@ -17,8 +17,16 @@ use super::minimax::{Plane, least_maximum};
 const DIRECTIONS: usize = 600;
 /// Cosine up to which two of them are taken to be at right angles.
 const RIGHT_ANGLE: f64 = 0.1;
-/// Frames that the search starts from.
-const STARTS: usize = 14;
+/// Most frames that the search starts from: nearly round bodies have many that are nearly as good.
+const STARTS: usize = 40;
+/// Opening of a frame, over the least of all, up to which it is started from.
+const PROMISING: f64 = 1.15;
+/// Turns of every frame, and the opening after them, over the least, up to which the search goes on: more than is left
+/// to gain.
+const FIRST_TURNS: usize = 4;
+const CLOSE: f64 = 1.015;
+/// Most frames that it goes on from.
+const FINISHED: usize = 20;
 /// Cosine of the angle by which these lie apart.
 const APART: f64 = 0.96;
 /// Most turns of a frame.
@@ -75,14 +83,19 @@ impl Polyhedron {
     #[must_use]
     pub fn sieve_size(&self) -> f64 {
         let size = self.outer_radius() - self.rounding();
-        let of_start = |start| narrowed(self.vertices(), size, start);
-        let least = starts(self.vertices()).into_iter().map(of_start).fold(f64::INFINITY, f64::min);
+        let narrow = |axes, turns| narrowed(self.vertices(), size, axes, turns);
+        let mut frames: Vec<Frame> =
+            starts(self.vertices()).into_iter().map(|axes| narrow(axes, FIRST_TURNS)).collect();
+        frames.sort_by(|p, q| p.opening.total_cmp(&q.opening));
+        let bound = CLOSE * frames.first().map_or(f64::INFINITY, |frame| frame.opening);
+        let close = frames.into_iter().take(FINISHED).take_while(|frame| frame.opening <= bound);
+        let least = close.map(|frame| narrow(frame.axes, TURNS).opening).fold(f64::INFINITY, f64::min);
         least + 2.0 * self.rounding()
     }
 }
 
-/// The least opening near a frame.
-fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2]) -> f64 {
+/// The frame with the least opening near another, after so many turns at most.
+fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2], turns: usize) -> Frame {
     let mut known: Vec<Ends> = Vec::new();
     // The opening of a frame; whether its ends were known.
     let look = |axes: [Vector3<f64>; 2], known: &mut Vec<Ends>| {
@@ -101,7 +114,7 @@ fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2]) -> f6
     let (mut best, _) = look(start, &mut known);
     let mut trust = FIRST_TRUST;
     let mut planes = Vec::new();
-    for _ in 0..TURNS {
+    for _ in 0..turns {
         planes.clear();
         planes.extend(known.iter().map(|ends| {
             let axis = best.axes[ends.axis];
@@ -129,7 +142,7 @@ fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2]) -> f6
             }
         }
     }
-    best.opening
+    best
 }
 
 /// The frames to start from.
@@ -143,7 +156,11 @@ fn starts(corners: &[Vector3<f64>]) -> Vec<[Vector3<f64>; 2]> {
         .collect();
     widths.sort_by(|p, q| p.0.total_cmp(&q.0));
     let mut starts: Vec<[Vector3<f64>; 2]> = Vec::with_capacity(STARTS);
-    for (j, (_, second)) in widths.iter().enumerate() {
+    let mut bound = f64::INFINITY;
+    for (j, (width, second)) in widths.iter().enumerate() {
+        if *width > bound {
+            break;
+        }
         for (_, first) in &widths[..j] {
             let cosine = first.dot(second);
             if cosine.abs() > RIGHT_ANGLE {
@@ -155,6 +172,7 @@ fn starts(corners: &[Vector3<f64>]) -> Vec<[Vector3<f64>; 2]> {
                 along(0, first) && along(1, &second) || along(1, first) && along(0, &second)
             };
             if !starts.iter().any(near) {
+                bound = bound.min(PROMISING * width);
                 starts.push([*first, second]);
                 if starts.len() == STARTS {
                     return starts;
