@@ -9,7 +9,6 @@ use super::{ExportError, Model};
 use super::{ldpm, mesh, slice, voxels};
 use crate::control::Control;
 use crate::packing::GrainKind;
-use crate::packing::GrainsRef;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
 use crate::request::{FieldError, PackingRequest, Specimen};
@@ -138,7 +137,7 @@ struct Sizes {
     number: f64,
     sum_mm: f64,
     least_mm: f64,
-    ellipsoids: bool,
+    kind: GrainKind,
 }
 
 impl ExportRequest {
@@ -170,9 +169,9 @@ impl ExportRequest {
         let limits = &of_exports(limits);
         match self {
             Self::Ldpm(_) if grains != GrainKind::Spheres => {
-                Err(ExportError::of_spheres_alone("a lattice model"))
+                Err(ExportError::of_spheres_alone("a lattice model", grains))
             }
-            Self::Mesh(mesh) => mesh.check(specimen),
+            Self::Mesh(mesh) => mesh.check(specimen, grains),
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
@@ -190,7 +189,7 @@ impl ExportRequest {
             number: model.grains.len() as f64,
             sum_mm: diameters_mm().sum(),
             least_mm: diameters_mm().fold(f64::INFINITY, f64::min),
-            ellipsoids: matches!(model.grains, GrainsRef::Ellipsoids(_)),
+            kind: model.grains.kind(),
         };
         match self {
             Self::Mesh(mesh) => {
@@ -219,7 +218,7 @@ impl ExportRequest {
             number: plan.grains,
             sum_mm: plan.classes.iter().map(|class| class.grains * mean(class)).sum(),
             least_mm: plan.classes.first().map_or(1.0, |class| class.d_min_mm),
-            ellipsoids: request.mix.grain_shapes().is_some(),
+            kind: GrainKind::of_mix(&request.mix),
         };
         Ok(self.estimate_of(&request.specimen, &grains))
     }
@@ -228,9 +227,7 @@ impl ExportRequest {
         let bytes = match self {
             Self::Mesh(_) => 0,
             Self::Voxels(options) => voxels::expected_bytes(specimen, options),
-            Self::Slice(options) => {
-                slice::expected_bytes(specimen, options, grains.sum_mm, grains.ellipsoids)
-            }
+            Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
         };
         ExportEstimate { bytes, mesh: None, warnings: Vec::new() }

@@ -3,6 +3,7 @@
 //! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
 pub mod catalog;
+mod convex;
 pub mod ldpm;
 pub mod mesh;
 pub mod picture;
@@ -16,13 +17,20 @@ pub mod tables;
 pub mod voxels;
 mod vtk_xml;
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "../../tests/support/polyhedra.rs"]
+mod polyhedra_samples;
+
 use std::io;
 
 use thiserror::Error;
 
+#[cfg(test)]
+use crate as engine;
 use crate::control::Control;
 use crate::memory::OutOfMemory;
-use crate::packing::{GrainsRef, Spheres};
+use crate::packing::{GrainKind, GrainsRef, Spheres};
 use crate::request::{FieldError, Specimen};
 
 pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
@@ -61,7 +69,7 @@ impl<'a> Model<'a> {
     pub(crate) fn of_spheres(&self, export: &str) -> Result<SphereModel<'a>, ExportError> {
         match self.grains {
             GrainsRef::Spheres(spheres) => Ok(SphereModel { specimen: self.specimen, spheres }),
-            GrainsRef::Ellipsoids(_) => Err(ExportError::of_spheres_alone(export)),
+            other => Err(ExportError::of_spheres_alone(export, other.kind())),
         }
     }
 }
@@ -106,10 +114,11 @@ pub enum ExportError {
 
 impl ExportError {
     /// The refusal of an export that grains of other shapes do not have.
-    fn of_spheres_alone(export: &str) -> Self {
+    fn of_spheres_alone(export: &str, grains: GrainKind) -> Self {
         Self::Unavailable(format!(
-            "{export} is made of spheres alone, and the grains are ellipsoids: meshes, voxels, slices and pictures can be \
-             made of them"
+            "{export} is made of spheres alone, and the grains are {}: meshes, voxels, slices and pictures can be made of \
+             them",
+            grains.noun()
         ))
     }
 }

@@ -122,6 +122,8 @@ pub enum Grains {
     Spheres(Spheres),
     /// The grains are ellipsoids.
     Ellipsoids(Ellipsoids),
+    /// The grains are convex polyhedra.
+    Polyhedra(Polyhedra),
 }
 
 impl Grains {
@@ -142,7 +144,7 @@ impl Grains {
     pub fn spheres(&self) -> Option<&Spheres> {
         match self {
             Self::Spheres(spheres) => Some(spheres),
-            Self::Ellipsoids(_) => None,
+            Self::Ellipsoids(_) | Self::Polyhedra(_) => None,
         }
     }
 }
@@ -154,9 +156,21 @@ pub enum GrainKind {
     Spheres,
     /// The grains are ellipsoids, spheres among them.
     Ellipsoids,
+    /// The grains are convex polyhedra, sharp or rounded.
+    Polyhedra,
 }
 
 impl GrainKind {
+    /// What they are called, in the plural.
+    #[must_use]
+    pub fn noun(self) -> &'static str {
+        match self {
+            Self::Spheres => "spheres",
+            Self::Ellipsoids => "ellipsoids",
+            Self::Polyhedra => "polyhedra",
+        }
+    }
+
     /// Of the packing of a mix.
     #[must_use]
     pub fn of_mix(mix: &Mix) -> Self {
@@ -171,6 +185,8 @@ pub enum GrainsRef<'a> {
     Spheres(&'a Spheres),
     /// The grains are ellipsoids.
     Ellipsoids(&'a Ellipsoids),
+    /// The grains are convex polyhedra.
+    Polyhedra(&'a Polyhedra),
 }
 
 impl<'a> GrainsRef<'a> {
@@ -180,16 +196,18 @@ impl<'a> GrainsRef<'a> {
         match self {
             Self::Spheres(_) => GrainKind::Spheres,
             Self::Ellipsoids(_) => GrainKind::Ellipsoids,
+            Self::Polyhedra(_) => GrainKind::Polyhedra,
         }
     }
 
     /// Diameters of the spheres of equal volume in mm, in the order of the grains.
     pub fn diameters_mm(self) -> impl Iterator<Item = f64> + 'a {
-        let (spheres, ellipsoids): (&[f64], &[Ellipsoid]) = match self {
+        let (diameters, ellipsoids): (&[f64], &[Ellipsoid]) = match self {
             Self::Spheres(spheres) => (&spheres.d_mm, &[]),
             Self::Ellipsoids(ellipsoids) => (&[], &ellipsoids.shapes),
+            Self::Polyhedra(polyhedra) => (&polyhedra.d_mm, &[]),
         };
-        spheres.iter().copied().chain(ellipsoids.iter().map(Ellipsoid::equivalent_diameter_mm))
+        diameters.iter().copied().chain(ellipsoids.iter().map(Ellipsoid::equivalent_diameter_mm))
     }
 
     /// Number of grains.
@@ -198,6 +216,7 @@ impl<'a> GrainsRef<'a> {
         match self {
             Self::Spheres(spheres) => spheres.len(),
             Self::Ellipsoids(ellipsoids) => ellipsoids.len(),
+            Self::Polyhedra(polyhedra) => polyhedra.len(),
         }
     }
 
@@ -213,6 +232,7 @@ impl<'a> From<&'a Grains> for GrainsRef<'a> {
         match grains {
             Grains::Spheres(spheres) => Self::Spheres(spheres),
             Grains::Ellipsoids(ellipsoids) => Self::Ellipsoids(ellipsoids),
+            Grains::Polyhedra(polyhedra) => Self::Polyhedra(polyhedra),
         }
     }
 }
@@ -226,5 +246,11 @@ impl<'a> From<&'a Spheres> for GrainsRef<'a> {
 impl<'a> From<&'a Ellipsoids> for GrainsRef<'a> {
     fn from(ellipsoids: &'a Ellipsoids) -> Self {
         Self::Ellipsoids(ellipsoids)
+    }
+}
+
+impl<'a> From<&'a Polyhedra> for GrainsRef<'a> {
+    fn from(polyhedra: &'a Polyhedra) -> Self {
+        Self::Polyhedra(polyhedra)
     }
 }

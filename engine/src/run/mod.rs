@@ -107,7 +107,7 @@ pub fn pack_or_resume(
         _ => None,
     };
     let shapes = match &placed.grains {
-        Grains::Spheres(_) => None,
+        Grains::Spheres(_) | Grains::Polyhedra(_) => None,
         Grains::Ellipsoids(ellipsoids) => shape_report(ellipsoids),
     };
     Ok(Packing {
@@ -239,6 +239,10 @@ fn judged(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> R
         Grains::Spheres(spheres) => check::check_with(spheres, request, &share),
         Grains::Ellipsoids(ellipsoids) => {
             check::check_ellipsoids(&ellipsoids.shapes, &ellipsoids.poses, request, request.mix.size, &share)
+        }
+        Grains::Polyhedra(polyhedra) => {
+            let shapes: Vec<_> = polyhedra.iter().map(|(shape, _)| shape).collect();
+            check::check_polyhedra(&shapes, &polyhedra.poses, None, request, &share)
         }
     };
     let number = grains.len() as u64;

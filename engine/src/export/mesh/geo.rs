@@ -14,7 +14,7 @@ use super::near::Near;
 use super::options::VolumeCorrection;
 use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
-use crate::packing::{GrainsRef, Spheres};
+use crate::packing::{GrainKind, GrainsRef, Spheres};
 use crate::plan::Limits;
 use crate::request::Specimen;
 use crate::request::decode::Object;
@@ -86,12 +86,16 @@ pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), Expo
 pub(super) fn spheres<'a>(model: &Model<'a>) -> Result<&'a Spheres, ExportError> {
     match model.grains {
         GrainsRef::Spheres(spheres) => Ok(spheres),
-        GrainsRef::Ellipsoids(_) => Err(ExportError::Unavailable(
-            "the format geo of a surface mesh is for spheres alone, not for ellipsoids: ask for msh, which Gmsh fills, or \
-             for stl"
-                .into(),
-        )),
+        other => Err(of_spheres_alone(other.kind())),
     }
+}
+
+/// The refusal of other grains.
+pub(super) fn of_spheres_alone(grains: GrainKind) -> ExportError {
+    ExportError::Unavailable(format!(
+        "the format geo of a surface mesh is for spheres alone, not for {}: ask for msh, which Gmsh fills, or for stl",
+        grains.noun()
+    ))
 }
 
 /// Writes the script.

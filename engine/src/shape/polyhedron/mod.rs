@@ -24,6 +24,7 @@ use super::Pose;
 pub use draw::{TemplateKind, draw_template};
 use hull::{hull, intersection};
 pub use measures::Edge;
+use sieve::SieveSize;
 
 /// Largest distance of a vertex above the plane of a face, relative to the size of the polyhedron: what rounding of
 /// numbers leaves of a face with more than three vertices.
@@ -58,6 +59,7 @@ pub struct Polyhedron {
     /// Radii of the spheres around the origin that hold the body, and that it holds.
     outer_radius: f64,
     inner_radius: f64,
+    sieve_size: SieveSize,
 }
 
 /// A template with its scale: the shape of one grain.
@@ -192,7 +194,9 @@ impl Polyhedron {
 
     /// Measures a body.
     fn of_parts(vertices: Vec<Vector3<f64>>, faces: Vec<Vec<u32>>, rounding: f64) -> Self {
-        let body = Self { vertices, faces, rounding, volume: 0.0, outer_radius: 0.0, inner_radius: 0.0 };
+        let sieve_size = SieveSize::default();
+        let body =
+            Self { vertices, faces, rounding, volume: 0.0, outer_radius: 0.0, inner_radius: 0.0, sieve_size };
         let volume = body.steiner_volume();
         let outer_radius = body.vertices.iter().map(Vector3::norm).fold(0.0, f64::max) + rounding;
         let heights = (0..body.faces.len()).map(|face| body.plane(face).1);

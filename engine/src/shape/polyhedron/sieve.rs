@@ -4,6 +4,8 @@
 //! where none of them helps, from rotations spread over the group. The result is the width of a square that the shadow
 //! fits into; the least of all starts is taken for the minimum.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 use super::Polyhedron;
@@ -14,11 +16,23 @@ const STARTS: usize = 24;
 const FIRST_STEP: f64 = 0.3;
 const LAST_STEP: f64 = 1.0e-6;
 
+/// The sieve size, once it is known. It follows from the rest of a polyhedron, so that any two are equal.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SieveSize(OnceLock<f64>);
+
+impl PartialEq for SieveSize {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
 impl Polyhedron {
-    /// Sieve size: the edge of the least square opening that the body passes by moving straight.
+    /// Sieve size: the edge of the least square opening that the body passes by moving straight. It is computed when it
+    /// is first asked for.
     #[must_use]
     pub fn sieve_size(&self) -> f64 {
-        (0..STARTS).map(|i| self.opening_from(start(i))).fold(f64::INFINITY, f64::min)
+        let least = || (0..STARTS).map(|i| self.opening_from(start(i))).fold(f64::INFINITY, f64::min);
+        *self.sieve_size.0.get_or_init(least)
     }
 
     fn opening(&self, frame: &Matrix3<f64>) -> f64 {
