@@ -6,8 +6,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use packstone_engine as engine;
 use packstone_engine::export::Model;
 use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
+use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::methods::rsa_shapes::ShapeRsa;
 use packstone_engine::mix::uniform_orientation;
 use packstone_engine::packing::GrainsRef;
@@ -17,6 +19,9 @@ use packstone_engine::{Ellipsoids, Limits, PackingRequest, Unattended, distance:
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
+
+#[path = "support/polyhedra.rs"]
+mod polyhedra;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/meshes.py");
 
@@ -69,7 +74,9 @@ fn write_model(folder: &Path, model: &Model<'_>, options: &SurfaceOptions) {
     };
     let expected = json!({
         "grains": report.grains, "faces": faces, "planes": planes,
-        "least_gamma": if of_geo_mm3.is_null() { 0.001 } else { 0.05 }, "aggregates_of_geo_mm3": of_geo_mm3,
+        "least_gamma": if of_geo_mm3.is_null() { 0.001 } else { 0.05 },
+        // Templates have edges of all lengths and angles, and a thin strip along each of them that is rounded.
+        "most_flat": if matches!(model.grains, GrainsRef::Polyhedra(_)) { 0.02 } else { 0.001 }, "aggregates_of_geo_mm3": of_geo_mm3,
         "aggregates_mm3": report.aggregate_volume_mm3, "specimen_mm3": report.specimen_volume_mm3,
     });
     write!(file("expected.json"), "{expected}").unwrap();
@@ -92,6 +99,29 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
     };
     let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).poses;
     Ellipsoids { shapes: shapes[..poses.len()].to_vec(), poses }
+}
+
+/// Writes the grains as polygons, with what the reader is to find.
+fn write_surfaces(folder: &Path, grains: &engine::Polyhedra) {
+    let job = json!({"specimen": {"type": "box", "size_mm": [50, 50, 50]},
+                     "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.4}});
+    let packing =
+        pack(&PackingRequest::from_json(&job, 1).unwrap(), &Limits::default(), &Unattended).unwrap();
+    let head = Head { job_id: None, request: job, engine: EngineInfo::current(), report: packing.report };
+    for format in [Format::Vtp, Format::Vtk] {
+        let mut file = File::create(folder.join(format!("grains.{}", format.name()))).unwrap();
+        tables::write(format, &head, grains, &mut file).unwrap();
+    }
+    let rows = 0..grains.len();
+    let faces = |row: usize| grains.shape(row).template.faces().len();
+    let expected = json!({
+        "volume_mm3": rows.clone().map(|row| grains.shape(row).volume_mm3()).sum::<f64>(),
+        "sharp": grains.templates[0].rounding() == 0.0,
+        "faces": rows.clone().map(faces).sum::<usize>(),
+        "diameters_mm": grains.d_mm,
+        "templates": grains.template,
+    });
+    write!(File::create(folder.join("grains.json")).unwrap(), "{expected}").unwrap();
 }
 
 #[test]
@@ -120,10 +150,21 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
         let folder = directory.path().join(format!("ellipsoids-{i}"));
         write_model(&folder, &Model::new(specimen, &grains), &SurfaceOptions::default());
     }
+    for (i, rounding) in [0.0, 0.05, 0.01].into_iter().enumerate() {
+        let specimen = Specimen::Box { size_mm: [16.0, 14.0, 12.0], boundary: Boundary::Walls };
+        let grains = polyhedra::packed(&specimen, 20, [4.5, 2.0], 0.3, rounding);
+        let folder = directory.path().join(format!("polyhedra-{i}"));
+        write_model(&folder, &Model::new(&specimen, &grains), &SurfaceOptions::default());
+        write_surfaces(&folder, &grains);
+    }
+    if let Some(kept) = std::env::var_os("PACKSTONE_KEEP_MESHES") {
+        Command::new("cp").arg("-r").arg(directory.path()).arg(kept).status().unwrap();
+    }
     let read = Command::new(python).arg(SCRIPT).arg(directory.path()).output().unwrap();
     let said = String::from_utf8_lossy(&read.stdout);
     assert!(read.status.success(), "{said}{}", String::from_utf8_lossy(&read.stderr));
-    assert_eq!(said.matches("stl closed").count(), 4, "{said}");
+    assert_eq!(said.matches("stl closed").count(), 7, "{said}");
+    assert_eq!(said.matches("surfaces in vtp and vtk").count(), 3, "{said}");
     assert_eq!(said.matches("geo ").count(), 2, "{said}");
     println!("{said}");
 }

@@ -129,15 +129,22 @@ def check_svg(path, cut):
     _, _, *size = map(float, root.get("viewBox").split())
     expect([f"{x:g}mm" for x in size] == [f"{float(root.get(k)[:-2]):g}mm" for k in ("width", "height")], path, size)
     group = next(g for g in root.iter(f"{SVG}g") if g.get("id") == "aggregates")
-    if "ellipses" in cut:
-        drawn = np.array([numbers_of_ellipse(e) for e in group]).reshape(-1, 7)
-    else:
-        drawn = np.array([[float(c.get(k)) for k in ("cx", "cy", "r")] for c in group]).reshape(-1, 3)
     outline = cut["outline"]
     if outline["type"] == "disc":
         left, top = (c + s * outline["radius_mm"] for c, s in zip(outline["center_mm"], (-1, 1)))
     else:
         left, top = outline["u_mm"][0], outline["v_mm"][1]
+    if "polygons" in cut:
+        drawn = [[tuple(map(float, pair.split(","))) for pair in p.get("points").split()] for p in group]
+        expected = [[(u - left, top - v) for u, v in row[-1]] for row in cut["polygons"]["rows"]]
+        expect([len(p) for p in drawn] == [len(p) for p in expected], path, len(drawn), len(expected))
+        for one, other in zip(drawn, expected):
+            expect(np.abs(np.array(one) - np.array(other)).max() < 1e-4, path, one, other)
+        return
+    if "ellipses" in cut:
+        drawn = np.array([numbers_of_ellipse(e) for e in group]).reshape(-1, 7)
+    else:
+        drawn = np.array([[float(c.get(k)) for k in ("cx", "cy", "r")] for c in group]).reshape(-1, 3)
     if "ellipses" in cut:
         rows = np.array(cut["ellipses"]["rows"]).reshape(-1, 8)
         u, v, a, b, angle = rows[:, :5].T
@@ -209,8 +216,9 @@ def main(directory):
             check_inp(packing / "voxels.inp", read_raw(packing / "coarse.raw"))
         for axis in "xyz":
             cut = json.loads((packing / f"slice-{axis}.json").read_text())
-            sections = cut.get("ellipses") or cut["circles"]
-            expect(abs(sum(row[-1] for row in sections["rows"]) / cut["area_mm2"] - cut["area_fraction"]) < 1e-12, axis)
+            sections = cut.get("polygons") or cut.get("ellipses") or cut["circles"]
+            area = sections["columns"].index("area_mm2")
+            expect(abs(sum(row[area] for row in sections["rows"]) / cut["area_mm2"] - cut["area_fraction"]) < 1e-12, axis)
             check_svg(packing / f"slice-{axis}.svg", cut)
             check_png(packing / f"slice-{axis}.png", cut)
             check_geo(packing / f"slice-{axis}.geo", cut)

@@ -8,11 +8,9 @@ use serde_json::{Map, Value};
 use super::{ExportError, Model};
 use super::{ldpm, mesh, slice, voxels};
 use crate::control::Control;
-use crate::request::GrainKind;
-use crate::packing::GrainsRef;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
-use crate::request::{FieldError, PackingRequest, Specimen};
+use crate::request::{FieldError, GrainKind, PackingRequest, Specimen};
 
 /// What can be made of a finished packing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -138,7 +136,7 @@ struct Sizes {
     number: f64,
     sum_mm: f64,
     least_mm: f64,
-    ellipsoids: bool,
+    kind: GrainKind,
 }
 
 impl ExportRequest {
@@ -187,7 +185,7 @@ impl ExportRequest {
             number: model.grains.len() as f64,
             sum_mm: diameters_mm().sum(),
             least_mm: diameters_mm().fold(f64::INFINITY, f64::min),
-            ellipsoids: matches!(model.grains, GrainsRef::Ellipsoids(_)),
+            kind: model.grains.kind(),
         };
         match self {
             Self::Mesh(mesh) => {
@@ -216,7 +214,7 @@ impl ExportRequest {
             number: plan.grains,
             sum_mm: plan.classes.iter().map(|class| class.grains * mean(class)).sum(),
             least_mm: plan.classes.first().map_or(1.0, |class| class.d_min_mm),
-            ellipsoids: request.mix.grain_shapes().is_some(),
+            kind: request.mix.grain_kind(),
         };
         Ok(self.estimate_of(&request.specimen, &grains))
     }
@@ -225,9 +223,7 @@ impl ExportRequest {
         let bytes = match self {
             Self::Mesh(_) => 0,
             Self::Voxels(options) => voxels::expected_bytes(specimen, options),
-            Self::Slice(options) => {
-                slice::expected_bytes(specimen, options, grains.sum_mm, grains.ellipsoids)
-            }
+            Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
         };
         ExportEstimate { bytes, mesh: None, warnings: Vec::new() }

@@ -3,6 +3,7 @@
 //! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
 pub mod catalog;
+mod convex;
 pub mod ldpm;
 pub mod mesh;
 pub mod picture;
@@ -16,10 +17,17 @@ pub mod tables;
 pub mod voxels;
 mod vtk_xml;
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "../../tests/support/polyhedra.rs"]
+mod polyhedra_samples;
+
 use std::io;
 
 use thiserror::Error;
 
+#[cfg(test)]
+use crate as engine;
 use crate::control::Control;
 use crate::memory::OutOfMemory;
 use crate::packing::GrainsRef;

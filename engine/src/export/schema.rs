@@ -15,6 +15,33 @@ pub(crate) fn table(description: &str, columns: &[&str], row: &str) -> Object {
         .build()
 }
 
+/// The same with a list of points, which are pairs of numbers, as the last member of each row.
+pub(crate) fn table_with_points(description: &str, columns: &[&str], row: &str) -> Object {
+    let number = || ObjectBuilder::new().schema_type(Type::Number).build();
+    let point = ArrayBuilder::new().items(number()).min_items(Some(2)).max_items(Some(2)).build();
+    let points = ArrayBuilder::new().items(RefOr::from(Schema::from(point))).build();
+    let numbers = columns.iter().skip(1).map(|_| Schema::from(number()));
+    let row_of = ArrayBuilder::new()
+        .prefix_items(numbers.chain([Schema::from(points)]))
+        .items(ArrayItems::False)
+        .min_items(Some(columns.len()))
+        .max_items(Some(columns.len()));
+    ObjectBuilder::new()
+        .schema_type(Type::Object)
+        .description(Some(description))
+        .property("columns", names(columns))
+        .required("columns")
+        .property(
+            "rows",
+            ArrayBuilder::new()
+                .items(RefOr::from(Schema::from(row_of.build())))
+                .description(Some(row))
+                .build(),
+        )
+        .required("rows")
+        .build()
+}
+
 fn names(columns: &[&str]) -> Array {
     let name = |name: &&str| {
         Schema::from(ObjectBuilder::new().schema_type(Type::String).enum_values(Some([*name])).build())

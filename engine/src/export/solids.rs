@@ -3,18 +3,21 @@
 //! For an ellipsoid with the shape matrix `A` and its inverse `M`, the points with `(p - x) · M (p - x) <= 1`, the
 //! section at a height `dz` above the centre `x` is the ellipse around `(A_xz, A_yz) dz / A_zz` with the matrix of the
 //! Schur complement of `A_zz`, scaled by `1 - dz² / A_zz`; a chord along x follows from the quadratic equation in x.
+//! Chords of polyhedra are computed in the axes of their template (`convex`).
 
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{Ellipsoids, GrainsRef, Spheres};
+use crate::packing::{Ellipsoids, GrainsRef, Polyhedra, Spheres};
 
 /// The grains of a packing.
 pub(super) enum Solids<'a> {
     Spheres(&'a Spheres),
     Ellipsoids { grains: &'a Ellipsoids, forms: Vec<Form> },
+    Polyhedra { grains: &'a Polyhedra, templates: Vec<Convex>, half_extents: Vec<[f64; 3]> },
 }
 
 /// What the sections of an ellipsoid are computed from.
@@ -27,7 +30,7 @@ pub(super) struct Form {
 }
 
 /// The section of a grain by a plane across z.
-pub(super) enum Section {
+pub(super) enum Section<'a> {
     Disc {
         center: [f64; 2],
         radius: f64,
@@ -41,10 +44,21 @@ pub(super) enum Section {
         /// Half of the chord along x through the centre.
         half_x: f64,
     },
+    Polyhedron {
+        template: &'a Convex,
+        /// Centre of the grain, x and y.
+        center: [f64; 2],
+        /// Half of the extent of the whole grain along y.
+        half_y: f64,
+        /// The point of the plane above the centre, in the axes and the unit of the template.
+        above: Vector3<f64>,
+        /// Steps of a mm along x and along y there.
+        steps: [Vector3<f64>; 2],
+    },
 }
 
 impl<'a> Solids<'a> {
-    /// The grains of a packing, with what sections are computed from: 144 bytes an ellipsoid.
+    /// The grains of a packing, with what sections are computed from: 144 bytes an ellipsoid, 24 a polyhedron.
     ///
     /// # Errors
     /// The system refused memory.
@@ -61,6 +75,20 @@ impl<'a> Solids<'a> {
                 };
                 Self::Ellipsoids { grains, forms: collected((0..grains.len()).map(form))? }
             }
+            GrainsRef::Polyhedra(grains) => {
+                let templates = Convex::all(&grains.templates);
+                let half_extents = |grain: usize| {
+                    let Place { rotation, scale, .. } = Place::new(grains, grain);
+                    let template = &templates[grains.template[grain] as usize];
+                    [0, 1, 2].map(|axis| {
+                        let row = rotation.row(axis).transpose();
+                        let reaches = template.vertices.iter().map(|vertex| row.dot(vertex).abs());
+                        scale * (reaches.fold(0.0, f64::max) + template.rounding)
+                    })
+                };
+                let half_extents = collected((0..grains.len()).map(half_extents))?;
+                Self::Polyhedra { grains, templates, half_extents }
+            }
         })
     }
 
@@ -68,6 +96,7 @@ impl<'a> Solids<'a> {
         match self {
             Self::Spheres(spheres) => spheres.len(),
             Self::Ellipsoids { grains, .. } => grains.len(),
+            Self::Polyhedra { grains, .. } => grains.len(),
         }
     }
 
@@ -75,6 +104,7 @@ impl<'a> Solids<'a> {
         match self {
             Self::Spheres(spheres) => spheres.center(grain),
             Self::Ellipsoids { grains, .. } => grains.poses[grain].center_mm.into(),
+            Self::Polyhedra { grains, .. } => grains.poses[grain].center_mm.into(),
         }
     }
 
@@ -86,38 +116,54 @@ impl<'a> Solids<'a> {
                 PI / 6.0 * d * d * d
             }
             Self::Ellipsoids { grains, .. } => grains.shapes[grain].volume_mm3(),
+            Self::Polyhedra { grains, .. } => grains.shape(grain).volume_mm3(),
         }
     }
 
-    /// Half of the extents along x, y and z.
+    /// Half of the extents along x, y and z; of polyhedra the farther half.
     pub(super) fn half_extents(&self, grain: usize) -> [f64; 3] {
         match self {
             Self::Spheres(spheres) => [spheres.d_mm[grain] / 2.0; 3],
             Self::Ellipsoids { forms, .. } => forms[grain].shape.diagonal().map(f64::sqrt).into(),
+            Self::Polyhedra { half_extents, .. } => half_extents[grain],
         }
     }
 
-    /// Radius of the smallest sphere around the grain.
+    /// Radius of the smallest sphere around the centre that holds the grain.
     pub(super) fn outer_radius(&self, grain: usize) -> f64 {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[grain] / 2.0,
             Self::Ellipsoids { grains, .. } => grains.shapes[grain].semi_axes_mm().x,
+            Self::Polyhedra { grains, .. } => {
+                let shape = grains.shape(grain);
+                shape.template.outer_radius() * shape.scale_mm
+            }
         }
     }
 
-    /// The inverse shape matrix in 1/mm²; none of a sphere.
+    /// The inverse shape matrix of an ellipsoid, in 1/mm².
     pub(super) fn inverse(&self, grain: usize) -> Option<Matrix3<f64>> {
         match self {
-            Self::Spheres(_) => None,
+            Self::Spheres(_) | Self::Polyhedra { .. } => None,
             Self::Ellipsoids { forms, .. } => Some(forms[grain].inverse),
         }
     }
 
-    /// The shape matrix in mm²; none of a sphere.
+    /// The shape matrix of an ellipsoid, in mm².
     pub(super) fn shape(&self, grain: usize) -> Option<Matrix3<f64>> {
         match self {
-            Self::Spheres(_) => None,
+            Self::Spheres(_) | Self::Polyhedra { .. } => None,
             Self::Ellipsoids { forms, .. } => Some(forms[grain].shape),
+        }
+    }
+
+    /// The template of a polyhedron, and where the grain is.
+    pub(super) fn polyhedron(&self, grain: usize) -> Option<(&Convex, Place)> {
+        match self {
+            Self::Spheres(_) | Self::Ellipsoids { .. } => None,
+            Self::Polyhedra { grains, templates, .. } => {
+                Some((&templates[grains.template[grain] as usize], Place::new(grains, grain)))
+            }
         }
     }
 
@@ -126,12 +172,13 @@ impl<'a> Solids<'a> {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[grain],
             Self::Ellipsoids { grains, .. } => grains.shapes[grain].equivalent_diameter_mm(),
+            Self::Polyhedra { grains, .. } => grains.d_mm[grain],
         }
     }
 
     /// The section at a height `dz` above the centre, for a grain that is moved to `center`.
     #[inline]
-    pub(super) fn section(&self, grain: usize, center: [f64; 3], dz: f64) -> Section {
+    pub(super) fn section(&self, grain: usize, center: [f64; 3], dz: f64) -> Section<'_> {
         match self {
             Self::Spheres(spheres) => {
                 let radius = spheres.d_mm[grain] / 2.0;
@@ -150,22 +197,36 @@ impl<'a> Solids<'a> {
                     half_x: (scale / m.m11).sqrt(),
                 }
             }
+            Self::Polyhedra { grains, templates, half_extents } => {
+                let Place { rotation, scale, .. } = Place::new(grains, grain);
+                let step = |axis: usize| rotation.row(axis).transpose() / scale;
+                Section::Polyhedron {
+                    template: &templates[grains.template[grain] as usize],
+                    center: [center[0], center[1]],
+                    half_y: half_extents[grain][1],
+                    above: step(2) * dz,
+                    steps: [step(0), step(1)],
+                }
+            }
         }
     }
 }
 
-impl Section {
-    /// From and to along y.
+impl Section<'_> {
+    /// From and to along y; of a polyhedron those of the whole grain.
     #[inline]
     pub(super) fn y(&self) -> [f64; 2] {
         let (y, half) = match *self {
             Self::Disc { center, radius } => (center[1], radius),
-            Self::Ellipse { center, half_y, .. } => (center[1], half_y),
+            Self::Ellipse { center, half_y, .. } | Self::Polyhedron { center, half_y, .. } => {
+                (center[1], half_y)
+            }
         };
         [y - half, y + half]
     }
 
-    /// The middle and half of the chord along x at a distance from the centre along y.
+    /// The middle and half of the chord along x at a distance from the centre along y; half is less than 0 where the
+    /// line does not meet the grain.
     #[inline]
     fn chord(&self, dy: f64) -> (f64, f64) {
         match *self {
@@ -174,10 +235,16 @@ impl Section {
                 let part = ((half_y - dy) * (half_y + dy)).max(0.0).sqrt();
                 (center[0] + shear * dy, if half_y > 0.0 { half_x * (part / half_y) } else { 0.0 })
             }
+            Self::Polyhedron { template, center, above, steps: [along, across], .. } => {
+                let ends = template.chord(&(above + across * dy), &along);
+                ends.map_or((center[0], -1.0), |[from, to]| {
+                    (center[0] + (from + to) / 2.0, (to - from) / 2.0)
+                })
+            }
         }
     }
 
-    /// From and to along x at a coordinate y.
+    /// From and to along x at a coordinate y; reversed where the line does not meet the grain.
     #[inline]
     pub(super) fn x_at(&self, y: f64) -> [f64; 2] {
         let (middle, half) = self.chord(y - self.center_y());
@@ -187,13 +254,15 @@ impl Section {
     /// Length of the chord along x at a coordinate y.
     #[inline]
     pub(super) fn length_at(&self, y: f64) -> f64 {
-        2.0 * self.chord(y - self.center_y()).1
+        2.0 * self.chord(y - self.center_y()).1.max(0.0)
     }
 
     #[inline]
     fn center_y(&self) -> f64 {
         match *self {
-            Self::Disc { center, .. } | Self::Ellipse { center, .. } => center[1],
+            Self::Disc { center, .. } | Self::Ellipse { center, .. } | Self::Polyhedron { center, .. } => {
+                center[1]
+            }
         }
     }
 }

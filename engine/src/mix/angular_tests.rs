@@ -8,7 +8,7 @@ use crate::PackError;
 use crate::mix::sampling::{AngularGrains, sample, sample_angular, sample_shaped};
 use crate::mix::sieve::class_of;
 use crate::mix::{GradedMix, sphere_volume};
-use crate::request::{PackingRequest, GrainKind};
+use crate::request::{GrainKind, PackingRequest};
 use crate::rng::{Stream, stream};
 
 fn request(edge_mm: f64, mix: Value) -> PackingRequest {

@@ -14,7 +14,7 @@ pub mod shapes;
 pub mod sieve;
 mod templates;
 
-use crate::request::{Grading, Mix, GrainKind, VolumeFractionOf, standard};
+use crate::request::{Grading, GrainKind, Mix, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
 pub use orientation::{draw_orientation, uniform_orientation};

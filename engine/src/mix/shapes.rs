@@ -12,7 +12,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::class::{Class, Law};
 use super::sphere_volume;
 use super::templates::Templates;
-use crate::request::{Mix, PlainShape, GrainKind};
+use crate::request::{GrainKind, Mix, PlainShape};
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure};
 

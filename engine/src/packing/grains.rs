@@ -122,6 +122,8 @@ pub enum Grains {
     Spheres(Spheres),
     /// The grains are ellipsoids.
     Ellipsoids(Ellipsoids),
+    /// The grains are convex polyhedra.
+    Polyhedra(Polyhedra),
 }
 
 impl Grains {
@@ -142,7 +144,7 @@ impl Grains {
     pub fn spheres(&self) -> Option<&Spheres> {
         match self {
             Self::Spheres(spheres) => Some(spheres),
-            Self::Ellipsoids(_) => None,
+            Self::Ellipsoids(_) | Self::Polyhedra(_) => None,
         }
     }
 }
@@ -154,6 +156,8 @@ pub enum GrainsRef<'a> {
     Spheres(&'a Spheres),
     /// The grains are ellipsoids.
     Ellipsoids(&'a Ellipsoids),
+    /// The grains are convex polyhedra.
+    Polyhedra(&'a Polyhedra),
 }
 
 impl<'a> GrainsRef<'a> {
@@ -163,16 +167,18 @@ impl<'a> GrainsRef<'a> {
         match self {
             Self::Spheres(_) => GrainKind::Spheres,
             Self::Ellipsoids(_) => GrainKind::Ellipsoids,
+            Self::Polyhedra(_) => GrainKind::Polyhedra,
         }
     }
 
     /// Diameters of the spheres of equal volume in mm, in the order of the grains.
     pub fn diameters_mm(self) -> impl Iterator<Item = f64> + 'a {
-        let (spheres, ellipsoids): (&[f64], &[Ellipsoid]) = match self {
+        let (diameters, ellipsoids): (&[f64], &[Ellipsoid]) = match self {
             Self::Spheres(spheres) => (&spheres.d_mm, &[]),
             Self::Ellipsoids(ellipsoids) => (&[], &ellipsoids.shapes),
+            Self::Polyhedra(polyhedra) => (&polyhedra.d_mm, &[]),
         };
-        spheres.iter().copied().chain(ellipsoids.iter().map(Ellipsoid::equivalent_diameter_mm))
+        diameters.iter().copied().chain(ellipsoids.iter().map(Ellipsoid::equivalent_diameter_mm))
     }
 
     /// Number of grains.
@@ -181,6 +187,7 @@ impl<'a> GrainsRef<'a> {
         match self {
             Self::Spheres(spheres) => spheres.len(),
             Self::Ellipsoids(ellipsoids) => ellipsoids.len(),
+            Self::Polyhedra(polyhedra) => polyhedra.len(),
         }
     }
 
@@ -196,6 +203,7 @@ impl<'a> From<&'a Grains> for GrainsRef<'a> {
         match grains {
             Grains::Spheres(spheres) => Self::Spheres(spheres),
             Grains::Ellipsoids(ellipsoids) => Self::Ellipsoids(ellipsoids),
+            Grains::Polyhedra(polyhedra) => Self::Polyhedra(polyhedra),
         }
     }
 }
@@ -209,5 +217,11 @@ impl<'a> From<&'a Spheres> for GrainsRef<'a> {
 impl<'a> From<&'a Ellipsoids> for GrainsRef<'a> {
     fn from(ellipsoids: &'a Ellipsoids) -> Self {
         Self::Ellipsoids(ellipsoids)
+    }
+}
+
+impl<'a> From<&'a Polyhedra> for GrainsRef<'a> {
+    fn from(polyhedra: &'a Polyhedra) -> Self {
+        Self::Polyhedra(polyhedra)
     }
 }

@@ -105,7 +105,7 @@ impl Packing {
     pub fn into_spheres(self) -> Option<Spheres> {
         match self.grains {
             Grains::Spheres(spheres) => Some(spheres),
-            Grains::Ellipsoids(_) => None,
+            Grains::Ellipsoids(_) | Grains::Polyhedra(_) => None,
         }
     }
 }

@@ -18,7 +18,7 @@ use crate::methods::monte_carlo;
 use crate::methods::rsa::MAX_PLACED;
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, deviation};
-use crate::request::{Distance, FieldError, MIN_SHARE, Method, Mix, PackingRequest, GrainKind, Specimen};
+use crate::request::{Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 

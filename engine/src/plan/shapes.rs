@@ -12,7 +12,7 @@ use super::model::LIKELY;
 use crate::distance::DistanceRule;
 use crate::error::PlanError;
 use crate::mix::{GradedMix, ShapeSampler};
-use crate::request::{PackingRequest, GrainKind, Specimen};
+use crate::request::{GrainKind, PackingRequest, Specimen};
 use crate::shape::{Ellipsoid, ScaledPolyhedron, SizeMeasure};
 
 /// Densest packing known of equal ellipsoids (Donev, Stillinger, Chaikin and Torquato, Phys. Rev. Lett. 92, 255506,

@@ -27,8 +27,8 @@ pub use monte_carlo::MonteCarloStop;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
 pub use shape::{
-    DEFAULT_TEMPLATES, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation, PlainShape,
-    ShapeClass, GrainKind, ShapeMixture, TemplateShape,
+    DEFAULT_TEMPLATES, GrainKind, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation,
+    PlainShape, ShapeClass, ShapeMixture, TemplateShape,
 };
 pub use upgrade::{upgrade, upgrade_export};
 

@@ -150,8 +150,20 @@ pub enum GrainKind {
     Spheres,
     /// Ellipsoids, spheres among them.
     Ellipsoids,
-    /// Convex polyhedra.
+    /// Convex polyhedra, sharp or rounded.
     Polyhedra,
+}
+
+impl GrainKind {
+    /// What they are called, in the plural.
+    #[must_use]
+    pub fn noun(self) -> &'static str {
+        match self {
+            Self::Spheres => "spheres",
+            Self::Ellipsoids => "ellipsoids",
+            Self::Polyhedra => "polyhedra",
+        }
+    }
 }
 
 /// The shape of the grains above a size.

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use crate::request::{PackingRequest, GrainKind, SizeMeasure};
+use crate::request::{GrainKind, PackingRequest, SizeMeasure};
 
 fn request(fields: &Value) -> Value {
     let mut mix = json!({"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4});

@@ -20,7 +20,7 @@ use crate::packing::{
     RsaStatistics, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Distance, PackingRequest, Segregation, GrainKind};
+use crate::request::{Distance, GrainKind, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::shape::{Ellipsoid, ScaledPolyhedron};
 
@@ -79,7 +79,8 @@ pub fn pack_or_resume(
             spheres::place(&job, &plan, resume, control)?
         }
         Sampled::Ellipsoids(shapes) => {
-            let grains = |poses| Ok(Grains::Ellipsoids(Ellipsoids { shapes: memory::copied(&shapes)?, poses }));
+            let grains =
+                |poses| Ok(Grains::Ellipsoids(Ellipsoids { shapes: memory::copied(&shapes)?, poses }));
             let job = shaped::Job { request, mix: &mix, shapes: &shapes, grains: &grains };
             shaped::place(&job, &plan, resume.as_ref(), control)?
         }

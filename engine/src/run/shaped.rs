@@ -8,7 +8,7 @@ use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
-use crate::gap::GrainShape;
+use crate::gap::grain::GrainShape;
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::ShapeRsa;

@@ -9,6 +9,7 @@ use std::sync::PoisonError;
 use packstone_engine::Unattended;
 use packstone_engine::export::tables::{Column, GrainSource, Head, stored::Layout};
 use packstone_engine::request::upgrade;
+use packstone_engine::shape::Polyhedron;
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, write};
@@ -111,6 +112,10 @@ impl GrainSource for StoredResult {
 
     fn columns(&self) -> &'static [Column] {
         self.layout.columns
+    }
+
+    fn templates(&self) -> &[Polyhedron] {
+        &self.layout.templates
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {

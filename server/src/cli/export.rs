@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use packstone_engine::export::tables::stored::{Layout, MAGIC_BYTES, is_stored};
-use packstone_engine::export::tables::{self, Column, EngineInfo, Table};
+use packstone_engine::export::tables::{self, Column, EngineInfo, Table, TemplateRecord};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::Specimen;
@@ -69,6 +69,8 @@ pub(super) struct Packed {
 struct Document {
     request: Value,
     grains: Rows,
+    /// Of polyhedra.
+    templates: Option<Vec<TemplateRecord>>,
     job_id: Option<String>,
     engine: Option<EngineInfo>,
     summary: Option<VolumeFractions>,
@@ -122,7 +124,7 @@ fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Grains, O
     if is_stored {
         let layout = Layout::read(input)?;
         input.seek(SeekFrom::Start(layout.columns_offset))?;
-        let grains = tables::load(&columns(input, &layout)?)?;
+        let grains = tables::load(&columns(input, &layout)?.with_templates(layout.templates.clone()))?;
         let provenance = Provenance::from(&layout.head);
         return Ok((layout.head.request, grains, Some(provenance)));
     }
@@ -136,7 +138,9 @@ fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Grains, O
         return Err(invalid("a row of its `grains` has more or fewer values than there are columns"));
     }
     let values = (0..columns.len()).map(|column| rows.iter().map(|row| row[column]).collect()).collect();
-    Ok((document.request, tables::load(&Table::new(columns, values)?)?, provenance))
+    let templates = tables::read_templates(columns, document.templates)?;
+    let table = Table::new(columns, values)?.with_templates(templates);
+    Ok((document.request, tables::load(&table)?, provenance))
 }
 
 fn columns(input: &mut impl std::io::Read, layout: &Layout) -> std::io::Result<Table> {

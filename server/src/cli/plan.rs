@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use packstone_engine::export::ExportRequest;
-use packstone_engine::request::GrainKind;
 use packstone_engine::{Limits, Plan};
 
 use super::exit::Failure;

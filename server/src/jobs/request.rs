@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
-use packstone_engine::request::GrainKind;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
 use packstone_engine::request::{Distance, Method, Mix, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};

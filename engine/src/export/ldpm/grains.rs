@@ -2,17 +2,20 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::export::convex::{Convex, Place};
 use crate::export::{ExportError, Model};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
+use crate::gap::{polyhedra, walls};
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{Ellipsoids, GrainsRef, Spheres};
+use crate::packing::{Ellipsoids, GrainsRef, Polyhedra, Spheres};
 use crate::request::Specimen;
 
 /// The grains of a packing.
 pub(super) enum Grains<'a> {
     Spheres(&'a Spheres),
     Ellipsoids { grains: &'a Ellipsoids, bodies: Vec<Body>, inverses: Vec<Matrix3<f64>> },
+    Polyhedra { grains: &'a Polyhedra, templates: Vec<Convex>, bodies: Vec<polyhedra::Body<'a>> },
 }
 
 /// What the reach of grains along a line is computed from.
@@ -23,6 +26,8 @@ pub(super) enum Reach {
     Radius,
     /// The inverse shape matrices `M` in 1/mm²: half of the chord along the unit vector `u` is `1 / sqrt(u · M u)`.
     Ellipsoids(Vec<Matrix3<f64>>),
+    /// Templates, and the template and place of each grain.
+    Polyhedra { templates: Vec<Convex>, grains: Vec<(u32, Place)> },
 }
 
 impl<'a> Grains<'a> {
@@ -38,6 +43,14 @@ impl<'a> Grains<'a> {
                 }))?;
                 Ok(Self::Ellipsoids { grains, bodies, inverses })
             }
+            GrainsRef::Polyhedra(grains) => {
+                let body = |grain: usize| {
+                    let shape = grains.shape(grain);
+                    polyhedra::Body::new(shape.template, shape.scale_mm, &grains.poses[grain])
+                };
+                let bodies = collected((0..grains.len()).map(body))?;
+                Ok(Self::Polyhedra { grains, templates: Convex::all(&grains.templates), bodies })
+            }
         }
     }
 
@@ -45,6 +58,7 @@ impl<'a> Grains<'a> {
         match self {
             Self::Spheres(spheres) => spheres.len(),
             Self::Ellipsoids { grains, .. } => grains.len(),
+            Self::Polyhedra { grains, .. } => grains.len(),
         }
     }
 
@@ -52,6 +66,7 @@ impl<'a> Grains<'a> {
         match self {
             Self::Spheres(spheres) => spheres.center(grain),
             Self::Ellipsoids { grains, .. } => grains.poses[grain].center_mm.into(),
+            Self::Polyhedra { grains, .. } => grains.poses[grain].center_mm.into(),
         }
     }
 
@@ -60,6 +75,7 @@ impl<'a> Grains<'a> {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[grain],
             Self::Ellipsoids { grains, .. } => grains.shapes[grain].equivalent_diameter_mm(),
+            Self::Polyhedra { grains, .. } => grains.d_mm[grain],
         }
     }
 
@@ -73,6 +89,7 @@ impl<'a> Grains<'a> {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[grain] / 2.0,
             Self::Ellipsoids { bodies, .. } => bodies[grain].outer_mm,
+            Self::Polyhedra { bodies, .. } => bodies[grain].outer_mm,
         }
     }
 
@@ -99,6 +116,10 @@ impl<'a> Grains<'a> {
                 let normal: [f64; 3] = (inverses[grain] * from_center).normalize().into();
                 body.with(&at_point).gap_from(normal).gap_mm + radius
             }
+            Self::Polyhedra { grains, templates, .. } => {
+                let place = Place::new(grains, grain);
+                place.scale * templates[grains.template[grain] as usize].distance(&place.local(&p.into()))
+            }
         }
     }
 
@@ -110,6 +131,10 @@ impl<'a> Grains<'a> {
                 clearance - spheres.d_mm[grain] / 2.0
             }
             Self::Ellipsoids { bodies, .. } => bodies[grain].wall_gap_mm(specimen),
+            Self::Polyhedra { bodies, .. } => {
+                let body = &bodies[grain];
+                walls::wall_gap_mm(body.center_mm.into(), &body.turned, specimen)
+            }
         }
     }
 
@@ -124,6 +149,10 @@ impl<'a> Grains<'a> {
                 let pair = bodies[one].with(&bodies[other]);
                 !pair.decide(0.0).is_apart && pair.gap().gap_mm < -slack_mm
             }
+            Self::Polyhedra { bodies, .. } => {
+                let pair = bodies[one].with(&bodies[other]);
+                !pair.decide(0.0).is_apart && pair.contact().gap_mm < -slack_mm
+            }
         }
     }
 
@@ -132,6 +161,11 @@ impl<'a> Grains<'a> {
         Ok(match self {
             Self::Spheres(_) => Reach::Radius,
             Self::Ellipsoids { inverses, .. } => Reach::Ellipsoids(crate::memory::copied(inverses)?),
+            Self::Polyhedra { grains, templates, .. } => {
+                let grains =
+                    (0..grains.len()).map(|grain| (grains.template[grain], Place::new(grains, grain)));
+                Reach::Polyhedra { templates: templates.clone(), grains: collected(grains)? }
+            }
         })
     }
 }
@@ -142,6 +176,12 @@ impl Reach {
         match self {
             Self::Radius => radius_mm,
             Self::Ellipsoids(inverses) => along.norm() / along.dot(&(inverses[grain] * along)).sqrt(),
+            Self::Polyhedra { templates, grains } => {
+                let (template, place) = &grains[grain];
+                let direction = place.turned_back(along);
+                let chord = templates[*template as usize].chord(&Vector3::zeros(), &direction);
+                chord.map_or(0.0, |[_, leave]| leave * along.norm())
+            }
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The map `L = R diag(a, b, c) / r`, `r³ = a b c`, takes the sphere of the radius `r` to the ellipsoid and leaves
 //! volumes as they are. A surface is made, refined and corrected on the sphere; its vertices are placed by `L`. Planes
 //! stay planes, so that what is convex stays so, and a vertex that is moved outwards along its radius is so here and
-//! there.
+//! there. Polyhedra are no images of spheres; their surfaces are made of their own faces (`polyhedron`).
 //!
 //! On the tangent plane with the unit normal `n` an ellipsoid with the shape matrix `A` and the support `h(n)` has the
 //! curvatures of the form `h(n) w · A⁻¹ w`. Beside a point where two surfaces come closest, their gap grows with half
@@ -15,10 +15,12 @@ use super::shell::{Wall, walls};
 use super::size::Other;
 use super::sphere;
 use crate::export::Model;
+use crate::export::convex::{Convex, Place};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::{Vector, cross, dot, norm, scaled};
+use crate::gap::polyhedra;
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{Ellipsoids, GrainsRef, Spheres};
+use crate::packing::{Ellipsoids, GrainsRef, Polyhedra, Spheres};
 use crate::request::Specimen;
 
 /// Share by which images are smaller, so that rounding brings no vertex out of its ellipsoid.
@@ -36,6 +38,7 @@ pub(super) struct MeshModel<'a> {
 pub(super) enum Bodies<'a> {
     Spheres(&'a Spheres),
     Ellipsoids { grains: &'a Ellipsoids, bodies: Vec<Body> },
+    Polyhedra { grains: &'a Polyhedra, bodies: Vec<polyhedra::Body<'a>>, templates: Vec<Convex> },
 }
 
 /// How a grain is an image of the sphere of equal volume about the origin.
@@ -60,6 +63,17 @@ pub(super) struct AtWall {
     pub(super) gap: f64,
     /// From the grain to the wall, a unit vector.
     pub(super) toward: Vector,
+    /// The point of the grain nearest to the wall, seen from its centre; only of polyhedra.
+    pub(super) own: Option<Vector>,
+}
+
+/// How a grain lies against another one.
+pub(super) struct Between {
+    pub(super) gap: f64,
+    /// From the grain to the other, a unit vector.
+    pub(super) toward: Vector,
+    /// The point of the grain nearest to the other, seen from its centre; only of polyhedra.
+    pub(super) own: Option<Vector>,
 }
 
 /// How a surface lies against something at its nearest point.
@@ -93,6 +107,14 @@ impl<'a> Bodies<'a> {
                 grains,
                 bodies: collected(grains.iter().map(|(shape, pose)| Body::new(shape, pose)))?,
             },
+            GrainsRef::Polyhedra(grains) => {
+                let body = |row: usize| {
+                    let shape = grains.shape(row);
+                    polyhedra::Body::new(shape.template, shape.scale_mm, &grains.poses[row])
+                };
+                let bodies = collected((0..grains.len()).map(body))?;
+                Self::Polyhedra { grains, bodies, templates: Convex::all(&grains.templates) }
+            }
         })
     }
 
@@ -100,6 +122,7 @@ impl<'a> Bodies<'a> {
         match self {
             Self::Spheres(spheres) => spheres.len(),
             Self::Ellipsoids { grains, .. } => grains.len(),
+            Self::Polyhedra { grains, .. } => grains.len(),
         }
     }
 
@@ -107,6 +130,7 @@ impl<'a> Bodies<'a> {
         match self {
             Self::Spheres(spheres) => spheres.center(row),
             Self::Ellipsoids { bodies, .. } => bodies[row].center_mm,
+            Self::Polyhedra { bodies, .. } => bodies[row].center_mm.into(),
         }
     }
 
@@ -115,6 +139,7 @@ impl<'a> Bodies<'a> {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[row],
             Self::Ellipsoids { grains, .. } => grains.shapes[row].equivalent_diameter_mm(),
+            Self::Polyhedra { grains, .. } => grains.d_mm[row],
         }
     }
 
@@ -127,6 +152,7 @@ impl<'a> Bodies<'a> {
         match self {
             Self::Spheres(spheres) => PI / 6.0 * spheres.d_mm[row].powi(3),
             Self::Ellipsoids { grains, .. } => grains.shapes[row].volume_mm3(),
+            Self::Polyhedra { grains, .. } => grains.shape(row).volume_mm3(),
         }
     }
 
@@ -135,23 +161,42 @@ impl<'a> Bodies<'a> {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[row] / 2.0,
             Self::Ellipsoids { bodies, .. } => bodies[row].outer_mm,
+            Self::Polyhedra { bodies, .. } => bodies[row].outer_mm,
         }
     }
 
-    /// Largest radius of curvature: no grain reaches beyond the ball of that radius that touches it from around.
-    pub(super) fn flattest(&self, row: usize) -> f64 {
-        match self {
+    /// How far along a wall at that gap a grain lies within a reach of it.
+    pub(super) fn along(&self, row: usize, gap: f64, reach: f64) -> f64 {
+        // No grain reaches beyond the ball of its largest radius of curvature that touches it from around.
+        let flattest = match self {
             Self::Spheres(spheres) => spheres.d_mm[row] / 2.0,
             Self::Ellipsoids { bodies, .. } => {
                 bodies[row].outer_mm * (bodies[row].outer_mm / bodies[row].inner_mm)
             }
+            Self::Polyhedra { bodies, .. } => return 2.0 * bodies[row].outer_mm,
+        };
+        ((flattest + reach).powi(2) - (flattest + gap).powi(2)).max(0.0).sqrt()
+    }
+
+    /// Distance of the farthest point of a polyhedron from an axis along z, and the direction of that point.
+    pub(super) fn reach_from_axis(&self, row: usize, axis: [f64; 2]) -> (f64, Vector) {
+        let Self::Polyhedra { grains, .. } = self else { return (0.0, [1.0, 0.0, 0.0]) };
+        let template = &grains.templates[grains.template[row] as usize];
+        let mut farthest = (0.0, [1.0, 0.0, 0.0]);
+        for vertex in template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]) {
+            let (x, y) = (vertex.x - axis[0], vertex.y - axis[1]);
+            let distance = x.hypot(y);
+            if distance > farthest.0 {
+                farthest = (distance, [x / distance, y / distance, 0.0]);
+            }
         }
+        (farthest.0 + grains.d_mm[row] * template.rounding(), farthest.1)
     }
 
     /// Square root of the surface over that of the sphere of equal volume: edges are longer by that in the mean.
     pub(super) fn mean_stretch(&self, row: usize) -> f64 {
         match self {
-            Self::Spheres(_) => 1.0,
+            Self::Spheres(_) | Self::Polyhedra { .. } => 1.0,
             Self::Ellipsoids { grains, .. } => grains.shapes[row].sphericity().sqrt().recip(),
         }
     }
@@ -159,16 +204,20 @@ impl<'a> Bodies<'a> {
     /// Factor by which the image lengthens edges at most.
     pub(super) fn most_stretch(&self, row: usize) -> f64 {
         match self {
-            Self::Spheres(_) => 1.0,
+            Self::Spheres(_) | Self::Polyhedra { .. } => 1.0,
             Self::Ellipsoids { bodies, .. } => 2.0 * bodies[row].outer_mm / self.diameter(row),
         }
     }
 
     /// A grain as something faced, seen from a point.
-    pub(super) fn other(&self, row: usize, from: Vector) -> Other {
+    pub(super) fn other(&self, row: usize, from: Vector) -> Other<'_> {
         let at = self.center(row);
-        let center = std::array::from_fn(|a| at[a] - from[a]);
+        let center: Vector = std::array::from_fn(|a| at[a] - from[a]);
         match self {
+            Self::Polyhedra { grains, templates, .. } => {
+                let place = Place { center: center.into(), ..Place::new(grains, row) };
+                Other::Polyhedron(&templates[grains.template[row] as usize], place)
+            }
             Self::Spheres(spheres) => Other::Sphere { center, radius: spheres.d_mm[row] / 2.0 },
             Self::Ellipsoids { grains, .. } => {
                 let rotation = grains.poses[row].rotation();
@@ -180,15 +229,26 @@ impl<'a> Bodies<'a> {
 
     /// The gap to another grain and the unit vector towards it, given the gap of the spheres around both. Both grains
     /// of a pair get the same numbers.
-    pub(super) fn facing(&self, row: usize, other: usize, of_spheres: f64) -> (f64, Vector) {
+    pub(super) fn facing(&self, row: usize, other: usize, of_spheres: f64) -> Between {
         match self {
             Self::Spheres(spheres) => {
                 let (center, theirs) = (spheres.center(row), spheres.center(other));
-                (of_spheres, sphere::unit(std::array::from_fn(|a| theirs[a] - center[a])))
+                let toward = sphere::unit(std::array::from_fn(|a| theirs[a] - center[a]));
+                Between { gap: of_spheres, toward, own: None }
             }
             Self::Ellipsoids { bodies, .. } => {
                 let gap = bodies[row.min(other)].with(&bodies[row.max(other)]).gap();
-                (gap.gap_mm, if row < other { gap.normal } else { scaled(gap.normal, -1.0) })
+                let toward = if row < other { gap.normal } else { scaled(gap.normal, -1.0) };
+                Between { gap: gap.gap_mm, toward, own: None }
+            }
+            Self::Polyhedra { bodies, .. } => {
+                let contact = bodies[row.min(other)].with(&bodies[row.max(other)]).contact();
+                let (toward, own) = if row < other {
+                    (contact.normal, contact.points_mm[0])
+                } else {
+                    (-contact.normal, contact.points_mm[1])
+                };
+                Between { gap: contact.gap_mm, toward: toward.into(), own: Some(own.into()) }
             }
         }
     }
@@ -199,8 +259,10 @@ impl<'a> Bodies<'a> {
         let bodies = match self {
             Self::Spheres(spheres) => {
                 let toward = sphere::unit(std::array::from_fn(|a| foot[a] - center[a]));
-                return AtWall { wall, foot, gap: wall.gap(center) - spheres.d_mm[row] / 2.0, toward };
+                let gap = wall.gap(center) - spheres.d_mm[row] / 2.0;
+                return AtWall { wall, foot, gap, toward, own: None };
             }
+            Self::Polyhedra { .. } => return self.polyhedron_at_wall(row, wall),
             Self::Ellipsoids { bodies, .. } => bodies,
         };
         let body = &bodies[row];
@@ -220,15 +282,45 @@ impl<'a> Bodies<'a> {
                 foot[0] = axis[0] + radius * toward[0];
                 foot[1] = axis[1] + radius * toward[1];
             }
-            Other::Sphere { .. } | Other::Ellipsoid { .. } => {}
+            Other::Sphere { .. } | Other::Ellipsoid { .. } | Other::Polyhedron(..) => {}
         }
-        AtWall { wall, foot, gap, toward }
+        AtWall { wall, foot, gap, toward, own: None }
     }
 
-    /// How a grain is an image of a sphere.
+    /// The same for a polyhedron, whose nearest point is that of a vertex.
+    fn polyhedron_at_wall(&self, row: usize, wall: Wall) -> AtWall {
+        let center = self.center(row);
+        let mut toward = [0.0; 3];
+        let mut gap = None;
+        if let Other::Plane(axis, at) = wall.0 {
+            toward[axis] = if at > center[axis] { 1.0 } else { -1.0 };
+        } else if let Other::Lateral { axis, radius } = wall.0 {
+            let (reach, direction) = self.reach_from_axis(row, axis);
+            toward = direction;
+            gap = Some(radius - reach);
+        }
+        let mut own = [0.0; 3];
+        if let Self::Polyhedra { grains, .. } = self {
+            let template = &grains.templates[grains.template[row] as usize];
+            let rounding = grains.d_mm[row] * template.rounding();
+            let mut farthest = f64::NEG_INFINITY;
+            for vertex in template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]) {
+                let from_center: Vector = (vertex - grains.poses[row].center_mm).into();
+                if dot(from_center, toward) > farthest {
+                    farthest = dot(from_center, toward);
+                    own = std::array::from_fn(|a| from_center[a] + rounding * toward[a]);
+                }
+            }
+        }
+        let gap = gap.unwrap_or_else(|| wall.gap(center) - dot(own, toward));
+        let foot = std::array::from_fn(|a| center[a] + own[a] + gap * toward[a]);
+        AtWall { wall, foot, gap, toward, own: Some(own) }
+    }
+
+    /// How a grain is an image of a sphere, where it is one.
     pub(super) fn image(&self, row: usize) -> Image {
         match self {
-            Self::Spheres(_) => Image::Sphere,
+            Self::Spheres(_) | Self::Polyhedra { .. } => Image::Sphere,
             Self::Ellipsoids { grains, bodies } => {
                 let rotation = grains.poses[row].rotation();
                 let axes = grains.shapes[row].semi_axes_mm() * (2.0 / self.diameter(row) * (1.0 - ROUNDING));
@@ -247,6 +339,9 @@ impl<'a> Bodies<'a> {
                 return Contact { bend, stretch: 1.0, aspect: 1.0 };
             }
             Self::Ellipsoids { grains, bodies } => (grains, bodies),
+            Self::Polyhedra { bodies, .. } => {
+                return Contact { bend: 1.0 / bodies[row].outer_mm, stretch: 1.0, aspect: 1.0 };
+            }
         };
         let (u, v) = across(toward);
         let form = |body: &Body| {

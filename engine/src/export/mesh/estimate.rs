@@ -12,9 +12,10 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::bodies::{Contact, MeshModel};
+use super::bodies::{Bodies, Contact, MeshModel};
 use super::grain::Grains;
 use super::options::SurfaceOptions;
+use super::shell::{Division, Shell};
 use super::size::{CIRCUMRADIUS, EDGE_PER_GAP};
 use super::sphere::Finenesses;
 use super::{GRAINS_PER_LOOK, check, surface_mean_mm};
@@ -33,6 +34,8 @@ const EVEN_DENSITY: f64 = 2.31;
 pub(super) const BYTES_PER_TRIANGLE: u64 = 48;
 /// Steps of the integral over the surroundings of a nearest point.
 const STEPS: usize = 16;
+/// Most polyhedra whose surfaces are made for an estimate, about.
+const SAMPLED_GRAINS: usize = 200;
 /// Sizes that a class of a plan is divided into.
 const SIZES_PER_CLASS: usize = 4;
 /// Gaps that the pair distribution is integrated over.
@@ -74,6 +77,9 @@ pub(super) fn of_model(
 ) -> Result<MeshEstimate, ExportError> {
     check(model.specimen)?;
     let bodies = &model.bodies;
+    if let Bodies::Polyhedra { .. } = bodies {
+        return of_polyhedra(model, options, control);
+    }
     let grains = Grains::new(model, options)?;
     let shell_mm = surface_mean_mm(model);
     let shell = Patch::of_diameter(options, shell_mm);
@@ -103,6 +109,31 @@ pub(super) fn of_model(
         }
     }
     Ok(MeshEstimate::of(triangles))
+}
+
+/// Estimates the mesh of a packing of polyhedra: the surface of the specimen and those of some of the grains are made,
+/// for the triangles of flat faces near each other follow from no curvature.
+fn of_polyhedra(
+    model: &MeshModel<'_>,
+    options: &SurfaceOptions,
+    control: &dyn Control,
+) -> Result<MeshEstimate, ExportError> {
+    let most = (options.max_bytes / BYTES_PER_TRIANGLE) as usize + 1;
+    let mut grains = Grains::new(model, options)?;
+    let shell = Shell::new(model, Division::of(model, options), most);
+    let shell = shell.map_or(most, |shell| shell.surface.triangles.len());
+    let step = model.bodies.len().div_ceil(SAMPLED_GRAINS).max(1);
+    let (mut sampled, mut triangles) = (0, 0);
+    for row in (step / 2..model.bodies.len()).step_by(step) {
+        if sampled % GRAINS_PER_LOOK == 0 {
+            go_on(control)?;
+        }
+        sampled += 1;
+        let made = grains.surface(row, most);
+        triangles += made.map_or(most, |(surface, _)| surface.triangles.len());
+    }
+    let share = model.bodies.len() as f64 / f64::max(sampled as f64, 1.0);
+    Ok(MeshEstimate::of(shell as f64 + triangles as f64 * share))
 }
 
 /// Estimates the mesh of a packing of that plan: right within a factor of two or so, for gaps are known by their

@@ -16,6 +16,7 @@ use crate::control::Control;
 use crate::export::{ExportError, Model, go_on};
 use crate::packing::{GrainsRef, Spheres};
 use crate::plan::Limits;
+use crate::request::GrainKind;
 use crate::request::Specimen;
 use crate::request::decode::Object;
 
@@ -86,17 +87,16 @@ pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), Expo
 pub(super) fn spheres<'a>(model: &Model<'a>) -> Result<&'a Spheres, ExportError> {
     match model.grains {
         GrainsRef::Spheres(spheres) => Ok(spheres),
-        GrainsRef::Ellipsoids(_) => Err(of_spheres_alone()),
+        other => Err(of_spheres_alone(other.kind())),
     }
 }
 
-/// The refusal of grains of other shapes.
-pub(super) fn of_spheres_alone() -> ExportError {
-    ExportError::Unavailable(
-        "the format geo of a surface mesh is for spheres alone, not for grains of other shapes: ask for msh, which Gmsh \
-         fills, or for stl"
-            .into(),
-    )
+/// The refusal of other grains.
+pub(super) fn of_spheres_alone(grains: GrainKind) -> ExportError {
+    ExportError::Unavailable(format!(
+        "the format geo of a surface mesh is for spheres alone, not for {}: ask for msh, which Gmsh fills, or for stl",
+        grains.noun()
+    ))
 }
 
 /// Writes the script.

@@ -11,13 +11,16 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-use super::bodies::{Image, MeshModel};
+use super::bodies::{Between, Bodies, Image, MeshModel};
 use super::near::Near;
 use super::options::{SurfaceOptions, VolumeCorrection};
+use super::polyhedron::Angular;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
+use crate::export::convex::Convex;
 use crate::memory::OutOfMemory;
+use crate::packing::Polyhedra;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
 const GAP_SHARE: f64 = 0.5;
@@ -43,13 +46,15 @@ pub(super) struct Grains<'a> {
 }
 
 /// What a grain faces, seen from its centre.
-pub(super) struct Faced {
-    pub(super) other: Other,
+pub(super) struct Faced<'a> {
+    pub(super) other: Other<'a>,
     /// Which grain it is; none of a wall.
     pub(super) row: Option<usize>,
     pub(super) gap: f64,
     /// Direction from the nearest point of the grain to its own, a unit vector.
     pub(super) toward: [f64; 3],
+    /// The point of the grain nearest to it; only of polyhedra.
+    pub(super) own: Option<[f64; 3]>,
 }
 
 impl<'a> Grains<'a> {
@@ -72,20 +77,20 @@ impl<'a> Grains<'a> {
     }
 
     /// Calls `visit` with what a grain faces within a reach.
-    pub(super) fn for_each_facing(&self, row: usize, reach: f64, mut visit: impl FnMut(Faced)) {
-        let bodies = &self.model.bodies;
+    pub(super) fn for_each_facing(&self, row: usize, reach: f64, mut visit: impl FnMut(Faced<'a>)) {
+        let bodies: &'a Bodies<'a> = &self.model.bodies;
         let center = bodies.center(row);
         self.near.for_each(Some(row), center, bodies.outer(row), reach, |other, of_spheres| {
-            let (gap, toward) = bodies.facing(row, other, of_spheres);
+            let Between { gap, toward, own } = bodies.facing(row, other, of_spheres);
             // The spheres around ellipsoids may be closer than that.
             if gap < reach || gap == of_spheres {
-                visit(Faced { other: bodies.other(other, center), row: Some(other), gap, toward });
+                visit(Faced { other: bodies.other(other, center), row: Some(other), gap, toward, own });
             }
         });
         for at_wall in self.model.walls(row) {
             if at_wall.gap < reach {
                 let (other, toward) = (at_wall.wall.about(center), at_wall.toward);
-                visit(Faced { other, row: None, gap: at_wall.gap, toward });
+                visit(Faced { other, row: None, gap: at_wall.gap, toward, own: at_wall.own });
             }
         }
     }
@@ -93,6 +98,9 @@ impl<'a> Grains<'a> {
     /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that
     /// would take more than `most_triangles`.
     pub(super) fn surface(&mut self, row: usize, most_triangles: usize) -> Option<(Surface, bool)> {
+        if let Bodies::Polyhedra { grains, templates, .. } = &self.model.bodies {
+            return self.polyhedron(grains, templates, row, most_triangles);
+        }
         let (diameter, image) = (self.model.bodies.diameter(row), self.model.bodies.image(row));
         let fineness = self.fineness(row);
         if fineness.triangles() > most_triangles as u64 {
@@ -139,17 +147,56 @@ impl<'a> Grains<'a> {
     }
 }
 
+impl Grains<'_> {
+    /// The same for a polyhedron.
+    fn polyhedron(
+        &self,
+        grains: &Polyhedra,
+        templates: &[Convex],
+        row: usize,
+        most_triangles: usize,
+    ) -> Option<(Surface, bool)> {
+        let d = grains.d_mm[row];
+        let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
+        let mut angular = Angular {
+            edge_mm: self.options.edge_mm(d),
+            floor_mm: self.options.floor_mm(d),
+            target_mm3: corrects.then(|| grains.shape(row).volume_mm3()),
+            facing: Vec::new(),
+            obstacles: Vec::new(),
+            most_mm: 0.0,
+        };
+        let reach = self.reach_mm(row);
+        let seen = if corrects { ROOM_REACH * reach } else { reach };
+        angular.most_mm = GAP_SHARE / 2.0 * seen;
+        self.for_each_facing(row, seen, |Faced { other, row, gap, toward, own }| {
+            let at = own.unwrap_or_default();
+            if gap < reach && self.options.size_field {
+                angular.facing.push(Facing { other, at, floor_mm: angular.floor_mm });
+            }
+            // The other grain has its own half of the gap; a wall does not move.
+            let share = if row.is_some() { GAP_SHARE / 2.0 } else { GAP_SHARE };
+            angular.obstacles.push((toward, dot(at, toward) + share * gap.max(0.0), other));
+        });
+        angular.surface(
+            &templates[grains.template[row] as usize],
+            &Angular::placed(grains, row),
+            most_triangles,
+        )
+    }
+}
+
 /// A grain about its centre, and what it faces.
-struct Ball {
+struct Ball<'a> {
     /// Of the sphere that the grain is an image of.
     radius: f64,
     image: Image,
-    facing: Vec<Facing>,
+    facing: Vec<Facing<'a>>,
 }
 
 /// Something that vertices must not come too close to.
-struct Obstacle {
-    other: Other,
+struct Obstacle<'a> {
+    other: Other<'a>,
     /// Direction of its nearest point from that of the grain.
     toward: [f64; 3],
     /// How far the grain reaches that way.
@@ -158,16 +205,16 @@ struct Obstacle {
 }
 
 /// Where the vertices of a grain may go.
-struct Room {
+struct Room<'a> {
     /// Of the sphere that the grain is an image of.
     radius: f64,
     image: Image,
-    obstacles: Vec<Obstacle>,
+    obstacles: Vec<Obstacle<'a>>,
     /// No vertex moves farther, for what is farther away was not looked at.
     most_mm: f64,
 }
 
-impl Room {
+impl Room<'_> {
     /// Moves vertices outwards until the polyhedron has the volume of its sphere, and so its image that of the grain;
     /// returns whether the gaps left room for that.
     fn fill(&self, surface: &mut Surface, diameter: f64) -> bool {
@@ -209,8 +256,8 @@ impl Room {
     fn at(&self, p: [f64; 3]) -> f64 {
         let p = self.image.place(p);
         let stretch = self.image.stretch(p, self.radius);
-        let room = |obstacle: &Obstacle| match obstacle.other {
-            Other::Sphere { .. } | Other::Ellipsoid { .. } => {
+        let room = |obstacle: &Obstacle<'_>| match obstacle.other {
+            Other::Sphere { .. } | Other::Ellipsoid { .. } | Other::Polyhedron(..) => {
                 // A plane across the shortest way between both, so that the other grain has its own half of the gap.
                 let along = dot(p, obstacle.toward);
                 let left = obstacle.support + GAP_SHARE / 2.0 * obstacle.gap - along;
@@ -251,7 +298,7 @@ fn areas_around(surface: &Surface) -> Vec<f64> {
     means
 }
 
-impl Shape for Ball {
+impl Shape for Ball<'_> {
     fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
         let (p, q) = (points[a as usize], points[b as usize]);
         sphere::unit(std::array::from_fn(|i| p[i] + q[i])).map(|x| x * self.radius)

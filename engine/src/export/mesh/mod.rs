@@ -16,6 +16,9 @@ pub mod msh;
 mod near;
 mod options;
 mod outline;
+mod polyhedron;
+#[cfg(test)]
+mod polyhedron_tests;
 mod shell;
 mod size;
 mod sphere;
@@ -32,10 +35,9 @@ use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::{self, make_room, reserved};
-use crate::request::GrainKind;
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
-use crate::request::{Distance, FieldError, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, GrainKind, PackingRequest, Specimen};
 use bodies::MeshModel;
 pub use estimate::MeshEstimate;
 use grain::Grains;
@@ -117,10 +119,10 @@ impl MeshRequest {
     /// Judges what can be judged before there are grains.
     ///
     /// # Errors
-    /// [`ExportError::Unavailable`] for a periodic box.
+    /// [`ExportError::Unavailable`] for a periodic box, and for the script of grains that are not spheres.
     pub fn check(&self, specimen: &Specimen, grains: GrainKind) -> Result<(), ExportError> {
-        if let (Self::Geo(_), false) = (self, grains == GrainKind::Spheres) {
-            return Err(geo::of_spheres_alone());
+        if matches!(self, Self::Geo(_)) && grains != GrainKind::Spheres {
+            return Err(geo::of_spheres_alone(grains));
         }
         check(specimen)
     }
@@ -274,12 +276,7 @@ impl Mesh {
         // What comes in small pieces is asked for as one.
         memory::probe(estimate.triangles.saturating_mul(BYTES_PER_TRIANGLE) as usize)?;
         let mut grains = Grains::new(model, options)?;
-        let typical_mm = surface_mean_mm(model);
-        let division = Division {
-            edge_mm: options.edge_mm(typical_mm),
-            floor_mm: options.floor_mm(typical_mm),
-            size_field: options.size_field,
-        };
+        let division = Division::of(model, options);
         let most = (limits.max_memory_bytes / BYTES_PER_TRIANGLE) as usize;
         let shell =
             Shell::new(model, division, most).ok_or_else(|| too_large(model, options, None, limits))?;

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 use super::bodies::{Bodies, MeshModel};
+use super::options::SurfaceOptions;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::surface::{Shape, Surface, cross, dot};
 use crate::request::Specimen;
@@ -34,11 +35,11 @@ const TOP: u8 = 4;
 
 /// What new vertices of a shell need to know.
 #[derive(Debug)]
-struct Growing {
+struct Growing<'a> {
     faces_of: Vec<u8>,
     /// Where there is a lateral surface: its axis, and how far from it its vertices lie.
     lateral: Option<([f64; 2], f64)>,
-    close: Close,
+    close: Close<'a>,
 }
 
 /// How a shell is divided.
@@ -50,6 +51,18 @@ pub(super) struct Division {
     pub(super) floor_mm: f64,
     /// Whether edges follow the gap to the grains.
     pub(super) size_field: bool,
+}
+
+impl Division {
+    /// Of the surface around these grains.
+    pub(super) fn of(model: &MeshModel<'_>, options: &SurfaceOptions) -> Self {
+        let typical_mm = super::surface_mean_mm(model);
+        Self {
+            edge_mm: options.edge_mm(typical_mm),
+            floor_mm: options.floor_mm(typical_mm),
+            size_field: options.size_field,
+        }
+    }
 }
 
 impl Shell {
@@ -100,7 +113,7 @@ fn count(length_mm: f64, edge_mm: f64, least: u32) -> f64 {
     (length_mm / edge_mm).round().max(f64::from(least))
 }
 
-impl Shape for Growing {
+impl Shape for Growing<'_> {
     fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
         let common = self.faces_of[a as usize] & self.faces_of[b as usize];
         self.faces_of.push(common);
@@ -139,25 +152,23 @@ impl Shape for Growing {
 
 /// The grains close to a wall, by cell.
 #[derive(Debug)]
-struct Close {
-    cells: HashMap<[i64; 3], Vec<Facing>>,
+struct Close<'a> {
+    cells: HashMap<[i64; 3], Vec<Facing<'a>>>,
     per_mm: f64,
 }
 
-impl Close {
-    fn new(model: &MeshModel<'_>, division: Division) -> Self {
+impl<'a> Close<'a> {
+    fn new(model: &'a MeshModel<'_>, division: Division) -> Self {
         let reach = division.edge_mm / EDGE_PER_GAP;
         let mut all = Vec::new();
         // How far along the wall a grain can ask for shorter edges.
         let mut widest = division.edge_mm;
         let bodies = &model.bodies;
         for row in 0..bodies.len() {
-            let radius = bodies.flattest(row);
             for at_wall in model.walls(row) {
                 let gap = at_wall.gap;
                 if gap < reach {
-                    let along = ((radius + reach).powi(2) - (radius + gap).powi(2)).max(0.0).sqrt();
-                    widest = widest.max(along + 2.0 * division.edge_mm);
+                    widest = widest.max(bodies.along(row, gap, reach) + 2.0 * division.edge_mm);
                     let other = bodies.other(row, [0.0; 3]);
                     all.push(Facing { other, at: at_wall.foot, floor_mm: division.floor_mm });
                 }
@@ -211,15 +222,15 @@ pub(super) fn walls(specimen: &Specimen, p: [f64; 3]) -> Vec<(Wall, [f64; 3])> {
 
 /// A wall.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wall(pub(super) Other);
+pub(super) struct Wall(pub(super) Other<'static>);
 
 impl Wall {
     /// The same seen from a point.
-    pub(super) fn about(&self, [x, y, z]: [f64; 3]) -> Other {
+    pub(super) fn about(&self, [x, y, z]: [f64; 3]) -> Other<'static> {
         match self.0 {
             Other::Plane(axis, at) => Other::Plane(axis, at - [x, y, z][axis]),
             Other::Lateral { axis, radius } => Other::Lateral { axis: [axis[0] - x, axis[1] - y], radius },
-            Other::Sphere { .. } | Other::Ellipsoid { .. } => self.0,
+            Other::Sphere { .. } | Other::Ellipsoid { .. } | Other::Polyhedron(..) => self.0,
         }
     }
 
@@ -237,6 +248,7 @@ fn side_gap_mm(radius: f64, bodies: &Bodies<'_>) -> f64 {
             radius - (x - radius).hypot(y - radius) - spheres.d_mm[row] / 2.0
         }
         Bodies::Ellipsoids { bodies, .. } => radius - bodies[row].reach_from_axis_mm([radius; 2]),
+        Bodies::Polyhedra { .. } => radius - bodies.reach_from_axis(row, [radius; 2]).0,
     };
     (0..bodies.len()).map(gap).fold(f64::INFINITY, f64::min)
 }

@@ -5,6 +5,7 @@
 //! never know triangles.
 
 use super::surface::{distance2, dot};
+use crate::export::convex::{Convex, Place};
 
 /// Most steps to the distance of an ellipsoid, which few of them find to rounding.
 const MOST_STEPS: u32 = 30;
@@ -14,7 +15,7 @@ pub(super) const EDGE_PER_GAP: f64 = 3.0;
 
 /// Something that a surface faces.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Other {
+pub(super) enum Other<'a> {
     /// A grain.
     Sphere {
         /// Its centre.
@@ -31,6 +32,8 @@ pub(super) enum Other {
         /// Its semi-axes in their order.
         semi_axes: [f64; 3],
     },
+    /// A grain that is a polyhedron: its template, and its place.
+    Polyhedron(&'a Convex, Place),
     /// A flat wall, by its axis and place.
     Plane(usize, f64),
     /// The lateral surface of a cylinder along z.
@@ -42,13 +45,16 @@ pub(super) enum Other {
     },
 }
 
-impl Other {
+impl Other<'_> {
     pub(super) fn gap_mm(&self, p: [f64; 3]) -> f64 {
         match *self {
             Self::Sphere { center, radius } => distance2(p, center).sqrt() - radius,
             Self::Ellipsoid { center, axes, semi_axes } => {
                 let from_center = std::array::from_fn(|a| p[a] - center[a]);
                 distance_of_ellipsoid(semi_axes, axes.map(|axis| dot(axis, from_center)))
+            }
+            Self::Polyhedron(template, place) => {
+                place.scale * template.distance(&place.local(&p.into())).max(0.0)
             }
             Self::Plane(axis, at) => (p[axis] - at).abs(),
             Self::Lateral { axis, radius } => radius - (p[0] - axis[0]).hypot(p[1] - axis[1]),
@@ -77,16 +83,16 @@ fn distance_of_ellipsoid(semi_axes: [f64; 3], p: [f64; 3]) -> f64 {
 
 /// Something that a surface faces, and the point of the surface that is nearest to it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Facing {
+pub(super) struct Facing<'a> {
     /// What it is.
-    pub(super) other: Other,
+    pub(super) other: Other<'a>,
     /// The point nearest to it.
     pub(super) at: [f64; 3],
     /// No edge has to be shorter than that because of it.
     pub(super) floor_mm: f64,
 }
 
-impl Facing {
+impl Facing<'_> {
     /// The longest that an edge may be of a triangle.
     pub(super) fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
         // The narrowest that a triangle faces is at its point nearest to `at`, which the circle about its
@@ -94,7 +100,14 @@ impl Facing {
         let reach = longest_mm * CIRCUMRADIUS;
         let toward: [f64; 3] = std::array::from_fn(|a| self.at[a] - centroid[a]);
         let share = (reach / dot(toward, toward).sqrt()).min(1.0);
-        let nearest = std::array::from_fn(|a| centroid[a] + share * toward[a]);
+        let nearest: [f64; 3] = std::array::from_fn(|a| centroid[a] + share * toward[a]);
+        if let Other::Polyhedron(template, place) = self.other {
+            // A lower bound, which takes less time than the distance.
+            let least = place.scale * (template.height(&place.local(&nearest.into())) - template.rounding);
+            if EDGE_PER_GAP * least > longest_mm {
+                return EDGE_PER_GAP * least;
+            }
+        }
         (EDGE_PER_GAP * self.other.gap_mm(nearest)).max(self.floor_mm)
     }
 }

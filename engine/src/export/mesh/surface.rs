@@ -18,6 +18,10 @@ pub(super) trait Shape {
     }
     /// The longest that an edge may be of a triangle with this centroid and longest edge.
     fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64;
+    /// The same of a triangle with these corners, beside what is asked for by its place.
+    fn most_mm(&self, _: [u32; 3]) -> f64 {
+        f64::INFINITY
+    }
     /// Whether edge ab, between triangles abc and bad, should be edge cd instead.
     fn is_wrong(&self, edge: [u32; 2], beside: [u32; 2], points: &[[f64; 3]]) -> bool;
 }
@@ -116,7 +120,7 @@ impl Surface {
         let [a, b, c] = self.triangles[t].map(|p| shape.place(self.points[p as usize]));
         let longest_mm = distance2(a, b).max(distance2(b, c)).max(distance2(c, a)).sqrt();
         let centroid = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
-        longest_mm > shape.length_mm(centroid, longest_mm)
+        longest_mm > shape.most_mm(self.triangles[t]) || longest_mm > shape.length_mm(centroid, longest_mm)
     }
 
     /// The edge that a triangle is split at. Two triangles agree about which of two edges is longer, for

@@ -1,12 +1,15 @@
 //! The solid that is seen, the grains in it, and the rays through both.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::export::Model;
+use crate::export::convex::{Convex, Place};
 use crate::export::solids::{Solids, quadratic};
 use crate::memory::{OutOfMemory, reserved};
+use crate::packing::GrainsRef;
 use crate::request::Specimen;
 
 /// Points and directions, in mm.
@@ -86,16 +89,25 @@ impl View {
     }
 }
 
+/// The surface of a grain.
+#[derive(Clone)]
+enum Form {
+    Sphere,
+    /// By the inverse shape matrix in 1/mm².
+    Ellipsoid(Matrix3<f64>),
+    /// By the template and the place of the grain.
+    Polyhedron(Arc<Convex>, Place),
+}
+
 /// A grain, or the periodic image of one.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(super) struct Grain {
     pub(super) center: Vector,
     /// Radius of the sphere of equal volume.
     pub(super) radius: f64,
     /// Radius of the smallest sphere around the grain.
     outer: f64,
-    /// Inverse shape matrix in 1/mm² of an ellipsoid; none of a sphere.
-    form: Option<Matrix3<f64>>,
+    form: Form,
     /// The number of the grain, the same for its images.
     pub(super) number: u32,
 }
@@ -105,24 +117,38 @@ impl Grain {
     fn contains(&self, p: &Vector) -> bool {
         let to = p - self.center;
         match &self.form {
-            None => to.norm_squared() < self.radius * self.radius,
-            Some(form) => quadratic(form, &to) < 1.0,
+            Form::Sphere => to.norm_squared() < self.radius * self.radius,
+            Form::Ellipsoid(form) => quadratic(form, &to) < 1.0,
+            Form::Polyhedron(template, place) => {
+                to.norm_squared() < self.outer * self.outer && template.distance(&place.local(p)) < 0.0
+            }
         }
     }
 
     /// Outward normal at a point of the surface.
     pub(super) fn normal(&self, at: &Vector) -> Vector {
         let to = at - self.center;
-        self.form.map_or_else(|| to / self.radius, |form| (form * to).normalize())
+        match &self.form {
+            Form::Sphere => to / self.radius,
+            Form::Ellipsoid(form) => (form * to).normalize(),
+            Form::Polyhedron(template, place) => place.rotation * template.normal(&place.local(at)),
+        }
     }
 
     /// Distance along a ray to where it enters the grain.
     fn entry(&self, from: &Vector, direction: &Vector) -> Option<f64> {
         let to = self.center - from;
-        let Some(form) = &self.form else {
-            let along = to.dot(direction);
-            let root = self.radius * self.radius - (to.norm_squared() - along * along);
-            return (root > 0.0).then(|| along - root.sqrt());
+        let form = match &self.form {
+            Form::Sphere => {
+                let along = to.dot(direction);
+                let root = self.radius * self.radius - (to.norm_squared() - along * along);
+                return (root > 0.0).then(|| along - root.sqrt());
+            }
+            Form::Ellipsoid(form) => form,
+            Form::Polyhedron(template, place) => {
+                let step = place.rotation.tr_mul(direction) / place.scale;
+                return template.chord(&place.local(from), &step).map(|[enter, _]| enter);
+            }
         };
         let image = form * direction;
         let (a, b) = (direction.dot(&image), to.dot(&image));
@@ -135,9 +161,14 @@ impl Grain {
     pub(super) fn edge_distance(&self, at: &Vector, normal: &Vector) -> f64 {
         let to = at - self.center;
         let height = to.dot(normal);
-        let Some(form) = &self.form else {
-            let disc = (self.radius * self.radius - height * height).max(0.0).sqrt();
-            return disc - (to - normal * height).norm();
+        let form = match &self.form {
+            Form::Sphere => {
+                let disc = (self.radius * self.radius - height * height).max(0.0).sqrt();
+                return disc - (to - normal * height).norm();
+            }
+            Form::Ellipsoid(form) => form,
+            // The slope of the surface towards the cut is left out: the line is at least as wide as elsewhere.
+            Form::Polyhedron(template, place) => return -template.distance(&place.local(at)) * place.scale,
         };
         // To first order: what the form lacks over its gradient within the plane.
         let gradient = form * to * 2.0;
@@ -315,15 +346,33 @@ fn with_images(model: &Model<'_>) -> Result<Vec<Grain>, OutOfMemory> {
     let solids = Solids::new(model.grains)?;
     let size = Vector::from(model.specimen.bounds_mm());
     let shifts: &[f64] = if model.specimen.is_periodic() { &[0.0, -1.0, 1.0] } else { &[0.0] };
+    let templates = match model.grains {
+        GrainsRef::Polyhedra(polyhedra) => {
+            Convex::all(&polyhedra.templates).into_iter().map(Arc::new).collect()
+        }
+        GrainsRef::Spheres(_) | GrainsRef::Ellipsoids(_) => Vec::new(),
+    };
+    let form_of = |grain: usize| match model.grains {
+        GrainsRef::Spheres(_) => Form::Sphere,
+        GrainsRef::Ellipsoids(_) => solids.inverse(grain).map_or(Form::Sphere, Form::Ellipsoid),
+        GrainsRef::Polyhedra(polyhedra) => {
+            let template = Arc::clone(&templates[polyhedra.template[grain] as usize]);
+            Form::Polyhedron(template, Place::new(polyhedra, grain))
+        }
+    };
     let mut grains = reserved(solids.len())?;
     for (i, diameter) in model.grains.diameters_mm().enumerate() {
         let (center, half, radius) = (Vector::from(solids.center(i)), solids.half_extents(i), diameter / 2.0);
-        let (form, outer) = (solids.inverse(i), solids.outer_radius(i));
+        let (form, outer) = (form_of(i), solids.outer_radius(i));
         for &x in shifts {
             for &y in shifts {
                 for &z in shifts {
                     let center = center + Vector::new(x, y, z).component_mul(&size);
                     if (0..3).all(|a| center[a] + half[a] > 0.0 && center[a] - half[a] < size[a]) {
+                        let mut form = form.clone();
+                        if let Form::Polyhedron(_, place) = &mut form {
+                            place.center = center;
+                        }
                         grains.push(Grain { center, radius, outer, form, number: i as u32 });
                     }
                 }

@@ -180,3 +180,39 @@ fn a_stop_ends_the_work() {
         write(&Model::new(&specimen, &spheres), &PictureOptions::default(), &Stopped, &mut Vec::new());
     assert!(matches!(ended, Err(ExportError::Stopped)));
 }
+
+/// Cubes and octahedra, sharp and rounded, are seen as what they are: a ray meets a cube where it lies.
+#[test]
+fn polyhedra_are_rendered_and_the_bytes_do_not_depend_on_the_threads() {
+    let specimen = cube(Boundary::Walls);
+    for rounding in [0.0, 0.08] {
+        let grains = crate::export::polyhedra_samples::packed(&specimen, 40, [9.0, 6.0], 0.5, rounding);
+        let model = Model::new(&specimen, &grains);
+        let picture = |threads| {
+            let mut out = Vec::new();
+            write(&model, &PictureOptions { pixels: 200, threads }, &Unattended, &mut out).unwrap();
+            out
+        };
+        let one = picture(1);
+        assert!(one == picture(2));
+        // Points of rays that hit grains lie on their surfaces, and normals point towards the eye.
+        let scene = Scene::new(&model).unwrap();
+        let view = View::framing(&specimen, 200);
+        let templates = crate::export::convex::Convex::all(&grains.templates);
+        let mut hits = 0;
+        for y in 0..view.pixels[1] {
+            for x in 0..view.pixels[0] {
+                let hit = scene.trace(view.unproject([f64::from(x) + 0.5, f64::from(y) + 0.5]));
+                if let Hit::Grain { grain, at, .. } = hit {
+                    let row = scene.grain(grain).number as usize;
+                    let place = crate::export::convex::Place::new(&grains, row);
+                    let template = &templates[grains.template[row] as usize];
+                    assert!(template.distance(&place.local(&at)).abs() < 1e-9);
+                    assert!(scene.grain(grain).normal(&at).dot(&view.eye) > -1e-9);
+                    hits += 1;
+                }
+            }
+        }
+        assert!(hits > 500, "{hits}");
+    }
+}

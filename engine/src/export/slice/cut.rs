@@ -5,11 +5,11 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use super::figure::{Ellipse, Figure};
-use super::{Axis, SliceReport};
+use super::{Axis, Polygon, SliceReport};
 use crate::export::Model;
 use crate::export::solids::Solids;
 use crate::memory::OutOfMemory;
-use crate::packing::GrainsRef;
+use crate::request::GrainKind;
 use crate::request::Specimen;
 
 /// The part of a plane inside the specimen.
@@ -52,15 +52,15 @@ impl Outline {
 }
 
 /// A grain's section.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Section {
-    /// Centre, u and v; outside of the outline for some images in a periodic box.
+    /// Centre, u and v, of a polygon its centroid; outside of the outline for some images in a periodic box.
     pub center_mm: [f64; 2],
-    /// A circle or an ellipse.
+    /// A circle, an ellipse or a polygon.
     pub figure: Figure,
     /// The grain it is cut from.
     pub grain: usize,
-    /// That grain's diameter; of an ellipsoid that of the sphere of equal volume.
+    /// That grain's diameter; of other grains than spheres that of the sphere of equal volume.
     pub diameter_mm: f64,
     /// Whether it crosses the outline, as in a periodic box it may.
     pub clipped: bool,
@@ -81,8 +81,8 @@ pub struct Cut {
     pub periodic: bool,
     /// Whether edges of a rectangular outline along u are part of a cylinder's lateral surface.
     pub lateral: bool,
-    /// Whether the grains are ellipsoids, whose sections are ellipses.
-    pub ellipsoids: bool,
+    /// What the grains are: spheres, whose sections are circles, ellipsoids with ellipses, or polyhedra with polygons.
+    pub kind: GrainKind,
     /// The sections, in the order of their grains.
     pub sections: Vec<Section>,
 }
@@ -119,7 +119,7 @@ impl Cut {
             outline,
             periodic,
             lateral: cylinder && axis != Axis::Z,
-            ellipsoids: matches!(model.grains, GrainsRef::Ellipsoids(_)),
+            kind: model.grains.kind(),
             sections: Vec::new(),
         };
         let solids = Solids::new(model.grains)?;
@@ -135,7 +135,7 @@ impl Cut {
                     for dv in shifts {
                         let moved = [center[u] + du * bounds[u], center[v] + dv * bounds[v]];
                         let center_mm = [moved[0] + aside[0], moved[1] + aside[1]];
-                        cut.push(center_mm, figure, grain, solids.equivalent_diameter(grain));
+                        cut.push(center_mm, figure.clone(), grain, solids.equivalent_diameter(grain));
                     }
                 }
             }
@@ -148,9 +148,9 @@ impl Cut {
         let mut clipped = false;
         if self.periodic {
             let [u, v] = self.outline.bounds_mm();
-            let half = figure.half_extents_mm();
+            let extents = figure.extents_mm();
             let crosses = |i: usize, [low, high]: [f64; 2]| {
-                center_mm[i] - half[i] < low || center_mm[i] + half[i] > high
+                center_mm[i] + extents[i][0] < low || center_mm[i] + extents[i][1] > high
             };
             clipped = crosses(0, u) || crosses(1, v);
             if clipped {
@@ -168,7 +168,11 @@ impl Cut {
 
     /// What sections are called.
     pub(super) fn noun(&self) -> &'static str {
-        if self.ellipsoids { "ellipses" } else { "circles" }
+        match self.kind {
+            GrainKind::Spheres => "circles",
+            GrainKind::Ellipsoids => "ellipses",
+            GrainKind::Polyhedra => "polygons",
+        }
     }
 
     /// Area of the sections inside the outline.
@@ -178,14 +182,16 @@ impl Cut {
 
     pub(super) fn report(&self) -> SliceReport {
         let (area_mm2, aggregate_area_mm2) = (self.outline.area_mm2(), self.aggregate_area_mm2());
+        let count = |kind: GrainKind| (self.kind == kind).then_some(self.sections.len() as u64);
         SliceReport {
             axis: self.axis,
             at_mm: self.at_mm,
             plane: self.axis.plane(),
             outline: self.outline,
             area_mm2,
-            circle_count: if self.ellipsoids { 0 } else { self.sections.len() as u64 },
-            ellipse_count: self.ellipsoids.then_some(self.sections.len() as u64),
+            circle_count: count(GrainKind::Spheres).unwrap_or(0),
+            ellipse_count: count(GrainKind::Ellipsoids),
+            polygon_count: count(GrainKind::Polyhedra),
             aggregate_area_mm2,
             area_fraction: aggregate_area_mm2 / area_mm2,
             image: None,
@@ -199,6 +205,10 @@ fn figure_of(solids: &Solids<'_>, grain: usize, axes: [usize; 3], height: f64) -
     if let (Some(shape), Some(inverse)) = (solids.shape(grain), solids.inverse(grain)) {
         return Ellipse::of_section(&shape, &inverse, axes, height)
             .map(|(center, ellipse)| (center, Figure::Ellipse(ellipse)));
+    }
+    if let Some((template, place)) = solids.polyhedron(grain) {
+        return Polygon::of_section(template, &place, axes, height)
+            .map(|(center, polygon)| (center, Figure::Polygon(polygon)));
     }
     let (radius, height) = (solids.outer_radius(grain), height.abs());
     (height < radius).then(|| {

@@ -1,4 +1,5 @@
-//! What a plane cuts out of a grain: a circle of a sphere, an ellipse of an ellipsoid, in closed form.
+//! What a plane cuts out of a grain: a circle of a sphere, an ellipse of an ellipsoid, in closed form; a polygon of a
+//! polyhedron (`polygon`).
 //!
 //! An ellipsoid with the shape matrix `A` and its inverse `M` is the set of points with `(p - x) · M (p - x) <= 1`. The
 //! plane across the axis `w` at the height `h` above its centre cuts it in the ellipse around `(A_uw, A_vw) h / A_ww`
@@ -9,12 +10,12 @@ use std::f64::consts::PI;
 
 use nalgebra::Matrix3;
 
-use super::overlap;
+use super::{Polygon, overlap};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
 
 /// The section of a grain, about its centre.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Figure {
     /// Of a sphere.
     Circle {
@@ -23,6 +24,8 @@ pub enum Figure {
     },
     /// Of an ellipsoid.
     Ellipse(Ellipse),
+    /// Of a polyhedron.
+    Polygon(Polygon),
 }
 
 /// An ellipse about the origin.
@@ -131,28 +134,31 @@ impl Ellipse {
 impl Figure {
     /// Its area.
     pub fn area_mm2(&self) -> f64 {
-        match *self {
+        match self {
             Self::Circle { radius_mm } => PI * radius_mm * radius_mm,
             Self::Ellipse(Ellipse { semi_axes_mm: [a, b], .. }) => PI * a * b,
+            Self::Polygon(polygon) => polygon.area_mm2(),
         }
     }
 
-    /// Half of its extents along u and v.
-    pub(super) fn half_extents_mm(&self) -> [f64; 2] {
+    /// From and to along u and v, from its centre.
+    pub(super) fn extents_mm(&self) -> [[f64; 2]; 2] {
         match self {
-            Self::Circle { radius_mm } => [*radius_mm; 2],
+            Self::Circle { radius_mm } => [[-radius_mm, *radius_mm]; 2],
             Self::Ellipse(ellipse) => {
                 let [uu, _, vv] = ellipse.matrix();
-                [uu.sqrt(), vv.sqrt()]
+                [uu.sqrt(), vv.sqrt()].map(|half| [-half, half])
             }
+            Self::Polygon(polygon) => polygon.extents_mm(),
         }
     }
 
     /// Distance of its farthest point from its centre.
     pub(super) fn outer_mm(&self) -> f64 {
-        match *self {
-            Self::Circle { radius_mm } => radius_mm,
-            Self::Ellipse(Ellipse { semi_axes_mm: [a, _], .. }) => a,
+        match self {
+            Self::Circle { radius_mm } => *radius_mm,
+            Self::Ellipse(Ellipse { semi_axes_mm: [a, _], .. }) => *a,
+            Self::Polygon(polygon) => polygon.corners_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max),
         }
     }
 
@@ -166,6 +172,7 @@ impl Figure {
                 let [a, b] = ellipse.semi_axes_mm;
                 a * b * overlap::with_polygon(&ellipse.corners_on_disc(center, u, v))
             }
+            Self::Polygon(polygon) => polygon.area_in(center, u, v),
         }
     }
 
@@ -178,6 +185,7 @@ impl Figure {
                 outside(center[0], u).hypot(outside(center[1], v)) < *radius_mm
             }
             Self::Ellipse(ellipse) => overlap::meets_polygon(&ellipse.corners_on_disc(center, u, v)),
+            Self::Polygon(polygon) => polygon.area_in(center, u, v) > 0.0,
         }
     }
 
@@ -186,6 +194,7 @@ impl Figure {
         let radius = match self {
             Self::Circle { radius_mm } => *radius_mm,
             Self::Ellipse(ellipse) => return ellipse.span(center, v),
+            Self::Polygon(polygon) => return polygon.span(center, v),
         };
         let half_chord = |dv: f64| ((radius - dv) * (radius + dv)).max(0.0).sqrt();
         let distances = v.map(|v| (v - center[1]).abs());
@@ -200,11 +209,15 @@ impl Figure {
     }
 
     /// The ellipsoid with a centre in the plane whose section it is, as thick as it is narrow: in the plane its gaps
-    /// are those of the figure.
+    /// are those of the figure; of a polygon those of the circle around it.
     pub(super) fn body(&self, [u, v]: [f64; 2]) -> Body {
         let ([xx, xy, yy], [outer_mm, inner_mm]) = match self {
             Self::Circle { radius_mm: r } => ([r * r, 0.0, r * r], [*r; 2]),
             Self::Ellipse(ellipse) => (ellipse.matrix(), ellipse.semi_axes_mm),
+            Self::Polygon(_) => {
+                let r = self.outer_mm();
+                ([r * r, 0.0, r * r], [r; 2])
+            }
         };
         Body {
             center_mm: [u, v, 0.0],

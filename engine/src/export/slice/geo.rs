@@ -6,13 +6,14 @@
 //!
 //! Circles are curves of the kernel, which Gmsh divides evenly. It divides ellipses by their curvature, and the area
 //! of the polygon has no closed form then: an ellipse is written as the affine image of a regular polygon, whose area
-//! is that of the ellipse at a known factor.
+//! is that of the ellipse at a known factor. Polygons are written as they are.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
 
 use super::{Cut, Figure, Outline, Section};
 use crate::gap::ellipsoids::Body;
+use crate::request::GrainKind;
 
 /// Elements along the circumference of a circle; the user of the script may say otherwise.
 const SEGMENTS: u32 = 20;
@@ -36,7 +37,7 @@ Macro Enlarge
 Return
 ";
 
-const POLYGON: &str = "\
+const ELLIPSE_AS_POLYGON: &str = "\
 // Makes surface s: the ellipse around (u, v) with the semi-axes r and ratio*r, the longer one at the angle t, as a
 // polygon of the same area.
 Macro Polygon
@@ -74,8 +75,11 @@ pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         noun = cut.noun(),
         size = long / ELEMENTS_PER_EDGE,
     )?;
-    if cut.ellipsoids {
-        out.write_all(POLYGON.as_bytes())?;
+    if cut.kind == GrainKind::Ellipsoids {
+        out.write_all(ELLIPSE_AS_POLYGON.as_bytes())?;
+    }
+    if cut.kind == GrainKind::Polyhedra {
+        writeln!(out, "itz() = {{}};")?;
     }
     if cut.sections.iter().any(|section| section.clipped) {
         clipped(cut, out)?;
@@ -112,7 +116,7 @@ fn surface(
     out: &mut dyn Write,
 ) -> io::Result<()> {
     let [u, v] = section.center_mm;
-    match (section.figure, curve) {
+    match (&section.figure, curve) {
         (Figure::Circle { radius_mm: r }, Some(curve)) => writeln!(
             out,
             "r = {r}; most = {most}; Call Enlarge; Circle({curve}) = {{{u}, {v}, 0, r, 0, 2*Pi}}; \
@@ -120,6 +124,23 @@ fn surface(
         ),
         (Figure::Circle { radius_mm: r }, None) => {
             writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({surface}) = {{{u}, {v}, 0, r}};")
+        }
+        (Figure::Polygon(polygon), _) => {
+            let corners = &polygon.corners_mm;
+            let n = corners.len();
+            write!(out, "p = newp; c = newc;")?;
+            for (k, corner) in corners.iter().enumerate() {
+                write!(out, " Point(p + {k}) = {{{}, {}, 0}};", u + corner[0], v + corner[1])?;
+            }
+            for k in 0..n {
+                write!(out, " Line(c + {k}) = {{p + {k}, p + {}}};", (k + 1) % n)?;
+            }
+            writeln!(
+                out,
+                " Curve Loop({surface}) = {{c:c + {last}}}; Plane Surface({surface}) = {{{surface}}}; \
+                 itz() += {{c:c + {last}}};",
+                last = n - 1
+            )
         }
         (Figure::Ellipse(ellipse), _) => {
             let ([a, b], [c, s]) = (ellipse.semi_axes_mm, ellipse.long);
@@ -144,7 +165,10 @@ fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         return writeln!(out, "Plane Surface(1) = {{1}};\nPhysical Surface(\"matrix\") = {{1}};");
     }
     let (last_grain, last_circle) = (FIRST_GRAIN + n - 1, FIRST_CIRCLE + n - 1);
-    let itz = if cut.ellipsoids { "itz()".to_owned() } else { format!("{FIRST_CIRCLE}:{last_circle}") };
+    let itz = match cut.kind {
+        GrainKind::Spheres => format!("{FIRST_CIRCLE}:{last_circle}"),
+        GrainKind::Ellipsoids | GrainKind::Polyhedra => "itz()".to_owned(),
+    };
     writeln!(
         out,
         "Plane Surface(1) = {{1:{last_grain}}};\n\
@@ -228,6 +252,10 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
 /// than the end of its long axis.
 fn most_radii(cut: &Cut) -> Vec<f64> {
     let sections = &cut.sections;
+    // Polygons have their area as they are.
+    if cut.kind == GrainKind::Polyhedra {
+        return vec![0.0; sections.len()];
+    }
     let mut order: Vec<usize> = (0..sections.len()).collect();
     order.sort_by(|&i, &j| sections[i].center_mm[0].total_cmp(&sections[j].center_mm[0]));
     let radius = |i: usize| sections[i].figure.outer_mm();
@@ -263,7 +291,7 @@ const MOST_ENLARGED: f64 = 4.0 * 0.56;
 /// Gap between two sections whose centres are that far apart.
 fn gap_mm(one: &Section, other: &Section, apart: f64) -> f64 {
     let between_outer = apart - one.figure.outer_mm() - other.figure.outer_mm();
-    match (one.figure, other.figure) {
+    match (&one.figure, &other.figure) {
         (Figure::Circle { .. }, Figure::Circle { .. }) => between_outer,
         // Farther apart than either can be enlarged: a lower bound is enough.
         _ if between_outer > 4.0 * MOST_ENLARGED * one.figure.outer_mm().max(other.figure.outer_mm()) => {
@@ -279,7 +307,7 @@ fn body(section: &Section) -> Body {
 
 /// The radius, of an ellipse the longer semi-axis, that a section may have for the sake of the outline.
 fn to_edges(cut: &Cut, section: &Section) -> f64 {
-    let (center, figure) = (section.center_mm, section.figure);
+    let (center, figure) = (section.center_mm, &section.figure);
     let radius = figure.outer_mm();
     if cut.periodic {
         return 2.0 * radius;
@@ -287,13 +315,13 @@ fn to_edges(cut: &Cut, section: &Section) -> f64 {
     let gap = match (cut.outline, figure) {
         (Outline::Rectangle { u_mm, v_mm }, _) => {
             let to = |x: f64, [low, high]: [f64; 2]| (x - low).min(high - x);
-            let [half_u, half_v] = figure.half_extents_mm();
+            let [[_, half_u], [_, half_v]] = figure.extents_mm();
             (to(center[0], u_mm) - half_u).min(to(center[1], v_mm) - half_v)
         }
         (Outline::Disc { center_mm, radius_mm }, Figure::Circle { .. }) => {
             radius_mm - (center[0] - center_mm[0]).hypot(center[1] - center_mm[1]) - radius
         }
-        (Outline::Disc { center_mm, radius_mm }, Figure::Ellipse(_)) => {
+        (Outline::Disc { center_mm, radius_mm }, Figure::Ellipse(_) | Figure::Polygon(_)) => {
             radius_mm - body(section).reach_from_axis_mm(center_mm)
         }
     };

@@ -1,8 +1,9 @@
-//! The circles or ellipses and the figures of a cut as one JSON object.
+//! The circles, ellipses or polygons and the figures of a cut as one JSON object.
 
 use std::io::{self, Write};
 
 use super::{Cut, Figure, SliceReport};
+use crate::request::GrainKind;
 
 /// Names of the columns of circles.
 const CIRCLE: [&str; 6] = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
@@ -10,13 +11,17 @@ const CIRCLE: [&str; 6] = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", 
 /// angle of the longer one from u towards v, `diameter_mm` that of the sphere with the volume of the grain.
 const ELLIPSE: [&str; 8] = ["u_mm", "v_mm", "a_mm", "b_mm", "angle_deg", "grain", "diameter_mm", "area_mm2"];
 
-/// A slice as one JSON object: the fields of its report, then the table `circles` of a packing of spheres, or
-/// `ellipses` of one of ellipsoids.
+/// Names of the columns of polygons: `u_mm` and `v_mm` are those of the centroid, `corners_mm` the pairs u, v of the
+/// corners, counter-clockwise from u to v.
+const POLYGON: [&str; 6] = ["u_mm", "v_mm", "grain", "diameter_mm", "area_mm2", "corners_mm"];
+
+/// A slice as one JSON object: the fields of its report, then the table `circles` of a packing of spheres, `ellipses` of
+/// one of ellipsoids, or `polygons` of one of polyhedra.
 #[derive(Clone, Copy, Debug)]
 pub struct SliceDocument<'a> {
     /// The figures of the cut.
     pub report: &'a SliceReport,
-    /// The circles or ellipses.
+    /// The circles, ellipses or polygons.
     pub cut: &'a Cut,
 }
 
@@ -30,14 +35,19 @@ impl SliceDocument<'_> {
         // The object is opened again for the table, whose rows are written as they come.
         head.pop();
         out.write_all(&head)?;
-        let columns = if self.cut.ellipsoids { ELLIPSE.as_slice() } else { CIRCLE.as_slice() };
+        let columns = match self.cut.kind {
+            GrainKind::Spheres => CIRCLE.as_slice(),
+            GrainKind::Ellipsoids => ELLIPSE.as_slice(),
+            GrainKind::Polyhedra => POLYGON.as_slice(),
+        };
         write!(out, ",\"{}\":{{\"columns\":{},\"rows\":[", self.cut.noun(), serde_json::to_string(columns)?)?;
         let mut digits = zmij::Buffer::new();
         for (i, section) in self.cut.sections.iter().enumerate() {
             out.write_all(if i == 0 { b"\n[" } else { b",\n[" })?;
             let [u, v] = section.center_mm;
-            match section.figure {
-                Figure::Circle { radius_mm } => numbers(out, &mut digits, &[u, v, radius_mm])?,
+            match &section.figure {
+                Figure::Circle { radius_mm } => numbers(out, &mut digits, &[u, v, *radius_mm])?,
+                Figure::Polygon(_) => numbers(out, &mut digits, &[u, v])?,
                 Figure::Ellipse(ellipse) => {
                     let [a, b] = ellipse.semi_axes_mm;
                     numbers(out, &mut digits, &[u, v, a, b, ellipse.angle_deg()])?;
@@ -45,6 +55,14 @@ impl SliceDocument<'_> {
             }
             write!(out, ",{},", section.grain)?;
             numbers(out, &mut digits, &[section.diameter_mm, section.area_mm2])?;
+            if let Figure::Polygon(polygon) = &section.figure {
+                for (k, corner) in polygon.corners_mm.iter().enumerate() {
+                    out.write_all(if k == 0 { b",[[" } else { b",[" })?;
+                    numbers(out, &mut digits, &[u + corner[0], v + corner[1]])?;
+                    out.write_all(b"]")?;
+                }
+                out.write_all(b"]")?;
+            }
             out.write_all(b"]")?;
         }
         out.write_all(b"\n]}}\n")
@@ -79,9 +97,20 @@ impl utoipa::PartialSchema for SliceDocument<'_> {
             &ELLIPSE,
             "One row an ellipse.",
         );
+        let corners = crate::export::schema::table_with_points(
+            "The polygons of a slice through polyhedra: centroid, grain, diameter of the sphere with the volume of the \
+             grain, area inside the outline, and the corners, counter-clockwise from u to v.",
+            &POLYGON,
+            "One row a polygon; the last member is the list of its corners.",
+        );
+        let polygons = ObjectBuilder::new()
+            .schema_type(Type::Object)
+            .property("polygons", corners)
+            .required("polygons")
+            .build();
         let document = AllOfBuilder::new()
             .item(Ref::from_schema_name(SliceReport::name()))
-            .item(Schema::from(OneOfBuilder::new().item(circles).item(ellipses).build()))
+            .item(Schema::from(OneOfBuilder::new().item(circles).item(ellipses).item(polygons).build()))
             .description(Some("A slice in JSON."));
         Schema::from(document.build()).into()
     }

@@ -2,7 +2,7 @@
 //!
 //! The common two-dimensional mesoscale model of concrete is such a cut. A cut is perpendicular to one axis; its
 //! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
-//! Spheres are cut in circles, ellipsoids in ellipses (`figure`). The module knows grains and their specimen; it must
+//! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows grains and their specimen; it must
 //! never know how they were packed.
 
 mod cut;
@@ -11,6 +11,7 @@ mod geo;
 mod json;
 mod overlap;
 mod png;
+mod polygon;
 mod svg;
 
 use std::io::{BufWriter, Write};
@@ -20,10 +21,12 @@ use serde::{Deserialize, Serialize};
 pub use cut::{Cut, Outline, Section};
 pub use figure::{Ellipse, Figure};
 pub use json::SliceDocument;
+pub use polygon::{Polygon, TOLERANCE};
 
 use crate::control::{Control, Phase, Progress};
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
+use crate::request::GrainKind;
 use crate::request::decode::{Bound, Object};
 use crate::request::{Axis, FieldError, MAX_LENGTH_MM, Specimen};
 
@@ -43,7 +46,7 @@ pub enum SliceFormat {
     Svg,
     /// A picture of the cut and nothing else, anti-aliased by exact areas.
     Png,
-    /// The circles or ellipses and the figures.
+    /// The circles, ellipses or polygons and the figures.
     Json,
     /// A Gmsh script of the plane surfaces, for a 2D mesh.
     Geo,
@@ -142,15 +145,21 @@ pub struct SliceReport {
     pub outline: Outline,
     /// Its area.
     pub area_mm2: f64,
-    /// Circles cut, with the images of those that cross the faces of a periodic box; 0 where grains are ellipsoids.
+    /// Circles cut, with the images of those that cross the faces of a periodic box; 0 where grains are not spheres.
     pub circle_count: u64,
-    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are spheres.
+    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are not ellipsoids.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub ellipse_count: Option<u64>,
-    /// Area of the circles or ellipses inside the outline.
+    /// Polygons cut, with the images of those that cross the faces of a periodic box; absent where grains are not
+    /// polyhedra.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub polygon_count: Option<u64>,
+    /// Area of the circles, ellipses or polygons inside the outline.
     pub aggregate_area_mm2: f64,
-    /// Area of the circles or ellipses over that of the cut; exact.
+    /// Area of the circles, ellipses or polygons over that of the cut; exact, but for rounded polyhedra, whose polygons
+    /// are inscribed.
     pub area_fraction: f64,
     /// Measures of the picture, for the format `png`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -196,21 +205,26 @@ pub(super) fn expected_bytes(
     specimen: &Specimen,
     options: &SliceOptions,
     sum_mm: f64,
-    ellipsoids: bool,
+    kind: GrainKind,
 ) -> u64 {
     let bounds = specimen.bounds_mm();
     let sections = sum_mm / bounds[options.axis.index()];
-    let (frame, per_circle, per_ellipse) = match options.format {
-        SliceFormat::Svg => (1000.0, 45.0, 115.0),
-        SliceFormat::Json => (350.0, 105.0, 145.0),
-        SliceFormat::Geo => (1400.0, 190.0, 165.0),
+    let (frame, per_circle, per_ellipse, per_polygon) = match options.format {
+        SliceFormat::Svg => (1000.0, 45.0, 115.0, 200.0),
+        SliceFormat::Json => (350.0, 105.0, 145.0, 350.0),
+        SliceFormat::Geo => (1400.0, 190.0, 165.0, 700.0),
         SliceFormat::Png => {
             let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
             return (0.1 * long * long * u.min(v) / u.max(v)) as u64 + 1000;
         }
     };
-    (frame + if ellipsoids { per_ellipse } else { per_circle } * sections) as u64
+    let per_section = match kind {
+        GrainKind::Spheres => per_circle,
+        GrainKind::Ellipsoids => per_ellipse,
+        GrainKind::Polyhedra => per_polygon,
+    };
+    (frame + per_section * sections) as u64
 }
 
 /// Cuts the packing and writes what is asked for.
@@ -259,5 +273,7 @@ pub fn write(
 
 #[cfg(test)]
 mod ellipsoid_tests;
+#[cfg(test)]
+mod polyhedron_tests;
 #[cfg(test)]
 mod tests;

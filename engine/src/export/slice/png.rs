@@ -137,7 +137,7 @@ impl<'a> Raster<'a> {
         while let Some(section) = self.waiting.pop_if(|section| top(section) > v[0]) {
             self.active.push(section);
         }
-        self.active.retain(|section| section.center_mm[1] - section.figure.half_extents_mm()[1] < v[1]);
+        self.active.retain(|section| section.center_mm[1] + section.figure.extents_mm()[1][0] < v[1]);
         self.aggregate.fill(0.0);
         for section in &self.active {
             cover(&mut self.aggregate, &self.grid, &section.figure, section.center_mm, v);
@@ -147,7 +147,7 @@ impl<'a> Raster<'a> {
 
 /// The uppermost that a section reaches.
 fn top(section: &Section) -> f64 {
-    section.center_mm[1] + section.figure.half_extents_mm()[1]
+    section.center_mm[1] + section.figure.extents_mm()[1][1]
 }
 
 /// Adds the shares of one row's pixels that a figure covers.

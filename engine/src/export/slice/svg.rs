@@ -41,9 +41,17 @@ pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io:
     writeln!(out, r##"<g id="aggregates" fill="#a0a0a0"{clip}>"##)?;
     for section in &cut.sections {
         let (x, y) = (section.center_mm[0] - u0, v1 - section.center_mm[1]);
-        match section.figure {
+        match &section.figure {
             Figure::Circle { radius_mm: r } => {
                 writeln!(out, r#"<circle cx="{x:.decimals$}" cy="{y:.decimals$}" r="{r:.decimals$}"/>"#)?;
+            }
+            Figure::Polygon(polygon) => {
+                let points: Vec<String> = polygon
+                    .corners_mm
+                    .iter()
+                    .map(|[u, v]| format!("{:.decimals$},{:.decimals$}", x + u, y - v))
+                    .collect();
+                writeln!(out, r#"<polygon points="{}"/>"#, points.join(" "))?;
             }
             Figure::Ellipse(ellipse) => {
                 // y points down here: what turns towards v turns the other way.

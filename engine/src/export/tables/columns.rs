@@ -1,15 +1,16 @@
 //! The columns of a result: what they are called, in which order they are stored, and how they are read.
 //!
 //! Spheres have four columns: the centre and the diameter. Ellipsoids have these four, whose diameter is that of the
-//! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes.
+//! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes. Convex polyhedra
+//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`).
 
 use std::io;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::memory::{filled, reserved};
-use crate::packing::{Ellipsoids, Grains, GrainsRef, Spheres};
-use crate::shape::{Ellipsoid, Pose};
+use crate::packing::{Ellipsoids, Grains, GrainsRef, Polyhedra, Spheres};
+use crate::shape::{Ellipsoid, Polyhedron, Pose};
 
 /// A column of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +39,8 @@ pub enum Column {
     B,
     /// Smallest semi-axis in mm.
     C,
+    /// Index of the template, from 0.
+    Template,
 }
 
 impl Column {
@@ -60,6 +63,20 @@ impl Column {
         Self::C,
     ];
 
+    /// The columns of convex polyhedra, in the order of storage.
+    pub const OF_POLYHEDRA: &'static [Self] = &[
+        Self::X,
+        Self::Y,
+        Self::Z,
+        Self::Diameter,
+        Self::Sieve,
+        Self::Qw,
+        Self::Qx,
+        Self::Qy,
+        Self::Qz,
+        Self::Template,
+    ];
+
     /// Its name in tables.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -76,6 +93,7 @@ impl Column {
             Self::A => "a_mm",
             Self::B => "b_mm",
             Self::C => "c_mm",
+            Self::Template => "template",
         }
     }
 
@@ -85,7 +103,8 @@ impl Column {
         let has_names = |columns: &[Self]| {
             columns.iter().map(|column| column.name()).eq(names.iter().map(String::as_str))
         };
-        [Self::OF_SPHERES, Self::OF_ELLIPSOIDS].into_iter().find(|columns| has_names(columns))
+        let kinds = [Self::OF_SPHERES, Self::OF_ELLIPSOIDS, Self::OF_POLYHEDRA];
+        kinds.into_iter().find(|columns| has_names(columns))
     }
 }
 
@@ -104,8 +123,14 @@ pub trait GrainSource {
         self.len() == 0
     }
 
-    /// Its columns in the order of storage: [`Column::OF_SPHERES`] or [`Column::OF_ELLIPSOIDS`].
+    /// Its columns in the order of storage: [`Column::OF_SPHERES`], [`Column::OF_ELLIPSOIDS`] or
+    /// [`Column::OF_POLYHEDRA`].
     fn columns(&self) -> &'static [Column];
+
+    /// What the column of templates refers to: polyhedra with an equivalent diameter of 1; none of other grains.
+    fn templates(&self) -> &[Polyhedron] {
+        &[]
+    }
 
     /// Reads rows `start..start + block.len()` of one of its columns.
     ///
@@ -168,6 +193,42 @@ impl GrainSource for Ellipsoids {
                 Column::A => shape.semi_axes_mm().x,
                 Column::B => shape.semi_axes_mm().y,
                 Column::C => shape.semi_axes_mm().z,
+                Column::Template => return Err(no_column(column)),
+            };
+        }
+        Ok(())
+    }
+}
+
+impl GrainSource for Polyhedra {
+    fn len(&self) -> usize {
+        Self::len(self)
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        Column::OF_POLYHEDRA
+    }
+
+    fn templates(&self) -> &[Polyhedron] {
+        &self.templates
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        for (value, row) in block.iter_mut().zip(start..) {
+            let pose = &self.poses[row];
+            let q = pose.orientation.quaternion();
+            *value = match column {
+                Column::X => pose.center_mm.x,
+                Column::Y => pose.center_mm.y,
+                Column::Z => pose.center_mm.z,
+                Column::Diameter => self.d_mm[row],
+                Column::Sieve => self.d_mm[row] * self.templates[self.template[row] as usize].sieve_size(),
+                Column::Qw => q.w,
+                Column::Qx => q.i,
+                Column::Qy => q.j,
+                Column::Qz => q.k,
+                Column::Template => f64::from(self.template[row]),
+                Column::A | Column::B | Column::C => return Err(no_column(column)),
             };
         }
         Ok(())
@@ -181,6 +242,13 @@ impl GrainSource for Grains {
 
     fn columns(&self) -> &'static [Column] {
         GrainsRef::from(self).columns()
+    }
+
+    fn templates(&self) -> &[Polyhedron] {
+        match self {
+            Self::Polyhedra(polyhedra) => &polyhedra.templates,
+            Self::Spheres(_) | Self::Ellipsoids(_) => &[],
+        }
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
@@ -197,6 +265,14 @@ impl GrainSource for GrainsRef<'_> {
         match self {
             Self::Spheres(spheres) => spheres.columns(),
             Self::Ellipsoids(ellipsoids) => ellipsoids.columns(),
+            Self::Polyhedra(polyhedra) => polyhedra.columns(),
+        }
+    }
+
+    fn templates(&self) -> &[Polyhedron] {
+        match self {
+            Self::Polyhedra(polyhedra) => &polyhedra.templates,
+            Self::Spheres(_) | Self::Ellipsoids(_) => &[],
         }
     }
 
@@ -204,6 +280,7 @@ impl GrainSource for GrainsRef<'_> {
         match self {
             Self::Spheres(spheres) => spheres.read(column, start, block),
             Self::Ellipsoids(ellipsoids) => ellipsoids.read(column, start, block),
+            Self::Polyhedra(polyhedra) => polyhedra.read(column, start, block),
         }
     }
 }
@@ -213,6 +290,7 @@ impl GrainSource for GrainsRef<'_> {
 pub struct Table {
     columns: &'static [Column],
     values: Vec<Vec<f64>>,
+    templates: Vec<Polyhedron>,
 }
 
 impl Table {
@@ -228,7 +306,13 @@ impl Table {
                 "the columns of the grains differ in length",
             ));
         }
-        Ok(Self { columns, values })
+        Ok(Self { columns, values, templates: Vec::new() })
+    }
+
+    /// The same table with the templates that its column of templates refers to.
+    #[must_use]
+    pub fn with_templates(self, templates: Vec<Polyhedron>) -> Self {
+        Self { templates, ..self }
     }
 }
 
@@ -241,6 +325,10 @@ impl GrainSource for Table {
         self.columns
     }
 
+    fn templates(&self) -> &[Polyhedron] {
+        &self.templates
+    }
+
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
         let position = self.columns.iter().position(|own| *own == column).ok_or_else(|| no_column(column))?;
         block.copy_from_slice(&self.values[position][start..start + block.len()]);
@@ -248,10 +336,15 @@ impl GrainSource for Table {
     }
 }
 
-/// Memory that the grains of a result take, in bytes: 32 a sphere, 80 an ellipsoid.
+/// Memory that the grains of a result take, in bytes: 32 a sphere, 80 an ellipsoid, 68 a polyhedron.
 pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
-    let is_spherical = source.columns() == Column::OF_SPHERES;
-    let bytes = if is_spherical { 4 * size_of::<f64>() } else { size_of::<Ellipsoid>() + size_of::<Pose>() };
+    let bytes = if source.columns() == Column::OF_SPHERES {
+        4 * size_of::<f64>()
+    } else if source.columns() == Column::OF_POLYHEDRA {
+        size_of::<u32>() + size_of::<f64>() + size_of::<Pose>()
+    } else {
+        size_of::<Ellipsoid>() + size_of::<Pose>()
+    };
     (source.len() as u64).saturating_mul(bytes as u64)
 }
 
@@ -259,7 +352,7 @@ pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
 ///
 /// # Errors
 /// Those of the source, [`io::ErrorKind::OutOfMemory`], and [`io::ErrorKind::InvalidData`] for an ellipsoid whose
-/// semi-axes are not positive.
+/// semi-axes are not positive, and for a polyhedron without a template, a diameter or an orientation.
 pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
     let column = |column| -> io::Result<Vec<f64>> {
         let mut values = filled(source.len(), 0.0)?;
@@ -273,6 +366,9 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
             z_mm: column(Column::Z)?,
             d_mm: column(Column::Diameter)?,
         }));
+    }
+    if source.columns() == Column::OF_POLYHEDRA {
+        return load_polyhedra(source).map(Grains::Polyhedra);
     }
     let mut grains = Ellipsoids { shapes: reserved(source.len())?, poses: reserved(source.len())? };
     let mut fault = None;
@@ -297,6 +393,67 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
         )),
     }
 }
+
+/// Reads polyhedra; the numbers of the source stay as they are.
+fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Polyhedra> {
+    let rows = source.len();
+    let mut grains = Polyhedra {
+        templates: source.templates().to_vec(),
+        template: reserved(rows)?,
+        d_mm: reserved(rows)?,
+        poses: reserved(rows)?,
+    };
+    let templates = grains.templates.len();
+    for_each_block(source, POLYHEDRON_ROW, |columns| {
+        for row in 0..columns[0].len() {
+            let [x, y, z, d, w, i, j, k, template] = columns.map(|column| column[row]);
+            let grain = grains.d_mm.len();
+            let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
+            if !(template >= 0.0 && template.fract() == 0.0 && template < templates as f64) {
+                return fault(format!(
+                    "has the template {template}, and there are {templates}, counted from 0"
+                ));
+            }
+            if ![x, y, z].iter().all(|x| x.is_finite()) || !(d.is_finite() && d > 0.0) {
+                return fault("has a coordinate that is no number, or no positive diameter".into());
+            }
+            let quaternion = Quaternion::new(w, i, j, k);
+            if !((quaternion.norm() - 1.0).abs() <= UNIT_TOLERANCE) {
+                return fault(format!(
+                    "has an orientation that is no unit quaternion: its length is {}",
+                    quaternion.norm()
+                ));
+            }
+            let orientation = UnitQuaternion::new_unchecked(quaternion);
+            grains.template.push(template as u32);
+            grains.d_mm.push(d);
+            grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
+        }
+        Ok(())
+    })?;
+    Ok(grains)
+}
+
+/// Data that are no result.
+pub(super) fn invalid(what: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, what)
+}
+
+/// How far the length of the quaternion of a polyhedron may be from 1.
+const UNIT_TOLERANCE: f64 = 1.0e-6;
+
+/// What a polyhedron is read from.
+pub(super) const POLYHEDRON_ROW: [Column; 9] = [
+    Column::X,
+    Column::Y,
+    Column::Z,
+    Column::Diameter,
+    Column::Qw,
+    Column::Qx,
+    Column::Qy,
+    Column::Qz,
+    Column::Template,
+];
 
 /// What an ellipsoid is read from.
 const ELLIPSOID_ROW: [Column; 10] = [

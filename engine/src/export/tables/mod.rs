@@ -7,6 +7,8 @@
 mod columns;
 mod npy;
 pub mod stored;
+mod surfaces;
+mod templates;
 mod text;
 mod vtk;
 
@@ -15,6 +17,7 @@ use std::io::{self, Write};
 use serde::{Deserialize, Serialize};
 
 pub use columns::{Column, GrainSource, Table, load, loaded_bytes};
+pub use templates::{TemplateRecord, read as read_templates};
 pub use text::GrainTable;
 
 use crate::packing::Report;
@@ -32,9 +35,9 @@ pub enum Format {
     Json,
     /// The columns under a header line: `x_mm,y_mm,z_mm,d_mm` for spheres.
     Csv,
-    /// Legacy VTK polydata, binary.
+    /// Legacy VTK polydata, binary; of polyhedra their surfaces.
     Vtk,
-    /// VTK XML polydata, raw appended binary.
+    /// VTK XML polydata, raw appended binary; of polyhedra their surfaces.
     Vtp,
     /// NumPy array of float64, N x 4 for spheres.
     Npy,
@@ -114,6 +117,8 @@ pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dy
     match format {
         Format::Json => text::write_json(head, GrainTable(grains), out),
         Format::Csv => text::write_csv(grains, out),
+        Format::Vtk if grains.columns() == Column::OF_POLYHEDRA => surfaces::write_legacy(head, grains, out),
+        Format::Vtp if grains.columns() == Column::OF_POLYHEDRA => surfaces::write_xml(head, grains, out),
         Format::Vtk => vtk::write_legacy(head, grains, out),
         Format::Vtp => vtk::write_xml(head, grains, out),
         Format::Npy => npy::write(grains, out),
@@ -135,6 +140,10 @@ pub fn length(format: Format, head: &Head, grains: &dyn GrainSource) -> io::Resu
     let mut counter = Counter(0);
     match format {
         Format::Json | Format::Csv => write(format, head, grains, &mut counter)?,
+        // That of polyhedra as surfaces depends on the templates of the grains.
+        Format::Vtk | Format::Vtp if grains.columns() == Column::OF_POLYHEDRA => {
+            write(format, head, grains, &mut counter)?;
+        }
         // The length of the binary forms does not depend on the values.
         Format::Vtk | Format::Vtp | Format::Npy => {
             let zeros = Zeros { rows: grains.len(), columns: grains.columns() };
@@ -158,5 +167,7 @@ impl Write for Counter {
     }
 }
 
+#[cfg(test)]
+mod polyhedron_tests;
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,8 @@
 //! magic, `u64` length of the head, `u64` number of rows, the head as JSON padded with spaces to a multiple of 64 from
 //! the start of the file, then the columns one after the other. Revision 1 (magic `PACKSTN1`) holds spheres: its
 //! columns are x, y, z, d. Revision 2 (magic `PACKSTN2`) names its columns: its head is
-//! `{"columns": [names], "head": head}`.
+//! `{"columns": [names], "head": head}`, and of polyhedra with `"templates": [templates]` between both; a reader that
+//! does not know polyhedra refuses their columns.
 
 use std::io::{self, Read, Write};
 
@@ -12,7 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use super::columns::{names, no_column};
 use super::npy::write_columns;
+use super::templates::{self, TemplateRecord};
 use super::{Column, GrainSource, Head};
+use crate::shape::Polyhedron;
 
 /// First bytes of a stored result of spheres.
 const MAGIC_1: [u8; 8] = *b"PACKSTN1";
@@ -35,9 +38,15 @@ pub fn is_stored(first: [u8; MAGIC_BYTES]) -> bool {
 
 /// The head of revision 2.
 #[derive(Serialize, Deserialize)]
-struct Named<N, H> {
+struct Named<N, T, H> {
     columns: N,
+    #[serde(default = "none", skip_serializing_if = "Option::is_none")]
+    templates: Option<T>,
     head: H,
+}
+
+fn none<T>() -> Option<T> {
+    None
 }
 
 /// What a stored result holds and where.
@@ -47,6 +56,8 @@ pub struct Layout {
     pub head: Head,
     /// The columns in their order.
     pub columns: &'static [Column],
+    /// The templates of polyhedra; none of other grains.
+    pub templates: Vec<Polyhedron>,
     /// Number of grains.
     pub rows: u64,
     /// Offset of the first column from the start of the file, in bytes.
@@ -57,7 +68,8 @@ impl Layout {
     /// Reads the layout from the start of a stored result.
     ///
     /// # Errors
-    /// Those of the reader; `InvalidData` where it is no stored result.
+    /// Those of the reader; `InvalidData` where it is no stored result, or a template is no convex polyhedron with an
+    /// equivalent diameter of 1.
     pub fn read(from: &mut dyn Read) -> io::Result<Self> {
         let mut fixed = [0; FIXED];
         from.read_exact(&mut fixed)?;
@@ -73,14 +85,16 @@ impl Layout {
         if text.len() as u64 != head_length {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        let (columns, head) = if magic == MAGIC_1 {
-            (Column::OF_SPHERES, serde_json::from_slice(&text)?)
+        let (columns, templates, head) = if magic == MAGIC_1 {
+            (Column::OF_SPHERES, Vec::new(), serde_json::from_slice(&text)?)
         } else {
-            let Named::<Vec<String>, Head> { columns, head } = serde_json::from_slice(&text)?;
+            let Named::<Vec<String>, Vec<TemplateRecord>, Head> { columns, templates, head } =
+                serde_json::from_slice(&text)?;
             let known = Column::of_names(&columns);
-            (known.ok_or_else(|| invalid("a stored result with unknown columns"))?, head)
+            let columns = known.ok_or_else(|| invalid("a stored result with unknown columns"))?;
+            (columns, templates::read(columns, templates)?, head)
         };
-        Ok(Self { head, columns, rows, columns_offset: FIXED as u64 + head_length })
+        Ok(Self { head, columns, templates, rows, columns_offset: FIXED as u64 + head_length })
     }
 
     /// Offset of a row of a column from the start of the file, in bytes.
@@ -106,7 +120,8 @@ pub fn write(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::
     let (magic, mut text) = if grains.columns() == Column::OF_SPHERES {
         (MAGIC_1, serde_json::to_vec(head)?)
     } else {
-        (MAGIC_2, serde_json::to_vec(&Named { columns: names(grains.columns()), head })?)
+        let templates = templates::records(grains);
+        (MAGIC_2, serde_json::to_vec(&Named { columns: names(grains.columns()), templates, head })?)
     };
     let padded = (FIXED + text.len()).next_multiple_of(ALIGNMENT) - FIXED;
     text.resize(padded, b' ');

@@ -11,7 +11,7 @@ use crate::packing::{Ellipsoids, Grains};
 use crate::shape::{Ellipsoid, Pose};
 use crate::{Limits, PackingRequest, Spheres, Unattended, pack};
 
-fn result() -> (Head, Spheres) {
+pub(super) fn result() -> (Head, Spheres) {
     let request = json!({
         "specimen": {"type": "box", "size_mm": [60, 60, 60]},
         "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
@@ -79,7 +79,7 @@ fn npy_is_a_header_of_64_bytes_multiples_and_the_columns() {
 }
 
 /// The appended block at an offset, as the XML form lays it out.
-fn appended<'a>(bytes: &'a [u8], data: usize, name: &str) -> &'a [u8] {
+pub(super) fn appended<'a>(bytes: &'a [u8], data: usize, name: &str) -> &'a [u8] {
     let text = String::from_utf8_lossy(&bytes[..data]);
     let tag = text.split("<DataArray").find(|tag| tag.contains(&format!("Name=\"{name}\""))).unwrap();
     let offset = tag.split("offset=\"").nth(1).unwrap().split('"').next().unwrap().parse::<usize>().unwrap();

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 #[cfg(feature = "openapi")]
 use super::Column;
 use super::columns::{for_each_rows, names};
-use super::{GrainSource, Head};
+use super::{GrainSource, Head, templates};
 
 pub(super) fn write_csv(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{}", names(grains.columns()).join(","))?;
@@ -20,11 +20,15 @@ pub(super) fn write_csv(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Re
     })
 }
 
-/// The head's fields, then the grains as the last field of the same object.
+/// The head's fields, then the templates of polyhedra, then the grains as the last field of the same object.
 pub(super) fn write_json(head: &Head, grains: GrainTable<'_>, out: &mut dyn Write) -> io::Result<()> {
     let mut text = serde_json::to_vec(head)?;
     // The object is opened again for the grains, which would not fit into memory as a value.
     text.pop();
+    if let Some(templates) = templates::records(grains.0) {
+        text.extend_from_slice(br#","templates":"#);
+        serde_json::to_writer(&mut text, &templates)?;
+    }
     text.extend_from_slice(br#","grains":"#);
     out.write_all(&text)?;
     grains.write(out)?;
@@ -66,6 +70,7 @@ impl utoipa::PartialSchema for GrainTable<'_> {
             utoipa::openapi::OneOfBuilder::new()
                 .item(table("Spheres.", Column::OF_SPHERES))
                 .item(table("Ellipsoids: centre, diameter of the sphere of equal volume, sieve size, orientation, semi-axes.", Column::OF_ELLIPSOIDS))
+                .item(table("Convex polyhedra: centre, diameter of the sphere of equal volume, sieve size, orientation, index of the template.", Column::OF_POLYHEDRA))
                 .description(Some("The grains of a result, largest first; the row number is the grain's id."))
                 .build(),
         )

@@ -6,7 +6,7 @@
 //! `radius` (float64, mm). Ellipsoids have `sieve` (float64, mm), `semi_axes` (3 float64, mm), `orientation` (4
 //! float64: the quaternion w, x, y, z), and `tensor`: `R diag(2a, 2b, 2c) Rᵀ` in mm, which ParaView's Tensor Glyph
 //! applies to a sphere of radius 0.5. The XML form has its six components in VTK's order XX, YY, ZZ, XY, YZ, XZ, the
-//! legacy form all nine.
+//! legacy form all nine. Polyhedra are written as surfaces (`surfaces`).
 
 use std::io::{self, Write};
 
@@ -82,16 +82,8 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
 
 pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     let n = grains.len();
-    let counts = [
-        ("NumberOfPoints", n),
-        ("NumberOfVerts", n),
-        ("NumberOfLines", 0),
-        ("NumberOfStrips", 0),
-        ("NumberOfPolys", 0),
-    ];
-    let piece = counts.map(|(name, count)| (name, count.to_string()));
     let le = f64::to_le_bytes;
-    let mut file = VtkXml::new("PolyData", &[], &piece, Some(&Provenance::from(head)));
+    let mut file = provenance_file(head, [n, n, 0]);
     file.section("Points", None);
     file.fill::<[f64; 3]>("Points", n, |sink| fill(grains, POSITION, sink, |point| point, le));
     file.section("PointData", Some("diameter"));
@@ -121,6 +113,19 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     })
 }
 
+/// A file of so many points, vertices and polygons that states where it comes from.
+pub(super) fn provenance_file<'a>(head: &Head, [points, vertices, polygons]: [usize; 3]) -> VtkXml<'a> {
+    let counts = [
+        ("NumberOfPoints", points),
+        ("NumberOfVerts", vertices),
+        ("NumberOfLines", 0),
+        ("NumberOfStrips", 0),
+        ("NumberOfPolys", polygons),
+    ];
+    let piece = counts.map(|(name, count)| (name, count.to_string()));
+    VtkXml::new("PolyData", &[], &piece, Some(&Provenance::from(head)))
+}
+
 /// The tensor of an ellipsoid with this orientation and these semi-axes.
 fn tensor([w, i, j, k, a, b, c]: [f64; 7]) -> Matrix3<f64> {
     let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
@@ -145,13 +150,13 @@ fn fill<T: Copy, const N: usize, const M: usize, const BYTES: usize>(
 }
 
 /// The one free line of the legacy form: at most 256 characters, no line break.
-fn title(head: &Head) -> String {
+pub(super) fn title(head: &Head) -> String {
     let name = head.request.get("name").and_then(|name| name.as_str()).unwrap_or("packing");
     let clean: String = name.chars().filter(|c| c.is_ascii() && !c.is_ascii_control()).take(180).collect();
     format!("{clean} (packstone {})", head.engine.version)
 }
 
-fn classifier(head: &Head) -> impl Fn(f64) -> i32 + '_ {
+pub(super) fn classifier(head: &Head) -> impl Fn(f64) -> i32 + '_ {
     let classes = &head.report.summary.classes;
     move |d| class_of(d, classes.iter().map(|c| c.d_max_mm)) as i32
 }

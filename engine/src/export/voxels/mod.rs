@@ -200,4 +200,6 @@ fn labels_as<const BYTES: usize>(
 }
 
 #[cfg(test)]
+mod polyhedron_tests;
+#[cfg(test)]
 mod tests;

@@ -26,7 +26,7 @@ fn read(format: VoxelFormat, value: &Value) -> Result<VoxelOptions, Vec<String>>
     if faults.is_empty() { Ok(options.unwrap()) } else { Err(faults) }
 }
 
-fn written(model: &Model<'_>, format: VoxelFormat, options: &Value) -> (VoxelReport, Vec<u8>) {
+pub(super) fn written(model: &Model<'_>, format: VoxelFormat, options: &Value) -> (VoxelReport, Vec<u8>) {
     let mut bytes = Vec::new();
     let options = read(format, options).unwrap();
     let report = write(model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();

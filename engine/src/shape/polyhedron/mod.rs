@@ -29,6 +29,7 @@ pub use draw::{TemplateKind, draw_template};
 use hull::{hull, intersection};
 pub use measures::Edge;
 pub(crate) use principal::Principal;
+use sieve::SieveSize;
 
 /// Largest distance of a vertex above the plane of a face, relative to the size of the polyhedron: what rounding of
 /// numbers leaves of a face with more than three vertices.
@@ -64,6 +65,7 @@ pub struct Polyhedron {
     outer_radius: f64,
     inner_radius: f64,
     principal: Principal,
+    sieve_size: SieveSize,
 }
 
 /// A template with its scale: the shape of one grain.
@@ -198,9 +200,17 @@ impl Polyhedron {
 
     /// Measures a body.
     fn of_parts(vertices: Vec<Vector3<f64>>, faces: Vec<Vec<u32>>, rounding: f64) -> Self {
-        let principal = Principal::none();
-        let body =
-            Self { vertices, faces, rounding, volume: 0.0, outer_radius: 0.0, inner_radius: 0.0, principal };
+        let (principal, sieve_size) = (Principal::none(), SieveSize::default());
+        let body = Self {
+            vertices,
+            faces,
+            rounding,
+            volume: 0.0,
+            outer_radius: 0.0,
+            inner_radius: 0.0,
+            principal,
+            sieve_size,
+        };
         let volume = body.steiner_volume();
         let outer_radius = body.vertices.iter().map(Vector3::norm).fold(0.0, f64::max) + rounding;
         let heights = (0..body.faces.len()).map(|face| body.plane(face).1);

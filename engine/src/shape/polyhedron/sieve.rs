@@ -8,6 +8,8 @@
 //! with a trust region). The result is the width of a square that the shadow fits into; the least of all starts is
 //! taken for the minimum.
 
+use std::sync::OnceLock;
+
 use nalgebra::Vector3;
 
 use super::Polyhedron;
@@ -78,19 +80,32 @@ fn ends(corners: &[Vector3<f64>], axis: &Vector3<f64>) -> ([u32; 2], f64) {
     ([low.1, high.1], high.0 - low.0)
 }
 
+/// The sieve size, once it is known. It follows from the rest of a polyhedron, so that any two are equal.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SieveSize(OnceLock<f64>);
+
+impl PartialEq for SieveSize {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
 impl Polyhedron {
-    /// Sieve size: the edge of the least square opening that the body passes by moving straight.
+    /// Sieve size: the edge of the least square opening that the body passes by moving straight. It is computed when it
+    /// is first asked for.
     #[must_use]
     pub fn sieve_size(&self) -> f64 {
-        let size = self.outer_radius() - self.rounding();
-        let narrow = |axes, turns| narrowed(self.vertices(), size, axes, turns);
-        let mut frames: Vec<Frame> =
-            starts(self.vertices()).into_iter().map(|axes| narrow(axes, FIRST_TURNS)).collect();
-        frames.sort_by(|p, q| p.opening.total_cmp(&q.opening));
-        let bound = CLOSE * frames.first().map_or(f64::INFINITY, |frame| frame.opening);
-        let close = frames.into_iter().take(FINISHED).take_while(|frame| frame.opening <= bound);
-        let least = close.map(|frame| narrow(frame.axes, TURNS).opening).fold(f64::INFINITY, f64::min);
-        least + 2.0 * self.rounding()
+        *self.sieve_size.0.get_or_init(|| {
+            let size = self.outer_radius() - self.rounding();
+            let narrow = |axes, turns| narrowed(self.vertices(), size, axes, turns);
+            let mut frames: Vec<Frame> =
+                starts(self.vertices()).into_iter().map(|axes| narrow(axes, FIRST_TURNS)).collect();
+            frames.sort_by(|p, q| p.opening.total_cmp(&q.opening));
+            let bound = CLOSE * frames.first().map_or(f64::INFINITY, |frame| frame.opening);
+            let close = frames.into_iter().take(FINISHED).take_while(|frame| frame.opening <= bound);
+            let least = close.map(|frame| narrow(frame.axes, TURNS).opening).fold(f64::INFINITY, f64::min);
+            least + 2.0 * self.rounding()
+        })
     }
 }
 

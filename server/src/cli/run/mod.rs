@@ -11,7 +11,6 @@ use std::time::Duration;
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::request::GrainKind;
 use packstone_engine::{
     FieldError, Grains, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume,
 };

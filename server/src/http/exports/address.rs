@@ -3,7 +3,6 @@
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 use packstone_engine::export::{ExportRequest, ExportType};
-use packstone_engine::request::GrainKind;
 use serde_json::{Map, Value as Json};
 use utoipa::IntoParams;
 use utoipa::openapi::Required;

@@ -30,7 +30,7 @@ fn packed(specimen: &serde_json::Value) -> (Specimen, Ellipsoids) {
     let request = PackingRequest::from_json(&request, 7).unwrap();
     match pack(&request, &Limits::default(), &Unattended).unwrap().grains {
         Packed::Ellipsoids(grains) => (request.specimen, grains),
-        Packed::Spheres(_) => panic!("no ellipsoids"),
+        Packed::Spheres(_) | Packed::Polyhedra(_) => panic!("no ellipsoids"),
     }
 }
 

@@ -1,0 +1,163 @@
+//! Surface meshes of polyhedra.
+
+#![allow(clippy::unwrap_used)]
+
+use super::tests::{CUBE, CYLINDER, assert_closed_sphere, smallest_angle};
+use super::*;
+use crate::export::convex::{Convex, Place};
+use crate::export::polyhedra_samples::packed;
+use crate::gap::polyhedra::Body;
+use crate::packing::Polyhedra;
+
+fn mesh(specimen: &Specimen, grains: &Polyhedra, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
+    Mesh::new(&Model::new(specimen, grains), options, &Limits::default(), &Unattended).unwrap()
+}
+
+/// Surfaces are closed, turned outwards, convex, inside of the specimen, and outside of all other grains; the plane
+/// that parts a pair parts their surfaces with nearly half of the gap between them.
+fn assert_sound(
+    specimen: &Specimen,
+    grains: &Polyhedra,
+    mesh: &Mesh,
+    report: &SurfaceReport,
+    most_dent: f64,
+) {
+    let bodies: Vec<Body> = (0..grains.len())
+        .map(|row| Body::new(grains.shape(row).template, grains.d_mm[row], &grains.poses[row]))
+        .collect();
+    let templates = Convex::all(&grains.templates);
+    let mut sum = 0.0;
+    for row in 0..grains.len() {
+        let (points, triangles) = mesh.grain(row);
+        assert_closed_sphere(points.len(), triangles);
+        let center: [f64; 3] = grains.poses[row].center_mm.into();
+        let from = |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|a| p[a] - q[a]);
+        let d = grains.d_mm[row];
+        for corners in triangles {
+            let [a, b, c] = corners.map(|p| points[p as usize]);
+            let normal = surface::cross(from(b, a), from(c, a));
+            let length = surface::dot(normal, normal).sqrt();
+            assert!(length > 1e-9 * d * d, "{row}: a triangle of the area {}", length / 2.0);
+            sum += surface::dot(from(a, center), normal) / 6.0;
+            let above =
+                points.iter().map(|p| surface::dot(normal, from(*p, a))).fold(f64::NEG_INFINITY, f64::max);
+            assert!(
+                above / length < most_dent * d,
+                "{row}: a vertex lies {} above a triangle",
+                above / length
+            );
+        }
+        for p in points {
+            let inside = match *specimen {
+                Specimen::Box { size_mm, .. } => (0..3).all(|a| p[a] > 0.0 && p[a] < size_mm[a]),
+                Specimen::Cylinder { diameter_mm, height_mm } => {
+                    let radius = diameter_mm / 2.0;
+                    p[2] > 0.0 && p[2] < height_mm && (p[0] - radius).hypot(p[1] - radius) < radius
+                }
+            };
+            assert!(inside, "{row}: {p:?} is outside of the specimen");
+        }
+        for other in (0..grains.len()).filter(|other| *other != row) {
+            let (template, place) = (&templates[grains.template[other] as usize], Place::new(grains, other));
+            assert!(points.iter().all(|p| template.distance(&place.local(&(*p).into())) > 0.0));
+            if row < other {
+                let contact = bodies[row].with(&bodies[other]).contact();
+                let along = |p: &[f64; 3]| surface::dot(*p, contact.normal.into());
+                let high = points.iter().map(along).fold(f64::NEG_INFINITY, f64::max);
+                let low = mesh.grain(other).0.iter().map(along).fold(f64::INFINITY, f64::min);
+                assert!(high + 0.45 * contact.gap_mm <= low, "{row} {other}: {high} {low} {contact:?}");
+            }
+        }
+    }
+    assert!((sum / report.aggregate_volume_mm3 - 1.0).abs() < 1e-9, "{sum} {report:?}");
+    assert_closed_sphere(mesh.shell.surface.points.len(), &mesh.shell.surface.triangles);
+}
+
+#[test]
+fn sharp_polyhedra_are_meshed_exactly() {
+    for specimen in [CUBE, CYLINDER] {
+        let grains = packed(&specimen, 24, [5.0, 2.0], 0.05, 0.0);
+        for size_field in [false, true] {
+            let options = SurfaceOptions { size_field, ..SurfaceOptions::default() };
+            let (mesh, report) = mesh(&specimen, &grains, &options);
+            assert_sound(&specimen, &grains, &mesh, &report, 1e-8);
+            assert!(report.aggregate_volume_error.abs() < 1e-12, "{report:?}");
+            assert_eq!(report.grains_short_of_volume, 0);
+            // The vertices of the grains are among those of the mesh, to the last bit but for the sum with the centre.
+            for row in 0..grains.len() {
+                let template = grains.shape(row).template;
+                for vertex in template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]) {
+                    assert!(mesh.grain(row).0.contains(&vertex.into()), "{row}");
+                }
+                let (points, triangles) = mesh.grain(row);
+                println!("{size_field} {row} {} {}", triangles.len(), smallest_angle(points, triangles));
+            }
+        }
+    }
+}
+
+#[test]
+fn rounded_polyhedra_are_closed_convex_and_apart() {
+    for (specimen, rounding) in [(CUBE, 0.1), (CYLINDER, 0.04), (CUBE, 0.01)] {
+        let grains = packed(&specimen, 24, [5.0, 2.0], 0.05, rounding);
+        for volume_correction in [VolumeCorrection::None, VolumeCorrection::Scaled] {
+            for size_field in [false, true] {
+                let options = SurfaceOptions { size_field, volume_correction, ..SurfaceOptions::default() };
+                let (mesh, report) = mesh(&specimen, &grains, &options);
+                println!("{rounding} {volume_correction:?} {size_field} {report:?}");
+                assert_sound(&specimen, &grains, &mesh, &report, 2e-3);
+                if volume_correction == VolumeCorrection::None {
+                    assert!((-0.05..-1e-4).contains(&report.aggregate_volume_error), "{report:?}");
+                    let templates = Convex::all(&grains.templates);
+                    for row in 0..grains.len() {
+                        let (template, place) =
+                            (&templates[grains.template[row] as usize], Place::new(&grains, row));
+                        let reach = |p: &[f64; 3]| template.distance(&place.local(&(*p).into()));
+                        assert!(mesh.grain(row).0.iter().all(|p| reach(p) < 1e-12), "{row}");
+                    }
+                } else if rounding > 0.02 {
+                    assert!(report.aggregate_volume_error.abs() < 5e-3, "{report:?}");
+                }
+            }
+        }
+    }
+}
+
+/// Where there is room, rounded grains have the volume of Steiner's formula.
+#[test]
+fn rounded_polyhedra_have_their_volume_where_there_is_room() {
+    let specimen = Specimen::Box { size_mm: [30.0; 3], boundary: crate::request::Boundary::Walls };
+    for rounding in [0.01, 0.05, 0.2] {
+        let grains = packed(&specimen, 12, [6.0, 3.0], 1.0, rounding);
+        let (_, report) = mesh(&specimen, &grains, &SurfaceOptions::default());
+        let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
+        assert!((report.aggregate_volume_mm3 / exact - 1.0).abs() < 1e-12, "{report:?}");
+        assert_eq!(report.grains_short_of_volume, 0);
+    }
+}
+
+#[test]
+fn estimates_of_polyhedra_are_what_the_mesh_has() {
+    let cube = Specimen::Box { size_mm: [25.0, 22.0, 20.0], boundary: crate::request::Boundary::Walls };
+    let grains = packed(&cube, 300, [3.0, 1.0], 0.05, 0.05);
+    for options in [SurfaceOptions::default(), SurfaceOptions::default().with_segments(8)] {
+        let model = Model::new(&cube, &grains);
+        let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+        let (_, report) = mesh(&cube, &grains, &options);
+        let ratio = guess.triangles as f64 / report.triangles as f64;
+        assert!((1.0 / 1.1..1.1).contains(&ratio), "{ratio} of {}", report.triangles);
+    }
+}
+
+#[test]
+fn the_script_of_solids_is_refused_by_name() {
+    let grains = packed(&CUBE, 1, [5.0, 5.0], 0.1, 0.0);
+    let request = MeshRequest::Geo(geo::GeoOptions::default());
+    let refusals = [
+        request.check(&CUBE, GrainKind::Polyhedra).unwrap_err(),
+        request.estimate(&Model::new(&CUBE, &grains)).unwrap_err(),
+    ];
+    for refusal in refusals {
+        assert!(refusal.to_string().contains("not for polyhedra"), "{refusal}");
+    }
+}

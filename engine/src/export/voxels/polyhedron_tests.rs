@@ -1,0 +1,62 @@
+//! Voxels of polyhedra.
+
+#![allow(clippy::unwrap_used)]
+
+use nalgebra::Vector3;
+use serde_json::json;
+
+use super::tests::written;
+use super::*;
+use crate::export::convex::{Convex, Place};
+use crate::export::polyhedra_samples::packed;
+use crate::request::Boundary;
+
+/// Voxels have the label of the grain that their centre lies in, and the volume is that of Steiner's formula.
+#[test]
+fn voxels_of_polyhedra_are_those_whose_centres_lie_inside() {
+    for (specimen, rounding) in [
+        (Specimen::Box { size_mm: [18.0, 16.0, 14.0], boundary: Boundary::Walls }, 0.0),
+        (Specimen::Box { size_mm: [14.0, 15.0, 14.0], boundary: Boundary::Periodic }, 0.1),
+        (Specimen::Cylinder { diameter_mm: 18.0, height_mm: 16.0 }, 0.03),
+    ] {
+        let grains = packed(&specimen, 24, [5.0, 2.0], 0.1, rounding);
+        let templates = Convex::all(&grains.templates);
+        let model = Model::new(&specimen, &grains);
+        let (report, bytes) = written(&model, VoxelFormat::Raw, &json!({"label": "grain", "cells": 31}));
+        let shifts: &[f64] = if specimen.is_periodic() { &[-1.0, 0.0, 1.0] } else { &[0.0] };
+        let bounds = Vector3::from(specimen.bounds_mm());
+        let [nx, ny, _] = report.shape.map(|n| n as usize);
+        let mut compared = 0;
+        for (at, label) in bytes.chunks(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).enumerate() {
+            let cell = [at % nx, at / nx % ny, at / nx / ny];
+            let p = Vector3::from_fn(|a, _| (cell[a] as f64 + 0.5) * report.spacing_mm[a]);
+            if label == u32::MAX {
+                continue;
+            }
+            let mut found = 0;
+            for row in 0..grains.len() {
+                let (template, place) = (&templates[grains.template[row] as usize], Place::new(&grains, row));
+                for x in shifts {
+                    for y in shifts {
+                        for z in shifts {
+                            let moved = p + Vector3::new(*x, *y, *z).component_mul(&bounds);
+                            if template.distance(&place.local(&moved)) < 0.0 {
+                                found = row as u32 + 1;
+                            }
+                        }
+                    }
+                }
+            }
+            assert_eq!(label, found, "{specimen:?} at {p:?}");
+            compared += 1;
+        }
+        assert_eq!(compared, report.inside_voxels);
+        let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
+        assert!((report.volume_fraction - exact / specimen.volume_mm3()).abs() < 1e-12);
+        let (report, _) =
+            written(&model, VoxelFormat::Vti, &json!({"cells": 40, "fractions": true, "samples": 4}));
+        let error = report.volume_fraction_samples / report.volume_fraction - 1.0;
+        assert!(error.abs() < 1e-3, "{error}");
+        assert_eq!(report.grains_without_voxel, 0);
+    }
+}
