@@ -18,9 +18,9 @@ const DIRECTIONS: usize = 600;
 /// Cosine up to which two of them are taken to be at right angles.
 const RIGHT_ANGLE: f64 = 0.1;
 /// Most frames that the search starts from: nearly round bodies and rods have many that are nearly as good.
-const STARTS: usize = 40;
+const STARTS: usize = 90;
 /// Cosine of the angle by which these lie apart.
-const APART: f64 = 0.96;
+const APART: f64 = 0.98;
 /// Most turns of a frame.
 const TURNS: usize = 100;
 /// First trust in a linear step, and the last, in radians.
