@@ -19,18 +19,10 @@ use super::minimax::{Plane, least_maximum};
 const DIRECTIONS: usize = 600;
 /// Cosine up to which two of them are taken to be at right angles.
 const RIGHT_ANGLE: f64 = 0.1;
-/// Most frames that the search starts from: nearly round bodies have many that are nearly as good.
-const STARTS: usize = 40;
-/// Opening of a frame, over the least of all, up to which it is started from.
-const PROMISING: f64 = 1.15;
-/// Turns of every frame, and the opening after them, over the least, up to which the search goes on: more than is left
-/// to gain.
-const FIRST_TURNS: usize = 4;
-const CLOSE: f64 = 1.015;
-/// Most frames that it goes on from.
-const FINISHED: usize = 20;
+/// Most frames that the search starts from: nearly round bodies and rods have many that are nearly as good.
+const STARTS: usize = 90;
 /// Cosine of the angle by which these lie apart.
-const APART: f64 = 0.96;
+const APART: f64 = 0.98;
 /// Most turns of a frame.
 const TURNS: usize = 100;
 /// First trust in a linear step, and the last, in radians.
@@ -97,20 +89,15 @@ impl Polyhedron {
     pub fn sieve_size(&self) -> f64 {
         *self.sieve_size.0.get_or_init(|| {
             let size = self.outer_radius() - self.rounding();
-            let narrow = |axes, turns| narrowed(self.vertices(), size, axes, turns);
-            let mut frames: Vec<Frame> =
-                starts(self.vertices()).into_iter().map(|axes| narrow(axes, FIRST_TURNS)).collect();
-            frames.sort_by(|p, q| p.opening.total_cmp(&q.opening));
-            let bound = CLOSE * frames.first().map_or(f64::INFINITY, |frame| frame.opening);
-            let close = frames.into_iter().take(FINISHED).take_while(|frame| frame.opening <= bound);
-            let least = close.map(|frame| narrow(frame.axes, TURNS).opening).fold(f64::INFINITY, f64::min);
+            let of_start = |axes| narrowed(self.vertices(), size, axes);
+            let least = starts(self.vertices()).into_iter().map(of_start).fold(f64::INFINITY, f64::min);
             least + 2.0 * self.rounding()
         })
     }
 }
 
-/// The frame with the least opening near another, after so many turns at most.
-fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2], turns: usize) -> Frame {
+/// The least opening near a frame.
+fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2]) -> f64 {
     let mut known: Vec<Ends> = Vec::new();
     // The opening of a frame; whether its ends were known.
     let look = |axes: [Vector3<f64>; 2], known: &mut Vec<Ends>| {
@@ -129,7 +116,7 @@ fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2], turns
     let (mut best, _) = look(start, &mut known);
     let mut trust = FIRST_TRUST;
     let mut planes = Vec::new();
-    for _ in 0..turns {
+    for _ in 0..TURNS {
         planes.clear();
         planes.extend(known.iter().map(|ends| {
             let axis = best.axes[ends.axis];
@@ -157,7 +144,7 @@ fn narrowed(corners: &[Vector3<f64>], size: f64, start: [Vector3<f64>; 2], turns
             }
         }
     }
-    best
+    best.opening
 }
 
 /// The frames to start from.
@@ -171,11 +158,7 @@ fn starts(corners: &[Vector3<f64>]) -> Vec<[Vector3<f64>; 2]> {
         .collect();
     widths.sort_by(|p, q| p.0.total_cmp(&q.0));
     let mut starts: Vec<[Vector3<f64>; 2]> = Vec::with_capacity(STARTS);
-    let mut bound = f64::INFINITY;
-    for (j, (width, second)) in widths.iter().enumerate() {
-        if *width > bound {
-            break;
-        }
+    for (j, (_, second)) in widths.iter().enumerate() {
         for (_, first) in &widths[..j] {
             let cosine = first.dot(second);
             if cosine.abs() > RIGHT_ANGLE {
@@ -187,7 +170,6 @@ fn starts(corners: &[Vector3<f64>]) -> Vec<[Vector3<f64>; 2]> {
                 along(0, first) && along(1, &second) || along(1, first) && along(0, &second)
             };
             if !starts.iter().any(near) {
-                bound = bound.min(PROMISING * width);
                 starts.push([*first, second]);
                 if starts.len() == STARTS {
                     return starts;
