@@ -63,7 +63,7 @@ impl Grain {
         ScaledPolyhedron { template: &self.template, scale_mm: self.scale }
     }
 
-    fn body(&self) -> Body {
+    fn body(&self) -> Body<'_> {
         Body::new(&self.template, self.scale, &self.pose)
     }
 

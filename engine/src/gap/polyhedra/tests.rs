@@ -137,7 +137,7 @@ impl Case {
         Self { templates, scales, poses }
     }
 
-    fn bodies(&self) -> [Body; 2] {
+    fn bodies(&self) -> [Body<'_>; 2] {
         [0, 1].map(|i| Body::new(&self.templates[i], self.scales[i], &self.poses[i]))
     }
 
