@@ -76,16 +76,16 @@ impl Body {
     /// Distance in mm of the farthest point from an axis along z.
     #[must_use]
     pub fn reach_from_axis_mm(&self, axis_mm: [f64; 2]) -> f64 {
-        self.matrix_mm2.reach_across_mm(self.from_axis_mm(axis_mm)).0
+        self.matrix_mm2.reach_across_mm(self.offset_mm(axis_mm)).0
     }
 
     /// The direction across the axis to the farthest point, as a unit vector.
     #[must_use]
     pub fn reach_direction(&self, axis_mm: [f64; 2]) -> Vector {
-        self.matrix_mm2.reach_across_mm(self.from_axis_mm(axis_mm)).1
+        self.matrix_mm2.reach_across_mm(self.offset_mm(axis_mm)).1
     }
 
-    fn from_axis_mm(&self, axis_mm: [f64; 2]) -> [f64; 2] {
+    fn offset_mm(&self, axis_mm: [f64; 2]) -> [f64; 2] {
         [self.center_mm[0] - axis_mm[0], self.center_mm[1] - axis_mm[1]]
     }
 
@@ -368,7 +368,7 @@ impl GrainShape for Ellipsoid {
         orientation
     }
 
-    fn from_principal(&self, orientation: Orientation) -> Orientation {
+    fn of_principal(&self, orientation: Orientation) -> Orientation {
         orientation
     }
 
@@ -403,7 +403,12 @@ impl Turned for Symmetric {
     }
 
     #[inline(always)]
-    fn contact(&self, other: &Self, _: Vector, _: f64, normal: Vector) -> PushContact {
+    fn first_direction(&self, _: &Self, r: Vector) -> Vector {
+        r
+    }
+
+    #[inline(always)]
+    fn contact(&self, other: &Self, _: Vector, _: f64, normal: Vector, _: u32) -> PushContact {
         let (a_n, b_n) = (self.times(normal), other.times(normal));
         let (h_a, h_b) = (dot(normal, a_n).sqrt(), dot(normal, b_n).sqrt());
         PushContact {

@@ -77,7 +77,7 @@ pub trait GrainShape: Copy + Debug {
     fn to_principal(&self, orientation: Orientation) -> Orientation;
 
     /// The orientation of the shape, of that of the principal axes.
-    fn from_principal(&self, orientation: Orientation) -> Orientation;
+    fn of_principal(&self, orientation: Orientation) -> Orientation;
 
     /// The shape turned by the rotation of its principal axes.
     fn turned(&self, rows: &[Vector; 3]) -> Self::Turned;
@@ -101,8 +101,12 @@ pub trait Turned: Copy + Debug {
     /// direction that may be near the one that decides.
     fn decide(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector) -> Decision;
 
-    /// Where the two, which are too close along a unit vector, push each other.
-    fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector) -> PushContact;
+    /// A direction from which to decide a pair that nothing is known of.
+    fn first_direction(&self, other: &Self, r: Vector) -> Vector;
+
+    /// Where the two, which are too close along a unit vector, push each other. A polyhedron looks for a better
+    /// direction so many times.
+    fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector, turns: u32) -> PushContact;
 
     /// With the centre at this offset from an axis along z: the distance of the farthest point from the axis in mm, and
     /// the direction to it across the axis.

@@ -1,13 +1,17 @@
 //! Packing methods: each finds positions for the grains of a mix in a specimen.
 //!
-//! [`rsa`] inserts spheres one after the other at their final size, [`rsa_shapes`] ellipsoids; [`edmd`] lets smaller
-//! spheres move, collide and grow, [`monte_carlo`] ellipsoids move at random, push each other and grow.
+//! [`rsa`] inserts spheres one after the other at their final size, [`rsa_shapes`] ellipsoids and convex polyhedra;
+//! [`edmd`] lets smaller spheres move, collide and grow, [`monte_carlo`] lets ellipsoids and convex polyhedra move at
+//! random, push each other and grow.
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod brute_force_tests;
 pub mod edmd;
 pub mod monte_carlo;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod polyhedra_tests;
 pub mod rsa;
 pub mod rsa_shapes;
 mod swap_pairs;

@@ -77,7 +77,7 @@ impl<'a> GrainShape for ScaledPolyhedron<'a> {
         product(orientation, self.template.principal().axes)
     }
 
-    fn from_principal(&self, orientation: Orientation) -> Orientation {
+    fn of_principal(&self, orientation: Orientation) -> Orientation {
         product(orientation, self.template.principal().axes.inverse())
     }
 
@@ -132,12 +132,20 @@ impl Turned for TurnedPolyhedron<'_> {
         )
     }
 
-    fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector) -> PushContact {
+    /// That of the ellipsoids around the two ([`crate::gap::ellipsoids`]).
+    #[inline(always)]
+    fn first_direction(&self, other: &Self, r: Vector) -> Vector {
+        let (a, b) = (&self.around, &other.around);
+        let (h_a, h_b) = (a.quadratic(r).sqrt(), b.quadratic(r).sqrt());
+        Symmetric::blend(a, b, h_a / (h_a + h_b)).solve(r)
+    }
+
+    fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector, turns: u32) -> PushContact {
         Cpu::detect().call(
             #[inline(always)]
             || {
-                let (n, points) =
-                    Pair { a: self, b: other, r: r.into() }.widening_from(&normal.into(), gap_mm);
+                let pair = Pair { a: self, b: other, r: r.into() };
+                let (n, points) = pair.widening_from(&normal.into(), gap_mm, turns);
                 let arms_mm = [points[0] + n * self.rounding_mm, points[1] - n * other.rounding_mm];
                 let normal = n.into();
                 PushContact {

@@ -26,9 +26,8 @@ use simplex::{Difference, Simplex};
 
 /// Steps after which a search ends; it takes some three to six.
 const MOST_STEPS: usize = 100;
-/// Turns of the search for the least widening, how much wider than known to suffice each looks, and the factor of a
-/// gain that is worth another.
-const WIDENINGS: u32 = 3;
+/// How much wider than known to suffice each turn of the search for the least widening looks, and the factor of a gain
+/// that is worth another.
 const WIDER: f64 = 1.02;
 const LEAST_GAIN: f64 = 1.0 - 1e-4;
 
@@ -49,14 +48,33 @@ impl TurnedPolyhedron<'_> {
     #[inline(always)]
     fn local(&self, n: Vector) -> Vector {
         let [x, y, z] = &self.rows;
-        [0, 1, 2].map(|k| n[0] * x[k] + n[1] * y[k] + n[2] * z[k])
+        [
+            n[0] * x[0] + n[1] * y[0] + n[2] * z[0],
+            n[0] * x[1] + n[1] * y[1] + n[2] * z[1],
+            n[0] * x[2] + n[1] * y[2] + n[2] * z[2],
+        ]
     }
 
     /// Support function of the core for a vector in the principal axes, times its length, in units of the scale.
     #[inline(always)]
     fn height(&self, [x, y, z]: Vector) -> f64 {
-        let mut best = [f64::NEG_INFINITY; 4];
-        for group in &self.principal.groups {
+        let mut best = [[f64::NEG_INFINITY; 4]; 2];
+        // Two at a time, for the processor waits for the larger of two numbers.
+        let pairs = self.principal.groups.chunks_exact(2);
+        let last = pairs.remainder();
+        for pair in pairs {
+            for lane in 0..4 {
+                let h = x * pair[0][0][lane] + y * pair[0][1][lane] + z * pair[0][2][lane];
+                best[0][lane] = if h > best[0][lane] { h } else { best[0][lane] };
+                let h = x * pair[1][0][lane] + y * pair[1][1][lane] + z * pair[1][2][lane];
+                best[1][lane] = if h > best[1][lane] { h } else { best[1][lane] };
+            }
+        }
+        let [mut best, other] = best;
+        for lane in 0..4 {
+            best[lane] = if other[lane] > best[lane] { other[lane] } else { best[lane] };
+        }
+        for group in last {
             for lane in 0..4 {
                 let h = x * group[0][lane] + y * group[1][lane] + z * group[2][lane];
                 best[lane] = if h > best[lane] { h } else { best[lane] };
@@ -263,14 +281,19 @@ impl Pair<'_> {
     /// factor of a known direction the pair keeps its gap, and the direction of its distance has a smaller factor
     /// (Dinkelbach 1967, DOI 10.1287/mnsc.13.7.492), again and again.
     #[inline(always)]
-    fn widening_from(&self, normal: &Vector3<f64>, gap_mm: f64) -> (Vector3<f64>, [Vector3<f64>; 2]) {
+    fn widening_from(
+        &self,
+        normal: &Vector3<f64>,
+        gap_mm: f64,
+        turns: u32,
+    ) -> (Vector3<f64>, [Vector3<f64>; 2]) {
         let mut n = *normal;
         if self.r.dot(&n) <= 0.0 {
             n = self.r.try_normalize(0.0).unwrap_or(n);
         }
         let mut best = 1.0 / self.factor(&n, gap_mm);
         let mut points = None;
-        for _ in 0..WIDENINGS {
+        for _ in 0..turns {
             let wider = Self { r: self.r * (best * WIDER), ..*self };
             let ((s, next), end) = wider.search(&n, f64::INFINITY, 0.0);
             let End::Near(simplex) = end else { break };
@@ -292,8 +315,10 @@ impl Pair<'_> {
 
     /// Factor by which both bodies and the gap may grow at least, about their centres, before they are closer than the
     /// gap: `r . n / (h_A + h_B + g)`. Below 1 where they are too close along `n`. The centres must lie inside.
+    #[inline(always)]
     pub fn factor(&self, normal: &Vector3<f64>, gap_mm: f64) -> f64 {
-        let cores = self.a.core_support(normal).0 + self.b.core_support(&-normal).0;
+        let height = |of: &TurnedPolyhedron<'_>, n: &Vector3<f64>| of.height(of.local([n.x, n.y, n.z]));
+        let cores = height(self.a, normal) * self.a.scale_mm + height(self.b, &-normal) * self.b.scale_mm;
         self.r.dot(normal) / (cores + self.rounding_mm() + gap_mm)
     }
 

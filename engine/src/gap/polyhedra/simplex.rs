@@ -43,7 +43,7 @@ impl Simplex {
     pub(super) fn add(&mut self, difference: Difference) -> Option<(Vector3<f64>, Option<Vector3<f64>>)> {
         self.corners[self.len] = difference;
         self.len += 1;
-        let [a, b, c, d] = self.corners.map(|corner| corner.w);
+        let [a, b, c, d] = [self.corners[0].w, self.corners[1].w, self.corners[2].w, self.corners[3].w];
         self.weights = match self.len {
             1 => [1.0, 0.0, 0.0, 0.0],
             2 => segment(&a, &b),

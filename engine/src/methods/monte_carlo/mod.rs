@@ -29,7 +29,7 @@ use std::time::Instant;
 
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::{GrainShape, Turned};
 use crate::memory::{OutOfMemory, reserved};
 use crate::methods::rsa;
 use crate::methods::rsa_shapes::{Orientation, ShapeRsa};
@@ -46,6 +46,8 @@ const BEYOND_TARGET: f64 = 1.0 + 1e-9;
 /// Volume fraction, gaps included, that growth starts from where no scale is named: what random addition reaches in no
 /// time.
 const START_FRACTION: f64 = 0.5;
+/// The same for polyhedra.
+const START_FRACTION_ANGULAR: f64 = 0.48;
 /// Largest scale to start from without being told.
 const MOST_START: f64 = 0.98;
 /// Attempts per grain of the random addition that growth starts from.
@@ -220,7 +222,8 @@ impl<S: GrainShape> MonteCarlo<'_, S> {
         };
         let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.specimen.volume_mm3();
         let most = if self.maximize.is_some() { BEYOND_TARGET } else { MOST_START };
-        let mut scale = self.initial_scale.unwrap_or((START_FRACTION / fraction).cbrt().min(most));
+        let start = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
+        let mut scale = self.initial_scale.unwrap_or((start / fraction).cbrt().min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
         let mut statistics = RsaStatistics::default();
         let control = Part::new(control, 0.0, START_SHARE);

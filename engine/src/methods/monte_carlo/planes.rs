@@ -14,7 +14,7 @@
 
 use super::system::{Hot, System};
 use crate::cpu::{InstructionSet, Lanes};
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{GrainShape, PushContact, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 
 /// Lanes of a group.
@@ -28,6 +28,9 @@ const IMAGE_SHIFT: u32 = 25;
 const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
 /// Largest number of grains that lists can name.
 pub const MAX_GRAINS: usize = ID_MASK as usize - 1;
+
+/// Turns of the search for the direction of a push.
+const PUSH_TURNS: u32 = 3;
 
 /// Four planes of a grain.
 #[derive(Clone, Copy, Debug)]
@@ -171,14 +174,62 @@ impl<S: GrainShape> System<S> {
                 return Decided::TooClose(n);
             }
         }
+        Decided::Apart(self.between(i, as_if, [group, lane], n, [h_a, h_b], slack))
+    }
+
+    /// The planes between a grain and a neighbour with this unit vector, values of the support functions, and gap beyond
+    /// what they keep.
+    #[inline(always)]
+    fn between(
+        &self,
+        i: usize,
+        as_if: &Hot<S::Turned>,
+        [group, lane]: [usize; 2],
+        n: Vector,
+        [h_a, h_b]: [f64; 2],
+        slack: f64,
+    ) -> NewPlanes {
+        let planes = &self.groups[group];
+        let (j, _) = unpack(planes.neighbors[lane]);
         let share = self.cold[i].step / (self.cold[i].step + self.cold[j].step);
-        Decided::Apart(NewPlanes {
+        NewPlanes {
             at: (LANES * group + lane) as u32,
             mirror: planes.mirrors[lane],
             n,
             o: dot(as_if.center, n) + h_a + share * slack,
-            other_o: h_b + (1.0 - share) * slack - dot(other.center, n),
-        })
+            other_o: h_b + (1.0 - share) * slack - dot(self.hot[j].center, n),
+        }
+    }
+
+    /// The planes between a grain and a neighbour where they keep their gap; else where they push each other.
+    #[inline(always)]
+    pub(super) fn touch(&self, i: usize, group: usize, lane: usize) -> Result<NewPlanes, PushContact> {
+        let (j, image) = unpack(self.groups[group].neighbors[lane]);
+        let (one, other) = (&self.hot[i], &self.hot[j]);
+        let mut n = self.groups[group].normal(lane);
+        if S::Turned::IS_ELLIPSOID {
+            match self.decide(i, one, group, lane) {
+                Decided::Apart(planes) => return Ok(planes),
+                Decided::TooClose(too_close) => n = too_close,
+            }
+        }
+        let r = minus(sum(other.center, self.shift(image)), one.center);
+        let gap = self.gap(one.d, other.d);
+        let slack = |n: Vector, [h_a, h_b]: [f64; 2]| dot(r, n) - h_a - h_b - gap;
+        if !S::Turned::IS_ELLIPSOID {
+            // One search finds whether polyhedra are apart and where they push.
+            let supports = [one.turned.support_mm(n), other.turned.support_back_mm(n)];
+            let left = slack(n, supports);
+            if left >= 0.0 {
+                return Ok(self.between(i, one, [group, lane], n, supports, left));
+            }
+        }
+        let contact = one.turned.contact(&other.turned, r, gap, n, PUSH_TURNS);
+        let left = slack(contact.normal, contact.supports_mm);
+        if !S::Turned::IS_ELLIPSOID && left >= 0.0 {
+            return Ok(self.between(i, one, [group, lane], contact.normal, contact.supports_mm, left));
+        }
+        Err(contact)
     }
 
     #[inline(always)]

@@ -9,7 +9,7 @@
 use super::planes::{Decided, LANES, Spread, WALL, crosses_itself, is_wall, unpack};
 use super::system::{Hot, System, rotation, turned};
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
-use crate::gap::grain::{GrainShape, Orientation, Turned};
+use crate::gap::grain::{GrainShape, Orientation, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
 use crate::memory::{OutOfMemory, refill};
 
@@ -19,6 +19,9 @@ const BEYOND: f64 = 1.05;
 const BEYOND_D: f64 = 1e-9;
 /// Margin by which the specimen is widened to end the overlaps that are left.
 const MARGIN: f64 = 1e-12;
+
+/// Turns of the search for the least widening that ends an overlap.
+const LEFT_TURNS: u32 = 4;
 
 /// What is to become tighter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,16 +140,15 @@ impl Pusher {
                     system.push_from_wall(i, n, depth);
                     self.next[i] = true;
                 } else {
-                    let hot = system.hot[i];
-                    match system.decide(i, &hot, group, lane) {
-                        Decided::Apart(planes) => {
+                    match system.touch(i, group, lane) {
+                        Ok(planes) => {
                             system.lay(&planes);
                             continue;
                         }
-                        Decided::TooClose(n) => {
+                        Err(contact) => {
                             let (j, _) = unpack(neighbor);
                             if i != j {
-                                system.push_apart(i, group, lane, n);
+                                system.push_apart(i, group, lane, &contact);
                                 self.next[j] = true;
                             }
                             self.next[i] = true;
@@ -226,7 +228,7 @@ impl Pusher {
                         let other = &system.hot[j];
                         let r = minus(sum(other.center, system.shift(image)), hot.center);
                         let gap = system.gap(hot.d, other.d);
-                        let contact = hot.turned.contact(&other.turned, r, gap, n);
+                        let contact = hot.turned.contact(&other.turned, r, gap, n, LEFT_TURNS);
                         let [h_a, h_b] = contact.supports_mm;
                         visit(dot(r, contact.normal), h_a + h_b + gap);
                     }
@@ -352,13 +354,12 @@ impl<S: GrainShape> System<S> {
         self.displace(i, scaled(n, -by), [0.0; 3]);
     }
 
-    /// Pushes a grain and its neighbour, which are too close along a unit vector, apart, and lays their planes anew.
-    fn push_apart(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
+    /// Pushes a grain and its neighbour apart, and lays their planes anew.
+    fn push_apart(&mut self, i: usize, group: usize, lane: usize, contact: &PushContact) {
         let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (a, b) = (self.hot[i], self.hot[j]);
         let r = minus(sum(b.center, self.shift(image)), a.center);
         let gap = self.gap(a.d, b.d);
-        let contact = a.turned.contact(&b.turned, r, gap, n);
         let (n, [h_a, h_b], [arm_a, arm_b]) = (contact.normal, contact.supports_mm, contact.arms_mm);
         let lacks = gap + h_a + h_b - dot(r, n);
         let by = BEYOND * lacks + BEYOND_D * a.d.min(b.d);

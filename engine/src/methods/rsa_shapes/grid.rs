@@ -54,7 +54,7 @@ impl<T: Turned> Placed<T> {
     /// Whether the grain keeps a gap to another one, whose centre lies at `r` from its own.
     #[inline(always)]
     pub(super) fn keeps(&self, other: &Self, r: Vector, gap_mm: f64) -> bool {
-        self.turned.decide(&other.turned, r, gap_mm, r).is_apart
+        self.turned.decide(&other.turned, r, gap_mm, self.turned.first_direction(&other.turned, r)).is_apart
     }
 }
 

@@ -26,7 +26,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::{GrainShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
 use crate::memory::{OutOfMemory, reserved};
@@ -50,6 +50,8 @@ const LOOSE: u64 = 20;
 const LEAST_STAGE: usize = 400;
 /// Draws per grain of a stage beyond which the next one begins with smaller voxels, and the levels of subdivision.
 const CROWDED: u64 = 50;
+/// The same of polyhedra, most of whose draws fail in voxels of any size.
+const CROWDED_ANGULAR: u64 = 1000;
 const LOOSE_LEVEL: usize = 0;
 const MIDDLE_LEVEL: usize = 1;
 const CROWDED_LEVEL: usize = 2;
@@ -195,7 +197,8 @@ impl<S: GrainShape> Run<'_, S> {
             inserted.cover(stage, &rsa.rule);
         }
         let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted)?;
-        let level = match self.draws_per_grain {
+        let factor = if S::Turned::IS_ELLIPSOID { 1 } else { CROWDED_ANGULAR / CROWDED };
+        let level = match self.draws_per_grain / factor {
             ..LOOSE => LOOSE_LEVEL,
             LOOSE..CROWDED => MIDDLE_LEVEL,
             _ => CROWDED_LEVEL,

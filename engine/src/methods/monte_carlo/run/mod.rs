@@ -338,7 +338,7 @@ impl<S: GrainShape> Run<S> {
                     *x = if *x < length { *x } else { 0.0 };
                 }
             }
-            let [w, i, j, k] = cold.shape.from_principal(cold.orientation);
+            let [w, i, j, k] = cold.shape.of_principal(cold.orientation);
             let orientation = nalgebra::UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k));
             poses[rank as usize] = Pose { center_mm: center.into(), orientation };
         }
