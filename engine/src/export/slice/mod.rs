@@ -210,9 +210,9 @@ pub(super) fn expected_bytes(
     let bounds = specimen.bounds_mm();
     let sections = sum_mm / bounds[options.axis.index()];
     let (frame, per_circle, per_ellipse, per_polygon) = match options.format {
-        SliceFormat::Svg => (1000.0, 45.0, 115.0, 200.0),
-        SliceFormat::Json => (350.0, 105.0, 145.0, 350.0),
-        SliceFormat::Geo => (1400.0, 190.0, 165.0, 700.0),
+        SliceFormat::Svg => (1000.0, 45.0, 115.0, 550.0),
+        SliceFormat::Json => (350.0, 105.0, 145.0, 1800.0),
+        SliceFormat::Geo => (1400.0, 190.0, 165.0, 3600.0),
         SliceFormat::Png => {
             let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
