@@ -7,7 +7,7 @@
 //! A rounded grain has its faces, strips around its edges and caps around its vertices (`convex::Skin`), with arcs of at
 //! most 60 degrees. A vertex is kept as a point of the core and a unit normal: between two vertices lies the middle of
 //! both points with the mean of both normals, which never leaves the body. The polyhedron is inscribed, and convex but
-//! for dents of less than a hundredth of the diameter that no good triangles would close. It is
+//! for dents of less than two hundredths of the diameter that no good triangles would close. It is
 //! given its volume by a larger radius, as far as half of every gap is left. A rounding that is too fine for the edges
 //! asked for (a diameter below the shortest of them) is not meshed: the grain is its core, enlarged.
 
@@ -30,7 +30,7 @@ const EDGE_PER_RADIUS: f64 = 2.0;
 /// How high a vertex may lie above a plane that it counts as part of, over the size of the grain.
 const FLATNESS: f64 = 1.0e-8;
 /// Triangles that a dent is taken away by are no worse than that (see [`quality`]), or no worse than those before.
-const LEAST_QUALITY: f64 = 0.02;
+const LEAST_QUALITY: f64 = 0.04;
 /// Relative error of a corrected volume.
 const VOLUME_TOLERANCE: f64 = 1.0e-13;
 /// Most steps of the search for it.
