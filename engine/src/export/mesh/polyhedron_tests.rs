@@ -13,7 +13,8 @@ fn mesh(specimen: &Specimen, grains: &Polyhedra, options: &SurfaceOptions) -> (M
     Mesh::new(&Model::new(specimen, grains), options, &Limits::default(), &Unattended).unwrap()
 }
 
-/// Surfaces are closed, turned outwards, convex but for dents of a share of the diameter, inside of the specimen, and outside of all other grains; the plane
+/// Surfaces are closed, turned outwards, convex but for dents of a share of the diameter, inside of the specimen, and
+/// outside of all other grains; the plane
 /// that parts a pair parts their surfaces with nearly half of the gap between them.
 fn assert_sound(
     specimen: &Specimen,

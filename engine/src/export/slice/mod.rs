@@ -2,7 +2,8 @@
 //!
 //! The common two-dimensional mesoscale model of concrete is such a cut. A cut is perpendicular to one axis; its
 //! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
-//! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows grains and their specimen; it must
+//! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows
+//! grains and their specimen; it must
 //! never know how they were packed.
 
 mod cut;
@@ -147,7 +148,8 @@ pub struct SliceReport {
     pub area_mm2: f64,
     /// Circles cut, with the images of those that cross the faces of a periodic box; 0 where grains are not spheres.
     pub circle_count: u64,
-    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are not ellipsoids.
+    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are not
+    /// ellipsoids.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub ellipse_count: Option<u64>,
