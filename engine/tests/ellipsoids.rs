@@ -31,7 +31,7 @@ fn packed(request: &PackingRequest) -> Packing {
 fn ellipsoids(packing: &Packing) -> &Ellipsoids {
     match &packing.grains {
         Grains::Ellipsoids(ellipsoids) => ellipsoids,
-        Grains::Spheres(_) | Grains::Polyhedra(_) => panic!("the grains are spheres"),
+        Grains::Spheres(_) | Grains::Polyhedra(_) => panic!("the grains are no ellipsoids"),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Templates of polyhedra as exports see them: planes, edges, distances, chords, and the skin of the rounded body.
 //!
-//! All is done in the axes and the unit of the template; a grain of the diameter `d`, the rotation `R` and the centre `x`
+//! All is done in the axes and the unit of the template; a grain of the diameter `d`, the rotation `R` and the centre
+//! `x`
 //! is seen at `Rᵀ (p - x) / d`. The body of a core that is rounded by the radius `r` is the union of the core, the
 //! prisms of the height `r` on its faces, the cylinders of the radius `r` about its edges and the spheres of that
 //! radius about its vertices. Each of these is convex and lies inside, and so does the body: a line enters it where it

@@ -211,7 +211,8 @@ fn inserted(grains: Grains, statistics: RsaStatistics, started: Instant) -> Plac
     }
 }
 
-/// The end of a random sequential addition that has not inserted all grains. `diameter_mm` is the diameter of the sphere
+/// The end of a random sequential addition that has not inserted all grains. `diameter_mm` is the diameter of the
+/// sphere
 /// that has the volume of a grain, by its rank.
 fn not_inserted(
     end: End,

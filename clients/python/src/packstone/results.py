@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import tempfile
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -30,6 +32,12 @@ COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
 ELLIPSOID_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "a_mm", "b_mm", "c_mm")
 """Columns of ellipsoids: those of the sphere of equal volume, sieve size, orientation quaternion, semi-axes."""
 
+POLYHEDRON_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "template")
+"""Columns of polyhedra: those of the sphere of equal volume, sieve size, orientation quaternion, index of the template.
+"""
+
+_COLUMNS_OF_WIDTH = {len(names): names for names in (COLUMNS, ELLIPSOID_COLUMNS, POLYHEDRON_COLUMNS)}
+
 
 class Result:
     """A packing on the server. Its parts are fetched when they are needed."""
@@ -52,7 +60,7 @@ class Result:
     def to_numpy(self) -> NDArray[np.float64]:
         """Returns the grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
 
-        Grains that are not spheres have the columns ``ELLIPSOID_COLUMNS``.
+        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``.
         """
         grains: NDArray[np.float64] = np.load(io.BytesIO(self.read("npy")), allow_pickle=False)
         return grains
@@ -60,18 +68,25 @@ class Result:
     def to_dataframe(self) -> pd.DataFrame:
         """Returns the grains as a table with the columns x_mm, y_mm, z_mm and d_mm. Needs pandas.
 
-        Grains that are not spheres have the columns ``ELLIPSOID_COLUMNS``.
+        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``.
         """
         import pandas as pd
 
         grains = self.to_numpy()
-        names = COLUMNS if grains.shape[1] == len(COLUMNS) else ELLIPSOID_COLUMNS
-        return pd.DataFrame(grains, columns=list(names))
+        return pd.DataFrame(grains, columns=list(_COLUMNS_OF_WIDTH[grains.shape[1]]))
+
+    def templates(self) -> list[dict[str, Any]]:
+        """Returns the templates that the column ``template`` of polyhedra counts from 0; an empty list of other grains.
+
+        Each has ``vertices`` and ``faces`` of its core, ``rounding``, and derived figures, all in equivalent diameters.
+        """
+        return list(json.loads(self.read("json")).get("templates", []))
 
     def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
         """Returns the centres with the point data ``diameter_mm``, as PyVista's points. Needs pyvista.
 
-        With `spheres` it returns the surfaces of the grains, each of `resolution` segments, ellipsoids too:
+        With `spheres` it returns the surfaces of the grains, each of `resolution` segments, ellipsoids too; polyhedra
+        have their faces as polygons, with cell data in place of point data:
         ``to_pyvista(spheres=True).plot()``.
         """
         import pyvista
@@ -82,6 +97,8 @@ class Result:
         points.set_active_scalars("diameter_mm")
         if not spheres:
             return points
+        if grains.shape[1] == len(POLYHEDRON_COLUMNS):
+            return _polyhedra(self.read("vtp"))
         sphere = pyvista.Sphere(radius=0.5, theta_resolution=resolution, phi_resolution=resolution)
         if grains.shape[1] == len(ELLIPSOID_COLUMNS):
             return _ellipsoids(grains, sphere)
@@ -167,6 +184,19 @@ def _ellipsoids(grains: NDArray[np.float64], sphere: pyvista.PolyData) -> pyvist
     surfaces: pyvista.PolyData = pyvista.PolyData(points.reshape(-1, 3), counted.reshape(-1))
     surfaces.point_data["diameter_mm"] = np.repeat(grains[:, 3], len(unit))
     surfaces.set_active_scalars("diameter_mm")
+    return surfaces
+
+
+def _polyhedra(vtp: bytes) -> pyvista.PolyData:
+    """The surfaces of polyhedra as the server writes them."""
+    import pyvista
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "grains.vtp"
+        file.write_bytes(vtp)
+        surfaces: pyvista.PolyData = pyvista.read(file)
+    surfaces.cell_data["diameter_mm"] = surfaces.cell_data.pop("diameter")
+    surfaces.set_active_scalars("diameter_mm", preference="cell")
     return surfaces
 
 

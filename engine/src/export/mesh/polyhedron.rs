@@ -1,12 +1,16 @@
 //! The surface of one grain that is a convex polyhedron.
 //!
-//! A sharp grain is meshed by its faces, exactly. The edges of its faces are divided with them, so that the triangles of
-//! two faces fit; within a face the triangulation is Delaunay's, and vertices inside of a face are moved to the middle of
+//! A sharp grain is meshed by its faces, exactly. The edges of its faces are divided with them, so that the triangles
+//! of
+//! two faces fit; within a face the triangulation is Delaunay's, and vertices inside of a face are moved to the middle
+//! of
 //! their neighbours.
 //!
-//! A rounded grain has its faces, strips around its edges and caps around its vertices (`convex::Skin`), with arcs of at
+//! A rounded grain has its faces, strips around its edges and caps around its vertices (`convex::Skin`), with arcs of
+//! at
 //! most 60 degrees. A vertex is kept as a point of the core and a unit normal: between two vertices lies the middle of
-//! both points with the mean of both normals, which never leaves the body. The polyhedron is convex and inscribed, and is
+//! both points with the mean of both normals, which never leaves the body. The polyhedron is inscribed, and convex but
+//! for dents of less than two hundredths of the diameter that no good triangles would close. It is
 //! given its volume by a larger radius, as far as half of every gap is left. A rounding that is too fine for the edges
 //! asked for (a diameter below the shortest of them) is not meshed: the grain is its core, enlarged.
 
@@ -240,7 +244,9 @@ impl Patches<'_> {
         }
         self.parts = vec![Vec::new(); self.cores.len()];
         for (part, corners) in parts {
-            corners.iter().for_each(|&corner| self.parts[corner as usize].push(part));
+            for corner in corners {
+                self.parts[corner as usize].push(part);
+            }
         }
         self.parts.iter_mut().for_each(|parts| {
             parts.sort_unstable();
@@ -394,7 +400,8 @@ impl Shape for Patches<'_> {
             }
     }
 
-    /// Within a plane part: whether the angles opposite to ab make more than half a turn. Elsewhere, at the end: whether
+    /// Within a plane part: whether the angles opposite to ab make more than half a turn. Elsewhere, at the end:
+    /// whether
     /// the surface is dented along ab, and the triangles beside cd would turn outwards and be no worse.
     fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
         let [a_at, b_at, c_at, d_at] = [a, b, c, d].map(|p| points[p as usize]);

@@ -13,7 +13,8 @@ fn mesh(specimen: &Specimen, grains: &Polyhedra, options: &SurfaceOptions) -> (M
     Mesh::new(&Model::new(specimen, grains), options, &Limits::default(), &Unattended).unwrap()
 }
 
-/// Surfaces are closed, turned outwards, convex, inside of the specimen, and outside of all other grains; the plane
+/// Surfaces are closed, turned outwards, convex but for dents of a share of the diameter, inside of the specimen, and
+/// outside of all other grains; the plane
 /// that parts a pair parts their surfaces with nearly half of the gap between them.
 fn assert_sound(
     specimen: &Specimen,
@@ -105,7 +106,7 @@ fn rounded_polyhedra_are_closed_convex_and_apart() {
                 let options = SurfaceOptions { size_field, volume_correction, ..SurfaceOptions::default() };
                 let (mesh, report) = mesh(&specimen, &grains, &options);
                 println!("{rounding} {volume_correction:?} {size_field} {report:?}");
-                assert_sound(&specimen, &grains, &mesh, &report, 2e-3);
+                assert_sound(&specimen, &grains, &mesh, &report, 2e-2);
                 if volume_correction == VolumeCorrection::None {
                     assert!((-0.05..-1e-4).contains(&report.aggregate_volume_error), "{report:?}");
                     let templates = Convex::all(&grains.templates);

@@ -6,7 +6,8 @@
 //! the matrix is translucent: the light of a grain fades with its depth `s` as `exp(-s / L)`, with `L` a fixed share of
 //! the mean free path `V / sum(pi r^2)` between grains. Rays step through a uniform grid (Amanatides, Woo 1987, "A fast
 //! voxel traversal algorithm for ray tracing", Eurographics, doi:10.2312/egtp.19871000). A ray meets an ellipsoid where
-//! the quadratic form of its inverse shape matrix is 1, and a polyhedron where it meets the first of its faces, edges and
+//! the quadratic form of its inverse shape matrix is 1, and a polyhedron where it meets the first of its faces, edges
+//! and
 //! vertices. Ambient occlusion is the sum of the solid angles of the grains
 //! nearby. Pixels that a contour crosses get nine rays, others one.
 //!

@@ -15,7 +15,8 @@ const ELLIPSE: [&str; 8] = ["u_mm", "v_mm", "a_mm", "b_mm", "angle_deg", "grain"
 /// corners, counter-clockwise from u to v.
 const POLYGON: [&str; 6] = ["u_mm", "v_mm", "grain", "diameter_mm", "area_mm2", "corners_mm"];
 
-/// A slice as one JSON object: the fields of its report, then the table `circles` of a packing of spheres, `ellipses` of
+/// A slice as one JSON object: the fields of its report, then the table `circles` of a packing of spheres, `ellipses`
+/// of
 /// one of ellipsoids, or `polygons` of one of polyhedra.
 #[derive(Clone, Copy, Debug)]
 pub struct SliceDocument<'a> {

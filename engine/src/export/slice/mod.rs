@@ -2,7 +2,8 @@
 //!
 //! The common two-dimensional mesoscale model of concrete is such a cut. A cut is perpendicular to one axis; its
 //! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
-//! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows grains and their specimen; it must
+//! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows
+//! grains and their specimen; it must
 //! never know how they were packed.
 
 mod cut;
@@ -147,7 +148,8 @@ pub struct SliceReport {
     pub area_mm2: f64,
     /// Circles cut, with the images of those that cross the faces of a periodic box; 0 where grains are not spheres.
     pub circle_count: u64,
-    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are not ellipsoids.
+    /// Ellipses cut, with the images of those that cross the faces of a periodic box; absent where grains are not
+    /// ellipsoids.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub ellipse_count: Option<u64>,
@@ -210,9 +212,9 @@ pub(super) fn expected_bytes(
     let bounds = specimen.bounds_mm();
     let sections = sum_mm / bounds[options.axis.index()];
     let (frame, per_circle, per_ellipse, per_polygon) = match options.format {
-        SliceFormat::Svg => (1000.0, 45.0, 115.0, 200.0),
-        SliceFormat::Json => (350.0, 105.0, 145.0, 350.0),
-        SliceFormat::Geo => (1400.0, 190.0, 165.0, 700.0),
+        SliceFormat::Svg => (1000.0, 45.0, 115.0, 550.0),
+        SliceFormat::Json => (350.0, 105.0, 145.0, 1800.0),
+        SliceFormat::Geo => (1400.0, 190.0, 165.0, 3600.0),
         SliceFormat::Png => {
             let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));

@@ -1,8 +1,10 @@
-//! What a plane cuts out of a convex polyhedron: a convex polygon of a sharp one, exactly; of a rounded one an inscribed
+//! What a plane cuts out of a convex polyhedron: a convex polygon of a sharp one, exactly; of a rounded one an
+//! inscribed
 //! polygon, whose corners lie on the boundary and whose edges keep within [`TOLERANCE`] of it.
 //!
 //! The boundary of the section of a rounded body consists of segments, arcs of ellipses and arcs of circles. Where one
-//! ends, the plane crosses a segment between a face and an edge or an arc between an edge and a vertex. These points are
+//! ends, the plane crosses a segment between a face and an edge or an arc between an edge and a vertex. These points
+//! are
 //! found in closed form, then the arcs between them are halved until their rise is below the tolerance.
 
 use std::f64::consts::{FRAC_PI_4, TAU};

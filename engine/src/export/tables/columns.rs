@@ -414,11 +414,12 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Polyhedra> {
                     "has the template {template}, and there are {templates}, counted from 0"
                 ));
             }
-            if ![x, y, z].iter().all(|x| x.is_finite()) || !(d.is_finite() && d > 0.0) {
+            if !([x, y, z, d].iter().all(|x| x.is_finite()) && d > 0.0) {
                 return fault("has a coordinate that is no number, or no positive diameter".into());
             }
             let quaternion = Quaternion::new(w, i, j, k);
-            if !((quaternion.norm() - 1.0).abs() <= UNIT_TOLERANCE) {
+            let is_unit = (quaternion.norm() - 1.0).abs() <= UNIT_TOLERANCE;
+            if !is_unit {
                 return fault(format!(
                     "has an orientation that is no unit quaternion: its length is {}",
                     quaternion.norm()

@@ -83,7 +83,8 @@ pub(super) fn records(grains: &dyn GrainSource) -> Option<Vec<TemplateRecord>> {
 /// The templates of a result with these columns.
 ///
 /// # Errors
-/// [`io::ErrorKind::InvalidData`] for a template that is no convex polyhedron with an equivalent diameter of 1, and where
+/// [`io::ErrorKind::InvalidData`] for a template that is no convex polyhedron with an equivalent diameter of 1, and
+/// where
 /// polyhedra have no templates.
 pub fn read(
     columns: &'static [Column],
