@@ -11,7 +11,7 @@ use packstone_engine::{
 };
 use serde_json::{Value, json};
 
-fn request(specimen: &Value, fraction: f64, shape: &Value, distance: &Value) -> PackingRequest {
+pub(crate) fn request(specimen: &Value, fraction: f64, shape: &Value, distance: &Value) -> PackingRequest {
     let request = json!({
         "specimen": specimen,
         "mix": {
@@ -24,7 +24,7 @@ fn request(specimen: &Value, fraction: f64, shape: &Value, distance: &Value) -> 
     PackingRequest::from_json(&request, 7).unwrap()
 }
 
-fn packed(request: &PackingRequest) -> Packing {
+pub(crate) fn packed(request: &PackingRequest) -> Packing {
     pack(request, &Limits::default(), &Unattended).unwrap()
 }
 
@@ -35,7 +35,7 @@ fn ellipsoids(packing: &Packing) -> &Ellipsoids {
     }
 }
 
-fn cube(edge: f64, boundary: &str) -> Value {
+pub(crate) fn cube(edge: f64, boundary: &str) -> Value {
     json!({"type": "box", "size_mm": [edge, edge, edge], "boundary": boundary})
 }
 
@@ -195,15 +195,25 @@ impl Control for StopAtCheckpoint {
     }
 }
 
-fn dense(distance: &Value) -> PackingRequest {
-    let mut request = request(&cube(30.0, "walls"), 0.55, &triangle(), distance);
+/// Ellipsoids at 0.55, or polyhedra at 0.5.
+fn dense(kind: &str, distance: &Value) -> PackingRequest {
+    let polyhedron =
+        json!({"type": "polyhedron", "rounding": 0.05, "ratios": {"type": "triangle", "k": 0.4}});
+    let (shape, fraction) = if kind == "polyhedra" { (polyhedron, 0.5) } else { (triangle(), 0.55) };
+    let mut request = request(&cube(30.0, "walls"), fraction, &shape, distance);
     request.method = Method::MonteCarlo { stop: MonteCarloStop::default() };
     request
 }
 
 #[test]
 fn growth_goes_on_from_a_checkpoint_as_if_it_had_never_stopped() {
-    let request = dense(&json!({"type": "constant", "gap_mm": 0.1}));
+    for kind in ["ellipsoids", "polyhedra"] {
+        goes_on_from_a_checkpoint(kind);
+    }
+}
+
+fn goes_on_from_a_checkpoint(kind: &str) {
+    let request = dense(kind, &json!({"type": "constant", "gap_mm": 0.1}));
     let whole = packed(&request);
     let statistics = whole.report.statistics.monte_carlo.unwrap();
     assert_eq!((statistics.stop, statistics.growth_scale), (GrowthEnd::Target, 1.0));
@@ -220,17 +230,19 @@ fn growth_goes_on_from_a_checkpoint_as_if_it_had_never_stopped() {
 
 #[test]
 fn the_largest_distance_is_found_and_checked() {
-    let mut request = dense(&json!({"type": "none"}));
-    request.distance = Distance::Maximize { wall_gap_mm: None };
-    request.method = Method::MonteCarlo { stop: MonteCarloStop { sweeps: Some(2000), time_s: None } };
-    let packing = packed(&request);
-    let reached = packing.report.summary.distance_mm.unwrap();
-    assert!(reached > 0.05 && packing.report.check.min_gap_mm.unwrap() >= reached, "{reached}");
+    for kind in ["ellipsoids", "polyhedra"] {
+        let mut request = dense(kind, &json!({"type": "none"}));
+        request.distance = Distance::Maximize { wall_gap_mm: None };
+        request.method = Method::MonteCarlo { stop: MonteCarloStop { sweeps: Some(2000), time_s: None } };
+        let packing = packed(&request);
+        let reached = packing.report.summary.distance_mm.unwrap();
+        assert!(reached > 0.05 && packing.report.check.min_gap_mm.unwrap() >= reached, "{kind} {reached}");
+    }
 }
 
 #[test]
 fn growth_that_ends_early_says_how_far_it_came() {
-    let mut request = dense(&json!({"type": "none"}));
+    let mut request = dense("ellipsoids", &json!({"type": "none"}));
     request.method = Method::MonteCarlo { stop: MonteCarloStop { sweeps: Some(5), time_s: None } };
     match pack(&request, &Limits::default(), &Unattended) {
         Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(short))) => {

@@ -6,7 +6,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine as engine;
 use packstone_engine::export::Model;
 use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
@@ -19,9 +18,6 @@ use packstone_engine::{Ellipsoids, Limits, PackingRequest, Unattended, distance:
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
-
-#[path = "support/polyhedra.rs"]
-mod polyhedra;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/meshes.py");
 
@@ -102,7 +98,7 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
 }
 
 /// Writes the grains as polygons, with what the reader is to find.
-fn write_surfaces(folder: &Path, grains: &engine::Polyhedra) {
+fn write_surfaces(folder: &Path, grains: &packstone_engine::Polyhedra) {
     let job = json!({"specimen": {"type": "box", "size_mm": [50, 50, 50]},
                      "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.4}});
     let packing =
@@ -152,7 +148,7 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
     }
     for (i, rounding) in [0.0, 0.05, 0.01].into_iter().enumerate() {
         let specimen = Specimen::Box { size_mm: [16.0, 14.0, 12.0], boundary: Boundary::Walls };
-        let grains = polyhedra::packed(&specimen, 20, [4.5, 2.0], 0.3, rounding);
+        let grains = crate::polyhedra_samples::packed(&specimen, 20, [4.5, 2.0], 0.3, rounding);
         let folder = directory.path().join(format!("polyhedra-{i}"));
         write_model(&folder, &Model::new(&specimen, &grains), &SurfaceOptions::default());
         write_surfaces(&folder, &grains);

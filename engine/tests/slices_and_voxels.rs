@@ -5,7 +5,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine as engine;
 use packstone_engine::export::Model;
 use packstone_engine::request::decode::{At, Faults, Object};
 use packstone_engine::{
@@ -100,9 +99,6 @@ fn write_slices(directory: &Path, model: &Model<'_>, at: f64) {
     }
 }
 
-#[path = "support/polyhedra.rs"]
-mod polyhedra;
-
 fn ellipsoids(specimen: &Specimen) -> Ellipsoids {
     let shapes: Vec<Ellipsoid> = (0..45)
         .map(|i| {
@@ -154,7 +150,7 @@ fn other_programs_read_what_the_reports_say() {
         ("periodic-rounded", Specimen::Box { size_mm: [14.0; 3], boundary: Boundary::Periodic }, 0.06, 0.4),
         ("core-polyhedra", Specimen::Cylinder { diameter_mm: 18.0, height_mm: 16.0 }, 0.06, 7.3),
     ] {
-        let grains = polyhedra::packed(&specimen, 24, [5.0, 2.0], 0.2, rounding);
+        let grains = crate::polyhedra_samples::packed(&specimen, 24, [5.0, 2.0], 0.2, rounding);
         let folder = directory.path().join(name);
         fs::create_dir(&folder).unwrap();
         write_slices(&folder, &Model::new(&specimen, &grains), at);

@@ -6,6 +6,8 @@
 
 mod provenance;
 
+use packstone_engine as engine;
+
 mod edmd;
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod ellipsoid_fingerprints;
@@ -17,6 +19,9 @@ mod lattice;
 mod layers;
 mod meshes;
 mod packing;
+mod polyhedra;
+#[path = "support/polyhedra.rs"]
+mod polyhedra_samples;
 mod slices_and_voxels;
 
 #[test]

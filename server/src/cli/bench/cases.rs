@@ -58,7 +58,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases.extend(growth_to_target());
     cases.extend(growth_to_distance());
     cases.extend(equal_spheres());
-    cases.extend(ellipsoids());
+    cases.extend(shapes());
     cases
 }
 
@@ -193,8 +193,8 @@ fn equal_spheres() -> Vec<Case> {
     ]
 }
 
-/// Ellipsoids, whose diameters are those of the spheres of equal volume.
-fn ellipsoids() -> Vec<Case> {
+/// Ellipsoids and polyhedra, whose diameters are those of the spheres of equal volume.
+fn shapes() -> Vec<Case> {
     const TRIAXIAL: [f64; 2] = [1.2 / 1.5, 1.0 / 1.5];
     const FLAT: [f64; 2] = [std::f64::consts::FRAC_1_SQRT_2, 0.5];
     let shaped = |mut request: Value, [b, c]: [f64; 2]| {
@@ -217,6 +217,12 @@ fn ellipsoids() -> Vec<Case> {
         let request = shaped(apart(standard("A16", 80.0, 2.0, phi), 1.0), TRIAXIAL);
         time_case(name, by(request, "monte_carlo"), at_least, moonshot)
     };
+    let angular = |name, method, phi, at_least, moonshot| {
+        let mut request = shaped(fuller(80.0, phi), TRIAXIAL);
+        request["mix"]["shape"]["type"] = json!("polyhedron");
+        request["mix"]["shape"]["faces"] = json!(21);
+        time_case(name, by(request, method), at_least, moonshot)
+    };
     let added = |name, phi, at_least, moonshot| {
         time_case(name, by(shaped(fuller(80.0, phi), TRIAXIAL), "rsa"), at_least, moonshot)
     };
@@ -232,6 +238,11 @@ fn ellipsoids() -> Vec<Case> {
         a16("shapes ellipsoids A16 phi_M 0.535 a=80 distance 1 mm", 0.535, "60 s", "10 s"),
         added("shapes ellipsoids random addition fuller 2..16 a=80 phi_eff 0.60", 0.60, "2 s", "0.5 s"),
         added("shapes ellipsoids random addition fuller 2..16 a=80 phi_eff 0.63", 0.63, "5 s", "1.2 s"),
+        angular("shapes polyhedra fuller 2..16 a=80 phi_eff 0.60", "monte_carlo", 0.60, "24 s", "5 s"),
+        angular("shapes polyhedra fuller 2..16 a=80 phi_eff 0.65", "monte_carlo", 0.65, "120 s", "25 s"),
+        angular("shapes polyhedra fuller 2..16 a=80 phi_eff 0.68", "monte_carlo", 0.68, "", ""),
+        angular("shapes polyhedra random addition fuller 2..16 a=80 phi_eff 0.50", "rsa", 0.50, "0.9 s", ""),
+        angular("shapes polyhedra random addition fuller 2..16 a=80 phi_eff 0.55", "rsa", 0.55, "4.5 s", ""),
     ]
 }
 
