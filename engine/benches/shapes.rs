@@ -7,7 +7,9 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use packstone_engine::gap::ellipsoids::Body;
-use packstone_engine::shape::{Ellipsoid, Pose};
+use packstone_engine::gap::polyhedra;
+use packstone_engine::shape::polyhedron::{TemplateKind, draw_template};
+use packstone_engine::shape::{Ellipsoid, Form, Polyhedron, Pose};
 use rand::rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -65,5 +67,48 @@ fn ellipsoids(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, ellipsoids);
+/// Polyhedra of 21 cuts, 1.5:1.2:1, and others up to four times as large, with gaps from `low` to `high` of the smaller
+/// one's diameter; and the normal of each pair.
+fn angular(c: &mut Criterion) {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+    let form = Form { elongation: 1.2 / 1.5, flatness: 1.0 / 1.2 };
+    let templates: Vec<Polyhedron> = (0..64)
+        .map(|_| draw_template(TemplateKind::Cuts(21), form, &mut rng).unwrap().normalized())
+        .collect();
+    let mut group = c.benchmark_group("polyhedra");
+    group.throughput(Throughput::Elements(PAIRS as u64));
+    for (name, low, high) in [("broad", -0.1, 0.5), ("near", -0.02, 0.02), ("apart", 0.001, 0.02)] {
+        let pairs: Vec<_> = (0..PAIRS)
+            .map(|i| {
+                let size = 4.0_f64.powf(symmetric(&mut rng).abs());
+                let pose = Pose { center_mm: Vector3::zeros(), orientation: orientation(&mut rng) };
+                let a = polyhedra::Body::new(&templates[i % 64], 1.0, &pose);
+                let (toward, turned) = (orientation(&mut rng) * Vector3::x(), orientation(&mut rng));
+                let at = |center_mm| Pose { center_mm, orientation: turned };
+                let body =
+                    |center_mm| polyhedra::Body::new(&templates[(7 * i + 3) % 64], size, &at(center_mm));
+                let wanted = low + (high - low) * symmetric(&mut rng).abs();
+                let mut center_mm = toward * (1.5 * (1.0 + size));
+                for _ in 0..20 {
+                    let far = body(center_mm);
+                    let contact = a.with(&far).contact();
+                    center_mm -= toward * ((contact.gap_mm - wanted) / contact.normal.dot(&toward));
+                }
+                let b = body(center_mm);
+                (a, b, a.with(&b).contact().normal)
+            })
+            .collect();
+        group.bench_function(format!("decision, cold, {name}"), |bench| {
+            bench.iter(|| pairs.iter().filter(|(a, b, _)| black_box(a).with(b).decide(0.0).is_apart).count());
+        });
+        group.bench_function(format!("decision, stored normal, {name}"), |bench| {
+            let decide = |(a, b, n): &(polyhedra::Body<'_>, polyhedra::Body<'_>, Vector3<f64>)| {
+                black_box(a).with(b).decide_from(0.0, n).is_apart
+            };
+            bench.iter(|| pairs.iter().filter(|pair| decide(pair)).count());
+        });
+    }
+}
+
+criterion_group!(benches, ellipsoids, angular);
 criterion_main!(benches);

@@ -121,15 +121,9 @@ impl Turned for TurnedPolyhedron<'_> {
         self.support_mm([-n[0], -n[1], -n[2]])
     }
 
-    /// The search is compiled for several instruction sets, but not inlined.
     fn decide(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector) -> Decision {
-        Cpu::detect().call(
-            #[inline(always)]
-            || {
-                let found = Pair { a: self, b: other, r: r.into() }.decide_from(gap_mm, &normal.into());
-                Decision { is_apart: found.is_apart, normal: found.normal.into() }
-            },
-        )
+        let found = Pair { a: self, b: other, r: r.into() }.decide_from(gap_mm, &normal.into());
+        Decision { is_apart: found.is_apart, normal: found.normal.into() }
     }
 
     /// That of the ellipsoids around the two ([`crate::gap::ellipsoids`]).

@@ -21,6 +21,7 @@ use nalgebra::Vector3;
 
 use super::grain::GrainShape;
 use super::linear::{Symmetric, Vector};
+use crate::cpu::Cpu;
 use crate::shape::{Polyhedron, Pose, Principal, ScaledPolyhedron};
 use simplex::{Difference, Simplex};
 
@@ -28,7 +29,7 @@ use simplex::{Difference, Simplex};
 const MOST_STEPS: usize = 100;
 /// How much wider than known to suffice each turn of the search for the least widening looks, and the factor of a gain
 /// that is worth another.
-const WIDER: f64 = 1.02;
+const WIDER: f64 = 1.1;
 const LEAST_GAIN: f64 = 1.0 - 1e-4;
 
 /// A polyhedron, turned.
@@ -243,8 +244,15 @@ impl Pair<'_> {
     }
 
     /// Whether the bodies keep a gap, from the direction that was found for the pair before.
-    #[inline(always)]
     pub fn decide_from(&self, gap_mm: f64, normal: &Vector3<f64>) -> Decision {
+        Cpu::detect().call(
+            #[inline(always)]
+            || self.decide_with(gap_mm, normal),
+        )
+    }
+
+    #[inline(always)]
+    fn decide_with(&self, gap_mm: f64, normal: &Vector3<f64>) -> Decision {
         let enough = gap_mm + self.rounding_mm();
         let (best, end) = self.search(normal, enough, enough);
         Decision { is_apart: matches!(end, End::Apart), normal: best.1 }

@@ -9,8 +9,9 @@
 //!
 //! it keeps its gaps to all neighbours, which need not be looked at: the test reads the grain and its list and nothing
 //! else. Four planes at a time are held against the ellipsoid that the grain is, or that lies around it, with the shape
-//! matrix `A`; a polyhedron then looks at its vertices for the planes that the ellipsoid crosses. Only where it crosses a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if
-//! they are apart. A plane wall is a plane like any other, but one that never moves.
+//! matrix `A`; a polyhedron then looks at its vertices for the planes that the ellipsoid crosses. Only where it crosses
+//! a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if they are apart. A plane wall
+//! is a plane like any other, but one that never moves.
 
 use super::system::{Hot, System};
 use crate::cpu::{InstructionSet, Lanes};
@@ -177,8 +178,8 @@ impl<S: GrainShape> System<S> {
         Decided::Apart(self.between(i, as_if, [group, lane], n, [h_a, h_b], slack))
     }
 
-    /// The planes between a grain and a neighbour with this unit vector, values of the support functions, and gap beyond
-    /// what they keep.
+    /// The planes between a grain and a neighbour with this unit vector, values of the support functions, and gap
+    /// beyond what they keep.
     #[inline(always)]
     fn between(
         &self,

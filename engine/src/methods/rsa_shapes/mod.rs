@@ -1,14 +1,14 @@
-//! Random sequential addition of grains that are no spheres: each, from the largest to the smallest, gets the first pose drawn at
-//! random that keeps its gaps to all grains inserted before and to the walls.
+//! Random sequential addition of ellipsoids and polyhedra: each, from the largest to the smallest, gets the first pose
+//! drawn at random that keeps its gaps to all grains inserted before and to the walls.
 //!
 //! An attempt of the textbook algorithm draws a uniform centre from the region that keeps the inner radius and the wall
 //! gap from the walls, and an orientation. Most centres lie in or near a grain. For an inserted grain that holds an
 //! ellipsoid with the semi-axes `a, b, c` and a new one of the inner radius `r_in`, no centre in the ellipsoid with the
-//! semi-axes `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the body
-//! parallel to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore dropped, and
-//! centres are drawn from the voxels that are left. Attempts that would have fallen elsewhere are counted by a
-//! geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no voxel
-//! is left, saturation is proven.
+//! semi-axes `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the
+//! body parallel to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore
+//! dropped, and centres are drawn from the voxels that are left. Attempts that would have fallen elsewhere are counted
+//! by a geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no
+//! voxel is left, saturation is proven.
 //!
 //! `grid` has the inserted grains by cell, `voxels` what is left for centres. A stage is a range of grains of similar
 //! size, for which both are built.

@@ -17,7 +17,7 @@ use super::swap;
 use super::system::System;
 use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
 use crate::control::Control;
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::{GrainShape, Turned};
 use crate::memory::{OutOfMemory, collected, filled};
 use crate::methods::swap_pairs::SwapPairs;
 use crate::packing::RsaStatistics;
@@ -33,9 +33,10 @@ const SWAPS_PER_GRAIN: f64 = 3.0;
 /// Relative difference of sizes that swaps start with.
 const FIRST_SWAP_WINDOW: f64 = 0.05;
 /// Most sweeps of pushes in a cycle, while the packing is loose enough to grow fast, and later on, when moves and swaps
-/// gain more for their time.
+/// gain more for their time; the former of ellipsoids and of polyhedra.
 const FAST_RATE: f64 = 2e-3;
 const FAST_PUSH_SWEEPS: u32 = 32;
+const FAST_PUSH_SWEEPS_ANGULAR: u32 = 64;
 const PUSH_SWEEPS: u32 = 16;
 /// Largest and smallest growth of a cycle, relative: the smallest keeps the grains shaking.
 const MOST_RATE: f64 = 0.005;
@@ -273,7 +274,8 @@ impl<S: GrainShape> Run<S> {
     /// Makes the packing tighter, as far as it goes, and sets the rate of the next cycle.
     fn compress(&mut self, by: Tighten) -> Result<(), OutOfMemory> {
         let (stretch, more) = (self.system.stretch, self.system.more);
-        let most_sweeps = if self.rate >= FAST_RATE { FAST_PUSH_SWEEPS } else { PUSH_SWEEPS };
+        let fast = if S::Turned::IS_ELLIPSOID { FAST_PUSH_SWEEPS } else { FAST_PUSH_SWEEPS_ANGULAR };
+        let most_sweeps = if self.rate >= FAST_RATE { fast } else { PUSH_SWEEPS };
         let pushed = self.pusher.push(&mut self.system, by, most_sweeps)?;
         self.statistics.pushes += pushed.pushes;
         if pushed.is_clear {
