@@ -69,11 +69,13 @@ async fn a_power_cut_costs_no_more_than_the_last_epoch() {
 #[tokio::test]
 async fn grains_that_are_no_spheres_go_on_after_a_power_cut_too() {
     let ratios = json!({"type": "constant", "b_over_a": 0.8, "c_over_a": 0.65});
-    let job = jobs::with(jobs::growth(), "/mix/shape", json!({"type": "ellipsoid", "ratios": ratios}));
-    let job = jobs::with(job, "/method", json!({"type": "monte_carlo"}));
-    let job = jobs::with(job, "/mix/volume_fraction", json!(0.5));
-    let job = survives(&job, 2, async |server| server.kill().await).await;
-    assert_eq!(job["attempt"], 3, "{job:#}");
+    for (shape, fraction) in [("ellipsoid", 0.5), ("polyhedron", 0.45)] {
+        let job = jobs::with(jobs::growth(), "/mix/shape", json!({"type": shape, "ratios": ratios}));
+        let job = jobs::with(job, "/method", json!({"type": "monte_carlo"}));
+        let job = jobs::with(job, "/mix/volume_fraction", json!(fraction));
+        let job = survives(&job, 2, async |server| server.kill().await).await;
+        assert_eq!(job["attempt"], 3, "{job:#}");
+    }
 }
 
 #[tokio::test]

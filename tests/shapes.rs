@@ -69,6 +69,54 @@ fn polyhedra(fields: Value) -> Value {
 }
 
 #[tokio::test]
+async fn polyhedra_come_back_in_every_table_and_export_that_has_them() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(2).start().await;
+    let client = server.client();
+    for (method, rounding) in [("rsa", 0.0), ("monte_carlo", 0.1)] {
+        let shape =
+            json!({"rounding": rounding, "template_count": 6, "ratios": {"type": "triangle", "k": 0.5}});
+        let finished =
+            client.succeed(&jobs::with(polyhedra(shape), "/method", json!({"type": method}))).await;
+        let id = id_of(&finished);
+        let result = client.result(id).await;
+        assert_eq!(result["summary"]["method_used"], method);
+        let columns = json!(["x_mm", "y_mm", "z_mm", "d_mm", "sieve_mm", "qw", "qx", "qy", "qz", "template"]);
+        assert_eq!(result["grains"]["columns"], columns);
+        let rows = result["grains"]["rows"].as_array().unwrap();
+        assert_eq!(result["summary"]["grains"], rows.len());
+        let templates = result["templates"].as_array().unwrap();
+        assert_eq!(templates.len(), 6);
+        for row in rows {
+            let template = row[9].as_f64().unwrap();
+            assert!(template < 6.0 && template.fract() == 0.0 && row[3].as_f64() > Some(0.0), "{row}");
+        }
+        assert!(result["check"]["min_gap_mm"].as_f64().unwrap() >= 0.2, "{:#}", result["check"]);
+        assert!(result["shapes"]["sphericity_mean"].as_f64() < Some(1.0), "{:#}", result["shapes"]);
+        let get = |path: &str| client.get(&format!("/v1/jobs/{id}/{path}"));
+        let csv = String::from_utf8(get("result?format=csv").send().await.expect(200).body.to_vec()).unwrap();
+        assert_eq!(csv.lines().count(), rows.len() + 1);
+        for format in ["npy", "vtk", "vtp"] {
+            let length = get(&format!("result?format={format}")).send().await.expect(200).body.len();
+            assert!(length > 8 * 10 * rows.len(), "{format}: {length}");
+        }
+        let voxels =
+            get("exports/voxels?format=raw&cells=40&label=grain").send().await.expect(200).body.clone();
+        let labelled = voxels.chunks(4).filter(|label| **label != [0; 4]).count() as f64 / 64_000.0;
+        let fraction = result["summary"]["volume_fraction_effective"].as_f64().unwrap();
+        assert!((labelled / fraction - 1.0).abs() < 0.03, "{labelled} {fraction}");
+        let slice = get("exports/slice?format=json").send().await.expect(200).json();
+        assert!(slice["polygons"]["rows"].as_array().unwrap().len() > 10, "{slice:#}");
+        assert!(!get("exports/mesh?format=msh&segments=8").send().await.expect(200).body.is_empty());
+        assert!(get("exports/ldpm?format=tets").send().await.expect(200).body.len() > 48 * rows.len());
+        assert!(get("plots/grading").send().await.expect(200).body.starts_with(b"<svg"));
+        let picture = get("exports/slice?format=png").send().await.expect(200).body.clone();
+        assert!(picture.starts_with(b"\x89PNG"));
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn polyhedra_have_plans() {
     let data_dir = DataDir::new();
     let server = Launch::new(&data_dir).start().await;

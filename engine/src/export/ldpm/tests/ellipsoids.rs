@@ -1,4 +1,4 @@
-//! Lattices of ellipsoids.
+//! Lattices of ellipsoids and polyhedra.
 
 use proptest::prelude::*;
 use serde_json::json;
@@ -179,6 +179,39 @@ proptest! {
             prop_assert!(found <= nearest + 1e-9 && found >= nearest - 0.05, "{found} {nearest}");
         } else {
             prop_assert!(found <= 1e-12 && -found <= nearest + 1e-9, "{found} {nearest}");
+        }
+    }
+}
+
+/// The same of polyhedra: reach, clearance and the checks of the lattice.
+#[test]
+fn lattices_of_polyhedra_pass_their_checks() {
+    for (specimen, rounding) in specimens().into_iter().zip([0.0, 0.1]) {
+        let specimen: Specimen = PackingRequest::from_json(
+            &json!({"specimen": specimen, "mix": {"grading": {"type": "diameters", "diameters_mm": [5.0]}}}),
+            1,
+        )
+        .unwrap()
+        .specimen;
+        let grains = crate::export::polyhedra_samples::packed(&specimen, 150, [7.0, 3.0], 0.2, rounding);
+        let model = Model::new(&specimen, &grains);
+        let lattice =
+            Lattice::make(&model, &LatticeOptions::default(), &Limits::default(), &Unattended).unwrap();
+        let checks = &lattice.report().checks;
+        assert_eq!((checks.overlapping_grains, checks.grains_outside, checks.overlapping_edges), (0, 0, 0));
+        assert_eq!(checks.crowded_nodes, 0);
+        let nodes = lattice.nodes();
+        let of_model = Grains::new(&model).unwrap();
+        for grain in 0..grains.len() {
+            let (shape, pose) = (grains.shape(grain), &grains.poses[grain]);
+            let radius = shape.scale_mm * shape.template.rounding();
+            for corner in shape.template.world_vertices_mm(shape.scale_mm, pose) {
+                let along = corner - pose.center_mm;
+                let reach = nodes.reach_mm(nodes.boundary + grain, &along);
+                assert!(reach >= along.norm() * (1.0 - 1e-12) && reach <= along.norm() + radius + 1e-9);
+                let end = pose.center_mm + along.normalize() * reach;
+                assert!(of_model.beyond_mm(grain, end.into()).abs() < 1e-9 * shape.scale_mm);
+            }
         }
     }
 }
