@@ -6,7 +6,7 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::memory::{OutOfMemory, make_room, refill};
+use crate::memory::{OutOfMemory, collected, copied, make_room, refill, reserved};
 use crate::rng::uniform;
 
 /// Share of accepted swaps that the window of sizes is steered to.
@@ -16,12 +16,58 @@ const MOST_WINDOW: f64 = 0.3;
 /// Fewest tries by which the window is changed.
 const FEWEST_TRIES: u64 = 20;
 
-/// The pairs of a packing.
+/// Sets of grains that exchange their places among themselves only: those of one form, because a larger grain hardly
+/// ever fits in the place of one of another form.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Families {
+    /// The ranks, one family after the other, falling in size within each. Empty where there is one family.
+    order: Vec<u32>,
+    /// Where the family of each of these begins.
+    first: Vec<u32>,
+}
+
+impl Families {
+    /// The families of grains by rank.
+    ///
+    /// # Errors
+    /// The system refused memory.
+    pub(crate) fn new<S>(shapes: &[S], are_similar: impl Fn(&S, &S) -> bool) -> Result<Self, OutOfMemory> {
+        let mut examples: Vec<usize> = Vec::new();
+        let mut family_of: Vec<u32> = reserved(shapes.len())?;
+        for (rank, shape) in shapes.iter().enumerate() {
+            let known = examples.iter().position(|&example| are_similar(&shapes[example], shape));
+            family_of.push(known.unwrap_or(examples.len()) as u32);
+            if known.is_none() {
+                examples.push(rank);
+            }
+        }
+        if examples.len() < 2 {
+            return Ok(Self::default());
+        }
+        let mut order: Vec<u32> = collected(0..shapes.len() as u32)?;
+        order.sort_by_key(|&rank| family_of[rank as usize]);
+        let mut first: Vec<u32> = reserved(shapes.len())?;
+        for (at, &rank) in order.iter().enumerate() {
+            let is_next = at > 0 && family_of[order[at - 1] as usize] == family_of[rank as usize];
+            first.push(if is_next { first[at - 1] } else { at as u32 });
+        }
+        Ok(Self { order, first })
+    }
+
+    /// The rank of a grain by its place in the order.
+    #[inline]
+    pub(crate) fn rank(&self, place: usize) -> usize {
+        self.order.get(place).map_or(place, |&rank| rank as usize)
+    }
+}
+
+/// The pairs of a packing. Grains are named by their places in the order of the families, which are their ranks where
+/// there is one family.
 #[derive(Clone, Debug)]
 pub(crate) struct SwapPairs {
-    /// Where the grain of each rank is.
+    /// Where each grain is.
     site: Vec<u32>,
-    /// The lowest rank that each rank may change places with.
+    /// The first grain that each may change places with.
     limit: Vec<u32>,
     /// Largest relative difference of two sizes that is tried.
     pub(crate) window: f64,
@@ -40,16 +86,31 @@ impl SwapPairs {
     ///
     /// # Errors
     /// The system refused memory.
-    pub(crate) fn prepare(&mut self, ranks: &[u32], sizes: &[f64]) -> Result<(), OutOfMemory> {
+    pub(crate) fn prepare(
+        &mut self,
+        families: &Families,
+        ranks: &[u32],
+        sizes: &[f64],
+    ) -> Result<(), OutOfMemory> {
         refill(&mut self.site, ranks.len(), 0)?;
         for (site, &rank) in ranks.iter().enumerate() {
             self.site[rank as usize] = site as u32;
         }
+        if !families.order.is_empty() {
+            let by_rank = copied(&self.site)?;
+            for (site, &rank) in self.site.iter_mut().zip(&families.order) {
+                *site = by_rank[rank as usize];
+            }
+        }
         self.limit.clear();
         make_room(&mut self.limit, sizes.len())?;
         let mut largest = 0;
-        for &size in sizes {
-            while sizes[largest] > size * (1.0 + self.window) {
+        for place in 0..sizes.len() {
+            let size = sizes[families.rank(place)];
+            if let Some(&first) = families.first.get(place) {
+                largest = largest.max(first as usize);
+            }
+            while sizes[families.rank(largest)] > size * (1.0 + self.window) {
                 largest += 1;
             }
             self.limit.push(largest as u32);
@@ -57,7 +118,7 @@ impl SwapPairs {
         Ok(())
     }
 
-    /// Draws the ranks of two grains, the larger first; they may be the same.
+    /// Draws two grains, the larger first; they may be the same.
     #[inline]
     pub(crate) fn draw(&self, rng: &mut Xoshiro256PlusPlus) -> [usize; 2] {
         let smaller = (uniform(rng) * self.limit.len() as f64) as usize;
@@ -65,13 +126,13 @@ impl SwapPairs {
         [largest + (uniform(rng) * (smaller - largest) as f64) as usize, smaller]
     }
 
-    /// Where the grain of a rank is.
+    /// Where a grain is.
     #[inline]
-    pub(crate) fn site(&self, rank: usize) -> usize {
-        self.site[rank] as usize
+    pub(crate) fn site(&self, place: usize) -> usize {
+        self.site[place] as usize
     }
 
-    /// Takes notice that the grains of two ranks were exchanged.
+    /// Takes notice that two grains were exchanged.
     #[inline]
     pub(crate) fn exchange(&mut self, [larger, smaller]: [usize; 2]) {
         self.site.swap(larger, smaller);

@@ -9,7 +9,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::system::{System, unpack};
 use crate::memory::OutOfMemory;
-use crate::methods::swap_pairs::SwapPairs;
+use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::rng::uniform;
 use crate::segregation::Preference;
 
@@ -31,7 +31,7 @@ pub(crate) fn sweep(
     if n < 2 || sizes[0] <= sizes[n - 1] {
         return Ok(());
     }
-    pairs.prepare(&system.rank, sizes)?;
+    pairs.prepare(&Families::default(), &system.rank, sizes)?;
     let cpu = system.cpu;
     let (tried, accepted) = cpu.call(
         #[inline(always)]

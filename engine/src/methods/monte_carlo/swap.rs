@@ -12,7 +12,7 @@ use super::system::{Hot, System, rotation};
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
 use crate::gap::grain::GrainShape;
 use crate::memory::OutOfMemory;
-use crate::methods::swap_pairs::SwapPairs;
+use crate::methods::swap_pairs::{Families, SwapPairs};
 
 /// Share of the skin that a larger grain may take.
 const SKIN_SHARE: f64 = 0.5;
@@ -25,6 +25,7 @@ const AHEAD: usize = 8;
 /// When the system refuses memory.
 pub(super) fn sweep<S: GrainShape>(
     pairs: &mut SwapPairs,
+    families: &Families,
     system: &mut System<S>,
     shapes: &[S],
     diameters: &[f64],
@@ -34,11 +35,11 @@ pub(super) fn sweep<S: GrainShape>(
     if system.len() < 2 {
         return Ok(());
     }
-    pairs.prepare(&system.rank, diameters)?;
+    pairs.prepare(families, &system.rank, diameters)?;
     let cpu = system.cpu;
     let (tried, accepted) = with_instruction_set!(cpu, set => set.call(
         #[inline(always)]
-        || try_pairs(set, pairs, system, shapes, tries, rng)
+        || try_pairs(set, pairs, families, system, shapes, tries, rng)
     ));
     pairs.count(tried, accepted);
     Ok(())
@@ -49,6 +50,7 @@ pub(super) fn sweep<S: GrainShape>(
 fn try_pairs<I: InstructionSet, S: GrainShape>(
     set: I,
     pairs: &mut SwapPairs,
+    families: &Families,
     system: &mut System<S>,
     shapes: &[S],
     tries: u64,
@@ -63,8 +65,8 @@ fn try_pairs<I: InstructionSet, S: GrainShape>(
         let mut drawn = [[0_usize; 2]; AHEAD];
         for pair in &mut drawn[..count] {
             *pair = pairs.draw(rng);
-            for rank in *pair {
-                let site = pairs.site(rank);
+            for place in *pair {
+                let site = pairs.site(place);
                 prefetch(&system.hot, site);
                 prefetch(&system.cold, site);
             }
@@ -76,7 +78,7 @@ fn try_pairs<I: InstructionSet, S: GrainShape>(
             }
         }
         for &[larger, smaller] in &drawn[..count] {
-            if larger == smaller || shapes[larger].is_same(&shapes[smaller]) {
+            if larger == smaller || shapes[families.rank(larger)].is_same(&shapes[families.rank(smaller)]) {
                 continue;
             }
             tried += 1;

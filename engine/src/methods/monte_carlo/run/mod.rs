@@ -19,7 +19,7 @@ use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, St
 use crate::control::Control;
 use crate::gap::grain::{GrainShape, Turned};
 use crate::memory::{OutOfMemory, collected, filled};
-use crate::methods::swap_pairs::SwapPairs;
+use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::packing::RsaStatistics;
 use crate::rng::cycle_stream;
 use crate::shape::Pose;
@@ -85,6 +85,7 @@ pub(super) struct Run<S: GrainShape> {
     stage: Stage,
     rate: f64,
     swaps: SwapPairs,
+    families: Families,
     statistics: Statistics,
     pub(super) rsa: RsaStatistics,
     pub(super) rsa_s: f64,
@@ -128,6 +129,7 @@ impl<S: GrainShape> Run<S> {
             stage: Stage::Scale,
             rate: MOST_RATE,
             swaps: SwapPairs::new(FIRST_SWAP_WINDOW),
+            families: Families::new(of.shapes, S::is_similar)?,
             statistics: Statistics::default(),
             rsa: RsaStatistics::default(),
             rsa_s: 0.0,
@@ -251,7 +253,8 @@ impl<S: GrainShape> Run<S> {
         let mut rng = cycle_stream(of.seed, self.statistics.cycles);
         if of.swap {
             let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
-            swap::sweep(&mut self.swaps, &mut self.system, of.shapes, &self.diameters, tries, &mut rng)?;
+            let Self { swaps, families, system, diameters, .. } = self;
+            swap::sweep(swaps, families, system, of.shapes, diameters, tries, &mut rng)?;
         }
         if control.should_stop() {
             return Ok(false);
