@@ -208,7 +208,7 @@ mod tests {
             TemplateKind::Cuboid(0.4),
             TemplateKind::Voronoi,
         ];
-        let n: usize = std::env::var("TEMPLATES").map_or(12, |n| n.parse().unwrap());
+        let n: usize = std::env::var("TEMPLATES").map_or(3, |n| n.parse().unwrap());
         for kind in kinds {
             for axes in [[1.0, 1.0, 1.0], [1.5, 1.2, 1.0], [10.0, 9.0, 1.0], [10.0, 1.2, 1.0]] {
                 let (mut larger, mut smaller): (f64, f64) = (0.0, 0.0);

@@ -293,7 +293,7 @@ fn a_long_grain_keeps_clear_of_its_own_images() {
 fn a_dense_packing_prefers_no_direction() {
     let specimen = Specimen::Box { size_mm: [30.0; 3], boundary: Boundary::Walls };
     let templates = cuts(0.0);
-    let shapes = shapes(&templates, &specimen, 0.58, 7.0);
+    let shapes = shapes(&templates, &specimen, 0.53, 7.0);
     let outcome = growth(&shapes, &specimen, &NONE).run(None, &Unattended).unwrap();
     assert_eq!(outcome.end, monte_carlo::End::Target);
     assert_valid(&specimen, &NONE, &shapes, &outcome.poses);

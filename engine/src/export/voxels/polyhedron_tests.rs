@@ -36,11 +36,14 @@ fn voxels_of_polyhedra_are_those_whose_centres_lie_inside() {
             let mut found = 0;
             for row in 0..grains.len() {
                 let (template, place) = (&templates[grains.template[row] as usize], Place::new(&grains, row));
+                let outer = grains.templates[grains.template[row] as usize].outer_radius() * place.scale;
                 for x in shifts {
                     for y in shifts {
                         for z in shifts {
                             let moved = p + Vector3::new(*x, *y, *z).component_mul(&bounds);
-                            if template.distance(&place.local(&moved)) < 0.0 {
+                            // Farther points are not inside.
+                            let is_near = (moved - place.center).norm() <= outer;
+                            if is_near && template.distance(&place.local(&moved)) < 0.0 {
                                 found = row as u32 + 1;
                             }
                         }

@@ -208,7 +208,7 @@ fn lattices_of_polyhedra_pass_their_checks() {
             for corner in shape.template.world_vertices_mm(shape.scale_mm, pose) {
                 let along = corner - pose.center_mm;
                 let reach = nodes.reach_mm(nodes.boundary + grain, &along);
-                assert!(reach >= along.norm() * (1.0 - 1e-12) && reach <= along.norm() + radius + 1e-9);
+                assert!(reach >= (along.norm() + radius) * (1.0 - 1e-12), "{reach} {along} {radius}");
                 let end = pose.center_mm + along.normalize() * reach;
                 assert!(of_model.beyond_mm(grain, end.into()).abs() < 1e-9 * shape.scale_mm);
             }
