@@ -1,7 +1,7 @@
 //! The check's own measure of the sieve size of a polyhedron.
 //!
-//! The shadow along `e3` fits a square whose sides have the directions `e1` and `e2`. For one side `e1` the other is the
-//! least width of the outline across `e1`, which is that above an edge of the outline, so that
+//! The shadow along `e3` fits a square whose sides have the directions `e1` and `e2`. For one side `e1` the other is
+//! the least width of the outline across `e1`, which is that above an edge of the outline, so that
 //!
 //! ```text
 //! D_s = min over e1 of max(width along e1, least width of the outline across e1)

@@ -2,8 +2,8 @@
 //!
 //! A size is drawn from the grading as for spheres and read as a sieve size or as an equivalent diameter; the shape is
 //! drawn independently of it. The parts of a mixture have shares of the volume, so that a part is drawn with a
-//! probability proportional to its share over the mean volume of its grains. An angular grain is one of the templates of
-//! its part, all of which are equally likely.
+//! probability proportional to its share over the mean volume of its grains. An angular grain is one of the templates
+//! of its part, all of which are equally likely.
 
 use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! The plan of a run: expected numbers of grains, memory, time and success, before any grain is sampled.
 //!
 //! Numbers and volume fractions are closed forms of the grading; time and success are estimates of a fitted model
-//! (`docs/estimates.md`). A plan draws no random numbers but the templates of angular grains, which have a seed of their
-//! own: the same request has the same plan.
+//! (`docs/estimates.md`). A plan draws no random numbers but the templates of angular grains, which have a seed of
+//! their own: the same request has the same plan.
 
 mod estimate;
 mod model;

@@ -48,23 +48,22 @@ pub(super) struct Known {
 const ELLIPSOIDS: Known = Known {
     random_reach: 0.63,
     dense_reach: 0.74,
-    random_times_s: &[(0.50, 0.15), (0.55, 0.5), (0.60, 3.2), (0.63, 14.0)],
-    dense_times_s: &[(0.50, 0.3), (0.60, 1.2), (0.65, 5.0), (0.70, 18.0), (0.73, 50.0)],
+    random_times_s: &[(0.50, 0.15), (0.55, 0.4), (0.60, 1.2), (0.63, 2.6)],
+    dense_times_s: &[(0.50, 0.3), (0.60, 0.8), (0.65, 1.5), (0.70, 5.5), (0.73, 13.0), (0.75, 28.0)],
     bytes_per_grain: 600.0,
     bytes_per_corner: 0.0,
     extrapolation: "grains that are no spheres, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
 };
 
-/// By a prototype, on a busy machine; not measured with this engine.
 const POLYHEDRA: Known = Known {
     random_reach: 0.57,
     dense_reach: 0.65,
-    random_times_s: &[(0.50, 0.9), (0.55, 4.5), (0.60, 30.0)],
-    dense_times_s: &[(0.50, 6.0), (0.60, 24.0), (0.65, 120.0)],
+    random_times_s: &[(0.50, 0.7), (0.55, 3.3), (0.57, 7.0)],
+    dense_times_s: &[(0.50, 3.0), (0.60, 10.0), (0.65, 50.0)],
     bytes_per_grain: 800.0,
     bytes_per_corner: 48.0,
     extrapolation: "grains that are no spheres, taken to reach at most what polyhedra of 21 faces, stretched by \
-                    1.5:1.2:1, by Fuller's curve did in a prototype",
+                    1.5:1.2:1, by Fuller's curve do",
 };
 
 /// What is known of the shapes of a mix.

@@ -10,8 +10,8 @@
 //! it keeps its gaps to all neighbours, which need not be looked at: the test reads the grain and its list and nothing
 //! else. Four planes at a time are held against the ellipsoid that the grain is, or that lies around it, with the shape
 //! matrix `A`; a polyhedron then looks at its vertices for the planes that the ellipsoid crosses. Only where it crosses
-//! a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if they are apart. A plane wall
-//! is a plane like any other, but one that never moves.
+//! a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if they are apart. A plane
+//! wall is a plane like any other, but one that never moves.
 
 use super::system::{Hot, System};
 use crate::cpu::{InstructionSet, Lanes};
