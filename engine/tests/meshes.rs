@@ -71,8 +71,7 @@ fn write_model(folder: &Path, model: &Model<'_>, options: &SurfaceOptions) {
     let expected = json!({
         "grains": report.grains, "faces": faces, "planes": planes,
         "least_gamma": if of_geo_mm3.is_null() { 0.001 } else { 0.05 },
-        // Templates have edges of all lengths and angles, and a thin strip along each of them that is rounded.
-        "most_flat": if matches!(model.grains, GrainsRef::Polyhedra(_)) { 0.02 } else { 0.001 }, "aggregates_of_geo_mm3": of_geo_mm3,
+        "most_flat": 0.001, "aggregates_of_geo_mm3": of_geo_mm3,
         "aggregates_mm3": report.aggregate_volume_mm3, "specimen_mm3": report.specimen_volume_mm3,
     });
     write!(file("expected.json"), "{expected}").unwrap();

@@ -14,7 +14,8 @@ use std::f64::consts::PI;
 use super::bodies::{Between, Bodies, Image, MeshModel};
 use super::near::Near;
 use super::options::{SurfaceOptions, VolumeCorrection};
-use super::polyhedron::Angular;
+use super::polyhedron::{self, Angular, Placed};
+use super::rounded::Facets;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
@@ -26,6 +27,8 @@ use crate::packing::Polyhedra;
 const GAP_SHARE: f64 = 0.5;
 /// How far a correction looks for obstacles, in multiples of how far the size field does.
 const ROOM_REACH: f64 = 3.0;
+/// Steps of edges over diameters that share their facets, for each factor of e.
+const EDGE_STEPS: f64 = 16.0;
 /// Times that areas are averaged with those of neighbours.
 const AVERAGINGS: usize = 4;
 /// Most rounds of turning dents into ridges.
@@ -43,6 +46,8 @@ pub(super) struct Grains<'a> {
     finenesses: Finenesses,
     /// Polyhedra of the unit sphere that were needed so far.
     templates: HashMap<Fineness, Surface>,
+    /// Facets of rounded templates that were needed so far, by edges over diameters.
+    facets: HashMap<(u32, i64), Facets>,
 }
 
 /// What a grain faces, seen from its centre.
@@ -60,7 +65,14 @@ pub(super) struct Faced<'a> {
 impl<'a> Grains<'a> {
     pub(super) fn new(model: &'a MeshModel<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
         let near = Near::new(&model.bodies, model.specimen.bounds_mm())?;
-        Ok(Self { model, options, near, finenesses: Finenesses::new(), templates: HashMap::new() })
+        Ok(Self {
+            model,
+            options,
+            near,
+            finenesses: Finenesses::new(),
+            templates: HashMap::new(),
+            facets: HashMap::new(),
+        })
     }
 
     /// The fineness of a grain where nothing is close: its edges have the length asked for in the mean.
@@ -98,7 +110,8 @@ impl<'a> Grains<'a> {
     /// The surface of a grain about its centre, and whether it has the volume asked for; `None` when that
     /// would take more than `most_triangles`.
     pub(super) fn surface(&mut self, row: usize, most_triangles: usize) -> Option<(Surface, bool)> {
-        if let Bodies::Polyhedra { grains, templates, .. } = &self.model.bodies {
+        let model = self.model;
+        if let Bodies::Polyhedra { grains, templates, .. } = &model.bodies {
             return self.polyhedron(grains, templates, row, most_triangles);
         }
         let (diameter, image) = (self.model.bodies.diameter(row), self.model.bodies.image(row));
@@ -147,28 +160,47 @@ impl<'a> Grains<'a> {
     }
 }
 
-impl Grains<'_> {
+impl<'a> Grains<'a> {
     /// The same for a polyhedron.
     fn polyhedron(
-        &self,
+        &mut self,
         grains: &Polyhedra,
         templates: &[Convex],
         row: usize,
         most_triangles: usize,
     ) -> Option<(Surface, bool)> {
+        let angular = self.angular(grains, row);
+        let (number, d) = (grains.template[row], grains.d_mm[row]);
+        let template = &templates[number as usize];
+        // Facets are those of all grains of a template with about the same edges over their diameters.
+        let step = (EDGE_STEPS * (angular.edge_mm / d).ln()).round();
+        let is_rounded = template.rounding > 0.0 && 2.0 * template.rounding * d >= angular.floor_mm;
+        let placed = if is_rounded {
+            let facets = self
+                .facets
+                .entry((number, step as i64))
+                .or_insert_with(|| Facets::new(template, (step / EDGE_STEPS).exp()));
+            Placed::facets(grains, template, row, facets)
+        } else {
+            Placed::core(grains, template, row)
+        };
+        angular.surface(&placed, most_triangles)
+    }
+
+    /// How the surface of a polyhedron is to be meshed, and what is around it.
+    fn angular(&self, grains: &Polyhedra, row: usize) -> Angular<'a> {
         let d = grains.d_mm[row];
         let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
+        let reach = self.reach_mm(row);
+        let seen = if corrects { ROOM_REACH * reach } else { reach };
         let mut angular = Angular {
             edge_mm: self.options.edge_mm(d),
             floor_mm: self.options.floor_mm(d),
             target_mm3: corrects.then(|| grains.shape(row).volume_mm3()),
             facing: Vec::new(),
             obstacles: Vec::new(),
-            most_mm: 0.0,
+            most_mm: GAP_SHARE / 2.0 * seen,
         };
-        let reach = self.reach_mm(row);
-        let seen = if corrects { ROOM_REACH * reach } else { reach };
-        angular.most_mm = GAP_SHARE / 2.0 * seen;
         self.for_each_facing(row, seen, |Faced { other, row, gap, toward, own }| {
             let at = own.unwrap_or_default();
             if gap < reach && self.options.size_field {
@@ -176,13 +208,14 @@ impl Grains<'_> {
             }
             // The other grain has its own half of the gap; a wall does not move.
             let share = if row.is_some() { GAP_SHARE / 2.0 } else { GAP_SHARE };
-            angular.obstacles.push((toward, dot(at, toward) + share * gap.max(0.0), other));
+            angular.obstacles.push(match other {
+                Other::Lateral { axis, radius } => {
+                    polyhedron::Obstacle::Cylinder(axis, radius - (1.0 - share) * gap.max(0.0))
+                }
+                _ => polyhedron::Obstacle::Plane(toward, dot(at, toward) + share * gap.max(0.0)),
+            });
         });
-        angular.surface(
-            &templates[grains.template[row] as usize],
-            &Angular::placed(grains, row),
-            most_triangles,
-        )
+        angular
     }
 }
 

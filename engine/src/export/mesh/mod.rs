@@ -3,7 +3,7 @@
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
 //! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `bodies`
-//! (ellipsoids as their images), `surface` (refinement), `size` (length of edges), `grain` (volume), `estimate`
+//! (ellipsoids as their images), `polyhedron` and `rounded`, `surface` (refinement), `size` (length of edges), `grain` (volume), `estimate`
 //! (triangles and bytes beforehand).
 
 mod bodies;
@@ -19,6 +19,7 @@ mod outline;
 mod polyhedron;
 #[cfg(test)]
 mod polyhedron_tests;
+mod rounded;
 mod shell;
 mod size;
 mod sphere;

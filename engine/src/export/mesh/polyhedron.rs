@@ -1,25 +1,21 @@
-//! The surface of one grain that is a convex polyhedron.
+//! The surface of one grain that is a sharp convex polyhedron.
 //!
-//! A sharp grain is meshed by its faces, exactly. The edges of its faces are divided with them, so that the triangles
-//! of
-//! two faces fit; within a face the triangulation is Delaunay's, and vertices inside of a face are moved to the middle
-//! of
-//! their neighbours.
+//! It is meshed by its faces, exactly. The edges of its faces are divided with them, so that the triangles of two faces
+//! fit; within a face the triangulation is Delaunay's, and vertices inside of a face are moved to the middle of their
+//! neighbours.
 //!
-//! A rounded grain has its faces, strips around its edges and caps around its vertices (`convex::Skin`), with arcs of
-//! at
-//! most 60 degrees. A vertex is kept as a point of the core and a unit normal: between two vertices lies the middle of
-//! both points with the mean of both normals, which never leaves the body. The polyhedron is inscribed, and convex but
-//! for dents of less than two hundredths of the diameter that no good triangles would close. It is
-//! given its volume by a larger radius, as far as half of every gap is left. A rounding that is too fine for the edges
-//! asked for (a diameter below the shortest of them) is not meshed: the grain is its core, enlarged.
+//! A rounded grain is meshed as a sharp polyhedron too (`rounded`), which is scaled about its centre. Where its rounding
+//! is too fine for the edges asked for (a diameter below the shortest of them), that is its core. Where no volume is
+//! asked for, the core is enlarged until its farthest vertex lies on the body: no vertex moves by more than the radius of
+//! the rounding then, so that all of the core stays inside.
 
 use std::collections::HashMap;
-use std::f64::consts::{FRAC_PI_3, PI};
+use std::f64::consts::PI;
 
-use super::size::{Facing, Other};
+use super::rounded::Facets;
+use super::size::Facing;
 use super::surface::{Shape, Surface, cross, distance2, dot};
-use crate::export::convex::{Convex, Skin, directed_edges};
+use crate::export::convex::{Convex, directed_edges};
 use crate::gap::linear::{Vector, minus, norm, scaled, sum};
 use crate::packing::Polyhedra;
 use crate::shape::Pose;
@@ -28,16 +24,8 @@ use crate::shape::Pose;
 const STEPS: [f64; 3] = [4.0, 2.0, 1.0];
 /// Times that vertices within a face are moved to the middle of their neighbours, in each step.
 const SMOOTHINGS: usize = 2;
-/// Length of edges on rounded parts, in radii of the rounding.
-const EDGE_PER_RADIUS: f64 = 2.0;
 /// How high a vertex may lie above a plane that it counts as part of, over the size of the grain.
 const FLATNESS: f64 = 1.0e-8;
-/// Triangles that a dent is taken away by are no worse than that (see [`quality`]), or no worse than those before.
-const LEAST_QUALITY: f64 = 0.04;
-/// Relative error of a corrected volume.
-const VOLUME_TOLERANCE: f64 = 1.0e-13;
-/// Most steps of the search for it.
-const MOST_STEPS: usize = 60;
 /// Share by which inscribed surfaces are smaller, so that rounding brings no vertex out of the body.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
@@ -50,65 +38,98 @@ pub(super) struct Angular<'a> {
     /// The volume to be met, where volumes are corrected.
     pub(super) target_mm3: Option<f64>,
     pub(super) facing: Vec<Facing<'a>>,
-    /// What vertices must not come too close to: a direction, how far they may reach along it, and what is there.
-    pub(super) obstacles: Vec<(Vector, f64, Other<'a>)>,
+    /// What no vertex crosses.
+    pub(super) obstacles: Vec<Obstacle>,
     /// No vertex moves farther, for what is farther away was not looked at.
     pub(super) most_mm: f64,
 }
 
-/// A grain about its centre.
-pub(super) struct Placed {
-    vertices: Vec<Vector>,
-    rotation: nalgebra::Matrix3<f64>,
-    radius: f64,
+/// What no vertex crosses where a grain is enlarged. The grain lies on the side where its centre is.
+pub(super) enum Obstacle {
+    /// A plane across a unit vector, and its distance from the centre.
+    Plane(Vector, f64),
+    /// A cylinder along z around the grain: where its axis stands, and its radius.
+    Cylinder([f64; 2], f64),
 }
 
-impl Angular<'_> {
-    pub(super) fn placed(grains: &Polyhedra, row: usize) -> Placed {
+/// A polyhedron about the centre of its grain.
+pub(super) struct Placed<'a> {
+    pub(super) vertices: Vec<Vector>,
+    pub(super) faces: &'a [Vec<u32>],
+    /// Factor of the largest copy about the centre that lies inside of the grain.
+    pub(super) inscribed: f64,
+    /// Whether it is the grain itself.
+    pub(super) is_exact: bool,
+}
+
+impl<'a> Placed<'a> {
+    /// The core of a grain.
+    pub(super) fn core(grains: &Polyhedra, template: &'a Convex, row: usize) -> Self {
         let (shape, pose) = (grains.shape(row), &grains.poses[row]);
         // About the origin, where vertices are the same but for the centre that is added.
         let about = Pose { center_mm: nalgebra::Vector3::zeros(), ..*pose };
-        Placed {
-            vertices: shape.template.world_vertices_mm(shape.scale_mm, &about).map(Into::into).collect(),
-            rotation: pose.rotation(),
-            radius: shape.scale_mm * shape.template.rounding(),
+        let vertices: Vec<Vector> =
+            shape.template.world_vertices_mm(shape.scale_mm, &about).map(Into::into).collect();
+        let farthest = vertices.iter().map(|vertex| norm(*vertex)).fold(0.0, f64::max);
+        Self {
+            vertices,
+            faces: &template.faces,
+            inscribed: 1.0 + shape.scale_mm * template.rounding / farthest * (1.0 - ROUNDING),
+            is_exact: template.rounding == 0.0,
         }
     }
 
-    /// The surface, and whether it has the volume asked for; `None` when that would take more than `most_triangles`.
-    pub(super) fn surface(
-        &self,
-        template: &Convex,
-        placed: &Placed,
-        most_triangles: usize,
-    ) -> Option<(Surface, bool)> {
-        let size = placed.vertices.iter().map(|vertex| norm(*vertex)).fold(0.0, f64::max) + placed.radius;
-        let is_rounded = placed.radius > 0.0 && 2.0 * placed.radius >= self.floor_mm;
-        let round_mm =
-            (EDGE_PER_RADIUS * placed.radius).clamp(self.floor_mm, self.edge_mm.max(self.floor_mm));
-        let sharp;
-        let skin = if is_rounded {
-            Skin::new(template, (round_mm / placed.radius).min(FRAC_PI_3))
-        } else {
-            sharp = Convex { rounding: 0.0, ..template.clone() };
-            Skin::new(&sharp, PI)
-        };
+    /// The facets of a rounded grain.
+    pub(super) fn facets(grains: &Polyhedra, template: &Convex, row: usize, facets: &'a Facets) -> Self {
+        let (scale, rotation) = (grains.d_mm[row], grains.poses[row].rotation());
+        Self {
+            vertices: facets.vertices.iter().map(|vertex| (rotation * vertex * scale).into()).collect(),
+            faces: &facets.faces,
+            inscribed: facets.inscribed(template) * (1.0 - ROUNDING),
+            is_exact: false,
+        }
+    }
+}
+
+impl Obstacle {
+    /// How far a point may move away from the centre.
+    fn room(&self, p: Vector) -> f64 {
+        let length = norm(p);
+        match *self {
+            Self::Plane(across, distance) => {
+                let along = dot(p, across);
+                if along > 0.0 { (distance / along - 1.0) * length } else { f64::INFINITY }
+            }
+            Self::Cylinder(axis, radius) => {
+                let from_axis = [p[0] - axis[0], p[1] - axis[1]];
+                let along = [p[0] / length, p[1] / length];
+                let square = along[0] * along[0] + along[1] * along[1];
+                let slope = from_axis[0] * along[0] + from_axis[1] * along[1];
+                let inside = radius * radius - from_axis[0] * from_axis[0] - from_axis[1] * from_axis[1];
+                if square > 0.0 {
+                    ((slope * slope + square * inside.max(0.0)).sqrt() - slope) / square
+                } else {
+                    f64::INFINITY
+                }
+            }
+        }
+    }
+}
+
+impl Angular<'_> {
+    /// The surface of a polyhedron, and whether it has the volume asked for; `None` when that would take more than
+    /// `most_triangles`.
+    pub(super) fn surface(&self, placed: &Placed<'_>, most_triangles: usize) -> Option<(Surface, bool)> {
+        let size = placed.vertices.iter().map(|vertex| norm(*vertex)).fold(0.0, f64::max);
         let mut patches = Patches {
             angular: self,
-            cores: skin.points.iter().map(|point| placed.vertices[point.vertex as usize]).collect(),
-            normals: skin.points.iter().map(|point| (placed.rotation * point.normal).into()).collect(),
-            parts: Vec::new(),
-            radius: if is_rounded { placed.radius * (1.0 - ROUNDING) } else { 0.0 },
-            faces: template.faces.len() as u32,
-            round_mm,
+            points: placed.vertices.clone(),
+            faces: Vec::new(),
             coarse: STEPS[0],
-            is_last: false,
             flat: FLATNESS * size,
         };
-        let straight_mm = if is_rounded { round_mm } else { self.edge_mm };
-        let triangles = patches.divided(&skin.polygons, straight_mm, template.edges.len() as u32);
-        let points = (0..patches.cores.len()).map(|p| patches.at(p)).collect();
-        let mut surface = Surface::new(points, triangles);
+        let triangles = patches.divided(placed.faces);
+        let mut surface = Surface::new(patches.points.clone(), triangles);
         surface.flip(&patches);
         for coarse in STEPS {
             patches.coarse = coarse;
@@ -120,44 +141,22 @@ impl Angular<'_> {
                 surface.flip(&patches);
             }
         }
-        let full = if is_rounded {
-            patches.is_last = true;
-            surface.flip(&patches);
-            patches.fill(&mut surface)
-        } else if placed.radius > 0.0 {
-            self.enlarge(&mut surface, placed)
-        } else {
-            true
-        };
+        let full = placed.is_exact || self.enlarge(&mut surface, placed);
         Some((surface, full))
     }
 
-    /// How far a point may move along a unit vector.
-    fn room(&self, p: Vector, along: Vector) -> f64 {
-        let room = |(toward, most, other): &(Vector, f64, Other<'_>)| {
-            let slope = dot(along, *toward);
-            match other {
-                // Half of what is left at the point itself.
-                Other::Lateral { .. } => other.gap_mm(p) / 2.0,
-                _ if slope > 0.0 => (most - dot(p, *toward)) / slope,
-                _ => f64::INFINITY,
-            }
-        };
-        self.obstacles.iter().map(room).fold(self.most_mm, f64::min).max(0.0)
+    /// How far a point may move away from the centre.
+    fn room(&self, p: Vector) -> f64 {
+        self.obstacles.iter().map(|obstacle| obstacle.room(p)).fold(self.most_mm, f64::min).max(0.0)
     }
 
-    /// Enlarges a core whose rounding is not meshed about its centre: until its farthest vertex lies on the body, or
-    /// until it has the volume asked for.
-    fn enlarge(&self, surface: &mut Surface, placed: &Placed) -> bool {
-        let farthest = placed.vertices.iter().map(|vertex| norm(*vertex)).fold(0.0, f64::max);
-        let inscribed = 1.0 + placed.radius / farthest * (1.0 - ROUNDING);
+    /// Scales a surface about its centre: into the grain, or to the volume asked for as far as there is room.
+    fn enlarge(&self, surface: &mut Surface, placed: &Placed<'_>) -> bool {
+        let inscribed = placed.inscribed;
         let mut factor = inscribed;
         let mut full = true;
         if let Some(target) = self.target_mm3 {
-            let room = |vertex: &Vector| {
-                let length = norm(*vertex);
-                self.room(scaled(*vertex, inscribed), scaled(*vertex, 1.0 / length)) / length
-            };
+            let room = |vertex: &Vector| self.room(scaled(*vertex, inscribed)) / norm(*vertex);
             let most = inscribed + placed.vertices.iter().map(room).fold(f64::INFINITY, f64::min);
             let wanted = (target / surface.volume_mm3()).cbrt();
             full = wanted <= most;
@@ -168,52 +167,27 @@ impl Angular<'_> {
     }
 }
 
-/// The parts of a surface while it is divided.
+/// The faces of a surface while it is divided.
 struct Patches<'a> {
     angular: &'a Angular<'a>,
-    /// For each vertex a point of the core, and the unit normal along which it is moved by the radius.
-    cores: Vec<Vector>,
-    normals: Vec<Vector>,
-    /// The parts of the surface that each vertex lies on: faces, then edges, then vertices.
-    parts: Vec<Vec<u32>>,
-    radius: f64,
-    /// Number of parts that are faces.
-    faces: u32,
-    /// Length of edges on the others.
-    round_mm: f64,
+    /// The vertices to begin with.
+    points: Vec<Vector>,
+    /// The faces that each vertex lies on.
+    faces: Vec<Vec<u32>>,
     coarse: f64,
-    /// Whether edges between parts and on rounded parts are flipped too, which ends the division.
-    is_last: bool,
     /// How high a vertex may lie above a plane that it counts as part of.
     flat: f64,
 }
 
 impl Patches<'_> {
-    fn at(&self, p: usize) -> Vector {
-        if self.radius > 0.0 {
-            sum(self.cores[p], scaled(self.normals[p], self.radius))
-        } else {
-            self.cores[p]
-        }
-    }
-
-    /// The triangles to begin with: straight edges are divided evenly, and faces are triangulated as Delaunay's
-    /// triangulation of their boundary.
-    fn divided(&mut self, polygons: &[(u32, Vec<u32>)], straight_mm: f64, edges: u32) -> Vec<[u32; 3]> {
+    /// The triangles to begin with: edges are divided evenly, and faces are triangulated as Delaunay's triangulation of
+    /// their boundary.
+    fn divided(&mut self, polygons: &[Vec<u32>]) -> Vec<[u32; 3]> {
         let mut triangles = Vec::new();
-        let mut parts: Vec<(u32, [u32; 3])> = Vec::new();
+        let mut faces: Vec<(u32, [u32; 3])> = Vec::new();
         let mut chains = HashMap::new();
-        let is_strip = |part: u32| part >= self.faces && part < self.faces + edges;
-        let divided: Vec<[u32; 2]> = polygons
-            .iter()
-            .flat_map(|(part, corners)| match corners[..] {
-                _ if *part < self.faces => directed_edges(corners).collect(),
-                [a, b, c, d] if is_strip(*part) => vec![[a, d], [b, c]],
-                _ => Vec::new(),
-            })
-            .collect();
-        for [from, to] in divided {
-            self.divide(from, to, straight_mm, &mut chains);
+        for [from, to] in polygons.iter().flat_map(|corners| directed_edges(corners)) {
+            self.divide(from, to, &mut chains);
         }
         let side = |[from, to]: [u32; 2]| -> Vec<u32> {
             match chains.get(&[from.min(to), from.max(to)]) {
@@ -222,58 +196,37 @@ impl Patches<'_> {
                 Some(chain) => chain.iter().rev().copied().collect(),
             }
         };
-        for (part, corners) in polygons {
+        for (face, corners) in (0..).zip(polygons) {
             let first = triangles.len();
-            let sides: Vec<Vec<u32>> = directed_edges(corners).map(side).collect();
-            match &sides[..] {
-                // A strip: from the first arc to the second.
-                [low, right, high, left]
-                    if *part >= self.faces && low.len() + high.len() == 4 && left.len() == right.len() =>
-                {
-                    for (a, b) in left.windows(2).rev().zip(right.windows(2)) {
-                        triangles.extend([[a[1], b[0], b[1]], [a[1], b[1], a[0]]]);
-                    }
-                }
-                sides => {
-                    let boundary: Vec<u32> =
-                        sides.iter().flat_map(|side| side[..side.len() - 1].iter().copied()).collect();
-                    self.triangulate(&boundary, &mut triangles);
-                }
-            }
-            parts.extend(triangles[first..].iter().map(|corners| (*part, *corners)));
+            let sides = directed_edges(corners).map(side);
+            let boundary: Vec<u32> = sides.flat_map(|side| side[..side.len() - 1].to_vec()).collect();
+            self.triangulate(&boundary, &mut triangles);
+            faces.extend(triangles[first..].iter().map(|corners| (face, *corners)));
         }
-        self.parts = vec![Vec::new(); self.cores.len()];
-        for (part, corners) in parts {
+        self.faces = vec![Vec::new(); self.points.len()];
+        for (face, corners) in faces {
             for corner in corners {
-                self.parts[corner as usize].push(part);
+                self.faces[corner as usize].push(face);
             }
         }
-        self.parts.iter_mut().for_each(|parts| {
-            parts.sort_unstable();
-            parts.dedup();
+        self.faces.iter_mut().for_each(|faces| {
+            faces.sort_unstable();
+            faces.dedup();
         });
         triangles
     }
 
-    /// Divides a straight edge evenly, once.
-    fn divide(&mut self, from: u32, to: u32, length_mm: f64, chains: &mut HashMap<[u32; 2], Vec<u32>>) {
+    /// Divides an edge evenly, once.
+    fn divide(&mut self, from: u32, to: u32, chains: &mut HashMap<[u32; 2], Vec<u32>>) {
         let key = [from.min(to), from.max(to)];
         chains.entry(key).or_insert_with(|| {
-            let [p, q] = key.map(|p| self.cores[p as usize]);
-            let [m, n] = key.map(|p| self.normals[p as usize]);
-            let count = (distance2(p, q).sqrt() / length_mm).round().max(1.0);
+            let [p, q] = key.map(|p| self.points[p as usize]);
+            let count = (distance2(p, q).sqrt() / self.angular.edge_mm).round().max(1.0);
             let mut chain = vec![key[0]];
             for k in 1..count as u32 {
                 let share = f64::from(k) / count;
-                let between = |p: Vector, q: Vector| sum(p, scaled(minus(q, p), share));
-                let normal = between(m, n);
-                self.cores.push(between(p, q));
-                self.normals.push(if self.radius > 0.0 {
-                    scaled(normal, 1.0 / norm(normal))
-                } else {
-                    normal
-                });
-                chain.push(self.cores.len() as u32 - 1);
+                self.points.push(sum(p, scaled(minus(q, p), share)));
+                chain.push(self.points.len() as u32 - 1);
             }
             chain.push(key[1]);
             chain
@@ -289,7 +242,7 @@ impl Patches<'_> {
             if n < 3 {
                 continue;
             }
-            let at = |k: usize| self.at(corners[k] as usize);
+            let at = |k: usize| self.points[corners[k] as usize];
             let (p, q) = (at(0), at(n - 1));
             let angle = |k: usize| {
                 let (u, v) = (minus(p, at(k)), minus(q, at(k)));
@@ -306,20 +259,12 @@ impl Patches<'_> {
         }
     }
 
-    /// A part that all these vertices lie on.
-    fn common_part(&self, vertices: &[u32]) -> Option<u32> {
-        let mut common = self.parts[vertices[0] as usize].iter().copied();
-        common.find(|part| vertices[1..].iter().all(|&p| self.parts[p as usize].contains(part)))
-    }
-
     /// Moves vertices inside of faces to the middle of their neighbours, where no triangle turns over by that.
-    fn smooth(&mut self, surface: &mut Surface) {
+    fn smooth(&self, surface: &mut Surface) {
         let mut around: HashMap<u32, Vec<[u32; 2]>> = HashMap::new();
         for &[a, b, c] in &surface.triangles {
             for [own, p, q] in [[a, b, c], [b, c, a], [c, a, b]] {
-                if let [face] = self.parts[own as usize][..]
-                    && face < self.faces
-                {
+                if self.faces[own as usize].len() == 1 {
                     around.entry(own).or_default().push([p, q]);
                 }
             }
@@ -336,102 +281,37 @@ impl Patches<'_> {
                 dot(before, after) > 0.05 * dot(before, before)
             });
             if keeps {
-                let p = own as usize;
-                // The face is plane but for rounding, so that the normal stays.
-                self.cores[p] = sum(self.cores[p], minus(new, old));
-                surface.points[p] = self.at(p);
+                surface.points[own as usize] = new;
             }
         }
-    }
-
-    /// Moves all vertices along their normals until the surface has the volume asked for, where there is room.
-    fn fill(&self, surface: &mut Surface) -> bool {
-        let Some(target) = self.angular.target_mm3 else { return true };
-        let rooms =
-            surface.points.iter().zip(&self.normals).map(|(p, normal)| self.angular.room(*p, *normal));
-        let farthest = rooms.fold(f64::INFINITY, f64::min);
-        let mut miss = |step: f64| {
-            for ((p, core), normal) in surface.points.iter_mut().zip(&self.cores).zip(&self.normals) {
-                *p = sum(*core, scaled(*normal, self.radius + step));
-            }
-            surface.volume_mm3() / target - 1.0
-        };
-        let (mut low, mut high) = ((0.0, miss(0.0)), (farthest, miss(farthest)));
-        if high.1 <= VOLUME_TOLERANCE {
-            return high.1 >= -VOLUME_TOLERANCE;
-        }
-        for turn in 0..MOST_STEPS {
-            let share = if turn % 4 == 3 { 0.5 } else { low.1 / (low.1 - high.1) };
-            let step = low.0 + share * (high.0 - low.0);
-            let found = (step, miss(step));
-            if found.1.abs() <= VOLUME_TOLERANCE {
-                break;
-            }
-            if found.1 < 0.0 { low = found } else { high = found }
-        }
-        true
     }
 }
 
 impl Shape for Patches<'_> {
-    fn between(&mut self, a: u32, b: u32, _: &[[f64; 3]]) -> [f64; 3] {
-        let (p, q) = (a as usize, b as usize);
-        self.cores.push(scaled(sum(self.cores[p], self.cores[q]), 0.5));
-        let normal = sum(self.normals[p], self.normals[q]);
-        self.normals.push(if self.radius > 0.0 { scaled(normal, 1.0 / norm(normal)) } else { [0.0; 3] });
-        let common = self.parts[p].iter().copied().filter(|part| self.parts[q].contains(part)).collect();
-        self.parts.push(common);
-        self.at(self.cores.len() - 1)
+    fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
+        let [of_a, of_b] = [a, b].map(|p| &self.faces[p as usize]);
+        let common = of_a.iter().copied().filter(|face| of_b.contains(face)).collect();
+        self.faces.push(common);
+        scaled(sum(points[a as usize], points[b as usize]), 0.5)
     }
 
     fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
         let facing = &self.angular.facing;
-        self.coarse
-            * facing.iter().map(|facing| facing.length_mm(centroid, longest_mm)).fold(f64::INFINITY, f64::min)
+        let near = facing.iter().map(|facing| facing.length_mm(centroid, longest_mm));
+        self.coarse * near.fold(self.angular.edge_mm, f64::min)
     }
 
-    fn most_mm(&self, corners: [u32; 3]) -> f64 {
-        let edge_mm = self.angular.edge_mm;
-        self.coarse
-            * if self.common_part(&corners).is_some_and(|part| part < self.faces) {
-                edge_mm
-            } else {
-                self.round_mm
-            }
-    }
-
-    /// Within a plane part: whether the angles opposite to ab make more than half a turn. Elsewhere, at the end:
-    /// whether
-    /// the surface is dented along ab, and the triangles beside cd would turn outwards and be no worse.
+    /// Within a face: whether the angles opposite to ab make more than half a turn.
     fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
-        let [a_at, b_at, c_at, d_at] = [a, b, c, d].map(|p| points[p as usize]);
-        let common = self.common_part(&[a, b, c, d]);
-        let normal = cross(minus(b_at, a_at), minus(c_at, a_at));
-        let length = norm(normal);
-        let above = dot(normal, minus(d_at, a_at));
-        let tolerance = self.flat * length;
-        if common.is_some_and(|part| part < self.faces) || (common.is_some() && above.abs() <= tolerance) {
-            let angle = |own: Vector| {
-                let (p, q) = (minus(a_at, own), minus(b_at, own));
-                norm(cross(p, q)).atan2(dot(p, q))
-            };
-            return angle(c_at) + angle(d_at) > PI + 1e-9;
-        }
-        if !self.is_last || above <= tolerance {
+        let of = |p: u32| &self.faces[p as usize];
+        if !of(a).iter().any(|face| [b, c, d].iter().all(|&p| of(p).contains(face))) {
             return false;
         }
-        let outward = sum(normal, cross(minus(a_at, b_at), minus(d_at, b_at)));
-        let before = quality([a_at, b_at, c_at], outward).min(quality([b_at, a_at, d_at], outward));
-        let after = quality([a_at, d_at, c_at], outward).min(quality([d_at, b_at, c_at], outward));
-        after > before.min(LEAST_QUALITY)
+        let [a, b, c, d] = [a, b, c, d].map(|p| points[p as usize]);
+        let angle = |own: Vector| {
+            let (p, q) = (minus(a, own), minus(b, own));
+            norm(cross(p, q)).atan2(dot(p, q))
+        };
+        angle(c) + angle(d) > PI + 1e-9
     }
-}
-
-/// Area over the sum of the squares of the edges, 0.144 of an equilateral triangle; negative where it does not turn
-/// outwards.
-fn quality([a, b, c]: [Vector; 3], outward: Vector) -> f64 {
-    let normal = cross(minus(b, a), minus(c, a));
-    let area = norm(normal) / 2.0;
-    let squares = distance2(a, b) + distance2(b, c) + distance2(c, a);
-    if dot(normal, outward) > 0.0 { area / squares } else { -1.0 }
 }

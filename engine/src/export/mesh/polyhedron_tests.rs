@@ -106,9 +106,10 @@ fn rounded_polyhedra_are_closed_convex_and_apart() {
                 let options = SurfaceOptions { size_field, volume_correction, ..SurfaceOptions::default() };
                 let (mesh, report) = mesh(&specimen, &grains, &options);
                 println!("{rounding} {volume_correction:?} {size_field} {report:?}");
-                assert_sound(&specimen, &grains, &mesh, &report, 2e-2);
+                // Facets are flat but for rounding.
+                assert_sound(&specimen, &grains, &mesh, &report, 1e-8);
                 if volume_correction == VolumeCorrection::None {
-                    assert!((-0.05..-1e-4).contains(&report.aggregate_volume_error), "{report:?}");
+                    assert!((-0.16..-1e-2).contains(&report.aggregate_volume_error), "{report:?}");
                     let templates = Convex::all(&grains.templates);
                     for row in 0..grains.len() {
                         let (template, place) =
@@ -116,6 +117,8 @@ fn rounded_polyhedra_are_closed_convex_and_apart() {
                         let reach = |p: &[f64; 3]| template.distance(&place.local(&(*p).into()));
                         assert!(mesh.grain(row).0.iter().all(|p| reach(p) < 1e-12), "{row}");
                     }
+                } else if report.grains_short_of_volume == 0 {
+                    assert!(report.aggregate_volume_error.abs() < 1e-12, "{report:?}");
                 } else if rounding > 0.02 {
                     assert!(report.aggregate_volume_error.abs() < 5e-3, "{report:?}");
                 }
