@@ -117,7 +117,6 @@ mod tests {
             "Method",
             "EdmdStop",
             "MonteCarloStop",
-            "GrainShape",
             "PlainShape",
             "ShapeMixture",
             "MixturePart",
