@@ -3,7 +3,8 @@
 //! The map `L = R diag(a, b, c) / r`, `r³ = a b c`, takes the sphere of the radius `r` to the ellipsoid and leaves
 //! volumes as they are. A surface is made, refined and corrected on the sphere; its vertices are placed by `L`. Planes
 //! stay planes, so that what is convex stays so, and a vertex that is moved outwards along its radius is so here and
-//! there. Polyhedra are no images of spheres; their surfaces are made of their own faces (`polyhedron`).
+//! there. Polyhedra are no images of spheres; their surfaces are made of their own faces, or of facets
+//! around a rounded body (`polyhedron`, `rounded`).
 //!
 //! On the tangent plane with the unit normal `n` an ellipsoid with the shape matrix `A` and the support `h(n)` has the
 //! curvatures of the form `h(n) w · A⁻¹ w`. Beside a point where two surfaces come closest, their gap grows with half

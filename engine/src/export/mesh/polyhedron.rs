@@ -1,13 +1,13 @@
-//! The surface of one grain that is a sharp convex polyhedron.
+//! The surface of one grain that is a convex polyhedron.
 //!
 //! It is meshed by its faces, exactly. The edges of its faces are divided with them, so that the triangles of two faces
 //! fit; within a face the triangulation is Delaunay's, and vertices inside of a face are moved to the middle of their
 //! neighbours.
 //!
-//! A rounded grain is meshed as a sharp polyhedron too (`rounded`), which is scaled about its centre. Where its rounding
-//! is too fine for the edges asked for (a diameter below the shortest of them), that is its core. Where no volume is
-//! asked for, the core is enlarged until its farthest vertex lies on the body: no vertex moves by more than the radius of
-//! the rounding then, so that all of the core stays inside.
+//! A rounded grain is meshed as a sharp polyhedron too (`rounded`), which is scaled about its centre. Where its
+//! rounding is too fine for the edges asked for (a diameter below the shortest of them), that is its core. Where no
+//! volume is asked for, the core is enlarged until its farthest vertex lies on the body: no vertex moves by more than
+//! the radius of the rounding then, so that all of the core stays inside.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;

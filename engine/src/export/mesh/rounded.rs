@@ -1,9 +1,9 @@
 //! A rounded convex polyhedron as a sharp one of facets that are not too small for the edges asked for.
 //!
-//! Surfaces of few triangles on flat faces and narrow curved parts would be dented, or have needles; exactly flat facets
-//! have neither. It begins with the planes of the faces, moved outwards by the radius of the rounding. Then it is cut
-//! where it is farthest outside of the body: by the plane that touches the body there, or a deeper one, where all edges
-//! made by that are long enough. The polyhedron is larger than the body; the mesh is that of a smaller copy.
+//! Triangles with their corners on flat faces and on narrow curved parts leave dents or needles, and beyond a dent Gmsh
+//! is left with a flat tetrahedron; flat facets have neither. It begins with the planes of the faces, moved outwards by
+//! the radius of the rounding. Then it is cut where it is farthest outside of the body: by the plane that touches the
+//! body there, or a deeper one, where all edges made by that are long enough. `polyhedron` meshes what is left, scaled.
 
 use std::collections::BTreeMap;
 
