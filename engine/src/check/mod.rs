@@ -188,7 +188,7 @@ pub fn certify_ellipsoids(
 /// Checks a packing of convex polyhedra against its request. Shape and pose of a grain have the same index.
 ///
 /// `size` is what the grading measures. The sieve size of each template is measured once, by a search of the check's
-/// own that finds it to [`SIEVE_ERROR`]; grains share a template where they refer to the same one.
+/// own that finds it to 1e-5; grains share a template where they refer to the same one.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].

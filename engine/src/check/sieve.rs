@@ -10,6 +10,8 @@
 //! The inner minimum is exact; the outer one is looked for over the half sphere, on rings of latitude and then by steps
 //! from the best of them. Packing finds the same number by another search, over frames and by linear programmes.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 
 use crate::shape::Polyhedron;
@@ -31,21 +33,24 @@ const TRIES: usize = 4;
 /// A direction whose own width is so much more than the best opening is not followed.
 const HOPELESS: f64 = 1.15;
 
+/// Sine of the angle between an edge and an axis below which the edge lies along the axis.
+const ALONG: f64 = 1.0e-9;
+
 type V = Vector3<f64>;
 
 /// Sieve size in units of the polyhedron.
 pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
     let corners = body.vertices();
+    let mut outlines = Body::new(body);
     let mut best = f64::INFINITY;
     let mut widths: Vec<(f64, V)> = directions().map(|axis| (width(corners, &axis), axis)).collect();
     widths.sort_by(|p, q| p.0.total_cmp(&q.0));
-    let mut outline = Vec::new();
     let mut found: Vec<(f64, V)> = Vec::new();
     for (width, axis) in widths {
         if width > HOPELESS * best {
             break;
         }
-        let opening = width.max(across(corners, &axis, &mut outline));
+        let opening = width.max(outlines.across(&axis));
         best = best.min(opening);
         found.push((opening, axis));
     }
@@ -56,7 +61,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
             starts.push(candidate);
         }
     }
-    let mut search = |start: (f64, V), from: f64, to: f64| descend(corners, start, [from, to], &mut outline);
+    let mut search = |start: (f64, V), from: f64, to: f64| descend(&mut outlines, start, [from, to]);
     let mut coarse: Vec<(f64, V)> =
         starts.into_iter().map(|start| search(start, STEPS[0], STEPS[1])).collect();
     coarse.sort_by(|p, q| p.0.total_cmp(&q.0));
@@ -67,12 +72,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
 }
 
 /// Steps from a direction to those of smaller openings.
-fn descend(
-    corners: &[V],
-    (mut best, mut axis): (f64, V),
-    [from, to]: [f64; 2],
-    outline: &mut Vec<[f64; 2]>,
-) -> (f64, V) {
+fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64; 2]) -> (f64, V) {
     let (mut step, mut turn, mut in_vain) = (from, 0.0_f64, 0);
     while step > to {
         let [u, v] = frame(&axis);
@@ -80,9 +80,9 @@ fn descend(
         for way in 0..WAYS {
             let angle = turn + std::f64::consts::TAU * way as f64 / WAYS as f64;
             let next = (axis + (u * angle.cos() + v * angle.sin()) * step).normalize();
-            let width = width(corners, &next);
+            let width = width(body.corners, &next);
             if width < best {
-                let opening = width.max(across(corners, &next, outline));
+                let opening = width.max(body.across(&next));
                 if opening < best {
                     (best, axis) = (opening, next);
                 }
@@ -126,50 +126,72 @@ fn frame(axis: &V) -> [V; 2] {
     [u, axis.cross(&u)]
 }
 
-/// The least width of the outline across an axis: the largest distance of a corner of the convex outline from the line
-/// through one of its edges, of the edge where that is least.
-fn across(corners: &[V], axis: &V, outline: &mut Vec<[f64; 2]>) -> f64 {
-    let [u, v] = frame(axis);
-    let mut points: Vec<[f64; 2]> = corners.iter().map(|corner| [corner.dot(&u), corner.dot(&v)]).collect();
-    points.sort_by(|p, q| p[0].total_cmp(&q[0]).then(p[1].total_cmp(&q[1])));
-    outline.clear();
-    // Andrew's monotone chain: the lower outline, then the upper.
-    for side in 0..2 {
-        let first = outline.len();
-        let mut add = |point: [f64; 2]| {
-            while outline.len() >= first + 2
-                && area(outline[outline.len() - 2], outline[outline.len() - 1], point) <= 0.0
-            {
-                outline.pop();
-            }
-            outline.push(point);
-        };
-        if side == 0 {
-            points.iter().copied().for_each(&mut add);
-        } else {
-            points.iter().rev().copied().for_each(&mut add);
-        }
-        outline.pop();
-    }
-    let n = outline.len();
-    let mut far = 1;
-    let mut least = f64::INFINITY;
-    for i in 0..n {
-        let (p, q) = (outline[i], outline[(i + 1) % n]);
-        // The farthest corner goes round with the edge.
-        let mut steps = 0;
-        while steps < n && area(p, q, outline[(far + 1) % n]) >= area(p, q, outline[far % n]) {
-            far += 1;
-            steps += 1;
-        }
-        least = least.min(area(p, q, outline[far % n]) / (q[0] - p[0]).hypot(q[1] - p[1]));
-    }
-    least
+/// What outlines are found from.
+struct Body<'a> {
+    corners: &'a [V],
+    /// Normals of the faces, of any length.
+    normals: Vec<V>,
+    /// Ends of the edges with the faces on both sides.
+    edges: Vec<([u32; 2], [u32; 2])>,
+    /// Whether each face is turned towards the axis, and the edges of the outline; kept for the next axis.
+    is_front: Vec<bool>,
+    outline: Vec<[u32; 2]>,
 }
 
-/// Twice the area of a triangle, positive where its corners are counter-clockwise.
-fn area(p: [f64; 2], q: [f64; 2], r: [f64; 2]) -> f64 {
-    (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+impl<'a> Body<'a> {
+    fn new(body: &'a Polyhedron) -> Self {
+        let corners = body.vertices();
+        let at = |v: u32| corners[v as usize];
+        let normal = |face: &Vec<u32>| {
+            face[1..].windows(2).map(|p| (at(p[0]) - at(face[0])).cross(&(at(p[1]) - at(face[0])))).sum::<V>()
+        };
+        let mut open: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+        let mut edges = Vec::new();
+        for (face, vertices) in body.faces().iter().enumerate() {
+            for (i, &from) in vertices.iter().enumerate() {
+                let to = vertices[(i + 1) % vertices.len()];
+                match open.remove(&[to, from]) {
+                    Some(other) => edges.push(([from, to], [face as u32, other])),
+                    None => drop(open.insert([from, to], face as u32)),
+                }
+            }
+        }
+        let normals = body.faces().iter().map(normal).collect();
+        Self { corners, normals, edges, is_front: Vec::new(), outline: Vec::new() }
+    }
+
+    /// The least width of the outline across an axis: the extent of its corners at right angles to one of its edges, of
+    /// the edge where that is least. The outline has the edges between a face that is turned towards the axis and one
+    /// that is not; a face along the axis may count as either.
+    fn across(&mut self, axis: &V) -> f64 {
+        self.is_front.clear();
+        self.is_front.extend(self.normals.iter().map(|normal| normal.dot(axis) > 0.0));
+        self.outline.clear();
+        let is_front = &self.is_front;
+        let parted = self.edges.iter().filter(|(_, [f, g])| is_front[*f as usize] != is_front[*g as usize]);
+        self.outline.extend(parted.map(|(ends, _)| *ends));
+        let mut least = f64::INFINITY;
+        for &[from, to] in &self.outline {
+            let along = self.corners[to as usize] - self.corners[from as usize];
+            let normal = axis.cross(&along);
+            let length = normal.norm();
+            // An edge along the axis is a corner of the outline, and has no direction in it.
+            if length <= ALONG * along.norm() {
+                continue;
+            }
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            for &[corner, _] in &self.outline {
+                let height = self.corners[corner as usize].dot(&normal);
+                (low, high) = (low.min(height), high.max(height));
+            }
+            for &[_, corner] in &self.outline {
+                let height = self.corners[corner as usize].dot(&normal);
+                (low, high) = (low.min(height), high.max(height));
+            }
+            least = least.min((high - low) / length);
+        }
+        least
+    }
 }
 
 #[cfg(test)]

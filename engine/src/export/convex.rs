@@ -161,14 +161,20 @@ impl Convex {
         if self.rounding > 0.0 {
             self.rounded_chord(from, direction)
         } else {
-            self.sharp_chord(from, direction)
+            self.chord_of_planes(from, direction, 0.0)
         }
     }
 
-    fn sharp_chord(&self, from: &Vector3<f64>, direction: &Vector3<f64>) -> Option<[f64; 2]> {
+    /// The same for the body that the planes of the faces enclose, moved outwards by a length.
+    fn chord_of_planes(
+        &self,
+        from: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        outwards: f64,
+    ) -> Option<[f64; 2]> {
         let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
         for (normal, height) in &self.planes {
-            let (slope, above) = (normal.dot(direction), normal.dot(from) - height);
+            let (slope, above) = (normal.dot(direction), normal.dot(from) - height - outwards);
             if slope < 0.0 {
                 enter = enter.max(-above / slope);
             } else if slope > 0.0 {
@@ -182,6 +188,8 @@ impl Convex {
 
     fn rounded_chord(&self, from: &Vector3<f64>, direction: &Vector3<f64>) -> Option<[f64; 2]> {
         let r = self.rounding;
+        // The planes of the faces, moved outwards by the radius, enclose the body: most lines that miss it miss these.
+        self.chord_of_planes(from, direction, r * (1.0 + 1e-9))?;
         let length2 = direction.norm_squared();
         let mut chord = [f64::INFINITY, f64::NEG_INFINITY];
         let mut meets = |t: f64| chord = [chord[0].min(t), chord[1].max(t)];
