@@ -194,7 +194,7 @@ def _polyhedra(vtp: bytes) -> pyvista.PolyData:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "grains.vtp"
         file.write_bytes(vtp)
-        surfaces: pyvista.PolyData = pyvista.read(file)
+        surfaces: pyvista.PolyData = pyvista.PolyData(str(file))
     surfaces.cell_data["diameter_mm"] = surfaces.cell_data.pop("diameter")
     surfaces.set_active_scalars("diameter_mm", preference="cell")
     return surfaces
