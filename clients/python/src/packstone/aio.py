@@ -236,6 +236,10 @@ class AsyncResult:
         """See :meth:`Result.to_dataframe`."""
         return await self._threads.call(self.sync.to_dataframe)
 
+    async def templates(self) -> list[dict[str, Any]]:
+        """See :meth:`Result.templates`."""
+        return await self._threads.call(self.sync.templates)
+
     async def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
         """See :meth:`Result.to_pyvista`."""
         return await self._threads.call(partial(self.sync.to_pyvista, spheres=spheres, resolution=resolution))
