@@ -17,7 +17,7 @@
 //! ellipsoids that only touch are therefore closer than `g`: they are no test of a gap.
 
 pub use super::grain::Decision;
-use super::grain::{GrainShape, Orientation, PushContact, Turned};
+use super::grain::{ConvexShape, Orientation, PushContact, Turned};
 use super::linear::{Symmetric, Vector, cross, dot, minus, norm, scaled, sum};
 use super::walls;
 use crate::request::Specimen;
@@ -300,7 +300,7 @@ impl Pair<'_> {
     }
 }
 
-impl GrainShape for Ellipsoid {
+impl ConvexShape for Ellipsoid {
     type Turned = Symmetric;
 
     fn volume_mm3(&self) -> f64 {

@@ -1,7 +1,7 @@
 //! What packing methods ask of a shape, whatever its kind: static dispatch to [`super::ellipsoids`] and
 //! [`super::polyhedra`].
 //!
-//! A grain turns about its centre with its principal axes, the longest first. [`GrainShape`] is the grain as it lies in
+//! A grain turns about its centre with its principal axes, the longest first. [`ConvexShape`] is the grain as it lies in
 //! these axes, [`Turned`] what pair tests read once it is turned.
 
 use std::fmt::Debug;
@@ -33,7 +33,7 @@ pub struct PushContact {
 pub type Orientation = [f64; 4];
 
 /// A shape of grains: an ellipsoid or a convex polyhedron whose origin lies inside.
-pub trait GrainShape: Copy + Debug {
+pub trait ConvexShape: Copy + Debug {
     /// The shape, turned.
     type Turned: Turned;
 

@@ -5,8 +5,6 @@
 //! probability proportional to its share over the mean volume of its grains. An angular grain is one of the templates
 //! of its part, all of which are equally likely.
 
-use std::sync::Arc;
-
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::class::{Class, Law};
@@ -50,7 +48,7 @@ enum Forms {
     Spheres,
     Ellipsoids(RatioSampler),
     Polyhedra {
-        templates: Arc<Templates>,
+        templates: Templates,
         /// Index of the first among the templates of the mix.
         first: u32,
     },
@@ -122,7 +120,7 @@ impl ShapeSampler {
     /// The templates of all parts, polyhedra with an equivalent diameter of 1; none but for polyhedra.
     pub fn templates(&self) -> impl Iterator<Item = &Polyhedron> {
         self.by_size.iter().flat_map(|shapes| &shapes.parts).flat_map(|part| match &part.forms {
-            Forms::Polyhedra { templates, .. } => templates.bodies.as_slice(),
+            Forms::Polyhedra { templates, .. } => templates.bodies(),
             Forms::Spheres | Forms::Ellipsoids(_) => &[],
         })
     }
@@ -167,7 +165,7 @@ impl ShapeSampler {
             let parts = self.of_size(size_mm).map_or(&[][..], |shapes| &shapes.parts);
             return parts.iter().any(|part| match &part.forms {
                 Forms::Polyhedra { templates, .. } => {
-                    templates.bodies.iter().zip(&templates.equivalent_over_size).any(|(template, ratio)| {
+                    templates.bodies().iter().zip(&templates.equivalent_over_size).any(|(template, ratio)| {
                         polyhedron(&ScaledPolyhedron { template, scale_mm: size_mm * ratio })
                     })
                 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::decode::{At, Bound, Items, Object};
 use super::{Axis, MAX_LENGTH_MM, MAX_SEED};
+use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::{
     AxisRatios, DEFAULT_TARGET_ELONGATION, MAX_MEASURED_GRAINS, MAX_TABLE_VALUES, MIN_RATIO,
     RatioDistribution, RatioLaw,
@@ -126,6 +127,9 @@ pub enum PlainShape {
             schema(default = 0, required = false, maximum = 9_007_199_254_740_991_u64)
         )]
         template_seed: u64,
+        /// The templates, once they are drawn.
+        #[serde(skip)]
+        drawn: DrawnTemplates,
     },
 }
 
@@ -439,6 +443,7 @@ fn read_polyhedron(object: &mut Object<'_>) -> Option<PlainShape> {
         rounding: rounding?,
         template_count: count?,
         template_seed: seed?,
+        drawn: DrawnTemplates::default(),
     })
 }
 

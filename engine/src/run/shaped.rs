@@ -8,7 +8,7 @@ use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::ConvexShape;
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::ShapeRsa;
@@ -53,7 +53,7 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
 ///
 /// # Errors
 /// See [`PackError`].
-pub(super) fn place<S: GrainShape>(
+pub(super) fn place<S: ConvexShape>(
     job: &Job<'_, S>,
     plan: &Plan,
     resume: Option<&Resume>,
@@ -80,9 +80,9 @@ fn after_rsa(placed: Placed) -> Placed {
     Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }
 }
 
-impl<S: GrainShape> Job<'_, S> {
+impl<S: ConvexShape> Job<'_, S> {
     fn volume_fraction(&self, shapes: &[S]) -> f64 {
-        shapes.iter().map(GrainShape::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
+        shapes.iter().map(ConvexShape::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
     }
 
     fn rule(&self) -> DistanceRule {

@@ -4,11 +4,11 @@ use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::{Pair, TurnedPolyhedron};
 use crate::cpu::Cpu;
-use crate::gap::grain::{Decision, GrainShape, Orientation, PushContact, Turned};
+use crate::gap::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
 use crate::gap::linear::{Symmetric, Vector, norm, scaled};
 use crate::shape::{Pose, ScaledPolyhedron};
 
-impl<'a> GrainShape for ScaledPolyhedron<'a> {
+impl<'a> ConvexShape for ScaledPolyhedron<'a> {
     type Turned = TurnedPolyhedron<'a>;
 
     fn volume_mm3(&self) -> f64 {

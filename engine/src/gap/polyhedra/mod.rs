@@ -19,7 +19,7 @@ mod simplex;
 
 use nalgebra::Vector3;
 
-use super::grain::GrainShape;
+use super::grain::ConvexShape;
 use super::linear::{Symmetric, Vector};
 use crate::cpu::Cpu;
 use crate::shape::{Polyhedron, Pose, Principal, ScaledPolyhedron};

@@ -8,7 +8,7 @@
 
 use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack};
 use super::system::{Container, HOME, IMAGES, System, opposite};
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 use crate::memory::{OutOfMemory, make_room, refill};
 
@@ -59,7 +59,7 @@ impl Lists {
     /// When the system refuses memory.
     pub(super) fn build(
         &mut self,
-        system: &mut System<impl GrainShape>,
+        system: &mut System<impl ConvexShape>,
         shrink: f64,
         reserve: f64,
     ) -> Result<(), OutOfMemory> {
@@ -75,7 +75,7 @@ impl Lists {
     }
 
     /// Sorts the grains into levels and cells.
-    fn sort(&mut self, system: &System<impl GrainShape>) -> Result<(), OutOfMemory> {
+    fn sort(&mut self, system: &System<impl ConvexShape>) -> Result<(), OutOfMemory> {
         let n = system.len();
         refill(&mut self.reach, n, 0.0)?;
         refill(&mut self.level_of, n, 0)?;
@@ -127,7 +127,7 @@ impl Lists {
     }
 
     /// Finds the pairs: each grain looks at its own level and at the finer ones.
-    fn find(&mut self, system: &System<impl GrainShape>, shrink: f64) -> Result<(), OutOfMemory> {
+    fn find(&mut self, system: &System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
         let mut pairs = std::mem::take(&mut self.pairs);
         pairs.clear();
         let is_periodic = system.container.is_periodic();
@@ -176,7 +176,7 @@ impl Lists {
     #[inline(always)]
     fn direction(
         &self,
-        system: &System<impl GrainShape>,
+        system: &System<impl ConvexShape>,
         i: usize,
         j: usize,
         shift: Vector,
@@ -214,7 +214,7 @@ impl Lists {
     }
 
     /// Lays the planes of all pairs and walls out in groups, and between the grains.
-    fn lay_out(&mut self, system: &mut System<impl GrainShape>, shrink: f64) -> Result<(), OutOfMemory> {
+    fn lay_out(&mut self, system: &mut System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
         let n = system.len();
         refill(&mut self.next, n, 0)?;
         for pair in &self.pairs {
@@ -299,7 +299,7 @@ impl Level {
 }
 
 /// The plane walls that a grain can come close to, as bits.
-fn walls(system: &System<impl GrainShape>, i: usize, shrink: f64, reserve: f64) -> u32 {
+fn walls(system: &System<impl ConvexShape>, i: usize, shrink: f64, reserve: f64) -> u32 {
     let (hot, cold) = (&system.hot[i], &system.cold[i]);
     let mut walls = 0;
     for axis in system.container.walled_axes() {
@@ -315,7 +315,7 @@ fn walls(system: &System<impl GrainShape>, i: usize, shrink: f64, reserve: f64) 
 
 /// Whether a grain can come close to the lateral surface of a cylinder, and to an image of its own.
 fn is_special(
-    system: &System<impl GrainShape>,
+    system: &System<impl ConvexShape>,
     i: usize,
     reach: f64,
     shrink: f64,
@@ -334,7 +334,7 @@ fn is_special(
     (is_near_lateral, system.container.is_periodic() && 2.0 * reach >= shortest)
 }
 
-impl<S: GrainShape> System<S> {
+impl<S: ConvexShape> System<S> {
     /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
     pub(super) fn wall_plane(&self, wall: u32, d: f64) -> (Vector, f64) {
         let (axis, is_far) = ((wall / 2) as usize, wall % 2 == 1);

@@ -29,7 +29,7 @@ use std::time::Instant;
 
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{ConvexShape, Turned};
 use crate::memory::{OutOfMemory, reserved};
 use crate::methods::rsa;
 use crate::methods::rsa_shapes::{Orientation, ShapeRsa};
@@ -190,7 +190,7 @@ pub struct Outcome {
     pub growth_s: f64,
 }
 
-impl<S: GrainShape> MonteCarlo<'_, S> {
+impl<S: ConvexShape> MonteCarlo<'_, S> {
     /// Inserts and grows the grains, or goes on from the body of a checkpoint; one that is none of this request is
     /// ignored.
     ///

@@ -15,7 +15,7 @@
 
 use super::system::{Hot, System};
 use crate::cpu::{InstructionSet, Lanes};
-use crate::gap::grain::{GrainShape, PushContact, Turned};
+use crate::gap::grain::{ConvexShape, PushContact, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 
 /// Lanes of a group.
@@ -151,7 +151,7 @@ pub(super) enum Decided {
     TooClose(Vector),
 }
 
-impl<S: GrainShape> System<S> {
+impl<S: ConvexShape> System<S> {
     /// Decides the pair of a grain's plane, where the grain is this one.
     #[inline(always)]
     pub(super) fn decide(&self, i: usize, as_if: &Hot<S::Turned>, group: usize, lane: usize) -> Decided {

@@ -9,7 +9,7 @@
 use super::planes::{Decided, LANES, Spread, WALL, crosses_itself, is_wall, unpack};
 use super::system::{Hot, System, rotation, turned};
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
-use crate::gap::grain::{GrainShape, Orientation, PushContact, Turned};
+use crate::gap::grain::{ConvexShape, Orientation, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
 use crate::memory::{OutOfMemory, refill};
 
@@ -61,7 +61,7 @@ impl Pusher {
     /// When the system refuses memory.
     pub(super) fn push(
         &mut self,
-        system: &mut System<impl GrainShape>,
+        system: &mut System<impl ConvexShape>,
         by: Tighten,
         most_sweeps: u32,
     ) -> Result<Pushed, OutOfMemory> {
@@ -88,7 +88,7 @@ impl Pusher {
     fn sweeps<I: InstructionSet>(
         &mut self,
         set: I,
-        system: &mut System<impl GrainShape>,
+        system: &mut System<impl ConvexShape>,
         most: u32,
     ) -> Pushed {
         let held = system.held;
@@ -115,7 +115,7 @@ impl Pusher {
 
     /// Pushes a grain and its neighbours apart; returns how often.
     #[inline(always)]
-    fn visit<I: InstructionSet>(&mut self, set: I, system: &mut System<impl GrainShape>, i: usize) -> u64 {
+    fn visit<I: InstructionSet>(&mut self, set: I, system: &mut System<impl ConvexShape>, i: usize) -> u64 {
         let mut pushes = 0;
         let range = system.cold[i].first as usize..(system.cold[i].first + system.cold[i].count) as usize;
         let mut spread = Spread::new(set, system.hot[i].center, system.hot[i].turned.around());
@@ -178,7 +178,7 @@ impl Pusher {
 
     /// Widens the specimen, or narrows the gap, until the overlaps that are left are none; says whether that is tighter
     /// than before and all gaps are kept.
-    pub(super) fn keep_what_is_valid(&mut self, system: &mut System<impl GrainShape>, by: Tighten) -> bool {
+    pub(super) fn keep_what_is_valid(&mut self, system: &mut System<impl ConvexShape>, by: Tighten) -> bool {
         match by {
             Tighten::Shrink(factor) => {
                 let Some(widen) = self.least_factor(system) else { return false };
@@ -202,7 +202,7 @@ impl Pusher {
 
     /// Calls `visit` with every pair and wall of a grain that looks again which is not clear: the grain, the direction,
     /// the vector between the centres along it or the distance from the wall, and what the gap lacks.
-    fn for_each_left(&self, system: &System<impl GrainShape>, mut visit: impl FnMut(f64, f64)) -> bool {
+    fn for_each_left(&self, system: &System<impl ConvexShape>, mut visit: impl FnMut(f64, f64)) -> bool {
         let mut is_possible = true;
         for i in (0..system.len()).filter(|&i| self.active[i]) {
             let (hot, cold) = (system.hot[i], system.cold[i]);
@@ -249,7 +249,7 @@ impl Pusher {
     }
 
     /// The least factor on all lengths of the specimen, 1 or more, at which the gaps are kept.
-    fn least_factor(&self, system: &System<impl GrainShape>) -> Option<f64> {
+    fn least_factor(&self, system: &System<impl ConvexShape>) -> Option<f64> {
         let mut factor = 1.0_f64;
         let is_possible = self.for_each_left(system, |away, needed| {
             factor = factor.max(if away > 0.0 { needed / away } else { f64::INFINITY });
@@ -258,14 +258,14 @@ impl Pusher {
     }
 
     /// The most that a gap lacks.
-    fn deepest(&self, system: &System<impl GrainShape>) -> Option<f64> {
+    fn deepest(&self, system: &System<impl ConvexShape>) -> Option<f64> {
         let mut depth = 0.0_f64;
         let is_possible = self.for_each_left(system, |away, needed| depth = depth.max(needed - away));
         is_possible.then_some(depth)
     }
 
     /// Goes back to before the push; the planes follow.
-    pub(super) fn undo(&mut self, system: &mut System<impl GrainShape>) {
+    pub(super) fn undo(&mut self, system: &mut System<impl ConvexShape>) {
         if system.more > self.saved_more {
             system.widen_gaps(self.saved_more - system.more);
             system.more = self.saved_more;
@@ -285,7 +285,7 @@ impl Pusher {
     }
 }
 
-impl<S: GrainShape> System<S> {
+impl<S: ConvexShape> System<S> {
     /// Whether all gaps are kept. Lays new planes where the grains cross theirs.
     pub(super) fn is_clear(&mut self) -> bool {
         let cpu = self.cpu;

@@ -10,7 +10,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::planes::{Decided, LANES, NewPlanes, Spread, crosses_itself, is_wall};
 use super::system::{Hot, System, rotation, turned};
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::Vector;
 
 /// Factors on the step after a move that was made, and after one that was not.
@@ -58,7 +58,7 @@ impl Pending {
     }
 
     #[inline(always)]
-    pub(super) fn lay(&self, system: &mut System<impl GrainShape>) {
+    pub(super) fn lay(&self, system: &mut System<impl ConvexShape>) {
         for planes in self.planes[..self.count].iter().flatten() {
             system.lay(planes);
         }
@@ -78,7 +78,7 @@ fn six(rng: &mut Xoshiro256PlusPlus) -> [Vector; 2] {
 }
 
 /// Tries one move of each grain.
-pub(super) fn sweep(system: &mut System<impl GrainShape>, rng: &mut Xoshiro256PlusPlus) -> Moves {
+pub(super) fn sweep(system: &mut System<impl ConvexShape>, rng: &mut Xoshiro256PlusPlus) -> Moves {
     let cpu = system.cpu;
     with_instruction_set!(cpu, set => set.call(
         #[inline(always)]
@@ -89,7 +89,7 @@ pub(super) fn sweep(system: &mut System<impl GrainShape>, rng: &mut Xoshiro256Pl
 #[inline(always)]
 fn sweep_with<I: InstructionSet>(
     set: I,
-    system: &mut System<impl GrainShape>,
+    system: &mut System<impl ConvexShape>,
     rng: &mut Xoshiro256PlusPlus,
 ) -> Moves {
     let mut moves = Moves::default();
@@ -123,7 +123,7 @@ fn sweep_with<I: InstructionSet>(
 /// Whether a grain that were this one would keep all its gaps; notes the planes that are to be laid
 /// anew. `more` is how much closer than it may the grain has come to its planes beforehand, where it gets another gap.
 #[inline(always)]
-pub(super) fn fits<I: InstructionSet, S: GrainShape>(
+pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
     set: I,
     system: &System<S>,
     i: usize,

@@ -10,7 +10,7 @@ use super::planes::{LANES, NOBODY, is_wall};
 use super::shake::{Pending, fits};
 use super::system::{Hot, System, rotation};
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::ConvexShape;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::{Families, SwapPairs};
 
@@ -23,7 +23,7 @@ const AHEAD: usize = 8;
 ///
 /// # Errors
 /// When the system refuses memory.
-pub(super) fn sweep<S: GrainShape>(
+pub(super) fn sweep<S: ConvexShape>(
     pairs: &mut SwapPairs,
     families: &Families,
     system: &mut System<S>,
@@ -47,7 +47,7 @@ pub(super) fn sweep<S: GrainShape>(
 
 /// Tries so many pairs; returns how many had different shapes, and how many of these were exchanged.
 #[inline(always)]
-fn try_pairs<I: InstructionSet, S: GrainShape>(
+fn try_pairs<I: InstructionSet, S: ConvexShape>(
     set: I,
     pairs: &mut SwapPairs,
     families: &Families,
@@ -93,7 +93,7 @@ fn try_pairs<I: InstructionSet, S: GrainShape>(
 
 /// The site as it would be with another shape: how much longer the semi-axes of the ellipsoid around it are at most,
 /// and how much closer it may come to its planes for its gaps.
-struct Changed<S: GrainShape> {
+struct Changed<S: ConvexShape> {
     as_if: Hot<S::Turned>,
     shape: S,
     longer: f64,
@@ -101,7 +101,7 @@ struct Changed<S: GrainShape> {
 }
 
 #[inline(always)]
-fn changed<S: GrainShape>(system: &System<S>, site: usize, from: usize) -> Changed<S> {
+fn changed<S: ConvexShape>(system: &System<S>, site: usize, from: usize) -> Changed<S> {
     let (old, new) = (&system.cold[site], &system.cold[from]);
     let (d_old, d_new) = (system.hot[site].d, system.hot[from].d);
     let (around, around_old) = (new.shape.around_mm(), old.shape.around_mm());
@@ -113,7 +113,7 @@ fn changed<S: GrainShape>(system: &System<S>, site: usize, from: usize) -> Chang
 
 /// Lets the shapes of two sites change places if they fit; the larger one is at the first site.
 #[inline(always)]
-fn swap<I: InstructionSet>(set: I, system: &mut System<impl GrainShape>, i: usize, j: usize) -> bool {
+fn swap<I: InstructionSet>(set: I, system: &mut System<impl ConvexShape>, i: usize, j: usize) -> bool {
     let at_j = changed(system, j, i);
     let mut planes_j = Pending::new();
     if at_j.longer + at_j.more > SKIN_SHARE * system.cold[j].skin
@@ -148,7 +148,7 @@ fn swap<I: InstructionSet>(set: I, system: &mut System<impl GrainShape>, i: usiz
 }
 
 /// Whether two sites are in each other's lists.
-fn are_neighbors(system: &System<impl GrainShape>, i: usize, j: usize) -> bool {
+fn are_neighbors(system: &System<impl ConvexShape>, i: usize, j: usize) -> bool {
     let cold = &system.cold[i];
     let groups = &system.groups[cold.first as usize..(cold.first + cold.count) as usize];
     groups
@@ -157,7 +157,7 @@ fn are_neighbors(system: &System<impl GrainShape>, i: usize, j: usize) -> bool {
         .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && super::planes::unpack(neighbor).0 == j)
 }
 
-impl<S: GrainShape> System<S> {
+impl<S: ConvexShape> System<S> {
     /// The most by which a gap of a grain grows when its diameter changes.
     #[inline(always)]
     fn more_gap(&self, d_old: f64, d_new: f64) -> f64 {

@@ -7,7 +7,7 @@
 use super::planes::Group;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
-use crate::gap::grain::{GrainShape, Orientation, Turned};
+use crate::gap::grain::{ConvexShape, Orientation, Turned};
 use crate::gap::linear::{Vector, dot};
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::request::{Boundary, Specimen};
@@ -115,7 +115,7 @@ pub(super) fn opposite(image: u32) -> u32 {
 
 /// The grains of a run.
 #[derive(Clone, Debug)]
-pub(super) struct System<S: GrainShape> {
+pub(super) struct System<S: ConvexShape> {
     pub(super) cpu: Cpu,
     pub(super) container: Container,
     /// Size of the specimen over the requested one.
@@ -133,7 +133,7 @@ pub(super) struct System<S: GrainShape> {
     pub(super) held: u64,
 }
 
-impl<S: GrainShape> System<S> {
+impl<S: ConvexShape> System<S> {
     /// Grains at poses in the specimen at its requested size.
     pub(super) fn new(
         specimen: &Specimen,

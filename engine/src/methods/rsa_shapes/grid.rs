@@ -5,7 +5,7 @@
 
 use super::Stage;
 use crate::distance::DistanceRule;
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, minus, sum};
 use crate::memory::{OutOfMemory, filled, make_room};
 use crate::request::Specimen;
@@ -41,7 +41,7 @@ pub(super) struct Placed<T> {
 
 impl<T: Turned> Placed<T> {
     #[inline(always)]
-    pub(super) fn new<S: GrainShape<Turned = T>>(shape: &S, pose: &Pose) -> Self {
+    pub(super) fn new<S: ConvexShape<Turned = T>>(shape: &S, pose: &Pose) -> Self {
         let rows = shape.rows(pose);
         Self {
             center_mm: pose.center_mm.into(),
@@ -74,7 +74,7 @@ pub(super) struct Inserted<T> {
 }
 
 impl<T: Turned> Inserted<T> {
-    pub(super) fn new(body: Placed<T>, shape: &impl GrainShape) -> Self {
+    pub(super) fn new(body: Placed<T>, shape: &impl ConvexShape) -> Self {
         Self {
             body,
             d_mm: shape.equivalent_diameter_mm(),

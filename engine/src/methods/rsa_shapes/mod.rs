@@ -26,7 +26,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
 use crate::memory::{OutOfMemory, reserved};
@@ -111,7 +111,7 @@ enum Found<T> {
     Stopped,
 }
 
-struct Run<'a, S: GrainShape> {
+struct Run<'a, S: ConvexShape> {
     rsa: &'a ShapeRsa<'a, S>,
     control: &'a dyn Control,
     poses: Vec<Pose>,
@@ -132,7 +132,7 @@ pub(crate) struct Stage {
     inner: f64,
 }
 
-impl<S: GrainShape> ShapeRsa<'_, S> {
+impl<S: ConvexShape> ShapeRsa<'_, S> {
     /// Inserts the grains.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
         let count = self.shapes.len();
@@ -169,7 +169,7 @@ impl<S: GrainShape> ShapeRsa<'_, S> {
     }
 }
 
-impl<S: GrainShape> Run<'_, S> {
+impl<S: ConvexShape> Run<'_, S> {
     fn insert_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
         let rsa = self.rsa;
         let mut first = 0;

@@ -2,6 +2,8 @@
 //!
 //! Each is drawn with a radius of about 1 and then stretched to ratios of its axes.
 
+use std::sync::{Arc, OnceLock};
+
 use nalgebra::Vector3;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -22,6 +24,30 @@ const ATTEMPTS: usize = 1000;
 /// Largest radius over the smallest, both about the centroid, before a body is stretched: that of a tetrahedron is 3.
 /// Few cuts may leave splinters of any length.
 const SLENDEREST: f64 = 4.0;
+
+/// The templates of a shape, once they are drawn. They follow from the rest of what states the shape, so that any two
+/// are equal; copies of one share them.
+#[derive(Clone, Debug, Default)]
+pub struct DrawnTemplates(Arc<OnceLock<Vec<Polyhedron>>>);
+
+impl PartialEq for DrawnTemplates {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl DrawnTemplates {
+    /// The templates, which are drawn when they are first asked for.
+    pub fn get_or_draw(&self, draw: impl FnOnce() -> Vec<Polyhedron>) -> &[Polyhedron] {
+        self.0.get_or_init(draw)
+    }
+
+    /// The templates that were drawn; none before.
+    #[must_use]
+    pub fn bodies(&self) -> &[Polyhedron] {
+        self.0.get().map_or(&[], Vec::as_slice)
+    }
+}
 
 /// How templates are made.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -25,7 +25,7 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use super::Pose;
-pub use draw::{TemplateKind, draw_template};
+pub use draw::{DrawnTemplates, TemplateKind, draw_template};
 use hull::{hull, intersection};
 pub use measures::Edge;
 pub(crate) use principal::Principal;

@@ -4,7 +4,7 @@ use std::io::{self, Read, Write};
 use std::time::Instant;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Run, Stage};
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, filled, reserved};
 use crate::methods::monte_carlo::system::rotation;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo};
@@ -40,7 +40,7 @@ fn invalid() -> io::Error {
     io::ErrorKind::InvalidData.into()
 }
 
-impl<S: GrainShape> Run<S> {
+impl<S: ConvexShape> Run<S> {
     /// The body of a checkpoint.
     pub(super) fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         let counted = self.counted();

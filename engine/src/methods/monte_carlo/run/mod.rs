@@ -17,7 +17,7 @@ use super::swap;
 use super::system::System;
 use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
 use crate::control::Control;
-use crate::gap::grain::{GrainShape, Turned};
+use crate::gap::grain::{ConvexShape, Turned};
 use crate::memory::{OutOfMemory, collected, filled};
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::packing::RsaStatistics;
@@ -79,7 +79,7 @@ enum Stage {
 }
 
 /// A run between two cycles, or in one.
-pub(super) struct Run<S: GrainShape> {
+pub(super) struct Run<S: ConvexShape> {
     system: System<S>,
     diameters: Vec<f64>,
     stage: Stage,
@@ -108,7 +108,7 @@ pub(super) struct Run<S: GrainShape> {
     listed_more: f64,
 }
 
-impl<S: GrainShape> Run<S> {
+impl<S: ConvexShape> Run<S> {
     /// A run from poses that are valid at a scale.
     pub(super) fn new(
         of: &MonteCarlo<'_, S>,

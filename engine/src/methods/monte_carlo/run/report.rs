@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, Run, Stage, Statistics};
 use crate::control::{Control, Growth, Phase, Progress};
-use crate::gap::grain::GrainShape;
+use crate::gap::grain::ConvexShape;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo, START_SHARE};
 
 /// Width of the fall of growth per work, as a share of the target's volume.
@@ -46,7 +46,7 @@ impl Forecast {
     }
 }
 
-impl<S: GrainShape> Run<S> {
+impl<S: ConvexShape> Run<S> {
     /// Work so far, in tried moves per grain.
     fn work(&self) -> f64 {
         let counted = self.statistics;
