@@ -281,7 +281,15 @@ fn growth_with_one_attempt() -> Value {
     jobs::with(jobs::growth(), "/max_attempts", json!(1))
 }
 
+/// One test, because both wait for the pauses of the runner, 15 s: neither holds up a core for the other.
 #[tokio::test]
+async fn a_result_that_cannot_be_written_is_no_fault_of_its_job() {
+    tokio::join!(
+        a_result_that_finds_no_descriptors_is_no_fault_of_its_job(),
+        a_result_that_finds_no_space_is_no_fault_of_its_job(),
+    );
+}
+
 async fn a_result_that_finds_no_descriptors_is_no_fault_of_its_job() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
@@ -302,7 +310,6 @@ async fn a_result_that_finds_no_descriptors_is_no_fault_of_its_job() {
     server.stop().await;
 }
 
-#[tokio::test]
 async fn a_result_that_finds_no_space_is_no_fault_of_its_job() {
     let Some(disk) = SmallDisk::mounted(20 << 20) else { return };
     let server = Launch::new(&disk.data_dir).args(&["--min-free-bytes", "0"]).start().await;

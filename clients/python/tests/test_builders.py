@@ -8,7 +8,19 @@ import pickle
 import numpy as np
 import packstone
 import pytest
-from packstone import Box, Cylinder, Distance, Grading, Method, Mix, Proportions, Ratios, Segregation, Shape
+from packstone import (
+    Aggregate,
+    Box,
+    Cylinder,
+    Distance,
+    Grading,
+    Method,
+    Mix,
+    Proportions,
+    Ratios,
+    Segregation,
+    Shape,
+)
 
 
 def test_builders_are_the_dictionaries_of_requests() -> None:
@@ -23,6 +35,10 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
     }
     assert Method.edmd(time_s=5, growth_rate=0.1) == {"type": "edmd", "growth_rate": 0.1, "stop": {"time_s": 5}}
     assert "stop" not in Method.edmd()
+    assert Mix(None, 0.5, aggregates=[Aggregate(1, "A8", name="gravel")]) == {
+        "aggregates": [{"name": "gravel", "share": 1, "grading": {"type": "standard", "name": "A8"}}],
+        "volume_fraction": 0.5,
+    }
     assert Shape.polyhedron() == {"type": "polyhedron"}
     assert Shape.polyhedron("voronoi", rounding=0.1) == {"type": "polyhedron", "template": "voronoi", "rounding": 0.1}
     assert json.loads(json.dumps(Grading.classes([(2, 4, 0.5)])))["classes"][0]["mass_fraction"] == 0.5
@@ -78,6 +94,19 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
         {
             "specimen": Box(40),
             "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.ellipsoid(Ratios.measured([(3, 2, 1), (4, 3, 2)], [1, 2]))),
+        },
+        {
+            "specimen": Box(40),
+            "mix": Mix(
+                volume_fraction=0.2,
+                d_min_mm=4,
+                aggregates=[
+                    Aggregate(0.5, "A8", density_kg_m3=2600, shape=Shape.ellipsoid(Ratios.constant(0.8, 0.5))),
+                    Aggregate(
+                        0.5, Grading.fuller(12), density_kg_m3=2900, d_min_mm=6, shapes=[(0, Shape.sphere())]
+                    ),
+                ],
+            ),
         },
         {"specimen": Box(40), "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.polyhedron())},
         {

@@ -263,7 +263,7 @@ fn sized(spheres: &Spheres) -> Vec<SizedGrain> {
 }
 
 fn taken(mix: &GradedMix) -> Spheres {
-    let d_mm = crate::mix::sampling::sample(mix, &mut stream(2, Stream::Sampling), &|| false).unwrap();
+    let d_mm = crate::mix::sampling::sample(mix, &mut stream(2, Stream::Sampling), &|| false).unwrap().d_mm;
     Spheres { d_mm, ..Spheres::default() }
 }
 

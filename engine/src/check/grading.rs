@@ -11,14 +11,16 @@
 //! close to a sieve that they may lie on either side of it count on both: the volume above the sieve lies between that
 //! with and that without them, and one of the two bounds must do.
 //!
+//! Where a mix has several aggregates, the grains of each are judged by its own curve and its share of the volume.
+//!
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
 //! ([`crate::mix::sampling`]); the table of the standard curves is data that both read.
 
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
 
-use crate::packing::ClassReport;
+use crate::packing::{AggregateReport, ClassReport};
 use crate::request::standard;
-use crate::request::{Grading, Mix, PackingRequest, Specimen, VolumeFractionOf};
+use crate::request::{Grading, Mix, MixPart, PackingRequest, Specimen, VolumeFractionOf};
 
 /// Sums of millions of volumes agree to this.
 const ROUNDING: f64 = 1.0e-9;
@@ -69,9 +71,92 @@ impl Grains<'_> {
     }
 }
 
-/// The classes from fine to coarse, and the largest miss of one as a share of the volume of all grains.
-pub(super) fn check(grains: Grains<'_>, request: &PackingRequest) -> Result<(Vec<ClassReport>, f64), String> {
-    let (mut classes, list) = asked(&request.mix, specimen_volume_mm3(&request.specimen));
+/// What was found of the grading.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Graded {
+    /// Size classes from fine to coarse.
+    pub(super) classes: Vec<ClassReport>,
+    /// The largest miss of a class of a part of the mix, as a share of the volume of all grains.
+    pub(super) max_class_mass_error: f64,
+    /// The aggregates; none where the mix names none.
+    pub(super) aggregates: Vec<AggregateReport>,
+}
+
+/// Judges the grains of a packing; `part` is the aggregate of each, empty where the mix names none.
+pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) -> Result<Graded, String> {
+    let mix = &request.mix;
+    let parts = mix.parts();
+    let specimen_mm3 = specimen_volume_mm3(&request.specimen);
+    if mix.aggregates.is_empty() {
+        if !part.is_empty() {
+            return Err("the grains belong to aggregates, and the mix names none".into());
+        }
+        let whole = parts.first().ok_or("the mix has no grading")?;
+        let rows: Vec<usize> = (0..grains.len()).collect();
+        let judged = judge(grains, &rows, asked(mix, whole, specimen_mm3))?;
+        return Ok(Graded {
+            max_class_mass_error: share_of(judged.worst_miss_mm3, judged.volume_mm3()),
+            classes: judged.classes,
+            aggregates: Vec::new(),
+        });
+    }
+    let mut rows: Vec<Vec<usize>> = vec![Vec::new(); parts.len()];
+    if part.len() != grains.len() {
+        return Err(format!("{} of {} grains belong to an aggregate", part.len(), grains.len()));
+    }
+    for (row, &number) in part.iter().enumerate() {
+        let Some(rows) = rows.get_mut(usize::from(number)) else {
+            return Err(format!("grain {row} belongs to the aggregate {number} of {}", parts.len()));
+        };
+        rows.push(row);
+    }
+    let mut aggregates = Vec::with_capacity(parts.len());
+    let (mut worst_mm3, mut all_mm3) = (0.0_f64, 0.0);
+    for (number, (part, aggregate)) in parts.iter().zip(&mix.aggregates).enumerate() {
+        let found = judge(grains, &rows[number], asked(mix, part, specimen_mm3))
+            .map_err(|fault| format!("aggregate {number}: {fault}"))?;
+        worst_mm3 = worst_mm3.max(found.worst_miss_mm3);
+        all_mm3 += found.volume_mm3();
+        aggregates.push(AggregateReport {
+            name: aggregate.name.clone(),
+            share: part.share,
+            grains: rows[number].len() as u64,
+            target_volume_mm3: found.classes.iter().map(|class| class.target_volume_mm3).sum(),
+            volume_mm3: found.volume_mm3(),
+            mass_kg: aggregate.density_kg_m3.map(|density| density * 1.0e-9 * found.volume_mm3()),
+            classes: found.classes,
+        });
+    }
+    Ok(Graded {
+        classes: divided(grains, mix, specimen_mm3),
+        max_class_mass_error: share_of(worst_mm3, all_mm3),
+        aggregates,
+    })
+}
+
+fn share_of(part: f64, all: f64) -> f64 {
+    if all > 0.0 { part / all } else { 0.0 }
+}
+
+/// The classes of a part of a mix with its grains.
+struct Judged {
+    classes: Vec<ClassReport>,
+    /// The largest miss of a class.
+    worst_miss_mm3: f64,
+}
+
+impl Judged {
+    fn volume_mm3(&self) -> f64 {
+        self.classes.iter().map(|class| class.volume_mm3).sum()
+    }
+}
+
+/// Judges the grains of one part of a mix, by the classes that it asks for and the diameters that it lists.
+fn judge(
+    grains: Grains<'_>,
+    rows: &[usize],
+    (mut classes, list): (Vec<ClassReport>, Option<Vec<f64>>),
+) -> Result<Judged, String> {
     let (d_min, d_max) = bounds_mm(&classes);
     let error = grains.size_error();
     // Largest grain that a class may hold: the overshoot of the last one.
@@ -81,7 +166,7 @@ pub(super) fn check(grains: Grains<'_>, request: &PackingRequest) -> Result<(Vec
     };
     // Volume of the grains of finer classes that may belong to this one or to a coarser one.
     let mut doubtful_mm3 = vec![0.0; classes.len()];
-    for row in 0..grains.len() {
+    for &row in rows {
         let (d, volume_mm3) = grains.get(row);
         if d < d_min * (1.0 - error) || d > d_max * (1.0 + error) {
             return Err(format!("grain {row} of {d} mm lies outside {d_min}..{d_max} mm"));
@@ -112,9 +197,59 @@ pub(super) fn check(grains: Grains<'_>, request: &PackingRequest) -> Result<(Vec
         }
         None => check_cumulative(&classes, &largest, &doubtful_mm3, ROUNDING * all.max(1.0))?,
     }
-    let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs() / all;
-    let worst = classes.iter().map(miss).fold(0.0, f64::max);
-    Ok((classes, if all > 0.0 { worst } else { 0.0 }))
+    let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs();
+    let worst_miss_mm3 = classes.iter().map(miss).fold(0.0, f64::max);
+    Ok(Judged { classes, worst_miss_mm3 })
+}
+
+/// Classes between the sieves of all aggregates, with what all of them ask for and all grains. A grain within the error
+/// of its size of a sieve counts below it.
+fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport> {
+    let parts = mix.parts();
+    let of_parts: Vec<Vec<ClassReport>> = parts.iter().map(|part| asked(mix, part, specimen_mm3).0).collect();
+    let mut edges: Vec<f64> = of_parts.iter().flatten().flat_map(|c| [c.d_min_mm, c.d_max_mm]).collect();
+    edges.sort_unstable_by(f64::total_cmp);
+    edges.dedup();
+    let Some(&finest) = edges.first() else { return Vec::new() };
+    // Equal grains that are finer than all others have a class of their own.
+    if of_parts.iter().flatten().any(|class| class.d_max_mm == finest) {
+        edges.insert(0, finest);
+    }
+    let target_mm3 = |low: f64, high: f64| -> f64 {
+        let mut sum = 0.0;
+        for (part, classes) in parts.iter().zip(&of_parts) {
+            for class in classes {
+                if class.d_min_mm == class.d_max_mm {
+                    let is_inside = class.d_max_mm == high && (low < high || class.d_max_mm == low);
+                    sum += if is_inside { class.target_volume_mm3 } else { 0.0 };
+                } else if class.d_min_mm <= low && high <= class.d_max_mm && low < high {
+                    sum += class.target_volume_mm3 * share_between(part.grading, class, low, high);
+                }
+            }
+        }
+        sum
+    };
+    let pairs = edges.windows(2).map(|pair| class((pair[0], pair[1]), target_mm3(pair[0], pair[1])));
+    let mut classes: Vec<ClassReport> = pairs.filter(|class| class.target_volume_mm3 > 0.0).collect();
+    for row in 0..grains.len() {
+        let (d, volume_mm3) = grains.get(row);
+        if let Some(index) = class_of(&classes, d * (1.0 - grains.size_error())) {
+            classes[index].grains += 1;
+            classes[index].volume_mm3 += volume_mm3;
+        }
+    }
+    classes
+}
+
+/// Share of the mass of a class between two sizes in it.
+fn share_between(grading: &Grading, class: &ClassReport, low: f64, high: f64) -> f64 {
+    match grading {
+        Grading::Fuller { exponent, .. } => {
+            let passing = |d: f64| d.powf(*exponent);
+            (passing(high) - passing(low)) / (passing(class.d_max_mm) - passing(class.d_min_mm))
+        }
+        _ => (high / low).ln() / (class.d_max_mm / class.d_min_mm).ln(),
+    }
 }
 
 fn volume_mm3(d: f64) -> f64 {
@@ -138,12 +273,12 @@ fn class_of(classes: &[ClassReport], d: f64) -> Option<usize> {
     classes.iter().position(|c| d <= c.d_max_mm).or(classes.len().checked_sub(1))
 }
 
-/// The classes of a mix with the volumes that it asks for, and its diameters from the coarsest down where it lists
-/// them.
-fn asked(mix: &Mix, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f64>>) {
-    if let Grading::Diameters { diameters_mm } = &mix.grading {
-        let least = mix.d_min_mm.unwrap_or(0.0);
-        let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least).collect();
+/// The classes of a part of a mix with the volumes that it asks for, and its diameters from the coarsest down where it
+/// lists them.
+fn asked(mix: &Mix, part: &MixPart<'_>, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f64>>) {
+    let least = |part: &MixPart<'_>| part.d_min_mm.unwrap_or(0.0);
+    if let Grading::Diameters { diameters_mm } = part.grading {
+        let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least(part)).collect();
         list.sort_unstable_by(|a, b| b.total_cmp(a));
         let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
         let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
@@ -154,16 +289,20 @@ fn asked(mix: &Mix, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f
         }
         return (classes, Some(list));
     }
-    let d_min = mix.d_min_mm.unwrap_or(0.0);
-    let mut classes = mass_shares(&mix.grading, d_min);
-    let placed: f64 = classes.iter().map(|c| c.target_volume_mm3).sum();
     let fraction = mix.requested_fraction().unwrap_or(0.0);
     let all_aggregate = match mix.volume_fraction_of {
         VolumeFractionOf::AllAggregate => fraction,
-        VolumeFractionOf::PlacedGrains => fraction / placed,
+        VolumeFractionOf::PlacedGrains => {
+            let parts = mix.parts();
+            let kept = parts.iter().flat_map(|part| {
+                mass_shares(part.grading, least(part)).into_iter().map(|c| part.share * c.target_volume_mm3)
+            });
+            fraction / kept.sum::<f64>()
+        }
     };
+    let mut classes = mass_shares(part.grading, least(part));
     for class in &mut classes {
-        class.target_volume_mm3 *= all_aggregate * specimen_volume_mm3;
+        class.target_volume_mm3 *= part.share * all_aggregate * specimen_volume_mm3;
     }
     (classes, None)
 }
@@ -266,7 +405,7 @@ mod tests {
         let sieves = json!({"type": "sieves", "points": [[4.0, 0.0], [8.0, 0.5], [16.0, 1.0]]});
         let request = request(10.0, &json!({"grading": sieves, "volume_fraction": 0.4}));
         let accepted =
-            |sizes: &[(f64, f64)], error: f64| check(Grains::Bodies { sizes, error }, &request).is_ok();
+            |sizes: &[(f64, f64)], error: f64| check(Grains::Bodies { sizes, error }, &[], &request).is_ok();
         for (size, exactly, roughly) in
             [(8.000_04, true, true), (7.999_96, false, true), (7.999, false, false), (8.001, true, true)]
         {
@@ -296,8 +435,9 @@ mod tests {
             let found: Vec<(f64, f64)> = (grains.d_mm.iter().zip(&grains.template))
                 .map(|(&d, &template)| (sieves[template as usize] * d, volume_mm3(d)))
                 .collect();
-            let judge = |sizes: &[(f64, f64)]| check(Grains::Bodies { sizes, error: SIEVE_ERROR }, &request);
-            let (classes, _) = judge(&found).unwrap();
+            let judge =
+                |sizes: &[(f64, f64)]| check(Grains::Bodies { sizes, error: SIEVE_ERROR }, &[], &request);
+            let classes = judge(&found).unwrap().classes;
             assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);
             assert!(judge(&found[5..]).unwrap_err().contains("more than the curve asks for"));
             for factor in [0.9, 1.1] {

@@ -53,7 +53,7 @@ use nalgebra::Vector3;
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::cpu::Cpu;
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{CheckReport, ClassReport, Spheres};
+use crate::packing::{AggregateReport, CheckReport, ClassReport, Spheres};
 use crate::request::PackingRequest;
 use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure};
 use bodies::{Convex, Packing};
@@ -68,6 +68,8 @@ pub struct Check {
     pub found: CheckReport,
     /// Sieve classes, from fine to coarse.
     pub classes: Vec<ClassReport>,
+    /// The aggregates of the mix; none where it names none.
+    pub aggregates: Vec<AggregateReport>,
 }
 
 /// Why a packing is not valid.
@@ -265,16 +267,17 @@ fn check_bodies<B: Convex>(
 ) -> Result<Check, Fault> {
     let min_wall_gap_mm = packing.check_walls()?;
     let pairs = packing.check_pairs(control)?;
-    let (classes, max_class_mass_error) = grading::check(grains, request).map_err(Fault::Grading)?;
+    let graded = grading::check(grains, &[], request).map_err(Fault::Grading)?;
     Ok(Check {
         found: CheckReport {
             min_gap_mm: pairs.min_gap_mm,
             min_wall_gap_mm,
             min_excess_gap_mm: pairs.min_excess_gap_mm,
-            max_class_mass_error,
+            max_class_mass_error: graded.max_class_mass_error,
             pairs_checked: pairs.checked,
         },
-        classes,
+        classes: graded.classes,
+        aggregates: graded.aggregates,
     })
 }
 
@@ -309,17 +312,18 @@ pub fn check_with(
     let required = Required::new(request.distance, request.specimen);
     let min_wall_gap_mm = check_walls(spheres, &required)?;
     let pairs = check_pairs(spheres, &required, control)?;
-    let (classes, max_class_mass_error) =
-        grading::check(Grains::Spheres(&spheres.d_mm), request).map_err(Fault::Grading)?;
+    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request)
+        .map_err(Fault::Grading)?;
     Ok(Check {
         found: CheckReport {
             min_gap_mm: pairs.min_gap_mm,
             min_wall_gap_mm,
             min_excess_gap_mm: pairs.min_excess_gap_mm,
-            max_class_mass_error,
+            max_class_mass_error: graded.max_class_mass_error,
             pairs_checked: pairs.checked,
         },
-        classes,
+        classes: graded.classes,
+        aggregates: graded.aggregates,
     })
 }
 

@@ -42,6 +42,8 @@ pub struct Class {
     pub mass_fraction: f64,
     /// Mean volume of a grain over that of a sphere of the drawn diameter; 1 for spheres.
     pub volume_ratio: f64,
+    /// Which of the parts of the mix its grains belong to ([`Mix::parts`](crate::request::Mix::parts)).
+    pub part: u16,
 }
 
 impl Class {

@@ -6,9 +6,9 @@
 //! [`MAX_DEVIATION`] is an error, unless the mix has `allow_coarse`; then it is a warning. A size class that is off by
 //! more than the same share of its own volume is a warning.
 
-use super::class::Law;
+use super::class::{Class, Law};
 use super::{GradedMix, sphere_volume};
-use crate::packing::ClassReport;
+use crate::packing::{AggregateReport, ClassReport};
 use crate::request::{FieldError, Mix};
 
 /// Largest deviation of the total volume, and of that of a size class, as a share of what is requested.
@@ -18,17 +18,24 @@ const NAMED_CLASSES: usize = 3;
 /// Share of a grain by which rounding may raise the number of equal grains.
 const ROUNDING: f64 = 1.0e-9;
 
-/// The smallest total volume of whole grains that sampling can draw, in mm³: at least one grain of the coarsest class;
-/// of equal grains the exact volume.
+/// The smallest total volume of whole grains that sampling can draw, in mm³: at least one grain of the coarsest class
+/// of every part; of equal grains the exact volume.
 fn least_volume_mm3(mix: &GradedMix) -> f64 {
-    let Some(coarsest) = mix.classes.last() else { return 0.0 };
+    (0..mix.parts)
+        .filter_map(|part| mix.classes_of(part).next_back())
+        .map(|class| least_of_mm3(mix, class))
+        .sum()
+}
+
+/// The same of the part that has this coarsest class.
+fn least_of_mm3(mix: &GradedMix, coarsest: &Class) -> f64 {
     let grain = sphere_volume(coarsest.low_mm);
     if let Some(shapes) = &mix.shapes {
-        return grain * shapes.least_volume_ratio(coarsest.high_mm);
+        return grain * shapes.least_volume_ratio(coarsest.part, coarsest.high_mm);
     }
     match coarsest.law {
         Law::Single => {
-            let grains = (requested_mm3(mix) / grain - ROUNDING).ceil().max(1.0);
+            let grains = (mix.class_volume_mm3(coarsest) / grain - ROUNDING).ceil().max(1.0);
             grains * grain
         }
         _ => grain,
@@ -122,6 +129,31 @@ pub(crate) fn class_warning(classes: &[ClassReport]) -> Option<String> {
         MAX_DEVIATION * 100.0,
         named.join(", ")
     ))
+}
+
+/// The aggregates of a packing that miss their volume by more than [`MAX_DEVIATION`], in one sentence.
+pub(crate) fn aggregate_warning(aggregates: &[AggregateReport]) -> Option<String> {
+    let off: Vec<String> = aggregates
+        .iter()
+        .enumerate()
+        .filter(|(_, aggregate)| aggregate.target_volume_mm3 > 0.0)
+        .map(|(number, aggregate)| {
+            (number, aggregate, aggregate.volume_mm3 / aggregate.target_volume_mm3 - 1.0)
+        })
+        .filter(|(.., deviation)| deviation.abs() > MAX_DEVIATION)
+        .map(|(number, aggregate, deviation)| {
+            let name = aggregate.name.clone().unwrap_or_else(|| number.to_string());
+            format!("{name} by {} %", figures(100.0 * deviation))
+        })
+        .collect();
+    (!off.is_empty()).then(|| {
+        format!(
+            "the volume of these aggregates differs from their share by more than {:.0} %: {}; a larger specimen \
+             follows the shares more closely",
+            MAX_DEVIATION * 100.0,
+            off.join(", ")
+        )
+    })
 }
 
 /// A number with three significant figures.

@@ -33,10 +33,14 @@ const LIST_SIZES: f64 = 1000.0;
 /// A mix resolved against a specimen's volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GradedMix {
-    /// Sieve classes above the cut-off, from fine to coarse: the bins of reports and of the check.
+    /// Sieve classes above the cut-off, part by part, in each from fine to coarse.
     pub sieve_classes: Vec<Class>,
     /// The same, split into narrow classes as they are drawn; empty for an explicit list.
     pub classes: Vec<Class>,
+    /// Number of parts: aggregates, or 1.
+    pub parts: u16,
+    /// Whether the parts are aggregates, so that grains are told apart by them.
+    pub has_aggregates: bool,
     /// The explicit list of diameters, in mm, where the grading is one, cut off and sorted from
     /// the coarsest down.
     pub list: Option<Vec<f64>>,
@@ -62,11 +66,19 @@ pub fn sphere_volume(d: f64) -> f64 {
 impl GradedMix {
     /// Resolves a mix whose fields were checked by [`crate::request`].
     pub fn new(mix: &Mix, specimen_volume_mm3: f64) -> Self {
-        if let Grading::Diameters { diameters_mm: mm } = &mix.grading {
+        if let Some(mm) = mix.listed_diameters_mm() {
             return Self::from_list(mm, mix, specimen_volume_mm3);
         }
-        let d_min = mix.d_min_mm.unwrap_or(0.0);
-        let mut sieve_classes = classes_above(&mix.grading, d_min);
+        let parts = mix.parts();
+        let mut sieve_classes = Vec::new();
+        for (number, part) in parts.iter().enumerate() {
+            let above = classes_above(part.grading, part.d_min_mm.unwrap_or(0.0));
+            sieve_classes.extend(above.into_iter().map(|class| Class {
+                mass_fraction: part.share * class.mass_fraction,
+                part: number as u16,
+                ..class
+            }));
+        }
         let shapes = ShapeSampler::new(mix, &sieve_classes, None);
         let classes: Vec<Class> = match &shapes {
             None => sieve_classes.iter().flat_map(Class::narrow).collect(),
@@ -78,11 +90,13 @@ impl GradedMix {
             VolumeFractionOf::AllAggregate => (requested, requested * kept),
             VolumeFractionOf::PlacedGrains => (requested / kept, requested),
         };
-        let d_min_mm = classes.first().map_or(0.0, |c| c.low_mm);
-        let d_max_mm = classes.last().map_or(0.0, |c| c.high_mm);
+        let d_min_mm = classes.iter().map(|c| c.low_mm).reduce(f64::min).unwrap_or(0.0);
+        let d_max_mm = classes.iter().map(|c| c.high_mm).reduce(f64::max).unwrap_or(0.0);
         Self {
             sieve_classes,
             classes,
+            parts: parts.len() as u16,
+            has_aggregates: !mix.aggregates.is_empty(),
             list: None,
             volume_fraction_mixture: mixture,
             volume_fraction_effective: effective,
@@ -105,6 +119,8 @@ impl GradedMix {
         Self {
             sieve_classes: sieve::between(d_min_mm, d_max_mm, Law::Single),
             classes: Vec::new(),
+            parts: 1,
+            has_aggregates: false,
             volume_fraction_mixture: all / specimen_volume_mm3,
             volume_fraction_effective: kept / specimen_volume_mm3,
             d_min_mm,
@@ -143,16 +159,26 @@ impl GradedMix {
         self.expected_sum(of_class, |d| enlarged(self.equivalent_mm(d)))
     }
 
-    /// Expected volume of a grain of this size, in mm³.
+    /// The classes of a part, from fine to coarse.
+    pub fn classes_of(&self, part: u16) -> impl DoubleEndedIterator<Item = &Class> {
+        self.classes.iter().filter(move |class| class.part == part)
+    }
+
+    /// The classes that hold the largest size, one of each part that has it.
+    pub fn coarsest_classes(&self) -> impl Iterator<Item = &Class> {
+        self.classes.iter().filter(|class| class.high_mm == self.d_max_mm)
+    }
+
+    /// Expected volume of a grain of this size of an explicit list, in mm³.
     pub fn expected_volume_mm3(&self, size_mm: f64) -> f64 {
         expected_volume_mm3(size_mm, self.shapes.as_ref())
     }
 
-    /// Diameter of the sphere that has the mean volume of the grains of this size, in mm.
+    /// Diameter of the sphere that has the mean volume of the grains of this size of an explicit list, in mm.
     pub fn equivalent_mm(&self, size_mm: f64) -> f64 {
         match &self.shapes {
             None => size_mm,
-            Some(shapes) => size_mm * shapes.mean_volume_ratio(size_mm).cbrt(),
+            Some(shapes) => size_mm * shapes.mean_volume_ratio(0, size_mm).cbrt(),
         }
     }
 
@@ -191,10 +217,10 @@ fn shaped(sieve_class: &mut Class, shapes: &ShapeSampler) -> Vec<Class> {
     parts.iter().flat_map(Class::narrow).collect()
 }
 
-/// Expected volume of a grain of this size, in mm³.
+/// Expected volume of a grain of this size of an explicit list, in mm³.
 fn expected_volume_mm3(size_mm: f64, shapes: Option<&ShapeSampler>) -> f64 {
     let sphere = sphere_volume(size_mm);
-    shapes.map_or(sphere, |shapes| sphere * shapes.mean_volume_ratio(size_mm))
+    shapes.map_or(sphere, |shapes| sphere * shapes.mean_volume_ratio(0, size_mm))
 }
 
 /// A list from the coarsest down as diameters with numbers from fine to coarse: grains within a
@@ -233,6 +259,7 @@ fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
                     high_mm: c.d_max_mm,
                     mass_fraction: c.mass_fraction,
                     volume_ratio: 1.0,
+                    part: 0,
                 }
                 .above(d_min)
             })
@@ -244,6 +271,7 @@ fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
                 high_mm: *diameter_mm,
                 mass_fraction: 1.0,
                 volume_ratio: 1.0,
+                part: 0,
             }]
         }
         Grading::Diameters { .. } => Vec::new(),
@@ -256,7 +284,8 @@ fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
         .filter_map(|pair| {
             let [[low_mm, below], [high_mm, above]] = [pair[0], pair[1]];
             let mass_fraction = above - below;
-            let class = Class { law: Law::LogUniform, low_mm, high_mm, mass_fraction, volume_ratio: 1.0 };
+            let class =
+                Class { law: Law::LogUniform, low_mm, high_mm, mass_fraction, volume_ratio: 1.0, part: 0 };
             if class.mass_fraction > 0.0 { class.above(d_min) } else { None }
         })
         .collect()
@@ -272,6 +301,8 @@ fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
     classes
 }
 
+#[cfg(test)]
+mod aggregate_tests;
 #[cfg(test)]
 mod angular_tests;
 #[cfg(test)]

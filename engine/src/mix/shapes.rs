@@ -1,4 +1,4 @@
-//! The shapes of the grains of a mix: which law holds for which size, and what the mean grain of a size is.
+//! The shapes of the grains of a mix: which law holds for which part and size, and what the mean grain of a size is.
 //!
 //! A size is drawn from the grading as for spheres and read as a sieve size or as an equivalent diameter; the shape is
 //! drawn independently of it. The parts of a mixture have shares of the volume, so that a part is drawn with a
@@ -10,7 +10,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::class::{Class, Law};
 use super::sphere_volume;
 use super::templates::Templates;
-use crate::request::{GrainKind, Mix, PlainShape};
+use crate::request::{GrainKind, Mix, MixPart, PlainShape};
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure};
 
@@ -22,8 +22,8 @@ const TRIALS: usize = 64;
 pub struct ShapeSampler {
     measure: SizeMeasure,
     kind: GrainKind,
-    /// From the coarsest down.
-    by_size: Vec<ShapesAbove>,
+    /// Of each part of the mix, from the coarsest down.
+    by_part: Vec<Vec<ShapesAbove>>,
 }
 
 /// The shapes above a size, up to the next.
@@ -85,22 +85,43 @@ impl ShapeSampler {
     /// The shapes of a mix; `None` where all grains are spheres. Laws with a target index meet it for the grains that
     /// the mix places in their range of sizes, `classes` or `list`.
     pub(super) fn new(mix: &Mix, classes: &[Class], list: Option<&[f64]>) -> Option<Self> {
-        let shapes = mix.grain_shapes()?;
-        let curve = Curve::new(classes, list);
+        if !mix.has_shapes() {
+            return None;
+        }
+        let mut first = 0;
+        let parts = mix.parts();
+        let by_part = parts.iter().enumerate().map(|(number, part)| {
+            let of_part: Vec<Class> =
+                classes.iter().filter(|class| usize::from(class.part) == number).copied().collect();
+            let curve = Curve::new(&of_part, list);
+            Self::of_part(part, mix.size, &curve, &mut first)
+        });
+        Some(Self { measure: mix.size, kind: mix.grain_kind(), by_part: by_part.collect() })
+    }
+
+    /// The shapes of a part; `number` counts the templates of all parts.
+    fn of_part(
+        part: &MixPart<'_>,
+        size: SizeMeasure,
+        curve: &Curve<'_>,
+        number: &mut u32,
+    ) -> Vec<ShapesAbove> {
+        let Some(shapes) = part.grain_shapes() else {
+            return vec![ShapesAbove::new(0.0, std::iter::once((1.0, Forms::Spheres)))];
+        };
         let mut by_size = Vec::with_capacity(shapes.len());
-        let mut number = 0;
         let mut up_to = f64::INFINITY;
         for (above_mm, shape) in shapes {
             let passing = |d: f64| curve.finer(d.clamp(above_mm, up_to));
             let parts = shape.parts().into_iter().map(|(share, shape)| {
-                let forms = match (shape, Templates::of_shape(shape, mix.size)) {
+                let forms = match (shape, Templates::of_shape(shape, size)) {
                     (_, Some(templates)) => {
-                        let first = number;
-                        number += templates.len() as u32;
+                        let first = *number;
+                        *number += templates.len() as u32;
                         Forms::Polyhedra { templates, first }
                     }
                     (PlainShape::Ellipsoid { ratios }, _) => {
-                        Forms::Ellipsoids(RatioSampler::of_valid(ratios, mix.size, &passing))
+                        Forms::Ellipsoids(RatioSampler::of_valid(ratios, size, &passing))
                     }
                     _ => Forms::Spheres,
                 };
@@ -109,7 +130,7 @@ impl ShapeSampler {
             by_size.push(ShapesAbove::new(above_mm, parts));
             up_to = above_mm;
         }
-        Some(Self { measure: mix.size, kind: mix.grain_kind(), by_size })
+        by_size
     }
 
     /// What the grains are.
@@ -119,50 +140,57 @@ impl ShapeSampler {
 
     /// The templates of all parts, polyhedra with an equivalent diameter of 1; none but for polyhedra.
     pub fn templates(&self) -> impl Iterator<Item = &Polyhedron> {
-        self.by_size.iter().flat_map(|shapes| &shapes.parts).flat_map(|part| match &part.forms {
+        self.by_part.iter().flatten().flat_map(|shapes| &shapes.parts).flat_map(|part| match &part.forms {
             Forms::Polyhedra { templates, .. } => templates.bodies(),
             Forms::Spheres | Forms::Ellipsoids(_) => &[],
         })
     }
 
-    fn of_size(&self, size_mm: f64) -> Option<&ShapesAbove> {
-        self.by_size.iter().find(|shapes| size_mm > shapes.above_mm).or(self.by_size.last())
+    fn of_size(&self, part: u16, size_mm: f64) -> Option<&ShapesAbove> {
+        let by_size = self.by_part.get(usize::from(part))?;
+        by_size.iter().find(|shapes| size_mm > shapes.above_mm).or(by_size.last())
     }
 
-    /// Draws the shape of a grain of this size; `None` for polyhedra.
-    pub fn draw(&self, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Option<Ellipsoid> {
-        let form = self.of_size(size_mm).map_or(Some(Form::SPHERE), |shapes| shapes.draw(rng))?;
+    /// Draws the shape of a grain of this part and size; `None` for polyhedra.
+    pub fn draw(&self, part: u16, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Option<Ellipsoid> {
+        let form = self.of_size(part, size_mm).map_or(Some(Form::SPHERE), |shapes| shapes.draw(rng))?;
         Some(self.measure.ellipsoid(size_mm, form))
     }
 
-    /// Draws an angular grain of this size; `None` for other shapes.
-    pub fn draw_angular(&self, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Option<AngularGrain> {
-        let shapes = self.of_size(size_mm)?;
+    /// Draws an angular grain of this part and size; `None` for other shapes.
+    pub fn draw_angular(
+        &self,
+        part: u16,
+        size_mm: f64,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Option<AngularGrain> {
+        let shapes = self.of_size(part, size_mm)?;
         let Forms::Polyhedra { templates, first } = shapes.draw_forms(rng)? else { return None };
         let of_part = ((uniform(rng) * templates.len() as f64) as usize).min(templates.len() - 1);
         let equivalent_mm = size_mm * templates.equivalent_over_size[of_part];
         Some(AngularGrain { template: first + of_part as u32, equivalent_mm })
     }
 
-    /// Mean volume of a grain of this size over that of a sphere of this diameter: `E[(d_eq / D_s)³]` for sieve sizes.
-    pub fn mean_volume_ratio(&self, size_mm: f64) -> f64 {
-        self.of_size(size_mm).map_or(1.0, |shapes| shapes.mean_volume_ratio)
+    /// Mean volume of a grain of this part and size over that of a sphere of this diameter: `E[(d_eq / D_s)³]` for sieve sizes.
+    pub fn mean_volume_ratio(&self, part: u16, size_mm: f64) -> f64 {
+        self.of_size(part, size_mm).map_or(1.0, |shapes| shapes.mean_volume_ratio)
     }
 
     /// The least value of the same ratio.
-    pub(super) fn least_volume_ratio(&self, size_mm: f64) -> f64 {
-        self.of_size(size_mm).map_or(1.0, |shapes| shapes.least_volume_ratio)
+    pub(super) fn least_volume_ratio(&self, part: u16, size_mm: f64) -> f64 {
+        self.of_size(part, size_mm).map_or(1.0, |shapes| shapes.least_volume_ratio)
     }
 
-    /// Whether one of many ellipsoids of this size satisfies a condition, or one of the polyhedra of this size another.
+    /// Whether one of many ellipsoids of this part and size satisfies a condition, or one of the polyhedra of this size another.
     pub(crate) fn any(
         &self,
+        part: u16,
         size_mm: f64,
         ellipsoid: impl Fn(&Ellipsoid) -> bool,
         polyhedron: impl Fn(&ScaledPolyhedron<'_>) -> bool,
     ) -> bool {
         if self.kind == GrainKind::Polyhedra {
-            let parts = self.of_size(size_mm).map_or(&[][..], |shapes| &shapes.parts);
+            let parts = self.of_size(part, size_mm).map_or(&[][..], |shapes| &shapes.parts);
             return parts.iter().any(|part| match &part.forms {
                 Forms::Polyhedra { templates, .. } => {
                     templates.bodies().iter().zip(&templates.equivalent_over_size).any(|(template, ratio)| {
@@ -173,7 +201,7 @@ impl ShapeSampler {
             });
         }
         let mut rng = crate::rng::stream(0, crate::rng::Stream::Shape);
-        (0..TRIALS).any(|_| self.draw(size_mm, &mut rng).is_some_and(|grain| ellipsoid(&grain)))
+        (0..TRIALS).any(|_| self.draw(part, size_mm, &mut rng).is_some_and(|grain| ellipsoid(&grain)))
     }
 
     /// What the sizes are.
@@ -185,7 +213,7 @@ impl ShapeSampler {
     pub(super) fn split(&self, class: Class) -> Vec<Class> {
         let mut parts = Vec::new();
         let mut rest = class;
-        for shapes in self.by_size.iter().rev().skip(1) {
+        for shapes in self.by_part.get(usize::from(class.part)).into_iter().flatten().rev().skip(1) {
             let edge = shapes.above_mm;
             if edge > rest.low_mm && edge < rest.high_mm {
                 let below = Class {
@@ -200,7 +228,7 @@ impl ShapeSampler {
         }
         parts.push(rest);
         for part in &mut parts {
-            part.volume_ratio = self.mean_volume_ratio(part.high_mm);
+            part.volume_ratio = self.mean_volume_ratio(part.part, part.high_mm);
         }
         parts
     }

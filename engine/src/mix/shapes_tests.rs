@@ -92,7 +92,7 @@ fn spheres_by_sieve_size_are_the_spheres_of_the_same_seed() {
     let spheres = request(60.0, a16(0.5, Value::Null));
     let mix = GradedMix::new(&spheres.mix, spheres.specimen.volume_mm3());
     assert_eq!(mix.shapes, None);
-    let diameters = sample(&mix, &mut stream(7, Stream::Sampling), &|| false).unwrap();
+    let diameters = sample(&mix, &mut stream(7, Stream::Sampling), &|| false).unwrap().d_mm;
     assert_eq!(grains.sizes_mm, diameters);
     for (grain, d) in grains.ellipsoids.iter().zip(&diameters) {
         assert_eq!(grain.equivalent_diameter_mm(), *d);
@@ -154,7 +154,7 @@ fn an_explicit_list_has_a_grain_of_every_size() {
     assert_eq!(mix.expected_grains(), 4.0);
     let ratio = mix.volume_fraction_effective * mix.specimen_volume_mm3
         / sizes.iter().map(|&d| sphere_volume(d)).sum::<f64>();
-    assert!((ratio / mix.shapes.unwrap().mean_volume_ratio(5.0) - 1.0).abs() < 1e-12);
+    assert!((ratio / mix.shapes.unwrap().mean_volume_ratio(0, 5.0) - 1.0).abs() < 1e-12);
 }
 
 #[test]

@@ -23,17 +23,18 @@ pub struct SieveClass {
     pub grains: f64,
 }
 
-/// The sieve classes of a mix, from fine to coarse, with what it asks of them.
+/// The sieve classes of a mix, from fine to coarse, with what it asks of them. Those of several aggregates are divided
+/// at the sieves of all.
 pub fn sieve_classes(mix: &GradedMix) -> Vec<SieveClass> {
-    let mut classes: Vec<SieveClass> = mix
-        .sieve_classes
-        .iter()
-        .map(|c| {
-            let volume_mm3 = mix.class_volume_mm3(c);
-            let grains = volume_mm3 * c.grains_per_volume();
-            SieveClass { low_mm: c.low_mm, high_mm: c.high_mm, volume_mm3, grains }
-        })
-        .collect();
+    let asked = |c: &Class| {
+        let volume_mm3 = mix.class_volume_mm3(c);
+        let grains = volume_mm3 * c.grains_per_volume();
+        SieveClass { low_mm: c.low_mm, high_mm: c.high_mm, volume_mm3, grains }
+    };
+    if mix.sieve_classes.iter().any(|class| class.part > 0) {
+        return divided(mix, asked);
+    }
+    let mut classes: Vec<SieveClass> = mix.sieve_classes.iter().map(asked).collect();
     if let Some(list) = &mix.list {
         for class in &mut classes {
             (class.volume_mm3, class.grains) = (0.0, 0.0);
@@ -45,6 +46,42 @@ pub fn sieve_classes(mix: &GradedMix) -> Vec<SieveClass> {
         }
     }
     classes
+}
+
+/// The classes between the sieves of all aggregates that hold some of the mass.
+fn divided(mix: &GradedMix, asked: impl Fn(&Class) -> SieveClass) -> Vec<SieveClass> {
+    let mut edges: Vec<f64> =
+        mix.sieve_classes.iter().flat_map(|class| [class.low_mm, class.high_mm]).collect();
+    edges.sort_unstable_by(f64::total_cmp);
+    edges.dedup();
+    let is_single = |class: &&Class| class.low_mm == class.high_mm;
+    let singles = mix.sieve_classes.iter().filter(is_single).map(|class| class.low_mm);
+    // Equal grains that are finer than all others have a class of their own.
+    let finest = singles.fold(f64::INFINITY, f64::min);
+    if edges.first().is_some_and(|&edge| edge == finest) {
+        edges.insert(0, finest);
+    }
+    let between = |pair: &[f64]| {
+        let (low_mm, high_mm) = (pair[0], pair[1]);
+        let mut sum = SieveClass { low_mm, high_mm, volume_mm3: 0.0, grains: 0.0 };
+        for class in &mix.sieve_classes {
+            let part = if class.low_mm == class.high_mm {
+                let is_inside = class.high_mm == high_mm && (class.high_mm > low_mm || low_mm == high_mm);
+                is_inside.then_some(*class)
+            } else if class.low_mm <= low_mm && high_mm <= class.high_mm && low_mm < high_mm {
+                let mass_fraction = class.mass_fraction * class.mass_share(low_mm, high_mm);
+                Some(Class { low_mm, high_mm, mass_fraction, ..*class })
+            } else {
+                None
+            };
+            if let Some(part) = part.as_ref().map(&asked) {
+                sum.volume_mm3 += part.volume_mm3;
+                sum.grains += part.grains;
+            }
+        }
+        sum
+    };
+    edges.windows(2).map(between).filter(|class| class.volume_mm3 > 0.0).collect()
 }
 
 /// Index of the class that a diameter falls into, given the upper sieves from fine to coarse.
@@ -66,6 +103,6 @@ pub(super) fn between(low: f64, high: f64, law: Law) -> Vec<Class> {
     edges.push(high);
     edges
         .windows(2)
-        .map(|e| Class { law, low_mm: e[0], high_mm: e[1], mass_fraction: 0.0, volume_ratio: 1.0 })
+        .map(|e| Class { law, low_mm: e[0], high_mm: e[1], mass_fraction: 0.0, volume_ratio: 1.0, part: 0 })
         .collect()
 }

@@ -101,7 +101,7 @@ fn drawn_numbers_scatter_around_the_expected_ones() {
         GradedMix::new(&mix(json!({"type": "standard", "name": "A16"}), 2.0, 0.7, "all_aggregate"), CUBE_150);
     let seeds = 8;
     let drawn: usize = (0..seeds)
-        .map(|seed| sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap().len())
+        .map(|seed| sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap().d_mm.len())
         .sum();
     // Given its volume, the count of a class scatters less than a Poisson number.
     let expected = graded.expected_grains() * seeds as f64;
@@ -117,7 +117,7 @@ fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
             volume,
         );
         for seed in 0..20 {
-            let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
+            let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap().d_mm;
             let asked = graded.volume_fraction_effective * volume;
             let miss = drawn.iter().map(|&d| sphere_volume(d)).sum::<f64>() - asked;
             assert!(miss > -1e-6 && miss < sphere_volume(2.0 * 2.0_f64.powf(1.0 / 12.0)), "{name}: {miss}");
@@ -128,7 +128,7 @@ fn the_take_of_a_sieve_curve_misses_by_less_than_one_of_the_smallest_grains() {
 #[test]
 fn drawn_diameters_follow_the_law_of_their_class() {
     for law in [Law::LogUniform, Law::Fuller { exponent: 0.5 }] {
-        let class = Class { law, low_mm: 2.0, high_mm: 4.0, mass_fraction: 1.0, volume_ratio: 1.0 };
+        let class = Class { law, low_mm: 2.0, high_mm: 4.0, mass_fraction: 1.0, volume_ratio: 1.0, part: 0 };
         let mut rng = stream(7, Stream::Sampling);
         let n = 200_000;
         let drawn: Vec<f64> = (0..n).map(|_| class.diameter(crate::rng::uniform(&mut rng))).collect();
@@ -171,7 +171,7 @@ proptest! {
         let grading = json!({"type": "fuller", "d_max_mm": d_max, "exponent": exponent});
         let volume = 60.0 * 60.0 * 60.0;
         let graded = GradedMix::new(&mix(grading, d_max / ratio, fraction, "placed_grains"), volume);
-        let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap();
+        let drawn = sample(&graded, &mut stream(seed, Stream::Sampling), &|| false).unwrap().d_mm;
         prop_assert!(drawn.windows(2).all(|pair| pair[0] >= pair[1]));
         prop_assert!(drawn.iter().all(|&d| d >= graded.d_min_mm && d <= d_max));
         let miss = drawn.iter().map(|&d| sphere_volume(d)).sum::<f64>() - fraction * volume;

@@ -14,6 +14,8 @@ pub struct Spheres {
     pub z_mm: Vec<f64>,
     /// Diameters in mm.
     pub d_mm: Vec<f64>,
+    /// The aggregate that each belongs to, counted from 0; empty where the mix names none.
+    pub aggregate: Vec<u16>,
 }
 
 impl Spheres {
@@ -30,7 +32,7 @@ impl Spheres {
     /// Columns with room for `n` spheres.
     pub fn with_capacity(n: usize) -> Self {
         let column = || Vec::with_capacity(n);
-        Self { x_mm: column(), y_mm: column(), z_mm: column(), d_mm: column() }
+        Self { x_mm: column(), y_mm: column(), z_mm: column(), d_mm: column(), aggregate: Vec::new() }
     }
 
     /// Appends one sphere.

@@ -214,7 +214,34 @@ pub struct Summary {
     pub d_min_mm: f64,
     /// Largest diameter placed; the same.
     pub d_max_mm: f64,
-    /// Size classes from fine to coarse; `sieve_class` in the VTK forms counts them from 0.
+    /// Size classes from fine to coarse; `sieve_class` in the VTK forms counts them from 0. Those of several aggregates
+    /// are divided at the sieves of all.
+    pub classes: Vec<ClassReport>,
+    /// The aggregates, in the order of the request; the column `aggregate` of the tables counts them from 0. Absent
+    /// where the mix names none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub aggregates: Vec<AggregateReport>,
+}
+
+/// One aggregate of the result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct AggregateReport {
+    /// Its name in the request; `null` where it has none.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub name: Option<String>,
+    /// Its share of the volume of all aggregate of the mix, that below the cut-off too.
+    pub share: f64,
+    /// Grains placed.
+    pub grains: u64,
+    /// Volume that its share and its grading request above the cut-off.
+    pub target_volume_mm3: f64,
+    /// Volume of the grains placed.
+    pub volume_mm3: f64,
+    /// Mass of the grains placed; `null` where the request gives no density.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub mass_kg: Option<f64>,
+    /// Its own size classes, from fine to coarse; none where all of it is finer than the cut-off.
     pub classes: Vec<ClassReport>,
 }
 

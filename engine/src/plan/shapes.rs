@@ -123,7 +123,13 @@ pub(super) fn check_largest(
     let specimen = &request.specimen;
     let sieve_mm = shapes.measure().is_sieve().then_some(size);
     let ellipsoid_fits = |grain: &Ellipsoid| fits(grain, specimen, rule);
-    if shapes.any(size, ellipsoid_fits, |grain| may_fit(grain, sieve_mm, specimen, rule)) {
+    let mut parts: Vec<u16> = mix.coarsest_classes().map(|class| class.part).collect();
+    if parts.is_empty() {
+        // An explicit list.
+        parts.push(0);
+    }
+    let polyhedron_fits = |grain: &ScaledPolyhedron<'_>| may_fit(grain, sieve_mm, specimen, rule);
+    if parts.into_iter().all(|part| shapes.any(part, size, ellipsoid_fits, polyhedron_fits)) {
         return Ok(());
     }
     let (pointer, length) = match request.specimen {

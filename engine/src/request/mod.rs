@@ -4,9 +4,12 @@
 //! no computation: types, signs, intervals, order of sieves. Whether the mix fits its specimen is judged by
 //! [`crate::plan`].
 
+pub mod aggregate;
 mod axis;
 pub mod decode;
 pub mod edmd;
+mod grading;
+mod mix;
 pub mod monte_carlo;
 pub mod proportions;
 mod read;
@@ -20,6 +23,7 @@ mod upgrade;
 use serde::Serialize;
 
 pub use crate::shape::SizeMeasure;
+pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
 pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
@@ -113,18 +117,24 @@ pub enum Boundary {
     Periodic,
 }
 
-/// The aggregate: its grading, its cut-off and its amount.
+/// The aggregate: its grading, its cut-off, its shapes and its amount. One grading, or several aggregates.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Mix {
-    /// Which diameters, in which proportion by mass.
-    pub grading: Grading,
+    /// Which diameters, in which proportion by mass. Either this or `aggregates` is required.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grading: Option<Grading>,
     /// Cut-off: finer grains are mortar and are not placed. Default: 2 for `standard` and
     /// `fuller`, else the smallest diameter that the grading describes.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
+    /// Several aggregates, each with its own grading and shapes, in place of `grading`, `shape` and `shapes`.
+    #[cfg_attr(feature = "openapi", schema(required = false, max_items = 16))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub aggregates: Vec<Aggregate>,
     /// Volume of the aggregate over that of the specimen. Either this or `proportions` is required, except for the
     /// grading `diameters`, which prescribes it.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-9, maximum = 1))]
@@ -162,26 +172,22 @@ pub struct Mix {
 }
 
 impl Mix {
-    /// The shapes of the grains with the size above which they hold, from the coarsest down; `None` where all grains
-    /// are spheres.
-    pub fn grain_shapes(&self) -> Option<Vec<(f64, &GrainShape)>> {
-        let shapes: Vec<(f64, &GrainShape)> = match &self.shape {
-            Some(shape) => vec![(0.0, shape)],
-            None => self.shapes.iter().map(|class| (class.above_mm, &class.shape)).collect(),
-        };
-        (!shapes.iter().all(|(_, shape)| shape.is_sphere())).then_some(shapes)
+    /// Whether any grain may be no sphere.
+    pub fn has_shapes(&self) -> bool {
+        self.grain_kind() != GrainKind::Spheres
     }
 
     /// What the grains are: polyhedra are never mixed with other shapes, spheres count as ellipsoids among them.
     pub fn grain_kind(&self) -> GrainKind {
-        let Some(shapes) = self.grain_shapes() else { return GrainKind::Spheres };
-        let of_polyhedra =
-            |shape: &GrainShape| shape.parts().iter().any(|(_, shape)| shape.kind() == GrainKind::Polyhedra);
-        if shapes.iter().any(|(_, shape)| of_polyhedra(shape)) {
-            GrainKind::Polyhedra
-        } else {
-            GrainKind::Ellipsoids
-        }
+        let parts = self.parts();
+        let shapes = parts.iter().filter_map(MixPart::grain_shapes).flatten();
+        shapes.flat_map(|(_, shape)| shape.parts()).fold(GrainKind::Spheres, |kind, (_, shape)| {
+            match (kind, shape.kind()) {
+                (GrainKind::Polyhedra, _) | (_, GrainKind::Polyhedra) => GrainKind::Polyhedra,
+                // Shapes are given where some grains are no spheres.
+                _ => GrainKind::Ellipsoids,
+            }
+        })
     }
 
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;

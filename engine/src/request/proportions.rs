@@ -20,7 +20,8 @@ pub const AIR: f64 = 0.03;
 /// Most additions of a mix.
 const MAX_ADDITIONS: usize = 100;
 const MASS: Bound = Bound::positive(10_000.0, "kg/m3");
-const DENSITY: Bound = Bound::closed(100.0, 30_000.0, "kg/m3");
+/// Density of a material.
+pub(super) const DENSITY: Bound = Bound::closed(100.0, 30_000.0, "kg/m3");
 const WATER_RATIO: Bound = Bound::closed(0.0, 10.0, "");
 const AGGREGATE_RATIO: Bound = Bound::positive(100.0, "");
 const SHARE: Bound = Bound::closed(0.0, 1.0, "");
@@ -145,10 +146,11 @@ impl MixProportions {
     }
 }
 
-/// Reads a content with its defaults.
+/// Reads a content with its defaults; `of_aggregates` is the mean density of the aggregates in kg/m³, where they have
+/// densities of their own.
 ///
 /// `None` means that faults were reported.
-pub(super) fn read_proportions(at: &At<'_>) -> Option<MixProportions> {
+pub(super) fn read_proportions(at: &At<'_>, of_aggregates: Option<f64>) -> Option<MixProportions> {
     let mut object = at.object()?;
     let cement = object.required("cement_kg_m3").and_then(|at| at.number(MASS));
     let water_cement = object.required("water_cement").and_then(|at| at.number(WATER_RATIO));
@@ -179,8 +181,16 @@ pub(super) fn read_proportions(at: &At<'_>) -> Option<MixProportions> {
             );
             None
         }
-        Some(at) => at.number(DENSITY).map(Some),
-        None => Some(ratio_at.is_some().then_some(AGGREGATE_DENSITY_KG_M3)),
+        Some(at) => at.number(DENSITY).and_then(|given| match of_aggregates {
+            Some(mean) if (given / mean - 1.0).abs() > ROUNDING => {
+                at.fault(format!(
+                    "the aggregates have a mean density of {mean} kg/m3 by their own: leave this field out"
+                ));
+                None
+            }
+            _ => Some(Some(given)),
+        }),
+        None => Some(ratio_at.is_some().then_some(of_aggregates.unwrap_or(AGGREGATE_DENSITY_KG_M3))),
     };
     object.finish();
     let proportions = MixProportions {

@@ -4,25 +4,16 @@ use serde_json::Value;
 
 use super::decode::{At, Bound, Faults, Object};
 use super::edmd;
+use super::grading::{LENGTH, length};
+use super::mix::read_mix;
 use super::monte_carlo;
-use super::proportions::{MixProportions, read_proportions};
 use super::segregation::read_segregation;
-use super::shape::read_shapes;
 use super::{
-    Boundary, DEFAULT_D_MIN_MM, Distance, FieldError, Grading, MAX_CURVE_POINTS, MAX_LENGTH_MM, MAX_SEED,
-    MIN_FULLER_EXPONENT, MIN_LENGTH_MM, MIN_SHARE, Method, Mix, PackingRequest, Segregation, SizeClass,
-    SizeMeasure, Specimen, StandardCurve, VolumeFractionOf,
+    Boundary, Distance, FieldError, MAX_LENGTH_MM, MAX_SEED, Method, PackingRequest, Segregation, Specimen,
 };
-use crate::request::standard;
 
-const LENGTH: Bound = Bound::closed(MIN_LENGTH_MM, MAX_LENGTH_MM, "mm");
 const GAP: Bound = Bound::closed(0.0, MAX_LENGTH_MM, "mm");
-const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
-const EXPONENT: Bound = Bound::closed(MIN_FULLER_EXPONENT, 1.0, "");
 const FACTOR: Bound = Bound::closed(0.0, 100.0, "");
-const PASSING: Bound = Bound::closed(0.0, 1.0, "");
-/// Mass fractions typed by hand (three thirds as 0.333) may miss 1 by this much.
-const SUM_TOLERANCE: f64 = 1.0e-9;
 
 impl PackingRequest {
     /// Reads a request that holds nothing but the fields of a packing.
@@ -105,7 +96,7 @@ impl PackingRequest {
             None => Some(Segregation::None {}),
         };
         if let Some(mix) = &mix {
-            let has_shapes = mix.grain_shapes().is_some();
+            let has_shapes = mix.has_shapes();
             let fault = match (&method_at, &method, &segregation_at, &segregation) {
                 (Some(at), Some(Method::Edmd { .. }), ..) if has_shapes => Some((
                     at,
@@ -157,10 +148,6 @@ impl Specimen {
     }
 }
 
-fn length(object: &mut Object<'_>, name: &'static str) -> Option<f64> {
-    object.required(name)?.number(LENGTH)
-}
-
 fn read_specimen(at: &At<'_>) -> Option<Specimen> {
     #[derive(Clone, Copy)]
     enum Kind {
@@ -188,280 +175,6 @@ fn read_specimen(at: &At<'_>) -> Option<Specimen> {
     };
     object.finish();
     specimen
-}
-
-fn read_mix(at: &At<'_>) -> Option<Mix> {
-    let mut object = at.object()?;
-    let grading_at = object.required("grading");
-    let grading = grading_at.as_ref().and_then(read_grading);
-    let d_min_at = object.optional("d_min_mm");
-    let d_min = d_min_at.as_ref().and_then(|at| at.number(LENGTH));
-    // By its name, for a list with a fault in it is a list too.
-    let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
-    let (volume_fraction, proportions) = read_amount(&mut object, is_list);
-    let volume_fraction_of = match object.optional("volume_fraction_of") {
-        Some(at) => {
-            let volume_fraction_of = at.choice(&[
-                ("all_aggregate", VolumeFractionOf::AllAggregate),
-                ("placed_grains", VolumeFractionOf::PlacedGrains),
-            ]);
-            if volume_fraction_of == Some(VolumeFractionOf::PlacedGrains) && proportions.is_some() {
-                at.fault("`proportions` count all aggregate, that below the cut-off too: must be \"all_aggregate\"");
-            }
-            volume_fraction_of
-        }
-        None => Some(VolumeFractionOf::AllAggregate),
-    };
-    let allow_coarse = match object.optional("allow_coarse") {
-        Some(at) => at.boolean(),
-        None => Some(false),
-    };
-    let shapes = read_shapes(&mut object);
-    let size = match object.optional("size") {
-        Some(at) => at.choice(&[("sieve", SizeMeasure::Sieve), ("equivalent", SizeMeasure::Equivalent)]),
-        None => Some(SizeMeasure::default()),
-    };
-    object.finish();
-    let (grading, grading_at) = (grading?, grading_at?);
-    // An unreadable cut-off is reported already; the default would only add a second fault.
-    if d_min_at.is_none() || d_min.is_some() {
-        check_d_min(&grading, d_min, d_min_at.as_ref().unwrap_or(&grading_at))?;
-    }
-    let d_min_mm = match (&grading, d_min) {
-        (Grading::Standard { .. } | Grading::Fuller { .. }, None) => Some(DEFAULT_D_MIN_MM),
-        (_, given) => given,
-    };
-    let shapes = shapes?;
-    Some(Mix {
-        grading,
-        d_min_mm,
-        volume_fraction,
-        proportions,
-        volume_fraction_of: volume_fraction_of?,
-        allow_coarse: allow_coarse?,
-        shape: shapes.of_all,
-        shapes: shapes.by_size,
-        size: size?,
-        orientation: shapes.orientation,
-    })
-}
-
-/// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.
-fn read_amount(object: &mut Object<'_>, is_list: bool) -> (Option<f64>, Option<MixProportions>) {
-    let content_at = object.optional("proportions");
-    if is_list {
-        for at in object.optional("volume_fraction").iter().chain(&content_at) {
-            at.fault("an explicit list of diameters prescribes the volume: leave this field out");
-        }
-        return (None, None);
-    }
-    let Some(content_at) = content_at else {
-        return (object.required("volume_fraction").and_then(|at| at.number(FRACTION)), None);
-    };
-    if object.optional("volume_fraction").is_some() {
-        content_at.fault("the mix has a volume_fraction too: leave one of the two out");
-        return (None, None);
-    }
-    (None, read_proportions(&content_at))
-}
-
-/// The cut-off must leave something to place, and must lie where the curve is known.
-fn check_d_min(grading: &Grading, given: Option<f64>, at: &At<'_>) -> Option<()> {
-    let (low, high) = described_range(grading);
-    let d_min = match (grading, given) {
-        (_, Some(d)) => d,
-        (Grading::Standard { .. } | Grading::Fuller { .. }, None) => DEFAULT_D_MIN_MM,
-        (_, None) => low,
-    };
-    let single = matches!(grading, Grading::Monodisperse { .. } | Grading::Diameters { .. });
-    if given.is_none() && d_min >= high && !single {
-        at.fault(format!(
-            "the default d_min_mm {DEFAULT_D_MIN_MM} is not below the largest diameter {high} mm: name a d_min_mm"
-        ));
-        return None;
-    }
-    if d_min > high || (d_min >= high && !single) {
-        at.fault(format!("{d_min} is out of range: must be less than the largest diameter {high} mm"));
-        return None;
-    }
-    if d_min < low && !matches!(grading, Grading::Fuller { .. }) && !single && passing_below(grading) > 0.0 {
-        at.fault(format!(
-            "{d_min} is out of range: must be at least {low} mm, below which the grading says nothing"
-        ));
-        return None;
-    }
-    Some(())
-}
-
-/// Smallest and largest diameter that a grading describes.
-fn described_range(grading: &Grading) -> (f64, f64) {
-    let span = |values: &mut dyn Iterator<Item = f64>| {
-        values.fold((f64::INFINITY, 0.0_f64), |(lo, hi), d| (lo.min(d), hi.max(d)))
-    };
-    match grading {
-        Grading::Standard { name } => span(&mut standard::points(*name).iter().map(|p| p[0])),
-        Grading::Fuller { d_max_mm, .. } => (0.0, *d_max_mm),
-        Grading::Sieves { points } => span(&mut points.iter().map(|p| p[0])),
-        Grading::Classes { classes } => span(&mut classes.iter().flat_map(|c| [c.d_min_mm, c.d_max_mm])),
-        Grading::Monodisperse { diameter_mm } => (*diameter_mm, *diameter_mm),
-        Grading::Diameters { diameters_mm } => span(&mut diameters_mm.iter().copied()),
-    }
-}
-
-/// Mass fraction finer than all that the grading describes.
-fn passing_below(grading: &Grading) -> f64 {
-    match grading {
-        Grading::Standard { name } => standard::points(*name)[0][1],
-        Grading::Sieves { points } => points[0][1],
-        Grading::Classes { classes } => {
-            let rest = 1.0 - classes.iter().map(|c| c.mass_fraction).sum::<f64>();
-            if rest > SUM_TOLERANCE { rest } else { 0.0 }
-        }
-        _ => 0.0,
-    }
-}
-
-fn read_grading(at: &At<'_>) -> Option<Grading> {
-    #[derive(Clone, Copy)]
-    enum Kind {
-        Standard,
-        Fuller,
-        Sieves,
-        Classes,
-        Monodisperse,
-        Diameters,
-    }
-    let mut object = at.object()?;
-    let kind = object.variant(&[
-        ("standard", Kind::Standard),
-        ("fuller", Kind::Fuller),
-        ("sieves", Kind::Sieves),
-        ("classes", Kind::Classes),
-        ("monodisperse", Kind::Monodisperse),
-        ("diameters", Kind::Diameters),
-    ])?;
-    let grading = match kind {
-        Kind::Standard => object
-            .required("name")
-            .and_then(|at| at.choice(&StandardCurve::NAMES))
-            .map(|name| Grading::Standard { name }),
-        Kind::Fuller => {
-            let d_max = length(&mut object, "d_max_mm");
-            let exponent = object.required("exponent").and_then(|at| at.number(EXPONENT));
-            d_max.zip(exponent).map(|(d_max_mm, exponent)| Grading::Fuller { d_max_mm, exponent })
-        }
-        Kind::Sieves => {
-            object.required("points").and_then(|at| read_sieves(&at)).map(|points| Grading::Sieves { points })
-        }
-        Kind::Classes => object
-            .required("classes")
-            .and_then(|at| read_classes(&at))
-            .map(|classes| Grading::Classes { classes }),
-        Kind::Monodisperse => {
-            length(&mut object, "diameter_mm").map(|diameter_mm| Grading::Monodisperse { diameter_mm })
-        }
-        Kind::Diameters => object
-            .required("diameters_mm")
-            .and_then(|at| read_diameters(&at))
-            .map(|diameters_mm| Grading::Diameters { diameters_mm }),
-    };
-    object.finish();
-    grading
-}
-
-fn read_sieves(at: &At<'_>) -> Option<Vec<[f64; 2]>> {
-    let items = at.array()?;
-    if items.len() < 2 {
-        at.fault(format!("has {} points: must have at least 2", items.len()));
-        return None;
-    }
-    if items.len() > MAX_CURVE_POINTS {
-        at.fault(format!("has {} points: must have at most {MAX_CURVE_POINTS}", items.len()));
-        return None;
-    }
-    let mut points: Vec<[f64; 2]> = Vec::with_capacity(items.len());
-    for item in items.iter() {
-        let [d, passing] = item.array_of()?;
-        let (d, passing) = (d.number(LENGTH)?, passing.number(PASSING)?);
-        if let Some(&[d_before, passing_before]) = points.last() {
-            if d <= d_before {
-                item.fault(format!("sieves must rise: {d} mm follows {d_before} mm"));
-                return None;
-            }
-            if passing < passing_before {
-                item.fault(format!("passing must not fall: {passing} follows {passing_before}"));
-                return None;
-            }
-        }
-        points.push([d, passing]);
-    }
-    let (first, last) = (points[0][1], points[points.len() - 1][1]);
-    if last < 1.0 {
-        items.at(items.len() - 1).fault(format!(
-            "passing {last} is out of range: all mass must pass the last sieve, so its passing must be 1"
-        ));
-        return None;
-    }
-    if first >= 1.0 {
-        items.at(0).fault("passing 1 is out of range: the first sieve must hold some mass back, so its passing must be less than 1");
-        return None;
-    }
-    Some(points)
-}
-
-fn read_classes(at: &At<'_>) -> Option<Vec<SizeClass>> {
-    let items = at.array()?;
-    if items.is_empty() {
-        at.fault("has 0 classes: must have at least 1");
-        return None;
-    }
-    if items.len() > MAX_CURVE_POINTS {
-        at.fault(format!("has {} classes: must have at most {MAX_CURVE_POINTS}", items.len()));
-        return None;
-    }
-    let mut classes = Vec::with_capacity(items.len());
-    for item in items.iter() {
-        let mut object = item.object()?;
-        let d_min = length(&mut object, "d_min_mm");
-        let d_max = length(&mut object, "d_max_mm");
-        let mass = object.required("mass_fraction").and_then(|at| at.number(FRACTION));
-        object.finish();
-        let class = SizeClass { d_min_mm: d_min?, d_max_mm: d_max?, mass_fraction: mass? };
-        if class.d_min_mm >= class.d_max_mm {
-            item.fault(format!("d_min_mm {} must be less than d_max_mm {}", class.d_min_mm, class.d_max_mm));
-            return None;
-        }
-        classes.push(class);
-    }
-    let total: f64 = classes.iter().map(|c| c.mass_fraction).sum();
-    if total > 1.0 + SUM_TOLERANCE {
-        at.fault(format!("the mass fractions sum to {total}: must be at most 1"));
-        return None;
-    }
-    let mut order: Vec<usize> = (0..classes.len()).collect();
-    order.sort_by(|&i, &j| classes[i].d_min_mm.total_cmp(&classes[j].d_min_mm));
-    for pair in order.windows(2) {
-        let (lower, upper) = (&classes[pair[0]], &classes[pair[1]]);
-        if upper.d_min_mm < lower.d_max_mm {
-            items.at(pair[1]).fault(format!(
-                "d_min_mm {} lies inside the class {}..{} mm: classes must not overlap",
-                upper.d_min_mm, lower.d_min_mm, lower.d_max_mm
-            ));
-            return None;
-        }
-    }
-    classes.sort_by(|a, b| a.d_min_mm.total_cmp(&b.d_min_mm));
-    Some(classes)
-}
-
-fn read_diameters(at: &At<'_>) -> Option<Vec<f64>> {
-    let items = at.array()?;
-    if items.is_empty() {
-        at.fault("has 0 diameters: must have at least 1");
-        return None;
-    }
-    // One bad unit in a long list would repeat itself a million times.
-    items.iter().map(|item| item.number(LENGTH)).collect()
 }
 
 fn read_distance(at: &At<'_>) -> Option<Distance> {
@@ -532,21 +245,6 @@ fn read_method(at: &At<'_>) -> Option<Method> {
     };
     object.finish();
     method
-}
-
-impl StandardCurve {
-    /// Every standard curve with its name in DIN 1045-2.
-    pub const NAMES: [(&'static str, Self); 9] = [
-        ("A8", Self::A8),
-        ("B8", Self::B8),
-        ("C8", Self::C8),
-        ("A16", Self::A16),
-        ("B16", Self::B16),
-        ("C16", Self::C16),
-        ("A32", Self::A32),
-        ("B32", Self::B32),
-        ("C32", Self::C32),
-    ];
 }
 
 #[cfg(test)]

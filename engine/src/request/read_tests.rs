@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use super::super::{EdmdOptions, EdmdStop};
+use super::super::{DEFAULT_D_MIN_MM, EdmdOptions, EdmdStop};
 use super::*;
 
 fn valid() -> Value {

@@ -5,7 +5,7 @@
 use serde::Serialize;
 
 use super::decode::{At, Bound, Items, Object};
-use super::{Axis, MAX_LENGTH_MM, MAX_SEED};
+use super::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix};
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::{
     AxisRatios, DEFAULT_TARGET_ELONGATION, MAX_MEASURED_GRAINS, MAX_TABLE_VALUES, MIN_RATIO,
@@ -255,49 +255,32 @@ impl GrainShape {
     }
 }
 
-/// The shapes of a mix as its fields say them.
-pub(super) struct ShapeFields {
+/// The shapes of a mix, or of one of its aggregates, as its fields say them.
+#[derive(Default)]
+pub(super) struct MixShapes {
     pub(super) of_all: Option<GrainShape>,
     pub(super) by_size: Vec<ShapeClass>,
-    pub(super) orientation: Orientation,
 }
 
-/// Reads `shape`, `shapes` and `orientation` of a mix.
+/// Reads `shape` and `shapes` of a mix or of an aggregate.
 ///
 /// `None` means that faults were reported.
-pub(super) fn read_shapes(mix: &mut Object<'_>) -> Option<ShapeFields> {
-    let shape_at = mix.optional("shape");
+pub(super) fn read_mix_shapes(object: &mut Object<'_>) -> Option<MixShapes> {
+    let shape_at = object.optional("shape");
     let shape = shape_at.as_ref().map(read_shape);
-    let shapes_at = mix.optional("shapes");
-    let shapes = match &shapes_at {
+    let by_size = match object.optional("shapes") {
         Some(at) if shape_at.is_some() => {
-            at.fault("the mix has a shape for all sizes too: leave one of the two out");
+            at.fault("there is a shape for all sizes too: leave one of the two out");
             None
         }
-        Some(at) => read_classes(at),
+        Some(at) => read_classes(&at),
         None => Some(Vec::new()),
     };
-    let orientation_at = mix.optional("orientation");
-    let orientation = match &orientation_at {
-        Some(at) => read_orientation(at),
-        None => Some(Orientation::default()),
-    };
-    let shape = match shape {
+    let of_all = match shape {
         None => None,
         Some(read) => Some(read?),
     };
-    let (shapes, orientation) = (shapes?, orientation?);
-    let all_shapes = || shape.iter().chain(shapes.iter().map(|class| &class.shape));
-    if let Some(at) = shape_at.as_ref().or(shapes_at.as_ref()) {
-        judge_polyhedra(at, all_shapes())?;
-    }
-    let are_spheres = shape.as_ref().is_none_or(GrainShape::is_sphere)
-        && shapes.iter().all(|class| class.shape.is_sphere());
-    if let (true, false, Some(at)) = (are_spheres, orientation.is_uniform(), &orientation_at) {
-        at.fault("spheres have no orientation: must be \"uniform\", or the mix must have a shape");
-        return None;
-    }
-    Some(ShapeFields { of_all: shape, by_size: shapes, orientation })
+    Some(MixShapes { of_all, by_size: by_size? })
 }
 
 fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
@@ -324,12 +307,16 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
     Some(classes)
 }
 
-/// Judges what the polyhedra among the shapes of a mix need of one another.
-fn judge_polyhedra<'a>(at: &At<'_>, shapes: impl Iterator<Item = &'a GrainShape>) -> Option<()> {
-    let plain: Vec<&PlainShape> = shapes.flat_map(GrainShape::parts).map(|(_, shape)| shape).collect();
+/// Judges what the shapes of a mix need of one another.
+pub(super) fn judge_shapes(at: &At<'_>, mix: &Mix) -> Option<()> {
+    let parts = mix.parts();
+    let shapes = parts.iter().flat_map(|part| part.grain_shapes().unwrap_or_default());
+    let plain: Vec<&PlainShape> =
+        shapes.flat_map(|(_, shape)| shape.parts()).map(|(_, plain)| plain).collect();
     let is_polyhedron = |shape: &&PlainShape| shape.kind() == GrainKind::Polyhedra;
     let polyhedra = plain.iter().copied().filter(is_polyhedron).count();
-    if polyhedra > 0 && polyhedra < plain.len() {
+    let has_spheres = parts.iter().any(|part| part.grain_shapes().is_none());
+    if polyhedra > 0 && (polyhedra < plain.len() || has_spheres) {
         at.fault(
             "polyhedra and spheres or ellipsoids cannot be mixed yet: every shape must be of the type \"polyhedron\", \
              or none",
@@ -611,7 +598,8 @@ fn read_law(at: &At<'_>) -> Option<RatioLaw> {
     law.map(RatioLaw::Distributed)
 }
 
-fn read_orientation(at: &At<'_>) -> Option<Orientation> {
+/// Reads how grains are oriented.
+pub(super) fn read_orientation(at: &At<'_>) -> Option<Orientation> {
     #[derive(Clone, Copy)]
     enum Kind {
         Uniform,
@@ -648,13 +636,13 @@ fn read_numbers(at: &At<'_>, what: &str, max: usize) -> Option<Vec<f64>> {
 }
 
 /// All of the values, or none after each was read: every fault is to be reported.
-fn all<T>(values: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
+pub(super) fn all<T>(values: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
     let values: Vec<Option<T>> = values.collect();
     values.into_iter().collect()
 }
 
 /// The items of an array of 1 to `max`.
-fn bounded<'a>(at: &At<'a>, what: &str, max: usize) -> Option<Items<'a>> {
+pub(super) fn bounded<'a>(at: &At<'a>, what: &str, max: usize) -> Option<Items<'a>> {
     let items = at.array()?;
     if items.is_empty() {
         at.fault(format!("has 0 {what}: must have at least 1"));

@@ -40,7 +40,7 @@ fn a_request_without_shapes_is_written_as_before() {
         serde_json::to_string(&read).unwrap(),
         r#"{"seed":7,"specimen":{"type":"box","size_mm":[80.0,80.0,80.0],"boundary":"walls"},"mix":{"grading":{"type":"standard","name":"A16"},"d_min_mm":2.0,"volume_fraction":0.4,"volume_fraction_of":"all_aggregate"},"distance":{"type":"none"},"method":{"type":"auto"}}"#
     );
-    assert!(read.mix.grain_shapes().is_none());
+    assert!(!read.mix.has_shapes());
     let defaults = json!({"size": "sieve", "orientation": {"type": "uniform"}, "shape": null});
     assert_eq!(PackingRequest::from_json(&request(&defaults), 7).unwrap(), read);
 }
@@ -96,12 +96,14 @@ fn shapes_by_size_size_and_orientation_are_written_as_they_are_read() {
     assert_eq!(mix["shapes"], json!([coarse, fine]));
     assert_eq!((&mix["size"], &mix["orientation"]), (&json!("equivalent"), &orientation));
     let read = PackingRequest::from_json(&request(&json!({"shapes": [coarse, fine]})), 1).unwrap().mix;
-    let shapes = read.grain_shapes().unwrap();
+    let parts = read.parts();
+    let shapes = parts[0].grain_shapes().unwrap();
     assert_eq!(shapes.iter().map(|(above, _)| *above).collect::<Vec<_>>(), [8.0, 0.0]);
     assert_eq!(read.size, SizeMeasure::Sieve);
     // Spheres by another name.
     let spheres = json!({"shape": {"type": "mixture", "of": [{"share": 1, "shape": {"type": "sphere"}}]}});
-    assert!(PackingRequest::from_json(&request(&spheres), 1).unwrap().mix.grain_shapes().is_none());
+    let read = PackingRequest::from_json(&request(&spheres), 1).unwrap();
+    assert_eq!(read.mix.grain_kind(), GrainKind::Spheres);
 }
 
 #[test]
@@ -125,7 +127,7 @@ fn every_fault_names_its_place_the_value_and_the_bound() {
         ),
         (
             json!({"shape": sphere, "shapes": []}),
-            "/mix/shapes: the mix has a shape for all sizes too: leave one of the two out",
+            "/mix/shapes: there is a shape for all sizes too: leave one of the two out",
         ),
         (json!({"shapes": []}), "/mix/shapes: has 0 classes: must have at least 1"),
         (

@@ -13,11 +13,11 @@ use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::memory;
 use crate::methods::rsa::End;
-use crate::mix::sampling::{AngularGrains, sample, sample_angular, sample_shaped};
+use crate::mix::sampling::{AngularGrains, Diameters, sample, sample_angular, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
-    ClassReport, Ellipsoids, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Polyhedra, Report,
-    RsaStatistics, Statistics, Summary, Timings,
+    AggregateReport, ClassReport, Ellipsoids, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Polyhedra,
+    Report, RsaStatistics, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, GrainKind, PackingRequest, Segregation};
@@ -69,11 +69,12 @@ pub fn pack_or_resume(
     let sampling_s = start.elapsed().as_secs_f64();
 
     let placed = match sampled {
-        Sampled::Spheres(diameters) => {
+        Sampled::Spheres(Diameters { d_mm, parts }) => {
             let job = spheres::Job {
                 request,
                 mix: &mix,
-                diameters: &diameters,
+                diameters: &d_mm,
+                aggregate: &parts,
                 growth_events_per_grain: plan.growth_events_per_grain,
             };
             spheres::place(&job, &plan, resume, control)?
@@ -112,8 +113,9 @@ pub fn pack_or_resume(
     warnings.extend(mix_warnings(request, &mix));
     if mix.list.is_none() {
         warnings.extend(deviation::class_warning(&check.classes));
+        warnings.extend(deviation::aggregate_warning(&check.aggregates));
     }
-    let summary = summary(&mix, &rule, &placed, check.classes);
+    let summary = summary(&mix, &rule, &placed, check.classes, check.aggregates);
     let segregation = match (&request.segregation, placed.grains.spheres()) {
         (Segregation::Gradient { field, .. }, Some(spheres)) => {
             memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(spheres.len()))?;
@@ -150,7 +152,7 @@ pub fn pack_or_resume(
 
 /// The grains of a mix before they have positions, from the largest down.
 enum Sampled {
-    Spheres(Vec<f64>),
+    Spheres(Diameters),
     Ellipsoids(Vec<Ellipsoid>),
     Polyhedra(AngularGrains),
 }
@@ -172,7 +174,7 @@ impl Sampled {
 
     fn volume_mm3(&self) -> f64 {
         match self {
-            Self::Spheres(diameters) => diameters.iter().map(|&d| sphere_volume(d)).sum(),
+            Self::Spheres(diameters) => diameters.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
             Self::Ellipsoids(shapes) => shapes.iter().map(Ellipsoid::volume_mm3).sum(),
             Self::Polyhedra(grains) => grains.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
         }
@@ -285,7 +287,13 @@ fn judged(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> R
     Ok(checked)
 }
 
-fn summary(mix: &GradedMix, rule: &DistanceRule, placed: &Placed, classes: Vec<ClassReport>) -> Summary {
+fn summary(
+    mix: &GradedMix,
+    rule: &DistanceRule,
+    placed: &Placed,
+    classes: Vec<ClassReport>,
+    aggregates: Vec<AggregateReport>,
+) -> Summary {
     let grains = GrainsRef::from(&placed.grains);
     let total = |size: &dyn Fn(f64) -> f64| {
         grains.diameters_mm().map(|d| sphere_volume(size(d))).sum::<f64>() / mix.specimen_volume_mm3
@@ -301,5 +309,6 @@ fn summary(mix: &GradedMix, rule: &DistanceRule, placed: &Placed, classes: Vec<C
         d_min_mm: grains.diameters_mm().last().unwrap_or(0.0),
         d_max_mm: grains.diameters_mm().next().unwrap_or(0.0),
         classes,
+        aggregates,
     }
 }

@@ -47,6 +47,8 @@ pub(super) struct Job<'a> {
     pub(super) request: &'a PackingRequest,
     pub(super) mix: &'a GradedMix,
     pub(super) diameters: &'a [f64],
+    /// The aggregate of each; empty where the mix names none.
+    pub(super) aggregate: &'a [u16],
     pub(super) growth_events_per_grain: f64,
 }
 
@@ -79,8 +81,13 @@ pub(super) fn place(
 impl Job<'_> {
     fn spheres(&self, centers: &[[f64; 3]]) -> Result<Grains, OutOfMemory> {
         let column = |a: usize| collected(centers.iter().map(|p| p[a]));
-        let d_mm = copied(self.diameters)?;
-        Ok(Grains::Spheres(Spheres { x_mm: column(0)?, y_mm: column(1)?, z_mm: column(2)?, d_mm }))
+        Ok(Grains::Spheres(Spheres {
+            x_mm: column(0)?,
+            y_mm: column(1)?,
+            z_mm: column(2)?,
+            d_mm: copied(self.diameters)?,
+            aggregate: copied(self.aggregate)?,
+        }))
     }
 
     fn volume_fraction(&self, diameters: &[f64]) -> f64 {

@@ -137,6 +137,7 @@ fn all(spheres: &dyn GrainSource) -> io::Result<Spheres> {
         y_mm: column(spheres, Column::Y)?,
         z_mm: column(spheres, Column::Z)?,
         d_mm: column(spheres, Column::Diameter)?,
+        ..Spheres::default()
     })
 }
 

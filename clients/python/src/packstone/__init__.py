@@ -15,6 +15,7 @@ from importlib.metadata import version
 from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncResult, AsyncStudy
 from .builders import (
     Addition,
+    Aggregate,
     Box,
     Cylinder,
     Distance,
@@ -48,6 +49,7 @@ __version__ = version("packstone-client")
 
 __all__ = [
     "Addition",
+    "Aggregate",
     "AsyncClient",
     "AsyncExport",
     "AsyncJob",

@@ -242,10 +242,48 @@ class Shape(_Fields):
         return cls(type="mixture", of=[{"share": share, "shape": shape} for share, shape in parts])
 
 
+class Aggregate(_Fields):
+    """One of several aggregates of a mix: a supply of grains with its own grading, shapes and density.
+
+    `share` is its share of the volume of all aggregate; the shares of a mix sum to 1. `d_min_mm` is a cut-off of its
+    own, that of the mix when absent. `shape` and `shapes` are as those of a :class:`Mix`.
+    """
+
+    def __init__(
+        self,
+        share: float,
+        grading: StandardCurve | Grading | Mapping[str, Any],
+        *,
+        name: str | None = None,
+        density_kg_m3: float | None = None,
+        d_min_mm: float | None = None,
+        shape: Shape | Mapping[str, Any] | None = None,
+        shapes: Sequence[tuple[float, Shape]] | None = None,
+    ) -> None:
+        super().__init__(
+            name=name,
+            share=share,
+            density_kg_m3=density_kg_m3,
+            grading=_grading(grading),
+            d_min_mm=d_min_mm,
+            shape=shape,
+            shapes=_shapes(shapes),
+        )
+
+
+def _grading(grading: StandardCurve | Grading | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    return Grading.standard(grading) if isinstance(grading, str) else grading
+
+
+def _shapes(shapes: Sequence[tuple[float, Shape]] | None) -> list[dict[str, Any]] | None:
+    return None if shapes is None else [{"above_mm": size, "shape": shape} for size, shape in shapes]
+
+
 class Mix(_Fields):
     """The aggregate: its grading, its smallest diameter and its amount.
 
-    `grading` is a :class:`Grading` or the name of a standard curve. The amount is a `volume_fraction` or
+    `grading` is a :class:`Grading` or the name of a standard curve; `aggregates` takes its place in a mix of several
+    aggregates, each with its own grading and shapes. The amount is a `volume_fraction` or
     follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
     default), including the part finer than `d_min_mm`, or ``placed_grains``.
 
@@ -256,9 +294,10 @@ class Mix(_Fields):
 
     def __init__(
         self,
-        grading: StandardCurve | Grading | Mapping[str, Any],
+        grading: StandardCurve | Grading | Mapping[str, Any] | None = None,
         volume_fraction: float | None = None,
         *,
+        aggregates: Sequence[Aggregate | Mapping[str, Any]] | None = None,
         d_min_mm: float | None = None,
         proportions: Proportions | Mapping[str, Any] | None = None,
         volume_fraction_of: Literal["all_aggregate", "placed_grains"] | None = None,
@@ -269,14 +308,15 @@ class Mix(_Fields):
         orientation: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(
-            grading=Grading.standard(grading) if isinstance(grading, str) else grading,
+            grading=_grading(grading),
             d_min_mm=d_min_mm,
+            aggregates=aggregates,
             volume_fraction=volume_fraction,
             proportions=proportions,
             volume_fraction_of=volume_fraction_of,
             allow_coarse=allow_coarse,
             shape=shape,
-            shapes=None if shapes is None else [{"above_mm": size, "shape": shape} for size, shape in shapes],
+            shapes=_shapes(shapes),
             size=size,
             orientation=orientation,
         )

@@ -365,6 +365,7 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
             y_mm: column(Column::Y)?,
             z_mm: column(Column::Z)?,
             d_mm: column(Column::Diameter)?,
+            aggregate: Vec::new(),
         }));
     }
     if source.columns() == Column::OF_POLYHEDRA {

@@ -1,0 +1,126 @@
+//! Reads the mix out of JSON.
+
+use super::aggregate::{Aggregate, mean_density_kg_m3, read_aggregates};
+use super::decode::{At, Bound, Object};
+use super::grading::{check_d_min, read_d_min, read_grading};
+use super::proportions::{MixProportions, read_proportions};
+use super::shape::{MixShapes, judge_shapes, read_mix_shapes, read_orientation};
+use super::{DEFAULT_D_MIN_MM, Grading, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFractionOf};
+
+const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
+
+/// Reads a mix: one grading, or several aggregates.
+///
+/// `None` means that faults were reported.
+pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
+    let mut object = at.object()?;
+    let d_min_at = object.optional("d_min_mm");
+    let d_min = read_d_min(d_min_at.as_ref());
+    let aggregates_at = object.optional("aggregates");
+    let (grading, grading_at, aggregates) = match &aggregates_at {
+        Some(at) => {
+            for field in ["grading", "shape", "shapes"] {
+                if let Some(at) = object.optional(field) {
+                    at.fault("the mix has aggregates, each with its own: leave this field out");
+                }
+            }
+            // An unreadable cut-off is reported already.
+            let aggregates = d_min.and_then(|d_min| read_aggregates(at, d_min));
+            (None, None, aggregates)
+        }
+        None => {
+            let at = object.required("grading");
+            (at.as_ref().and_then(read_grading), at, Some(Vec::new()))
+        }
+    };
+    // By its name, for a list with a fault in it is a list too.
+    let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
+    let (volume_fraction, proportions) = read_amount(&mut object, is_list, aggregates.as_deref());
+    let volume_fraction_of = match object.optional("volume_fraction_of") {
+        Some(at) => {
+            let volume_fraction_of = at.choice(&[
+                ("all_aggregate", VolumeFractionOf::AllAggregate),
+                ("placed_grains", VolumeFractionOf::PlacedGrains),
+            ]);
+            if volume_fraction_of == Some(VolumeFractionOf::PlacedGrains) && proportions.is_some() {
+                at.fault("`proportions` count all aggregate, that below the cut-off too: must be \"all_aggregate\"");
+            }
+            volume_fraction_of
+        }
+        None => Some(VolumeFractionOf::AllAggregate),
+    };
+    let allow_coarse = match object.optional("allow_coarse") {
+        Some(at) => at.boolean(),
+        None => Some(false),
+    };
+    let shapes = match &aggregates_at {
+        Some(_) => Some(MixShapes::default()),
+        None => read_mix_shapes(&mut object),
+    };
+    let orientation_at = object.optional("orientation");
+    let orientation = match &orientation_at {
+        Some(at) => read_orientation(at),
+        None => Some(Orientation::default()),
+    };
+    let size = match object.optional("size") {
+        Some(at) => at.choice(&[("sieve", SizeMeasure::Sieve), ("equivalent", SizeMeasure::Equivalent)]),
+        None => Some(SizeMeasure::default()),
+    };
+    let shape_at = object.optional("shape").or_else(|| object.optional("shapes")).or(aggregates_at);
+    object.finish();
+    let (d_min, shapes) = (d_min?, shapes?);
+    let d_min_mm = match grading_at {
+        None => d_min,
+        Some(grading_at) => {
+            let grading = grading.as_ref()?;
+            check_d_min(grading, d_min, d_min_at.as_ref().unwrap_or(&grading_at))?;
+            let has_default = matches!(grading, Grading::Standard { .. } | Grading::Fuller { .. });
+            d_min.or(has_default.then_some(DEFAULT_D_MIN_MM))
+        }
+    };
+    let mix = Mix {
+        grading,
+        d_min_mm,
+        aggregates: aggregates?,
+        volume_fraction,
+        proportions,
+        volume_fraction_of: volume_fraction_of?,
+        allow_coarse: allow_coarse?,
+        shape: shapes.of_all,
+        shapes: shapes.by_size,
+        size: size?,
+        orientation: orientation?,
+    };
+    if let Some(at) = &shape_at {
+        judge_shapes(at, &mix)?;
+    }
+    if let (false, false, Some(at)) = (mix.has_shapes(), mix.orientation.is_uniform(), &orientation_at) {
+        at.fault("spheres have no orientation: must be \"uniform\", or the mix must have a shape");
+        return None;
+    }
+    Some(mix)
+}
+
+/// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.
+fn read_amount(
+    object: &mut Object<'_>,
+    is_list: bool,
+    aggregates: Option<&[Aggregate]>,
+) -> (Option<f64>, Option<MixProportions>) {
+    let content_at = object.optional("proportions");
+    if is_list {
+        for at in object.optional("volume_fraction").iter().chain(&content_at) {
+            at.fault("an explicit list of diameters prescribes the volume: leave this field out");
+        }
+        return (None, None);
+    }
+    let Some(content_at) = content_at else {
+        return (object.required("volume_fraction").and_then(|at| at.number(FRACTION)), None);
+    };
+    if object.optional("volume_fraction").is_some() {
+        content_at.fault("the mix has a volume_fraction too: leave one of the two out");
+        return (None, None);
+    }
+    let density_kg_m3 = aggregates.and_then(mean_density_kg_m3);
+    (None, read_proportions(&content_at, density_kg_m3))
+}
