@@ -252,7 +252,7 @@ mod tests {
     use super::super::sieve::sieve_size;
     use super::*;
     use crate::mix::GradedMix;
-    use crate::mix::sampling::sample_angular;
+    use crate::mix::sampling::sample_shaped;
     use crate::rng::{Stream, stream};
 
     fn request(edge_mm: f64, mix: &Value) -> PackingRequest {
@@ -291,10 +291,11 @@ mod tests {
         let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
         for seed in 0..5 {
             let [mut sizes, mut forms] = [Stream::Sampling, Stream::Shape].map(|of| stream(seed, of));
-            let grains = sample_angular(&mix, &mut sizes, &mut forms, &|| false).unwrap();
+            let grains = sample_shaped(&mix, &mut sizes, &mut forms, &|| false).unwrap().grains;
             let sieves: Vec<f64> = grains.templates.iter().map(sieve_size).collect();
-            let found: Vec<(f64, f64)> = (grains.d_mm.iter().zip(&grains.template))
-                .map(|(&d, &template)| (sieves[template as usize] * d, volume_mm3(d)))
+            let found: Vec<(f64, f64)> = (grains.shapes.iter())
+                .map(|shape| (shape.d_mm(), shape.template().unwrap()))
+                .map(|(d, template)| (sieves[template as usize] * d, volume_mm3(d)))
                 .collect();
             let judge = |sizes: &[(f64, f64)]| check(Grains::Bodies { sizes, error: SIEVE_ERROR }, &request);
             let (classes, _) = judge(&found).unwrap();

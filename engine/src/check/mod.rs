@@ -52,10 +52,10 @@ use nalgebra::Vector3;
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::cpu::Cpu;
-use crate::memory::{OutOfMemory, collected};
-use crate::packing::{CheckReport, ClassReport, Spheres};
+use crate::memory::{OutOfMemory, collected, reserved};
+use crate::packing::{CheckReport, ClassReport, Solids, Spheres};
 use crate::request::PackingRequest;
-use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure};
+use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure, SolidRef};
 use bodies::{Convex, Packing};
 use grading::{Grains, SIEVE_ERROR, SIZE_ERROR};
 use required::Required;
@@ -150,6 +150,31 @@ pub struct SeparationCertificate {
     pub separation_mm: f64,
     /// Gap that the rule demands, in mm.
     pub required_mm: f64,
+}
+
+/// Checks a packing of grains that are no spheres against its request, by the sizes of its mix.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_solids(
+    solids: &Solids,
+    request: &PackingRequest,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let size = request.mix.size;
+    let mut polyhedra = reserved(solids.len())?;
+    let mut ellipsoids = reserved(solids.len())?;
+    for (grain, shape) in solids.shapes.iter().enumerate() {
+        match shape.of(&solids.templates).ok_or(Fault::NotABody { grain })? {
+            SolidRef::Ellipsoid(ellipsoid) => ellipsoids.push(ellipsoid),
+            SolidRef::Polyhedron(polyhedron) => polyhedra.push(polyhedron),
+        }
+    }
+    if polyhedra.is_empty() {
+        check_ellipsoids(&ellipsoids, &solids.poses, request, size, control)
+    } else {
+        check_polyhedra(&polyhedra, &solids.poses, request, size, control)
+    }
 }
 
 /// Checks a packing of ellipsoids against its request. Shape and pose of a grain have the same index.

@@ -9,8 +9,9 @@ use std::io;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::memory::{filled, reserved};
-use crate::packing::{Ellipsoids, Grains, GrainsRef, Polyhedra, Spheres};
-use crate::shape::{Ellipsoid, Polyhedron, Pose};
+use crate::packing::{Grains, GrainsRef, Solids, Spheres};
+use crate::request::GrainKind;
+use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
 
 /// A column of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,47 +167,16 @@ impl GrainSource for Spheres {
     }
 }
 
-impl GrainSource for Ellipsoids {
+impl GrainSource for Solids {
     fn len(&self) -> usize {
         Self::len(self)
     }
 
     fn columns(&self) -> &'static [Column] {
-        Column::OF_ELLIPSOIDS
-    }
-
-    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        let rows = start..start + block.len();
-        for ((value, shape), pose) in block.iter_mut().zip(&self.shapes[rows.clone()]).zip(&self.poses[rows])
-        {
-            let q = pose.orientation.quaternion();
-            *value = match column {
-                Column::X => pose.center_mm.x,
-                Column::Y => pose.center_mm.y,
-                Column::Z => pose.center_mm.z,
-                Column::Diameter => shape.equivalent_diameter_mm(),
-                Column::Sieve => shape.sieve_size_mm(),
-                Column::Qw => q.w,
-                Column::Qx => q.i,
-                Column::Qy => q.j,
-                Column::Qz => q.k,
-                Column::A => shape.semi_axes_mm().x,
-                Column::B => shape.semi_axes_mm().y,
-                Column::C => shape.semi_axes_mm().z,
-                Column::Template => return Err(no_column(column)),
-            };
+        match self.kind() {
+            GrainKind::Polyhedra => Column::OF_POLYHEDRA,
+            GrainKind::Spheres | GrainKind::Ellipsoids => Column::OF_ELLIPSOIDS,
         }
-        Ok(())
-    }
-}
-
-impl GrainSource for Polyhedra {
-    fn len(&self) -> usize {
-        Self::len(self)
-    }
-
-    fn columns(&self) -> &'static [Column] {
-        Column::OF_POLYHEDRA
     }
 
     fn templates(&self) -> &[Polyhedron] {
@@ -214,21 +184,25 @@ impl GrainSource for Polyhedra {
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let absent = || no_column(column);
         for (value, row) in block.iter_mut().zip(start..) {
-            let pose = &self.poses[row];
+            let (shape, pose) = (&self.shapes[row], &self.poses[row]);
             let q = pose.orientation.quaternion();
+            let semi_axis = |k: usize| shape.ellipsoid().map(|of| of.semi_axes_mm()[k]).ok_or_else(absent);
             *value = match column {
                 Column::X => pose.center_mm.x,
                 Column::Y => pose.center_mm.y,
                 Column::Z => pose.center_mm.z,
-                Column::Diameter => self.d_mm[row],
-                Column::Sieve => self.d_mm[row] * self.templates[self.template[row] as usize].sieve_size(),
+                Column::Diameter => shape.d_mm(),
+                Column::Sieve => self.shape(row).sieve_size_mm(),
                 Column::Qw => q.w,
                 Column::Qx => q.i,
                 Column::Qy => q.j,
                 Column::Qz => q.k,
-                Column::Template => f64::from(self.template[row]),
-                Column::A | Column::B | Column::C => return Err(no_column(column)),
+                Column::A => semi_axis(0)?,
+                Column::B => semi_axis(1)?,
+                Column::C => semi_axis(2)?,
+                Column::Template => shape.template().map(f64::from).ok_or_else(absent)?,
             };
         }
         Ok(())
@@ -245,10 +219,7 @@ impl GrainSource for Grains {
     }
 
     fn templates(&self) -> &[Polyhedron] {
-        match self {
-            Self::Polyhedra(polyhedra) => &polyhedra.templates,
-            Self::Spheres(_) | Self::Ellipsoids(_) => &[],
-        }
+        GrainsRef::from(self).templates()
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
@@ -264,23 +235,18 @@ impl GrainSource for GrainsRef<'_> {
     fn columns(&self) -> &'static [Column] {
         match self {
             Self::Spheres(spheres) => spheres.columns(),
-            Self::Ellipsoids(ellipsoids) => ellipsoids.columns(),
-            Self::Polyhedra(polyhedra) => polyhedra.columns(),
+            Self::Solids(solids) => solids.columns(),
         }
     }
 
     fn templates(&self) -> &[Polyhedron] {
-        match self {
-            Self::Polyhedra(polyhedra) => &polyhedra.templates,
-            Self::Spheres(_) | Self::Ellipsoids(_) => &[],
-        }
+        Self::templates(*self)
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
         match self {
             Self::Spheres(spheres) => spheres.read(column, start, block),
-            Self::Ellipsoids(ellipsoids) => ellipsoids.read(column, start, block),
-            Self::Polyhedra(polyhedra) => polyhedra.read(column, start, block),
+            Self::Solids(solids) => solids.read(column, start, block),
         }
     }
 }
@@ -336,14 +302,12 @@ impl GrainSource for Table {
     }
 }
 
-/// Memory that the grains of a result take, in bytes: 32 a sphere, 80 an ellipsoid, 68 a polyhedron.
+/// Memory that the grains of a result take, in bytes: 32 a sphere, 88 another grain.
 pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
     let bytes = if source.columns() == Column::OF_SPHERES {
         4 * size_of::<f64>()
-    } else if source.columns() == Column::OF_POLYHEDRA {
-        size_of::<u32>() + size_of::<f64>() + size_of::<Pose>()
     } else {
-        size_of::<Ellipsoid>() + size_of::<Pose>()
+        size_of::<Solid>() + size_of::<Pose>()
     };
     (source.len() as u64).saturating_mul(bytes as u64)
 }
@@ -367,10 +331,14 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
             d_mm: column(Column::Diameter)?,
         }));
     }
-    if source.columns() == Column::OF_POLYHEDRA {
-        return load_polyhedra(source).map(Grains::Polyhedra);
-    }
-    let mut grains = Ellipsoids { shapes: reserved(source.len())?, poses: reserved(source.len())? };
+    let is_polyhedra = source.columns() == Column::OF_POLYHEDRA;
+    if is_polyhedra { load_polyhedra(source) } else { load_ellipsoids(source) }.map(Grains::Solids)
+}
+
+/// Reads ellipsoids.
+fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
+    let rows = source.len();
+    let mut grains = Solids { templates: Vec::new(), shapes: reserved(rows)?, poses: reserved(rows)? };
     let mut fault = None;
     for_each_block(source, ELLIPSOID_ROW, |columns| {
         for row in 0..columns[0].len() {
@@ -380,34 +348,27 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
                 continue;
             };
             let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-            grains.shapes.push(shape);
+            grains.shapes.push(shape.into());
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())
     })?;
     match fault {
-        None => Ok(Grains::Ellipsoids(grains)),
-        Some(grain) => Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            format!("the semi-axes of grain {grain} are not positive numbers"),
-        )),
+        None => Ok(grains),
+        Some(grain) => Err(invalid(format!("the semi-axes of grain {grain} are not positive numbers"))),
     }
 }
 
 /// Reads polyhedra; the numbers of the source stay as they are.
-fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Polyhedra> {
+fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     let rows = source.len();
-    let mut grains = Polyhedra {
-        templates: source.templates().to_vec(),
-        template: reserved(rows)?,
-        d_mm: reserved(rows)?,
-        poses: reserved(rows)?,
-    };
+    let templates = source.templates().to_vec();
+    let mut grains = Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)? };
     let templates = grains.templates.len();
     for_each_block(source, POLYHEDRON_ROW, |columns| {
         for row in 0..columns[0].len() {
             let [x, y, z, d, w, i, j, k, template] = columns.map(|column| column[row]);
-            let grain = grains.d_mm.len();
+            let grain = grains.len();
             let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
             if !(template >= 0.0 && template.fract() == 0.0 && template < templates as f64) {
                 return fault(format!(
@@ -426,8 +387,7 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Polyhedra> {
                 ));
             }
             let orientation = UnitQuaternion::new_unchecked(quaternion);
-            grains.template.push(template as u32);
-            grains.d_mm.push(d);
+            grains.shapes.push(Solid::Polyhedron { template: template as u32, d_mm: d });
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())
