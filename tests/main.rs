@@ -14,6 +14,7 @@
 mod harness;
 
 mod actions;
+mod aggregates;
 mod auth;
 mod bad_fields;
 mod bad_requests;

@@ -48,7 +48,7 @@ pub use checkpoint::{Checkpoint, CheckpointError, Resume};
 pub use control::{Control, Growth, Phase, Progress, Unattended};
 pub use error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 pub use memory::OutOfMemory;
-pub use packing::{Ellipsoids, Grains, Packing, Polyhedra, Report, Spheres};
+pub use packing::{Grains, Packing, Report, Solids, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
 pub use run::{pack, pack_or_resume};

@@ -4,17 +4,17 @@
 //! change that alters one bit of a packing alters what a published seed means, and fails here. The sums hold where
 //! they were recorded, as those of spheres do.
 
-use packstone_engine::{Grains, Limits, PackingRequest, Unattended, pack};
+use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
 
 fn fingerprint(request: &Value) -> String {
     let request = PackingRequest::from_json(request, 0).unwrap();
     let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
-    let Grains::Ellipsoids(grains) = &packing.grains else { panic!("the grains are no ellipsoids") };
+    let grains = packing.grains.solids().expect("the grains are no ellipsoids");
     let mut sum = crc32fast::Hasher::new();
     for (shape, pose) in grains.iter() {
         let coordinates = pose.center_mm.iter().chain(pose.orientation.coords.iter());
-        for value in coordinates.chain(shape.semi_axes_mm().iter()) {
+        for value in coordinates.chain(shape.ellipsoid().unwrap().semi_axes_mm().iter()) {
             sum.update(&value.to_le_bytes());
         }
     }

@@ -5,9 +5,10 @@ use std::sync::Mutex;
 use nalgebra::{Matrix3, Vector3};
 use packstone_engine::packing::GrowthEnd;
 use packstone_engine::request::{Distance, Method, MonteCarloStop};
+use packstone_engine::shape::{Ellipsoid, Pose};
 use packstone_engine::{
-    Checkpoint, Control, Ellipsoids, Grains, Limits, PackError, Packing, PackingRequest, Progress, Resume,
-    TargetNotReached, Unattended, pack, pack_or_resume,
+    Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, TargetNotReached,
+    Unattended, pack, pack_or_resume,
 };
 use serde_json::{Value, json};
 
@@ -28,11 +29,9 @@ pub(crate) fn packed(request: &PackingRequest) -> Packing {
     pack(request, &Limits::default(), &Unattended).unwrap()
 }
 
-fn ellipsoids(packing: &Packing) -> &Ellipsoids {
-    match &packing.grains {
-        Grains::Ellipsoids(ellipsoids) => ellipsoids,
-        Grains::Spheres(_) | Grains::Polyhedra(_) => panic!("the grains are no ellipsoids"),
-    }
+fn ellipsoids(packing: &Packing) -> Vec<(Ellipsoid, &Pose)> {
+    let grains = packing.grains.solids().expect("the grains are no ellipsoids");
+    grains.iter().map(|(shape, pose)| (shape.ellipsoid().unwrap(), pose)).collect()
 }
 
 pub(crate) fn cube(edge: f64, boundary: &str) -> Value {
@@ -86,11 +85,11 @@ fn packings_hold_in_all_specimens_and_under_all_rules() {
             let mut least = f64::INFINITY;
             for i in 0..grains.len() {
                 for j in 0..i {
-                    let mut r = grains.poses[j].center_mm - grains.poses[i].center_mm;
+                    let mut r = grains[j].1.center_mm - grains[i].1.center_mm;
                     if period.is_finite() {
                         r.iter_mut().for_each(|x| *x -= period * (*x / period).round());
                     }
-                    let [d_i, d_j] = [i, j].map(|k| grains.shapes[k].equivalent_diameter_mm());
+                    let [d_i, d_j] = [i, j].map(|k| grains[k].0.equivalent_diameter_mm());
                     let found = gap(r, &matrices[i], &matrices[j]);
                     assert!(found >= distance.gap_mm(d_i, d_j) - 1e-6, "{specimen} {rule} {i} {j} {found}");
                     least = least.min(found);
@@ -102,7 +101,7 @@ fn packings_hold_in_all_specimens_and_under_all_rules() {
                 (reported - least).abs() < 1e-4 || period.is_finite() && reported < least,
                 "{reported} {least}"
             );
-            let found: f64 = grains.shapes.iter().map(packstone_engine::shape::Ellipsoid::volume_mm3).sum();
+            let found: f64 = grains.iter().map(|(shape, _)| shape.volume_mm3()).sum();
             let fraction = found / request.specimen.volume_mm3();
             assert!((fraction / 0.3 - 1.0).abs() < 0.05, "{fraction}");
             assert!((packing.report.summary.volume_fraction_effective - fraction).abs() < 1e-12);
@@ -130,7 +129,7 @@ fn grains_of_a_mixture_have_their_shares_and_classes_their_shapes() {
     let report = packing.report.shapes.unwrap();
     assert!((report.zingg.equant - 0.5).abs() < 0.1, "{report:?}");
     assert!((report.zingg.equant + report.zingg.disc - 1.0).abs() < 1e-12, "{report:?}");
-    for grain in &ellipsoids(&packing).shapes {
+    for (grain, _) in ellipsoids(&packing) {
         let (is_sphere, flatness) = (grain.elongation() > 0.99, grain.flatness());
         assert!(if is_sphere { flatness > 0.99 } else { (flatness - 0.5).abs() < 1e-12 }, "{grain:?}");
     }

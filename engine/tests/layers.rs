@@ -48,7 +48,7 @@ fn module_of(name: &str) -> &str {
         "Checkpoint" | "CheckpointError" | "Resume" => "checkpoint",
         "Control" | "Growth" | "Phase" | "Progress" | "Unattended" => "control",
         "PackError" | "PlanError" => "error",
-        "Ellipsoids" | "Grains" | "Packing" | "Polyhedra" | "Report" | "Spheres" => "packing",
+        "Grains" | "Packing" | "Report" | "Solids" | "Spheres" => "packing",
         "Plan" | "Limits" => "plan",
         "PackingRequest" | "FieldError" => "request",
         other => other,

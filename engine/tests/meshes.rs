@@ -13,8 +13,8 @@ use packstone_engine::methods::rsa_shapes::ShapeRsa;
 use packstone_engine::mix::uniform_orientation;
 use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::{Boundary, Distance, Specimen};
-use packstone_engine::shape::Ellipsoid;
-use packstone_engine::{Ellipsoids, Limits, PackingRequest, Unattended, distance::DistanceRule, pack};
+use packstone_engine::shape::{Ellipsoid, Solid};
+use packstone_engine::{Limits, PackingRequest, Solids, Unattended, distance::DistanceRule, pack};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
@@ -78,7 +78,7 @@ fn write_model(folder: &Path, model: &Model<'_>, options: &SurfaceOptions) {
 }
 
 /// Ellipsoids, as many as random sequential addition inserts with that gap.
-fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
+fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Solids {
     let shapes: Vec<Ellipsoid> = (0..45)
         .map(|i| {
             let d = 6.0 * 0.5_f64.powf(f64::from(i) / 44.0);
@@ -93,11 +93,11 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
         orientation: &uniform_orientation,
     };
     let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).poses;
-    Ellipsoids { shapes: shapes[..poses.len()].to_vec(), poses }
+    Solids::of_ellipsoids(shapes[..poses.len()].to_vec(), poses)
 }
 
 /// Writes the grains as polygons, with what the reader is to find.
-fn write_surfaces(folder: &Path, grains: &packstone_engine::Polyhedra) {
+fn write_surfaces(folder: &Path, grains: &Solids) {
     let job = json!({"specimen": {"type": "box", "size_mm": [50, 50, 50]},
                      "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.4}});
     let packing =
@@ -108,13 +108,13 @@ fn write_surfaces(folder: &Path, grains: &packstone_engine::Polyhedra) {
         tables::write(format, &head, grains, &mut file).unwrap();
     }
     let rows = 0..grains.len();
-    let faces = |row: usize| grains.shape(row).template.faces().len();
+    let faces = |row: usize| grains.shape(row).polyhedron().unwrap().template.faces().len();
     let expected = json!({
         "volume_mm3": rows.clone().map(|row| grains.shape(row).volume_mm3()).sum::<f64>(),
         "sharp": grains.templates[0].rounding() == 0.0,
         "faces": rows.clone().map(faces).sum::<usize>(),
-        "diameters_mm": grains.d_mm,
-        "templates": grains.template,
+        "diameters_mm": grains.shapes.iter().map(Solid::d_mm).collect::<Vec<_>>(),
+        "templates": grains.shapes.iter().map(Solid::template).collect::<Vec<_>>(),
     });
     write!(File::create(folder.join("grains.json")).unwrap(), "{expected}").unwrap();
 }

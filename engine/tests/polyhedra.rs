@@ -1,10 +1,10 @@
 //! Requests whose grains are polyhedra: packed, checked, and judged by axes of the test's own.
 
 use nalgebra::Vector3;
+use packstone_engine::Packing;
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::{Method, MonteCarloStop};
-use packstone_engine::{Grains, Packing};
 use serde_json::{Value, json};
 
 use crate::ellipsoids::{cube, packed, request};
@@ -17,9 +17,9 @@ struct Features {
 }
 
 fn features(packing: &Packing) -> Vec<Features> {
-    let Grains::Polyhedra(grains) = &packing.grains else { panic!("the grains are no polyhedra") };
+    let grains = packing.grains.solids().expect("the grains are no polyhedra");
     let of = |grain: usize| {
-        let (shape, pose) = (grains.shape(grain), &grains.poses[grain]);
+        let (shape, pose) = (grains.shape(grain).polyhedron().unwrap(), &grains.poses[grain]);
         let corners: Vec<_> = shape.template.world_vertices_mm(shape.scale_mm, pose).collect();
         let at = |v: u32| corners[v as usize];
         let normal =
@@ -122,8 +122,6 @@ fn a_seed_gives_one_packing_and_templates_do_not_depend_on_it() {
     assert_eq!(first.grains, again.grains);
     let other = packed(&packstone_engine::PackingRequest { seed: 8, ..request });
     assert_ne!(first.grains, other.grains);
-    let (Grains::Polyhedra(first), Grains::Polyhedra(other)) = (&first.grains, &other.grains) else {
-        panic!("the grains are no polyhedra")
-    };
-    assert_eq!(first.templates, other.templates);
+    let templates = |packing: &Packing| packing.grains.solids().unwrap().templates.clone();
+    assert_eq!(templates(&first), templates(&other));
 }

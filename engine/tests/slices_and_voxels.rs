@@ -8,7 +8,7 @@ use std::process::Command;
 use packstone_engine::export::Model;
 use packstone_engine::request::decode::{At, Faults, Object};
 use packstone_engine::{
-    Ellipsoids, Limits, PackingRequest, Unattended,
+    Limits, PackingRequest, Solids, Unattended,
     distance::DistanceRule,
     export::{slice, voxels},
     methods::rsa_shapes::ShapeRsa,
@@ -99,7 +99,7 @@ fn write_slices(directory: &Path, model: &Model<'_>, at: f64) {
     }
 }
 
-fn ellipsoids(specimen: &Specimen) -> Ellipsoids {
+fn ellipsoids(specimen: &Specimen) -> Solids {
     let shapes: Vec<Ellipsoid> = (0..45)
         .map(|i| {
             let d = 6.0 * 0.5_f64.powf(f64::from(i) / 44.0);
@@ -114,7 +114,7 @@ fn ellipsoids(specimen: &Specimen) -> Ellipsoids {
         orientation: &uniform_orientation,
     };
     let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).poses;
-    Ellipsoids { shapes: shapes[..poses.len()].to_vec(), poses }
+    Solids::of_ellipsoids(shapes[..poses.len()].to_vec(), poses)
 }
 
 #[test]

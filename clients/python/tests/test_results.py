@@ -30,6 +30,18 @@ def test_arrays_tables_and_files_agree(result: packstone.Result, tmp_path: Path)
     assert np.array_equal(table.to_numpy(), spheres)
 
 
+def test_the_aggregate_of_each_grain_is_a_column(client: packstone.Client) -> None:
+    gravel = packstone.Aggregate(0.6, packstone.Grading.sieves([(4, 0), (12, 1)]), name="gravel")
+    beads = packstone.Aggregate(0.4, packstone.Grading.monodisperse(5))
+    mix = packstone.Mix(volume_fraction=0.3, aggregates=[gravel, beads])
+    result = client.submit(mixes.quick() | {"mix": mix}).result()
+    table = result.to_dataframe()
+    assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "d_mm", "aggregate"]
+    counted = [aggregate["grains"] for aggregate in result.summary["aggregates"]]
+    assert counted == table.groupby("aggregate").size().to_list()
+    assert (table["d_mm"][table["aggregate"] == 1] == 5).all()
+
+
 @pytest.mark.parametrize(
     ("name", "format", "head"),
     [

@@ -16,7 +16,7 @@ pub use depth_profile::{DepthProfile, Surface, depth_profiles};
 pub use grading::{GradingCurve, GradingPoint, SizedGrain, grading};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
 pub use separation::separation;
-pub use shapes::{polyhedron_report, shape_report};
+pub use shapes::shape_report;
 
 #[cfg(test)]
 mod tests;

@@ -4,130 +4,151 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::packing::{Ellipsoids, Polyhedra, ShapeReport, ZinggShares};
+use crate::packing::{ShapeReport, Solids, ZinggShares};
 use crate::shape::{
-    BodyAxis, CaliperSizes, Ellipsoid, Form, Polyhedron, Zingg, flakiness_index, flakiness_index_of,
-    orientation_tensor, shape_index, shape_index_of,
+    CaliperSizes, Ellipsoid, Form, Polyhedron, Pose, Solid, Zingg, flakiness_index, shape_index,
 };
 
-/// The figures of grains that are not spheres; `None` without grains.
-///
-/// Means and shares are weighted by volume, which is mass for grains of one density.
-#[must_use]
-pub fn shape_report(grains: &Ellipsoids) -> Option<ShapeReport> {
-    let volume_mm3: f64 = grains.shapes.iter().map(Ellipsoid::volume_mm3).sum();
-    let mean = |figure: &dyn Fn(&Ellipsoid) -> f64| {
-        grains.shapes.iter().map(|shape| shape.volume_mm3() * figure(shape)).sum::<f64>() / volume_mm3
-    };
-    let share = |class: Zingg| mean(&|shape| f64::from(u8::from(shape.zingg() == class)));
-    let tensor =
-        |axis| orientation_tensor(&grains.poses, axis).map(|t| [t.m11, t.m22, t.m33, t.m12, t.m23, t.m13]);
-    Some(ShapeReport {
-        flakiness_index: flakiness_index(&grains.shapes),
-        shape_index: shape_index(&grains.shapes),
-        elongation_mean: mean(&Ellipsoid::elongation),
-        flatness_mean: mean(&Ellipsoid::flatness),
-        sphericity_mean: mean(&Ellipsoid::sphericity),
-        zingg: ZinggShares {
-            disc: share(Zingg::Disc),
-            equant: share(Zingg::Equant),
-            blade: share(Zingg::Blade),
-            rod: share(Zingg::Rod),
-        },
-        surface_mm2: grains.shapes.iter().map(Ellipsoid::surface_mm2).sum(),
-        long_axis_tensor: tensor(BodyAxis::Long)?,
-        short_axis_tensor: tensor(BodyAxis::Short)?,
-    })
-}
-
-/// What a template tells of its grains, in units of its scale.
-struct Template {
+/// What a grain, or a template in units of its scale, has to tell.
+#[derive(Clone, Copy)]
+struct Figures {
     sizes: CaliperSizes,
     form: Form,
     sphericity: f64,
-    surface: f64,
+    surface_mm2: f64,
+    /// In the axes of the body.
     long_axis: Vector3<f64>,
     short_axis: Vector3<f64>,
 }
 
-impl Template {
-    fn new(body: &Polyhedron) -> Self {
+impl Figures {
+    fn of_ellipsoid(shape: &Ellipsoid) -> Self {
+        Self {
+            sizes: shape.into(),
+            form: shape.form(),
+            sphericity: shape.sphericity(),
+            surface_mm2: shape.surface_mm2(),
+            long_axis: Vector3::x(),
+            short_axis: Vector3::z(),
+        }
+    }
+
+    fn of_template(body: &Polyhedron) -> Self {
         let (surface, axes) = (body.surface(), body.principal_axes());
         Self {
-            sizes: CaliperSizes {
-                volume_mm3: body.volume(),
-                sieve_mm: body.sieve_size(),
-                length_mm: body.length(),
-                thickness_mm: body.thickness(),
-            },
+            sizes: body.into(),
             form: body.form(),
             sphericity: PI * body.equivalent_diameter().powi(2) / surface,
-            surface,
+            surface_mm2: surface,
             long_axis: axes.column(0).into(),
             short_axis: axes.column(2).into(),
         }
     }
 
-    fn sizes_of(&self, scale_mm: f64) -> CaliperSizes {
-        let CaliperSizes { volume_mm3, sieve_mm, length_mm, thickness_mm } = self.sizes;
-        CaliperSizes {
-            volume_mm3: volume_mm3 * scale_mm.powi(3),
-            sieve_mm: sieve_mm * scale_mm,
-            length_mm: length_mm * scale_mm,
-            thickness_mm: thickness_mm * scale_mm,
-        }
+    fn scaled(&self, factor: f64) -> Self {
+        let surface_mm2 = self.surface_mm2 * factor * factor;
+        Self { sizes: self.sizes.scaled(factor), surface_mm2, ..*self }
     }
 }
 
-/// The figures of polyhedra; `None` without grains. Templates are measured once.
+/// The figures of grains that are not spheres; `None` without grains.
 ///
-/// Length and thickness are the largest and the least caliper width, of the rounded body; elongation, flatness and the
-/// axes are those of the ellipsoid of equal inertia ([`Polyhedron::form`]), of the core.
+/// Means and shares are weighted by volume, which is mass for grains of one density. Of polyhedra, length and thickness
+/// are the largest and the least caliper width, of the rounded body; elongation, flatness and the axes are those of the
+/// ellipsoid of equal inertia ([`Polyhedron::form`]), of the core. Templates are measured once.
 #[must_use]
-pub fn polyhedron_report(grains: &Polyhedra) -> Option<ShapeReport> {
-    let mut templates: Vec<Option<Template>> = grains.templates.iter().map(|_| None).collect();
-    for &template in &grains.template {
-        let index = template as usize;
-        templates[index].get_or_insert_with(|| Template::new(&grains.templates[index]));
+pub fn shape_report(grains: &Solids) -> Option<ShapeReport> {
+    if grains.is_empty() {
+        return None;
     }
-    // Every template that a grain has was measured.
-    let measured = || {
-        let of_grain =
-            |(&template, &d_mm): (&u32, &f64)| Some((templates[template as usize].as_ref()?, d_mm));
-        grains.template.iter().zip(&grains.d_mm).filter_map(of_grain)
-    };
-    let sizes = || measured().map(|(template, scale_mm)| template.sizes_of(scale_mm));
-    let volume_mm3: f64 = sizes().map(|sizes| sizes.volume_mm3).sum();
-    let mean = |figure: &dyn Fn(&Template) -> f64| {
-        measured().map(|(template, d)| template.sizes_of(d).volume_mm3 * figure(template)).sum::<f64>()
-            / volume_mm3
-    };
-    let share = |class: Zingg| mean(&|template| f64::from(u8::from(template.form.zingg() == class)));
-    let tensor = |axis: fn(&Template) -> Vector3<f64>| {
-        let mut sum = Matrix3::zeros();
-        for ((template, _), pose) in measured().zip(&grains.poses) {
-            let direction = pose.rotation() * axis(template);
-            sum += direction * direction.transpose();
+    let mut is_used = vec![false; grains.templates.len()];
+    for template in grains.shapes.iter().filter_map(Solid::template) {
+        is_used[template as usize] = true;
+    }
+    let measured =
+        |(template, is_used): (&Polyhedron, &bool)| is_used.then(|| Figures::of_template(template));
+    let templates: Vec<Option<Figures>> = grains.templates.iter().zip(&is_used).map(measured).collect();
+    let of = |shape: &Solid| match shape {
+        Solid::Ellipsoid(ellipsoid) => Some(Figures::of_ellipsoid(ellipsoid)),
+        Solid::Polyhedron { template, d_mm } => {
+            templates[*template as usize].as_ref().map(|template| template.scaled(*d_mm))
         }
-        let mean = sum / grains.len() as f64;
-        [mean.m11, mean.m22, mean.m33, mean.m12, mean.m23, mean.m13]
     };
-    (!grains.is_empty()).then(|| ShapeReport {
-        flakiness_index: flakiness_index_of(sizes()),
-        shape_index: shape_index_of(sizes()),
-        elongation_mean: mean(&|template| template.form.elongation),
-        flatness_mean: mean(&|template| template.form.flatness),
-        sphericity_mean: mean(&|template| template.sphericity),
-        zingg: ZinggShares {
-            disc: share(Zingg::Disc),
-            equant: share(Zingg::Equant),
-            blade: share(Zingg::Blade),
-            rod: share(Zingg::Rod),
-        },
-        surface_mm2: measured().map(|(template, d)| template.surface * d * d).sum(),
-        long_axis_tensor: tensor(|template| template.long_axis),
-        short_axis_tensor: tensor(|template| template.short_axis),
-    })
+    let mut sums = Sums::default();
+    for (figures, pose) in grains.shapes.iter().filter_map(of).zip(&grains.poses) {
+        sums.add(&figures, pose);
+    }
+    let sizes = || {
+        grains.shapes.iter().filter_map(|shape| match shape {
+            Solid::Ellipsoid(ellipsoid) => Some(CaliperSizes::from(ellipsoid)),
+            Solid::Polyhedron { .. } => of(shape).map(|figures| figures.sizes),
+        })
+    };
+    Some(sums.report(flakiness_index(sizes()), shape_index(sizes()), grains.len()))
+}
+
+/// Sums over the grains, of figures times volumes where means are weighted.
+#[derive(Default)]
+struct Sums {
+    volume_mm3: f64,
+    elongation: f64,
+    flatness: f64,
+    sphericity: f64,
+    disc: f64,
+    equant: f64,
+    blade: f64,
+    rod: f64,
+    surface_mm2: f64,
+    long_axis: Matrix3<f64>,
+    short_axis: Matrix3<f64>,
+}
+
+impl Sums {
+    fn add(&mut self, figures: &Figures, pose: &Pose) {
+        let volume_mm3 = figures.sizes.volume_mm3;
+        self.volume_mm3 += volume_mm3;
+        self.elongation += volume_mm3 * figures.form.elongation;
+        self.flatness += volume_mm3 * figures.form.flatness;
+        self.sphericity += volume_mm3 * figures.sphericity;
+        *match figures.form.zingg() {
+            Zingg::Disc => &mut self.disc,
+            Zingg::Equant => &mut self.equant,
+            Zingg::Blade => &mut self.blade,
+            Zingg::Rod => &mut self.rod,
+        } += volume_mm3;
+        self.surface_mm2 += figures.surface_mm2;
+        let rotation = pose.rotation();
+        for (sum, axis) in
+            [(&mut self.long_axis, figures.long_axis), (&mut self.short_axis, figures.short_axis)]
+        {
+            let direction = rotation * axis;
+            *sum += direction * direction.transpose();
+        }
+    }
+
+    fn report(&self, flakiness: Option<f64>, shape: Option<f64>, grains: usize) -> ShapeReport {
+        let mean = |sum: f64| sum / self.volume_mm3;
+        let tensor = |sum: &Matrix3<f64>| {
+            let mean = sum / grains as f64;
+            [mean.m11, mean.m22, mean.m33, mean.m12, mean.m23, mean.m13]
+        };
+        ShapeReport {
+            flakiness_index: flakiness,
+            shape_index: shape,
+            elongation_mean: mean(self.elongation),
+            flatness_mean: mean(self.flatness),
+            sphericity_mean: mean(self.sphericity),
+            zingg: ZinggShares {
+                disc: mean(self.disc),
+                equant: mean(self.equant),
+                blade: mean(self.blade),
+                rod: mean(self.rod),
+            },
+            surface_mm2: self.surface_mm2,
+            long_axis_tensor: tensor(&self.long_axis),
+            short_axis_tensor: tensor(&self.short_axis),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -136,7 +157,6 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::shape::Pose;
 
     /// A cuboid of equivalent diameter 1, and that of its edges times a factor.
     fn cuboid(edges: [f64; 3]) -> (Polyhedron, f64) {
@@ -153,13 +173,14 @@ mod tests {
         let (plate, of_plate) = cuboid([20.0, 10.0, 4.0]);
         let turned = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
         let flat = Pose::at(Vector3::zeros());
-        let grains = Polyhedra {
+        let shapes = [(0, of_cube), (1, of_plate)];
+        let grains = Solids {
             templates: vec![cube, plate],
-            template: vec![0, 1],
-            d_mm: vec![of_cube, of_plate],
+            shapes: shapes.map(|(template, d_mm)| Solid::Polyhedron { template, d_mm }).to_vec(),
             poses: vec![flat, Pose { orientation: turned, ..flat }],
+            aggregate: Vec::new(),
         };
-        let report = polyhedron_report(&grains).unwrap();
+        let report = shape_report(&grains).unwrap();
         let of = |found: f64, known: f64| assert!((found - known).abs() < 1e-9, "{found} {known}");
         // The plate has 800 of 1800 mm³; D_s = 14 / sqrt 2 = 9.9 lies in 8..10, whose slots have 5 mm.
         let share = 800.0 / 1800.0;
@@ -179,14 +200,15 @@ mod tests {
         assert!(report.short_axis_tensor[0] > 0.5 - 1e-9, "{report:?}");
         of(report.short_axis_tensor[..3].iter().sum(), 1.0);
         assert!(report.long_axis_tensor[2] > 0.5 - 1e-9, "{report:?}");
-        assert_eq!(polyhedron_report(&Polyhedra::default()), None);
+        let none = Solids { shapes: Vec::new(), poses: Vec::new(), ..grains };
+        assert_eq!(shape_report(&none), None);
     }
 
     #[test]
     fn figures_are_weighted_by_volume() {
         let (disc, ball) = (Ellipsoid::new([4.0, 4.0, 1.0]).unwrap(), Ellipsoid::new([1.0; 3]).unwrap());
         let poses = vec![Pose::at(Vector3::zeros()); 2];
-        let report = shape_report(&Ellipsoids { shapes: vec![disc, ball], poses }).unwrap();
+        let report = shape_report(&Solids::of_ellipsoids(vec![disc, ball], poses)).unwrap();
         let of_disc = 16.0 / 17.0;
         assert!(
             (report.zingg.disc - of_disc).abs() < 1e-12
@@ -197,6 +219,6 @@ mod tests {
         assert_eq!(report.long_axis_tensor, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(report.short_axis_tensor, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         assert!(report.surface_mm2 > disc.surface_mm2());
-        assert_eq!(shape_report(&Ellipsoids::default()), None);
+        assert_eq!(shape_report(&Solids::default()), None);
     }
 }

@@ -14,7 +14,7 @@ use crate::control::Control;
 use crate::cpu::Cpu;
 use crate::memory::{OutOfMemory, push, reserved};
 use crate::packing::Spheres;
-use crate::request::{PackingRequest, Specimen};
+use crate::request::{Distance, Specimen};
 
 /// A direction and what it shows.
 #[derive(Clone, Copy, Debug)]
@@ -94,11 +94,11 @@ pub(super) struct Packing<B> {
 }
 
 impl<B: Convex> Packing<B> {
-    /// The bodies of a number of grains, made one by one.
+    /// The bodies of a number of grains, made one by one, with the distances that they keep in their specimen.
     pub(super) fn new(
         grains: usize,
         body_of: impl Fn(usize) -> Option<B>,
-        request: &PackingRequest,
+        (distance, specimen): (Distance, Specimen),
     ) -> Result<Self, Fault> {
         let mut bodies = reserved(grains)?;
         let mut spheres = Spheres::default();
@@ -110,8 +110,8 @@ impl<B: Convex> Packing<B> {
             spheres.push(body.center().into(), 2.0 * body.radius());
             bodies.push(body);
         }
-        let required = Required::new(request.distance, request.specimen);
-        Ok(Self { bodies, spheres, required, specimen: request.specimen })
+        let required = Required::new(distance, specimen);
+        Ok(Self { bodies, spheres, required, specimen })
     }
 
     /// The bodies.

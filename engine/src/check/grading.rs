@@ -95,7 +95,7 @@ pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) 
         let rows: Vec<usize> = (0..grains.len()).collect();
         let judged = judge(grains, &rows, asked(mix, whole, specimen_mm3))?;
         return Ok(Graded {
-            max_class_mass_error: share_of(judged.worst_miss_mm3, judged.volume_mm3()),
+            max_class_mass_error: share_of(judged.worst_miss_mm3, judged.placed_mm3()),
             classes: judged.classes,
             aggregates: Vec::new(),
         });
@@ -116,14 +116,14 @@ pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) 
         let found = judge(grains, &rows[number], asked(mix, part, specimen_mm3))
             .map_err(|fault| format!("aggregate {number}: {fault}"))?;
         worst_mm3 = worst_mm3.max(found.worst_miss_mm3);
-        all_mm3 += found.volume_mm3();
+        all_mm3 += found.placed_mm3();
         aggregates.push(AggregateReport {
             name: aggregate.name.clone(),
             share: part.share,
             grains: rows[number].len() as u64,
             target_volume_mm3: found.classes.iter().map(|class| class.target_volume_mm3).sum(),
-            volume_mm3: found.volume_mm3(),
-            mass_kg: aggregate.density_kg_m3.map(|density| density * 1.0e-9 * found.volume_mm3()),
+            volume_mm3: found.placed_mm3(),
+            mass_kg: aggregate.density_kg_m3.map(|density| density * 1.0e-9 * found.placed_mm3()),
             classes: found.classes,
         });
     }
@@ -146,7 +146,8 @@ struct Judged {
 }
 
 impl Judged {
-    fn volume_mm3(&self) -> f64 {
+    /// Volume of the grains.
+    fn placed_mm3(&self) -> f64 {
         self.classes.iter().map(|class| class.volume_mm3).sum()
     }
 }
@@ -391,7 +392,7 @@ mod tests {
     use super::super::sieve::sieve_size;
     use super::*;
     use crate::mix::GradedMix;
-    use crate::mix::sampling::sample_angular;
+    use crate::mix::sampling::sample_shaped;
     use crate::rng::{Stream, stream};
 
     fn request(edge_mm: f64, mix: &Value) -> PackingRequest {
@@ -430,10 +431,11 @@ mod tests {
         let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
         for seed in 0..5 {
             let [mut sizes, mut forms] = [Stream::Sampling, Stream::Shape].map(|of| stream(seed, of));
-            let grains = sample_angular(&mix, &mut sizes, &mut forms, &|| false).unwrap();
+            let grains = sample_shaped(&mix, &mut sizes, &mut forms, &|| false).unwrap().grains;
             let sieves: Vec<f64> = grains.templates.iter().map(sieve_size).collect();
-            let found: Vec<(f64, f64)> = (grains.d_mm.iter().zip(&grains.template))
-                .map(|(&d, &template)| (sieves[template as usize] * d, volume_mm3(d)))
+            let found: Vec<(f64, f64)> = (grains.shapes.iter())
+                .map(|shape| (shape.d_mm(), shape.template().unwrap()))
+                .map(|(d, template)| (sieves[template as usize] * d, volume_mm3(d)))
                 .collect();
             let judge =
                 |sizes: &[(f64, f64)]| check(Grains::Bodies { sizes, error: SIEVE_ERROR }, &[], &request);

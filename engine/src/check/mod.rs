@@ -52,10 +52,10 @@ use nalgebra::Vector3;
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::cpu::Cpu;
-use crate::memory::{OutOfMemory, collected};
-use crate::packing::{AggregateReport, CheckReport, ClassReport, Spheres};
-use crate::request::PackingRequest;
-use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure};
+use crate::memory::{OutOfMemory, collected, reserved};
+use crate::packing::{AggregateReport, CheckReport, ClassReport, GrainsRef, Solids, Spheres};
+use crate::request::{Distance, PackingRequest, Specimen};
+use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure, SolidRef};
 use bodies::{Convex, Packing};
 use grading::{Grains, SIEVE_ERROR, SIZE_ERROR};
 use required::Required;
@@ -154,6 +154,74 @@ pub struct SeparationCertificate {
     pub required_mm: f64,
 }
 
+/// Checks a packing of grains that are no spheres against its request, by the sizes of its mix.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_solids(
+    solids: &Solids,
+    request: &PackingRequest,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let size = request.mix.size;
+    let parts = &solids.aggregate;
+    let (ellipsoids, polyhedra) = kinds(solids)?;
+    if polyhedra.is_empty() {
+        judge_ellipsoids(&ellipsoids, &solids.poses, parts, request, size, control)
+    } else {
+        judge_polyhedra(&polyhedra, &solids.poses, parts, request, size, control)
+    }
+}
+
+/// Checks that no two grains overlap, and returns a direction for each pair whose gap is less than `closer_than_mm`, in
+/// the order of their rows. Spheres are checked as ellipsoids with equal axes.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn certify(
+    grains: GrainsRef<'_>,
+    specimen: &Specimen,
+    closer_than_mm: f64,
+    control: &dyn Control,
+) -> Result<Vec<SeparationCertificate>, Fault> {
+    let region = (Distance::None { wall_gap_mm: None }, *specimen);
+    let solids = match grains {
+        GrainsRef::Spheres(spheres) => {
+            let body = |i: usize| {
+                let shape = Ellipsoid::new([spheres.d_mm[i] / 2.0; 3])?;
+                ellipsoid::Body::new(&shape, &Pose::at(spheres.center(i).into()))
+            };
+            let packing = Packing::new(spheres.len(), body, region)?;
+            packing.check_walls()?;
+            return packing.certificates(closer_than_mm, control);
+        }
+        GrainsRef::Solids(solids) => solids,
+    };
+    let (ellipsoids, polyhedra) = kinds(solids)?;
+    if polyhedra.is_empty() {
+        let packing = ellipsoid_bodies(&ellipsoids, &solids.poses, region)?;
+        packing.check_walls()?;
+        packing.certificates(closer_than_mm, control)
+    } else {
+        let packing = polyhedron_bodies(&polyhedra, &solids.poses, region)?;
+        packing.check_walls()?;
+        packing.certificates(closer_than_mm, control)
+    }
+}
+
+/// The shapes of grains by their kinds.
+fn kinds(solids: &Solids) -> Result<(Vec<Ellipsoid>, Vec<ScaledPolyhedron<'_>>), Fault> {
+    let mut ellipsoids = reserved(solids.len())?;
+    let mut polyhedra = reserved(solids.len())?;
+    for (grain, shape) in solids.shapes.iter().enumerate() {
+        match shape.of(&solids.templates).ok_or(Fault::NotABody { grain })? {
+            SolidRef::Ellipsoid(ellipsoid) => ellipsoids.push(ellipsoid),
+            SolidRef::Polyhedron(polyhedron) => polyhedra.push(polyhedron),
+        }
+    }
+    Ok((ellipsoids, polyhedra))
+}
+
 /// Checks a packing of ellipsoids against its request. Shape and pose of a grain have the same index.
 ///
 /// # Errors
@@ -165,9 +233,21 @@ pub fn check_ellipsoids(
     size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    let packing = ellipsoid_bodies(shapes, poses, request)?;
+    judge_ellipsoids(shapes, poses, &[], request, size, control)
+}
+
+/// Checks ellipsoids with the aggregate of each, none where the mix names none.
+fn judge_ellipsoids(
+    shapes: &[Ellipsoid],
+    poses: &[Pose],
+    aggregate: &[u16],
+    request: &PackingRequest,
+    size: SizeMeasure,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let packing = ellipsoid_bodies(shapes, poses, (request.distance, request.specimen))?;
     let sizes = ellipsoids::sizes(shapes, size)?;
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: SIZE_ERROR }, request, control)
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: SIZE_ERROR }, aggregate, request, control)
 }
 
 /// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than
@@ -182,7 +262,7 @@ pub fn certify_ellipsoids(
     closer_than_mm: f64,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
-    let packing = ellipsoid_bodies(shapes, poses, request)?;
+    let packing = ellipsoid_bodies(shapes, poses, (request.distance, request.specimen))?;
     packing.check_walls()?;
     packing.certificates(closer_than_mm, control)
 }
@@ -201,7 +281,19 @@ pub fn check_polyhedra(
     size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    let packing = polyhedron_bodies(shapes, poses, request)?;
+    judge_polyhedra(shapes, poses, &[], request, size, control)
+}
+
+/// Checks polyhedra with the aggregate of each, none where the mix names none.
+fn judge_polyhedra(
+    shapes: &[ScaledPolyhedron<'_>],
+    poses: &[Pose],
+    aggregate: &[u16],
+    request: &PackingRequest,
+    size: SizeMeasure,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let packing = polyhedron_bodies(shapes, poses, (request.distance, request.specimen))?;
     let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
     let sizes = packing.bodies().iter().zip(shapes).map(|(body, shape)| match size {
         SizeMeasure::Equivalent => (body.equivalent_diameter(), body.volume),
@@ -216,7 +308,7 @@ pub fn check_polyhedra(
         SizeMeasure::Equivalent => SIZE_ERROR,
         SizeMeasure::Sieve => SIEVE_ERROR,
     };
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error }, request, control)
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error }, aggregate, request, control)
 }
 
 /// Checks all pairs of a packing of convex polyhedra and returns a direction for each whose gap is less than
@@ -231,7 +323,7 @@ pub fn certify_polyhedra(
     closer_than_mm: f64,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
-    let packing = polyhedron_bodies(shapes, poses, request)?;
+    let packing = polyhedron_bodies(shapes, poses, (request.distance, request.specimen))?;
     packing.check_walls()?;
     packing.certificates(closer_than_mm, control)
 }
@@ -239,35 +331,36 @@ pub fn certify_polyhedra(
 fn polyhedron_bodies(
     shapes: &[ScaledPolyhedron<'_>],
     poses: &[Pose],
-    request: &PackingRequest,
+    region: (Distance, Specimen),
 ) -> Result<Packing<polyhedron::Polyhedron>, Fault> {
     if shapes.len() != poses.len() {
         return Err(Fault::Columns);
     }
-    Packing::new(shapes.len(), |i| polyhedron::Polyhedron::new(&shapes[i], &poses[i]), request)
+    Packing::new(shapes.len(), |i| polyhedron::Polyhedron::new(&shapes[i], &poses[i]), region)
 }
 
 fn ellipsoid_bodies(
     shapes: &[Ellipsoid],
     poses: &[Pose],
-    request: &PackingRequest,
+    region: (Distance, Specimen),
 ) -> Result<Packing<ellipsoid::Body>, Fault> {
     if shapes.len() != poses.len() {
         return Err(Fault::Columns);
     }
-    Packing::new(shapes.len(), |i| ellipsoid::Body::new(&shapes[i], &poses[i]), request)
+    Packing::new(shapes.len(), |i| ellipsoid::Body::new(&shapes[i], &poses[i]), region)
 }
 
 /// Checks the walls, all pairs, and the grading of grains.
 fn check_bodies<B: Convex>(
     packing: &Packing<B>,
     grains: Grains<'_>,
+    aggregate: &[u16],
     request: &PackingRequest,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let min_wall_gap_mm = packing.check_walls()?;
     let pairs = packing.check_pairs(control)?;
-    let graded = grading::check(grains, &[], request).map_err(Fault::Grading)?;
+    let graded = grading::check(grains, aggregate, request).map_err(Fault::Grading)?;
     Ok(Check {
         found: CheckReport {
             min_gap_mm: pairs.min_gap_mm,

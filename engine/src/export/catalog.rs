@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{ExportError, Model};
-use super::{ldpm, mesh, slice, voxels};
+use super::{certificates, ldpm, mesh, slice, voxels};
 use crate::control::Control;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
@@ -25,11 +25,13 @@ pub enum ExportType {
     Slice,
     /// A lattice discrete particle model, checked.
     Ldpm,
+    /// Proofs that close pairs of grains do not overlap.
+    Certificates,
 }
 
 impl ExportType {
     /// All types, in the order of the documentation.
-    pub const ALL: [Self; 4] = [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm];
+    pub const ALL: [Self; 5] = [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm, Self::Certificates];
 
     /// Its name in requests and addresses.
     pub fn name(self) -> &'static str {
@@ -38,6 +40,7 @@ impl ExportType {
             Self::Voxels => "voxels",
             Self::Slice => "slice",
             Self::Ldpm => "ldpm",
+            Self::Certificates => "certificates",
         }
     }
 
@@ -53,6 +56,7 @@ impl ExportType {
             Self::Voxels => &["vti", "raw", "inp"],
             Self::Slice => &["svg", "png", "json", "geo"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
+            Self::Certificates => &["csv", "json"],
         }
     }
 
@@ -80,6 +84,9 @@ impl ExportType {
             Self::Voxels => voxels::VoxelOptions::read(object).map(ExportRequest::Voxels),
             Self::Slice => slice::SliceOptions::read(object).map(ExportRequest::Slice),
             Self::Ldpm => ldpm::LatticeOptions::read(object).map(ExportRequest::Ldpm),
+            Self::Certificates => {
+                certificates::CertificateOptions::read(object).map(ExportRequest::Certificates)
+            }
         }
     }
 }
@@ -97,6 +104,8 @@ pub enum ExportRequest {
     Slice(slice::SliceOptions),
     /// A lattice discrete particle model, checked.
     Ldpm(ldpm::LatticeOptions),
+    /// Proofs that close pairs of grains do not overlap.
+    Certificates(certificates::CertificateOptions),
 }
 
 /// The figures of an export, beside its file.
@@ -114,6 +123,8 @@ pub enum ExportReport {
     Slice(slice::SliceReport),
     /// A lattice discrete particle model.
     Ldpm(ldpm::LatticeReport),
+    /// Proofs that close pairs of grains do not overlap.
+    Certificates(certificates::CertificateReport),
 }
 
 /// What an export is likely to come out as.
@@ -147,6 +158,7 @@ impl ExportRequest {
             Self::Voxels(_) => ExportType::Voxels,
             Self::Slice(_) => ExportType::Slice,
             Self::Ldpm(_) => ExportType::Ldpm,
+            Self::Certificates(_) => ExportType::Certificates,
         }
     }
 
@@ -157,6 +169,7 @@ impl ExportRequest {
             Self::Voxels(options) => options.format.name(),
             Self::Slice(options) => options.format.name(),
             Self::Ldpm(options) => options.format.name(),
+            Self::Certificates(options) => options.format.name(),
         }
     }
 
@@ -171,6 +184,7 @@ impl ExportRequest {
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
+            Self::Certificates(_) => Ok(()),
         }
     }
 
@@ -225,6 +239,7 @@ impl ExportRequest {
             Self::Voxels(options) => voxels::expected_bytes(specimen, options),
             Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
+            Self::Certificates(_) => certificates::expected_bytes(grains.number),
         };
         ExportEstimate { bytes, mesh: None, warnings: Vec::new() }
     }
@@ -250,6 +265,9 @@ impl ExportRequest {
                 slice::write(model, options, limits, control, out).map(ExportReport::Slice)
             }
             Self::Ldpm(options) => ldpm::write(model, options, limits, control, out).map(ExportReport::Ldpm),
+            Self::Certificates(options) => {
+                certificates::write(model, options, limits, control, out).map(ExportReport::Certificates)
+            }
         }
     }
 
@@ -314,6 +332,7 @@ impl ExportRequest {
             Self::Voxels(options) => options.format.media_type(),
             Self::Slice(options) => options.format.media_type(),
             Self::Ldpm(options) => options.format.media_type(),
+            Self::Certificates(options) => options.format.media_type(),
         }
     }
 
@@ -324,6 +343,7 @@ impl ExportRequest {
             Self::Voxels(options) => options.format.name(),
             Self::Slice(options) => options.format.name(),
             Self::Ldpm(options) => options.format.extension(),
+            Self::Certificates(options) => options.format.name(),
         }
     }
 
@@ -337,6 +357,7 @@ impl ExportRequest {
             Self::Mesh(_) | Self::Voxels(_) => Vec::new(),
             Self::Slice(_) => vec!["slice".to_owned()],
             Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
+            Self::Certificates(_) => vec!["certificates".to_owned()],
         };
         parts.extend(self.chosen_options());
         parts.push(extension.to_owned());

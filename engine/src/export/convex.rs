@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::packing::Polyhedra;
-use crate::shape::Polyhedron;
+use crate::packing::Solids;
+use crate::shape::{Polyhedron, Pose};
 
 /// A template with what is computed of it once.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,9 +49,13 @@ pub(super) struct Place {
 }
 
 impl Place {
-    pub(super) fn new(grains: &Polyhedra, grain: usize) -> Self {
-        let pose = &grains.poses[grain];
-        Self { center: pose.center_mm, rotation: pose.rotation(), scale: grains.d_mm[grain] }
+    pub(super) fn new(d_mm: f64, pose: &Pose) -> Self {
+        Self { center: pose.center_mm, rotation: pose.rotation(), scale: d_mm }
+    }
+
+    /// Where a grain of a packing is.
+    pub(super) fn of(grains: &Solids, grain: usize) -> Self {
+        Self::new(grains.shapes[grain].d_mm(), &grains.poses[grain])
     }
 
     /// A vector in the axes and the unit of the template.

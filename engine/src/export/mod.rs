@@ -3,6 +3,7 @@
 //! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
 pub mod catalog;
+pub mod certificates;
 mod convex;
 pub mod ldpm;
 pub mod mesh;

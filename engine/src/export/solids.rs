@@ -11,22 +11,47 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{Ellipsoids, GrainsRef, Polyhedra, Spheres};
+use crate::packing::{GrainsRef, Solids, Spheres};
+use crate::shape::{Ellipsoid, Pose, Solid};
 
-/// The grains of a packing.
-pub(super) enum Solids<'a> {
+/// The grains of a packing, with what their sections are computed from.
+pub(super) enum Sectioned<'a> {
     Spheres(&'a Spheres),
-    Ellipsoids { grains: &'a Ellipsoids, forms: Vec<Form> },
-    Polyhedra { grains: &'a Polyhedra, templates: Vec<Convex>, half_extents: Vec<[f64; 3]> },
+    Solids { grains: &'a Solids, templates: Vec<Convex>, forms: Vec<Form> },
 }
 
-/// What the sections of an ellipsoid are computed from.
+/// What the sections of a grain are computed from.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Form {
-    /// Shape matrix `A` in mm².
-    shape: Matrix3<f64>,
-    /// Its inverse, in 1/mm².
-    inverse: Matrix3<f64>,
+pub(super) enum Form {
+    Ellipsoid {
+        /// Shape matrix `A` in mm².
+        shape: Matrix3<f64>,
+        /// Its inverse, in 1/mm².
+        inverse: Matrix3<f64>,
+    },
+    Polyhedron {
+        template: u32,
+        /// Half of the extents along x, y and z, the farther half.
+        half_extents: [f64; 3],
+    },
+}
+
+impl Form {
+    fn of_ellipsoid(shape: &Ellipsoid, pose: &Pose) -> Self {
+        let inverse_squares = shape.semi_axes_mm().map(|axis| 1.0 / (axis * axis));
+        let rotation = pose.rotation();
+        let inverse = rotation * Matrix3::from_diagonal(&inverse_squares) * rotation.transpose();
+        Self::Ellipsoid { shape: shape.matrix_mm2(pose), inverse }
+    }
+
+    fn of_polyhedron(template: u32, convex: &Convex, place: &Place) -> Self {
+        let half_extents = [0, 1, 2].map(|axis| {
+            let row = place.rotation.row(axis).transpose();
+            let reaches = convex.vertices.iter().map(|vertex| row.dot(vertex).abs());
+            place.scale * (reaches.fold(0.0, f64::max) + convex.rounding)
+        });
+        Self::Polyhedron { template, half_extents }
+    }
 }
 
 /// The section of a grain by a plane across z.
@@ -57,55 +82,41 @@ pub(super) enum Section<'a> {
     },
 }
 
-impl<'a> Solids<'a> {
-    /// The grains of a packing, with what sections are computed from: 144 bytes an ellipsoid, 24 a polyhedron.
+impl<'a> Sectioned<'a> {
+    /// The grains of a packing, with what sections are computed from: 152 bytes a grain that is no sphere.
     ///
     /// # Errors
     /// The system refused memory.
     pub(super) fn new(grains: GrainsRef<'a>) -> Result<Self, OutOfMemory> {
-        Ok(match grains {
-            GrainsRef::Spheres(spheres) => Self::Spheres(spheres),
-            GrainsRef::Ellipsoids(grains) => {
-                let form = |row: usize| {
-                    let (shape, pose) = (&grains.shapes[row], &grains.poses[row]);
-                    let inverse_squares = shape.semi_axes_mm().map(|axis| 1.0 / (axis * axis));
-                    let rotation = pose.rotation();
-                    let inverse = rotation * Matrix3::from_diagonal(&inverse_squares) * rotation.transpose();
-                    Form { shape: shape.matrix_mm2(pose), inverse }
-                };
-                Self::Ellipsoids { grains, forms: collected((0..grains.len()).map(form))? }
+        let grains = match grains {
+            GrainsRef::Spheres(spheres) => return Ok(Self::Spheres(spheres)),
+            GrainsRef::Solids(solids) => solids,
+        };
+        let templates = Convex::all(&grains.templates);
+        let form = |grain: usize| match grains.shapes[grain] {
+            Solid::Ellipsoid(shape) => Form::of_ellipsoid(&shape, &grains.poses[grain]),
+            Solid::Polyhedron { template, d_mm } => {
+                let place = Place::new(d_mm, &grains.poses[grain]);
+                Form::of_polyhedron(template, &templates[template as usize], &place)
             }
-            GrainsRef::Polyhedra(grains) => {
-                let templates = Convex::all(&grains.templates);
-                let half_extents = |grain: usize| {
-                    let Place { rotation, scale, .. } = Place::new(grains, grain);
-                    let template = &templates[grains.template[grain] as usize];
-                    [0, 1, 2].map(|axis| {
-                        let row = rotation.row(axis).transpose();
-                        let reaches = template.vertices.iter().map(|vertex| row.dot(vertex).abs());
-                        scale * (reaches.fold(0.0, f64::max) + template.rounding)
-                    })
-                };
-                let half_extents = collected((0..grains.len()).map(half_extents))?;
-                Self::Polyhedra { grains, templates, half_extents }
-            }
-        })
+        };
+        let forms = collected((0..grains.len()).map(form))?;
+        Ok(Self::Solids { grains, templates, forms })
+    }
+
+    fn grains(&self) -> GrainsRef<'a> {
+        match *self {
+            Self::Spheres(spheres) => GrainsRef::Spheres(spheres),
+            Self::Solids { grains, .. } => GrainsRef::Solids(grains),
+        }
     }
 
     pub(super) fn len(&self) -> usize {
-        match self {
-            Self::Spheres(spheres) => spheres.len(),
-            Self::Ellipsoids { grains, .. } => grains.len(),
-            Self::Polyhedra { grains, .. } => grains.len(),
-        }
+        self.grains().len()
     }
 
     pub(super) fn center(&self, grain: usize) -> [f64; 3] {
-        match self {
-            Self::Spheres(spheres) => spheres.center(grain),
-            Self::Ellipsoids { grains, .. } => grains.poses[grain].center_mm.into(),
-            Self::Polyhedra { grains, .. } => grains.poses[grain].center_mm.into(),
-        }
+        self.grains().center_mm(grain)
     }
 
     /// Volume in mm³.
@@ -115,8 +126,7 @@ impl<'a> Solids<'a> {
                 let d = spheres.d_mm[grain];
                 PI / 6.0 * d * d * d
             }
-            Self::Ellipsoids { grains, .. } => grains.shapes[grain].volume_mm3(),
-            Self::Polyhedra { grains, .. } => grains.shape(grain).volume_mm3(),
+            Self::Solids { grains, .. } => grains.shape(grain).volume_mm3(),
         }
     }
 
@@ -124,8 +134,10 @@ impl<'a> Solids<'a> {
     pub(super) fn half_extents(&self, grain: usize) -> [f64; 3] {
         match self {
             Self::Spheres(spheres) => [spheres.d_mm[grain] / 2.0; 3],
-            Self::Ellipsoids { forms, .. } => forms[grain].shape.diagonal().map(f64::sqrt).into(),
-            Self::Polyhedra { half_extents, .. } => half_extents[grain],
+            Self::Solids { forms, .. } => match &forms[grain] {
+                Form::Ellipsoid { shape, .. } => shape.diagonal().map(f64::sqrt).into(),
+                Form::Polyhedron { half_extents, .. } => *half_extents,
+            },
         }
     }
 
@@ -133,62 +145,55 @@ impl<'a> Solids<'a> {
     pub(super) fn outer_radius(&self, grain: usize) -> f64 {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[grain] / 2.0,
-            Self::Ellipsoids { grains, .. } => grains.shapes[grain].semi_axes_mm().x,
-            Self::Polyhedra { grains, .. } => {
-                let shape = grains.shape(grain);
-                shape.template.outer_radius() * shape.scale_mm
-            }
+            Self::Solids { grains, .. } => grains.shape(grain).outer_radius_mm(),
         }
     }
 
-    /// The inverse shape matrix of an ellipsoid, in 1/mm².
-    pub(super) fn inverse(&self, grain: usize) -> Option<Matrix3<f64>> {
+    fn form(&self, grain: usize) -> Option<&Form> {
         match self {
-            Self::Spheres(_) | Self::Polyhedra { .. } => None,
-            Self::Ellipsoids { forms, .. } => Some(forms[grain].inverse),
+            Self::Spheres(_) => None,
+            Self::Solids { forms, .. } => Some(&forms[grain]),
         }
     }
 
-    /// The shape matrix of an ellipsoid, in mm².
-    pub(super) fn shape(&self, grain: usize) -> Option<Matrix3<f64>> {
-        match self {
-            Self::Spheres(_) | Self::Polyhedra { .. } => None,
-            Self::Ellipsoids { forms, .. } => Some(forms[grain].shape),
+    /// The shape matrix of an ellipsoid in mm² and its inverse in 1/mm².
+    pub(super) fn matrices(&self, grain: usize) -> Option<(&Matrix3<f64>, &Matrix3<f64>)> {
+        match self.form(grain)? {
+            Form::Ellipsoid { shape, inverse } => Some((shape, inverse)),
+            Form::Polyhedron { .. } => None,
         }
     }
 
     /// The template of a polyhedron, and where the grain is.
     pub(super) fn polyhedron(&self, grain: usize) -> Option<(&Convex, Place)> {
-        match self {
-            Self::Spheres(_) | Self::Ellipsoids { .. } => None,
-            Self::Polyhedra { grains, templates, .. } => {
-                Some((&templates[grains.template[grain] as usize], Place::new(grains, grain)))
+        match (self, self.form(grain)?) {
+            (Self::Solids { grains, templates, .. }, Form::Polyhedron { template, .. }) => {
+                Some((&templates[*template as usize], Place::of(grains, grain)))
             }
+            _ => None,
         }
     }
 
     /// Diameter of the sphere of equal volume.
     pub(super) fn equivalent_diameter(&self, grain: usize) -> f64 {
-        match self {
-            Self::Spheres(spheres) => spheres.d_mm[grain],
-            Self::Ellipsoids { grains, .. } => grains.shapes[grain].equivalent_diameter_mm(),
-            Self::Polyhedra { grains, .. } => grains.d_mm[grain],
-        }
+        self.grains().d_mm(grain)
     }
 
     /// The section at a height `dz` above the centre, for a grain that is moved to `center`.
     #[inline]
     pub(super) fn section(&self, grain: usize, center: [f64; 3], dz: f64) -> Section<'_> {
-        match self {
+        let (grains, templates, form) = match self {
             Self::Spheres(spheres) => {
                 let radius = spheres.d_mm[grain] / 2.0;
-                Section::Disc {
+                return Section::Disc {
                     center: [center[0], center[1]],
                     radius: ((radius - dz) * (radius + dz)).max(0.0).sqrt(),
-                }
+                };
             }
-            Self::Ellipsoids { forms, .. } => {
-                let Form { shape: a, inverse: m } = &forms[grain];
+            Self::Solids { grains, templates, forms } => (grains, templates, &forms[grain]),
+        };
+        match form {
+            Form::Ellipsoid { shape: a, inverse: m } => {
                 let scale = (1.0 - dz * dz / a.m33).max(0.0);
                 Section::Ellipse {
                     center: [center[0] + a.m13 / a.m33 * dz, center[1] + a.m23 / a.m33 * dz],
@@ -197,13 +202,13 @@ impl<'a> Solids<'a> {
                     half_x: (scale / m.m11).sqrt(),
                 }
             }
-            Self::Polyhedra { grains, templates, half_extents } => {
-                let Place { rotation, scale, .. } = Place::new(grains, grain);
+            Form::Polyhedron { template, half_extents } => {
+                let Place { rotation, scale, .. } = Place::of(grains, grain);
                 let step = |axis: usize| rotation.row(axis).transpose() / scale;
                 Section::Polyhedron {
-                    template: &templates[grains.template[grain] as usize],
+                    template: &templates[*template as usize],
                     center: [center[0], center[1]],
-                    half_y: half_extents[grain][1],
+                    half_y: half_extents[1],
                     above: step(2) * dz,
                     steps: [step(0), step(1)],
                 }
@@ -279,14 +284,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::shape::{Ellipsoid, Pose};
 
-    fn solids(axes: [f64; 3], angles: [f64; 3]) -> Ellipsoids {
+    fn solids(axes: [f64; 3], angles: [f64; 3]) -> Solids {
         let orientation = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
-        Ellipsoids {
-            shapes: vec![Ellipsoid::new(axes).unwrap()],
-            poses: vec![Pose { center_mm: Vector3::new(1.0, 2.0, 3.0), orientation }],
-        }
+        let pose = Pose { center_mm: Vector3::new(1.0, 2.0, 3.0), orientation };
+        Solids::of_ellipsoids(vec![Ellipsoid::new(axes).unwrap()], vec![pose])
     }
 
     proptest! {
@@ -296,8 +298,8 @@ mod tests {
             at_z in -0.999..0.999_f64, at_y in -0.999..0.999_f64,
         ) {
             let grains = solids(axes, angles);
-            let solids = Solids::new((&grains).into()).unwrap();
-            let inverse = solids.inverse(0).unwrap();
+            let solids = Sectioned::new((&grains).into()).unwrap();
+            let (_, inverse) = solids.matrices(0).unwrap();
             let center = Vector3::from(solids.center(0));
             let dz = at_z * solids.half_extents(0)[2];
             let section = solids.section(0, center.into(), dz);
@@ -306,7 +308,7 @@ mod tests {
             let [from, to] = section.x_at(y);
             for x in [from, to] {
                 let on = Vector3::new(x, y, center.z + dz) - center;
-                prop_assert!((quadratic(&inverse, &on) - 1.0).abs() < 1e-9);
+                prop_assert!((quadratic(inverse, &on) - 1.0).abs() < 1e-9);
             }
             prop_assert!((section.length_at(y) - (to - from)).abs() < 1e-12);
         }
@@ -316,7 +318,7 @@ mod tests {
             let grains = solids([radius; 3], [0.3, 0.5, 0.7]);
             let mut spheres = Spheres::default();
             spheres.push([1.0, 2.0, 3.0], 2.0 * radius);
-            let (one, other) = (Solids::new((&grains).into()).unwrap(), Solids::new((&spheres).into()).unwrap());
+            let (one, other) = (Sectioned::new((&grains).into()).unwrap(), Sectioned::new((&spheres).into()).unwrap());
             let sections = [&one, &other].map(|solids| solids.section(0, [1.0, 2.0, 3.0], at * radius));
             let y = 2.0 + 0.5 * at * radius;
             for (a, b) in sections[0].x_at(y).into_iter().zip(sections[1].x_at(y)) {

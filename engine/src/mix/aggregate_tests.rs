@@ -1,12 +1,16 @@
 //! Sampling of mixes of several aggregates.
 
+#![allow(clippy::unwrap_used, clippy::needless_pass_by_value)]
+
 use serde_json::{Value, json};
 
 use super::sampling::{sample, sample_shaped};
 use super::sieve::sieve_classes;
 use super::*;
+use crate::packing::Solids;
 use crate::request::PackingRequest;
 use crate::rng::{Stream, stream};
+use crate::shape::{Ellipsoid, Solid};
 use crate::{Limits, Unattended, check, pack};
 
 fn request(mix: Value) -> PackingRequest {
@@ -124,8 +128,10 @@ fn shapes_are_those_of_the_aggregate() {
     let mix = graded(&request);
     let [mut sizes, mut forms] = [Stream::Sampling, Stream::Shape].map(|of| stream(1, of));
     let drawn = sample_shaped(&mix, &mut sizes, &mut forms, &|| false).unwrap();
-    assert!(drawn.parts.contains(&0) && drawn.parts.contains(&1) && drawn.parts.contains(&2));
-    for (grain, part) in drawn.ellipsoids.iter().zip(&drawn.parts) {
+    let Solids { shapes, aggregate, .. } = drawn.grains;
+    assert!(aggregate.contains(&0) && aggregate.contains(&1) && aggregate.contains(&2));
+    let ellipsoids: Vec<Ellipsoid> = shapes.iter().filter_map(Solid::ellipsoid).copied().collect();
+    for (grain, part) in ellipsoids.iter().zip(&aggregate) {
         let [a, b, c]: [f64; 3] = grain.semi_axes_mm().into();
         if *part == 0 {
             assert!((b / a - 0.7).abs() < 1e-12 && (c / a - 0.5).abs() < 1e-12);
@@ -133,13 +139,8 @@ fn shapes_are_those_of_the_aggregate() {
             assert_eq!((a, b), (b, c));
         }
     }
-    let gravel: f64 = drawn
-        .ellipsoids
-        .iter()
-        .zip(&drawn.parts)
-        .filter(|row| *row.1 == 0)
-        .map(|row| row.0.volume_mm3())
-        .sum();
+    let gravel: f64 =
+        ellipsoids.iter().zip(&aggregate).filter(|row| *row.1 == 0).map(|row| row.0.volume_mm3()).sum();
     assert!((gravel / (0.25 * 60.0_f64.powi(3)) - 1.0).abs() < 0.01, "{gravel}");
 }
 

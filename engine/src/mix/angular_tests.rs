@@ -5,11 +5,12 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use crate::PackError;
-use crate::mix::sampling::{AngularGrains, sample, sample_angular, sample_shaped};
+use crate::mix::sampling::{ShapedGrains, sample, sample_shaped};
 use crate::mix::sieve::class_of;
 use crate::mix::{GradedMix, sphere_volume};
 use crate::request::{GrainKind, PackingRequest};
 use crate::rng::{Stream, stream};
+use crate::shape::Solid;
 
 fn request(edge_mm: f64, mix: Value) -> PackingRequest {
     let value = json!({"specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm]}, "mix": mix});
@@ -20,10 +21,10 @@ fn graded(request: &PackingRequest) -> GradedMix {
     GradedMix::new(&request.mix, request.specimen.volume_mm3())
 }
 
-fn drawn(request: &PackingRequest, seed: u64) -> (GradedMix, AngularGrains) {
+fn drawn(request: &PackingRequest, seed: u64) -> (GradedMix, ShapedGrains) {
     let mix = graded(request);
     let (mut sizes, mut forms) = (stream(seed, Stream::Sampling), stream(seed, Stream::Shape));
-    let grains = sample_angular(&mix, &mut sizes, &mut forms, &|| false).unwrap();
+    let grains = sample_shaped(&mix, &mut sizes, &mut forms, &|| false).unwrap();
     (mix, grains)
 }
 
@@ -31,8 +32,17 @@ fn a16(fraction: f64, shape: Value) -> Value {
     json!({"grading": {"type": "standard", "name": "A16"}, "volume_fraction": fraction, "shape": shape})
 }
 
-fn volume(grains: &AngularGrains, counts: impl Fn(usize) -> bool) -> f64 {
-    (0..grains.d_mm.len()).filter(|i| counts(*i)).map(|i| sphere_volume(grains.d_mm[i])).sum()
+fn diameters(grains: &ShapedGrains) -> Vec<f64> {
+    grains.grains.shapes.iter().map(Solid::d_mm).collect()
+}
+
+fn templates(grains: &ShapedGrains) -> Vec<u32> {
+    grains.grains.shapes.iter().map(|shape| shape.template().unwrap()).collect()
+}
+
+fn volume(grains: &ShapedGrains, counts: impl Fn(usize) -> bool) -> f64 {
+    let diameters = diameters(grains);
+    (0..diameters.len()).filter(|i| counts(*i)).map(|i| sphere_volume(diameters[i])).sum()
 }
 
 #[test]
@@ -51,25 +61,26 @@ fn the_volumes_of_the_classes_are_met_by_the_bodies() {
             let request = request(100.0, fields);
             for seed in 0..3 {
                 let (mix, grains) = drawn(&request, seed);
-                assert_eq!(mix.kind(), GrainKind::Polyhedra);
-                let n = grains.d_mm.len();
-                assert_eq!((grains.template.len(), grains.sizes_mm.len()), (n, n));
-                assert!(grains.d_mm.is_sorted_by(|p, q| p >= q));
+                let (d_mm, template) = (diameters(&grains), templates(&grains));
+                assert_eq!((mix.kind(), grains.grains.kind()), (GrainKind::Polyhedra, GrainKind::Polyhedra));
+                assert_eq!((template.len(), grains.sizes_mm.len()), (d_mm.len(), d_mm.len()));
+                assert!(d_mm.is_sorted_by(|p, q| p >= q));
                 let total: f64 = volume(&grains, |_| true);
                 let miss = total - mix.volume_fraction_effective * mix.specimen_volume_mm3;
                 assert!(miss > -1e-6 && miss < 10.0 * sphere_volume(2.2), "{shape} {size}: {miss}");
                 let of_templates: Vec<f64> = grains
+                    .grains
                     .templates
                     .iter()
                     .map(|template| if size == "sieve" { template.sieve_size() } else { 1.0 })
                     .collect();
                 for (i, &size_mm) in grains.sizes_mm.iter().enumerate() {
                     assert!((mix.d_min_mm..=mix.d_max_mm).contains(&size_mm));
-                    let of_template = of_templates[grains.template[i] as usize];
-                    assert!((of_template * grains.d_mm[i] / size_mm - 1.0).abs() < 1e-12);
+                    let of_template = of_templates[template[i] as usize];
+                    assert!((of_template * d_mm[i] / size_mm - 1.0).abs() < 1e-12);
                 }
                 let mut classes = vec![(0.0, 0.0); mix.sieve_classes.len()];
-                for (d, size_mm) in grains.d_mm.iter().zip(&grains.sizes_mm) {
+                for (d, size_mm) in d_mm.iter().zip(&grains.sizes_mm) {
                     let class = &mut classes[class_of(*size_mm, mix.sieve_classes.iter().map(|c| c.high_mm))];
                     *class = (class.0 + sphere_volume(*d), class.1 + 1.0);
                 }
@@ -98,11 +109,11 @@ fn templates_are_normal_upright_rounded_and_the_same_for_all_seeds_of_a_job() {
     let of_seeds =
         |template_seed: u64, seed: u64| drawn(&request(60.0, a16(0.4, shape(template_seed))), seed).1;
     let (first, second, other) = (of_seeds(0, 1), of_seeds(0, 2), of_seeds(1, 1));
-    assert_eq!(first.templates, second.templates);
-    assert_eq!(first.templates.len(), 9);
-    assert!(first.template != second.template && first.templates != other.templates);
+    assert_eq!(first.grains.templates, second.grains.templates);
+    assert_eq!(first.grains.templates.len(), 9);
+    assert!(templates(&first) != templates(&second) && first.grains.templates != other.grains.templates);
     assert_eq!(first, of_seeds(0, 1));
-    for template in &first.templates {
+    for template in &first.grains.templates {
         assert!((template.equivalent_diameter() - 1.0).abs() < 1e-14);
         assert!((template.rounding() - 0.05).abs() < 1e-12);
         let axes = template.principal_axes();
@@ -113,9 +124,10 @@ fn templates_are_normal_upright_rounded_and_the_same_for_all_seeds_of_a_job() {
     }
     // Every template is as likely as any other.
     let many = drawn(&request(200.0, a16(0.6, shape(0))), 3).1;
-    let n = many.template.len() as f64 / 9.0;
+    let many = templates(&many);
+    let n = many.len() as f64 / 9.0;
     for template in 0..9 {
-        let found = many.template.iter().filter(|of| **of == template).count() as f64;
+        let found = many.iter().filter(|of| **of == template).count() as f64;
         assert!((found - n).abs() < 5.0 * n.sqrt(), "{found} of {n}");
     }
 }
@@ -148,7 +160,8 @@ fn a_mixture_has_its_shares_of_the_volume() {
     let shape = json!({"type": "mixture", "of": [part(0.2, 10), part(0.8, 20)]});
     let (_, grains) = drawn(&request(120.0, a16(0.6, shape)), 1);
     let total: f64 = volume(&grains, |_| true);
-    let of_first = volume(&grains, |i| grains.template[i] < 4);
+    let of_grains = templates(&grains);
+    let of_first = volume(&grains, |i| of_grains[i] < 4);
     assert!((of_first / total - 0.2).abs() < 0.02, "{}", of_first / total);
 }
 
@@ -166,13 +179,11 @@ fn an_explicit_list_has_a_grain_of_every_size() {
 #[test]
 fn other_shapes_are_never_drawn_in_place_of_polyhedra() {
     let angular = graded(&request(60.0, a16(0.3, json!({"type": "polyhedron", "template_count": 2}))));
-    let round = graded(&request(60.0, a16(0.3, Value::Null)));
-    let streams = || (stream(1, Stream::Sampling), stream(1, Stream::Shape));
-    let (mut sizes, mut forms) = streams();
+    let (mut sizes, mut forms) = (stream(1, Stream::Sampling), stream(1, Stream::Shape));
     assert!(matches!(sample(&angular, &mut sizes, &|| false), Err(PackError::Plan(_))));
-    assert!(matches!(sample_shaped(&angular, &mut sizes, &mut forms, &|| false), Err(PackError::Plan(_))));
-    assert!(matches!(sample_angular(&round, &mut sizes, &mut forms, &|| false), Err(PackError::Plan(_))));
-    let stopped = sample_angular(
+    let drawn = sample_shaped(&angular, &mut sizes, &mut forms, &|| false).unwrap().grains;
+    assert!(drawn.shapes.iter().all(|shape| shape.template().is_some()));
+    let stopped = sample_shaped(
         &graded(&request(200.0, a16(0.6, json!({"type": "polyhedron", "template_count": 2})))),
         &mut sizes,
         &mut forms,
@@ -197,11 +208,11 @@ proptest! {
         let request = request(60.0, mix);
         let (mix, grains) = drawn(&request, seed);
         let total: f64 = volume(&grains, |_| true);
-        let largest = grains.d_mm.first().copied().map_or(0.0, sphere_volume);
+        let largest = grains.grains.shapes.first().map(Solid::d_mm).map_or(0.0, sphere_volume);
         let miss = total - fraction * request.specimen.volume_mm3();
         prop_assert!(miss > -1e-6 && miss < largest, "{}", miss);
         let expected = mix.expected_grains();
-        let found = grains.d_mm.len() as f64;
+        let found = grains.sizes_mm.len() as f64;
         prop_assert!((found - expected).abs() < 5.0 * expected.sqrt() + 0.05 * expected + 3.0, "{} {}", found, expected);
     }
 }

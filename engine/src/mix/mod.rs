@@ -18,7 +18,7 @@ use crate::request::{Grading, GrainKind, Mix, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
 pub use orientation::{draw_orientation, uniform_orientation};
-pub use shapes::{AngularGrain, ShapeSampler};
+pub use shapes::ShapeSampler;
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest
 /// grains follow it too and the total misses by less than one of the smallest.

@@ -12,7 +12,7 @@ use super::sphere_volume;
 use super::templates::Templates;
 use crate::request::{GrainKind, Mix, MixPart, PlainShape};
 use crate::rng::uniform;
-use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure};
+use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure, Solid};
 
 /// Grains of a law that are looked at where one that fits is looked for.
 const TRIALS: usize = 64;
@@ -70,15 +70,6 @@ impl Forms {
             Self::Polyhedra { templates, .. } => templates.least_volume_ratio(),
         }
     }
-}
-
-/// An angular grain that was drawn.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AngularGrain {
-    /// Index of its template among [`ShapeSampler::templates`].
-    pub template: u32,
-    /// Its equivalent diameter in mm.
-    pub equivalent_mm: f64,
 }
 
 impl ShapeSampler {
@@ -151,27 +142,22 @@ impl ShapeSampler {
         by_size.iter().find(|shapes| size_mm > shapes.above_mm).or(by_size.last())
     }
 
-    /// Draws the shape of a grain of this part and size; `None` for polyhedra.
-    pub fn draw(&self, part: u16, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Option<Ellipsoid> {
-        let form = self.of_size(part, size_mm).map_or(Some(Form::SPHERE), |shapes| shapes.draw(rng))?;
-        Some(self.measure.ellipsoid(size_mm, form))
+    /// Draws the shape of a grain of this part and size. The template of a polyhedron is one of [`Self::templates`].
+    pub fn draw(&self, part: u16, size_mm: f64, rng: &mut Xoshiro256PlusPlus) -> Solid {
+        let form = match self.of_size(part, size_mm).and_then(|shapes| shapes.draw_forms(rng)) {
+            Some(Forms::Polyhedra { templates, first }) => {
+                let of_part = ((uniform(rng) * templates.len() as f64) as usize).min(templates.len() - 1);
+                let d_mm = size_mm * templates.equivalent_over_size[of_part];
+                return Solid::Polyhedron { template: first + of_part as u32, d_mm };
+            }
+            Some(Forms::Ellipsoids(ratios)) => ratios.draw(rng),
+            Some(Forms::Spheres) | None => Form::SPHERE,
+        };
+        Solid::Ellipsoid(self.measure.ellipsoid(size_mm, form))
     }
 
-    /// Draws an angular grain of this part and size; `None` for other shapes.
-    pub fn draw_angular(
-        &self,
-        part: u16,
-        size_mm: f64,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> Option<AngularGrain> {
-        let shapes = self.of_size(part, size_mm)?;
-        let Forms::Polyhedra { templates, first } = shapes.draw_forms(rng)? else { return None };
-        let of_part = ((uniform(rng) * templates.len() as f64) as usize).min(templates.len() - 1);
-        let equivalent_mm = size_mm * templates.equivalent_over_size[of_part];
-        Some(AngularGrain { template: first + of_part as u32, equivalent_mm })
-    }
-
-    /// Mean volume of a grain of this part and size over that of a sphere of this diameter: `E[(d_eq / D_s)³]` for sieve sizes.
+    /// Mean volume of a grain of this part and size over that of a sphere of this diameter: `E[(d_eq / D_s)³]` for
+    /// sieve sizes.
     pub fn mean_volume_ratio(&self, part: u16, size_mm: f64) -> f64 {
         self.of_size(part, size_mm).map_or(1.0, |shapes| shapes.mean_volume_ratio)
     }
@@ -181,7 +167,8 @@ impl ShapeSampler {
         self.of_size(part, size_mm).map_or(1.0, |shapes| shapes.least_volume_ratio)
     }
 
-    /// Whether one of many ellipsoids of this part and size satisfies a condition, or one of the polyhedra of this size another.
+    /// Whether one of many ellipsoids of this part and size satisfies a condition, or one of the polyhedra of this size
+    /// another.
     pub(crate) fn any(
         &self,
         part: u16,
@@ -201,7 +188,7 @@ impl ShapeSampler {
             });
         }
         let mut rng = crate::rng::stream(0, crate::rng::Stream::Shape);
-        (0..TRIALS).any(|_| self.draw(part, size_mm, &mut rng).is_some_and(|grain| ellipsoid(&grain)))
+        (0..TRIALS).any(|_| self.draw(part, size_mm, &mut rng).ellipsoid().is_some_and(&ellipsoid))
     }
 
     /// What the sizes are.
@@ -261,14 +248,6 @@ impl ShapesAbove {
             }
         };
         part.map(|part| &part.forms)
-    }
-
-    fn draw(&self, rng: &mut Xoshiro256PlusPlus) -> Option<Form> {
-        match self.draw_forms(rng) {
-            Some(Forms::Ellipsoids(ratios)) => Some(ratios.draw(rng)),
-            Some(Forms::Spheres) | None => Some(Form::SPHERE),
-            Some(Forms::Polyhedra { .. }) => None,
-        }
     }
 }
 

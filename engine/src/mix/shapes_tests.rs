@@ -9,7 +9,7 @@ use crate::mix::sieve::class_of;
 use crate::mix::{GradedMix, sphere_volume};
 use crate::request::PackingRequest;
 use crate::rng::{Stream, stream};
-use crate::shape::{Ellipsoid, Zingg, flakiness_index, shape_index};
+use crate::shape::{CaliperSizes, Ellipsoid, Zingg, flakiness_index, shape_index};
 
 fn request(edge_mm: f64, mix: Value) -> PackingRequest {
     let value = json!({"specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm]}, "mix": mix});
@@ -23,6 +23,11 @@ fn drawn(request: &PackingRequest, seed: u64) -> (GradedMix, ShapedGrains) {
     (mix, grains)
 }
 
+/// The bodies of a mix without polyhedra.
+fn bodies(grains: &ShapedGrains) -> Vec<Ellipsoid> {
+    grains.grains.shapes.iter().map(|shape| *shape.ellipsoid().unwrap()).collect()
+}
+
 fn ellipsoids(ratios: Value) -> Value {
     json!({"type": "ellipsoid", "ratios": ratios})
 }
@@ -34,7 +39,7 @@ fn a16(fraction: f64, shape: Value) -> Value {
 /// Volume and number of the grains by sieve class of the size they were drawn with.
 fn classes(mix: &GradedMix, grains: &ShapedGrains) -> Vec<(f64, f64)> {
     let mut classes = vec![(0.0, 0.0); mix.sieve_classes.len()];
-    for (ellipsoid, size) in grains.ellipsoids.iter().zip(&grains.sizes_mm) {
+    for (ellipsoid, size) in bodies(grains).iter().zip(&grains.sizes_mm) {
         let class = &mut classes[class_of(*size, mix.sieve_classes.iter().map(|c| c.high_mm))];
         *class = (class.0 + ellipsoid.volume_mm3(), class.1 + 1.0);
     }
@@ -55,10 +60,10 @@ fn the_volumes_of_the_classes_are_met_by_the_bodies() {
             let request = request(120.0, fields);
             for seed in 0..3 {
                 let (mix, grains) = drawn(&request, seed);
-                assert_eq!(grains.ellipsoids.len(), grains.sizes_mm.len());
-                let d = |i: usize| grains.ellipsoids[i].equivalent_diameter_mm();
-                assert!((1..grains.ellipsoids.len()).all(|i| d(i - 1) >= d(i)));
-                let total: f64 = grains.ellipsoids.iter().map(Ellipsoid::volume_mm3).sum();
+                assert_eq!(grains.grains.len(), grains.sizes_mm.len());
+                let d = |i: usize| grains.grains.shapes[i].d_mm();
+                assert!((1..grains.grains.len()).all(|i| d(i - 1) >= d(i)));
+                let total: f64 = bodies(&grains).iter().map(Ellipsoid::volume_mm3).sum();
                 let miss = total - mix.volume_fraction_effective * mix.specimen_volume_mm3;
                 // A grain of the finest narrow class of the longest form that the laws give.
                 assert!(miss > -1e-6 && miss < 10.0 * sphere_volume(2.2), "{shape} {size}: {miss}");
@@ -74,7 +79,7 @@ fn the_volumes_of_the_classes_are_met_by_the_bodies() {
                     let bound = 4.0 * expected.sqrt() + 0.02 * expected;
                     assert!((number - expected).abs() < bound, "{shape} {size} {}: {number}", class.low_mm);
                 }
-                for (grain, size_mm) in grains.ellipsoids.iter().zip(&grains.sizes_mm) {
+                for (grain, size_mm) in bodies(&grains).iter().zip(&grains.sizes_mm) {
                     let found =
                         if size == "sieve" { grain.sieve_size_mm() } else { grain.equivalent_diameter_mm() };
                     assert!((found / size_mm - 1.0).abs() < 1e-14);
@@ -94,7 +99,7 @@ fn spheres_by_sieve_size_are_the_spheres_of_the_same_seed() {
     assert_eq!(mix.shapes, None);
     let diameters = sample(&mix, &mut stream(7, Stream::Sampling), &|| false).unwrap().d_mm;
     assert_eq!(grains.sizes_mm, diameters);
-    for (grain, d) in grains.ellipsoids.iter().zip(&diameters) {
+    for (grain, d) in bodies(&grains).iter().zip(&diameters) {
         assert_eq!(grain.equivalent_diameter_mm(), *d);
     }
     assert_eq!(drawn(&spheres, 7).1, grains);
@@ -107,7 +112,7 @@ fn a_mixture_has_its_shares_of_the_volume() {
         part(0.2, [1.0, 0.9, 0.4]), part(0.5, [1.0, 0.5, 0.45]), part(0.3, [1.0, 0.9, 0.85])]});
     let (_, grains) = drawn(&request(150.0, a16(0.6, shape)), 1);
     let volume = |class: Zingg| -> f64 {
-        grains.ellipsoids.iter().filter(|grain| grain.zingg() == class).map(Ellipsoid::volume_mm3).sum()
+        bodies(&grains).iter().filter(|grain| grain.zingg() == class).map(Ellipsoid::volume_mm3).sum()
     };
     let total = volume(Zingg::Disc) + volume(Zingg::Rod) + volume(Zingg::Equant);
     for (class, share) in [(Zingg::Disc, 0.2), (Zingg::Rod, 0.5), (Zingg::Equant, 0.3)] {
@@ -122,7 +127,7 @@ fn shapes_hold_above_their_size() {
     let mut mix = a16(0.5, Value::Null);
     mix["shapes"] = json!([{"above_mm": 0, "shape": {"type": "sphere"}}, {"above_mm": 5, "shape": flat}]);
     let (_, grains) = drawn(&request(100.0, mix), 1);
-    for (grain, size) in grains.ellipsoids.iter().zip(&grains.sizes_mm) {
+    for (grain, size) in bodies(&grains).iter().zip(&grains.sizes_mm) {
         assert_eq!(grain.zingg(), if *size > 5.0 { Zingg::Disc } else { Zingg::Equant }, "{size}");
     }
 }
@@ -135,9 +140,12 @@ fn a_grading_has_the_indices_asked_for() {
             let shape = ellipsoids(json!({"type": law, "index": index}));
             let mix = json!({"grading": grading, "d_min_mm": 4, "volume_fraction": 0.6, "shape": shape});
             let (_, grains) = drawn(&request(300.0, mix), 1);
-            assert!(grains.ellipsoids.len() > 30_000);
-            let of = if law == "flakiness" { flakiness_index } else { shape_index };
-            let found = of(&grains.ellipsoids).unwrap();
+            assert!(grains.grains.len() > 30_000);
+            let of = |grains: &[Ellipsoid]| {
+                let sizes = grains.iter().map(CaliperSizes::from);
+                if law == "flakiness" { flakiness_index(sizes) } else { shape_index(sizes) }
+            };
+            let found = of(&bodies(&grains)).unwrap();
             assert!((found - index).abs() < 0.01, "{grading} {law} {index}: {found}");
         }
     }
@@ -193,8 +201,8 @@ proptest! {
             "shapes": [{"above_mm": above, "shape": shape}, {"above_mm": 0, "shape": {"type": "sphere"}}]});
         let request = request(60.0, mix);
         let (mix, grains) = drawn(&request, seed);
-        let total: f64 = grains.ellipsoids.iter().map(Ellipsoid::volume_mm3).sum();
-        let largest = grains.ellipsoids.iter().map(Ellipsoid::volume_mm3).fold(0.0, f64::max);
+        let total: f64 = bodies(&grains).iter().map(Ellipsoid::volume_mm3).sum();
+        let largest = bodies(&grains).iter().map(Ellipsoid::volume_mm3).fold(0.0, f64::max);
         let miss = total - fraction * request.specimen.volume_mm3();
         prop_assert!(miss > -1e-6 && miss < largest, "{}", miss);
         let expected = mix.expected_grains();

@@ -1,7 +1,7 @@
 //! The grains of a packing: their shapes and poses, largest first. The row number is the id of a grain.
 
 use crate::request::GrainKind;
-use crate::shape::{Ellipsoid, Polyhedron, Pose, ScaledPolyhedron};
+use crate::shape::{Ellipsoid, Polyhedron, Pose, ScaledPolyhedron, Solid, SolidRef};
 
 /// Spheres in columns of equal length, largest first; the row number is the grain's id.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,17 +49,29 @@ impl Spheres {
     }
 }
 
-/// Ellipsoids, by descending equivalent diameter. A sphere among them has three equal semi-axes.
+/// Grains that are not spheres, by descending equivalent diameter. Many polyhedra share a template.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Ellipsoids {
+pub struct Solids {
+    /// The forms of the polyhedra, with an equivalent diameter of 1, so that the equivalent diameter of a grain is its
+    /// scale; none where all grains are ellipsoids.
+    pub templates: Vec<Polyhedron>,
     /// What each grain is.
-    pub shapes: Vec<Ellipsoid>,
-    /// Where each grain is; as many as shapes.
+    pub shapes: Vec<Solid>,
+    /// Where each grain is; as many as shapes, or none while the grains have no positions.
     pub poses: Vec<Pose>,
+    /// The aggregate that each belongs to, counted from 0; empty where the mix names none.
+    pub aggregate: Vec<u16>,
 }
 
-impl Ellipsoids {
-    /// Number of ellipsoids.
+impl Solids {
+    /// Ellipsoids with their poses.
+    #[must_use]
+    pub fn of_ellipsoids(shapes: Vec<Ellipsoid>, poses: Vec<Pose>) -> Self {
+        let shapes = shapes.into_iter().map(Solid::Ellipsoid).collect();
+        Self { templates: Vec::new(), shapes, poses, aggregate: Vec::new() }
+    }
+
+    /// Number of grains.
     #[must_use]
     pub fn len(&self) -> usize {
         self.shapes.len()
@@ -71,48 +83,37 @@ impl Ellipsoids {
         self.shapes.is_empty()
     }
 
-    /// The grains one after the other.
-    pub fn iter(&self) -> impl ExactSizeIterator<Item = (&Ellipsoid, &Pose)> {
-        self.shapes.iter().zip(&self.poses)
-    }
-}
-
-/// Convex polyhedra, by descending equivalent diameter. Many grains share a template.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Polyhedra {
-    /// The forms of the grains: polyhedra with an equivalent diameter of 1, so that the equivalent diameter of a grain
-    /// is its scale.
-    pub templates: Vec<Polyhedron>,
-    /// The template of each grain.
-    pub template: Vec<u32>,
-    /// Equivalent diameters in mm; as many as grains.
-    pub d_mm: Vec<f64>,
-    /// Where each grain is.
-    pub poses: Vec<Pose>,
-}
-
-impl Polyhedra {
-    /// Number of polyhedra.
+    /// What they are. Looks at all grains.
     #[must_use]
-    pub fn len(&self) -> usize {
-        self.d_mm.len()
-    }
-
-    /// Whether there is none.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.d_mm.is_empty()
+    pub fn kind(&self) -> GrainKind {
+        let is_polyhedron = |shape: &Solid| shape.template().is_some();
+        if self.shapes.iter().any(is_polyhedron) || (self.is_empty() && !self.templates.is_empty()) {
+            GrainKind::Polyhedra
+        } else {
+            GrainKind::Ellipsoids
+        }
     }
 
     /// The shape of a grain.
+    ///
+    /// # Panics
+    /// Without that grain, or without its template.
     #[must_use]
-    pub fn shape(&self, grain: usize) -> ScaledPolyhedron<'_> {
-        let template = &self.templates[self.template[grain] as usize];
-        ScaledPolyhedron { template, scale_mm: self.d_mm[grain] }
+    pub fn shape(&self, grain: usize) -> SolidRef<'_> {
+        match self.shapes[grain] {
+            Solid::Ellipsoid(ellipsoid) => SolidRef::Ellipsoid(ellipsoid),
+            Solid::Polyhedron { template, d_mm } => SolidRef::Polyhedron(ScaledPolyhedron {
+                template: &self.templates[template as usize],
+                scale_mm: d_mm,
+            }),
+        }
     }
 
     /// The grains one after the other.
-    pub fn iter(&self) -> impl ExactSizeIterator<Item = (ScaledPolyhedron<'_>, &Pose)> {
+    ///
+    /// # Panics
+    /// Without the template of a grain.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = (SolidRef<'_>, &Pose)> {
         (0..self.len()).map(|grain| (self.shape(grain), &self.poses[grain]))
     }
 }
@@ -122,10 +123,8 @@ impl Polyhedra {
 pub enum Grains {
     /// All grains are spheres.
     Spheres(Spheres),
-    /// The grains are ellipsoids.
-    Ellipsoids(Ellipsoids),
-    /// The grains are convex polyhedra.
-    Polyhedra(Polyhedra),
+    /// The grains are ellipsoids or convex polyhedra.
+    Solids(Solids),
 }
 
 impl Grains {
@@ -146,7 +145,16 @@ impl Grains {
     pub fn spheres(&self) -> Option<&Spheres> {
         match self {
             Self::Spheres(spheres) => Some(spheres),
-            Self::Ellipsoids(_) | Self::Polyhedra(_) => None,
+            Self::Solids(_) => None,
+        }
+    }
+
+    /// The grains, where they are no spheres.
+    #[must_use]
+    pub fn solids(&self) -> Option<&Solids> {
+        match self {
+            Self::Spheres(_) => None,
+            Self::Solids(solids) => Some(solids),
         }
     }
 }
@@ -156,10 +164,8 @@ impl Grains {
 pub enum GrainsRef<'a> {
     /// All grains are spheres.
     Spheres(&'a Spheres),
-    /// The grains are ellipsoids.
-    Ellipsoids(&'a Ellipsoids),
-    /// The grains are convex polyhedra.
-    Polyhedra(&'a Polyhedra),
+    /// The grains are ellipsoids or convex polyhedra.
+    Solids(&'a Solids),
 }
 
 impl<'a> GrainsRef<'a> {
@@ -168,19 +174,57 @@ impl<'a> GrainsRef<'a> {
     pub fn kind(self) -> GrainKind {
         match self {
             Self::Spheres(_) => GrainKind::Spheres,
-            Self::Ellipsoids(_) => GrainKind::Ellipsoids,
-            Self::Polyhedra(_) => GrainKind::Polyhedra,
+            Self::Solids(solids) => solids.kind(),
+        }
+    }
+
+    /// Diameter of the sphere of equal volume in mm.
+    ///
+    /// # Panics
+    /// Without that grain.
+    #[inline]
+    #[must_use]
+    pub fn d_mm(self, grain: usize) -> f64 {
+        match self {
+            Self::Spheres(spheres) => spheres.d_mm[grain],
+            Self::Solids(solids) => solids.shapes[grain].d_mm(),
+        }
+    }
+
+    /// Centre in mm.
+    ///
+    /// # Panics
+    /// Without that grain.
+    #[inline]
+    #[must_use]
+    pub fn center_mm(self, grain: usize) -> [f64; 3] {
+        match self {
+            Self::Spheres(spheres) => spheres.center(grain),
+            Self::Solids(solids) => solids.poses[grain].center_mm.into(),
         }
     }
 
     /// Diameters of the spheres of equal volume in mm, in the order of the grains.
-    pub fn diameters_mm(self) -> impl Iterator<Item = f64> + 'a {
-        let (diameters, ellipsoids): (&[f64], &[Ellipsoid]) = match self {
-            Self::Spheres(spheres) => (&spheres.d_mm, &[]),
-            Self::Ellipsoids(ellipsoids) => (&[], &ellipsoids.shapes),
-            Self::Polyhedra(polyhedra) => (&polyhedra.d_mm, &[]),
-        };
-        diameters.iter().copied().chain(ellipsoids.iter().map(Ellipsoid::equivalent_diameter_mm))
+    pub fn diameters_mm(self) -> impl DoubleEndedIterator<Item = f64> + 'a {
+        (0..self.len()).map(move |grain| self.d_mm(grain))
+    }
+
+    /// The aggregate that each grain belongs to, counted from 0; empty where the mix names none.
+    #[must_use]
+    pub fn aggregate(self) -> &'a [u16] {
+        match self {
+            Self::Spheres(spheres) => &spheres.aggregate,
+            Self::Solids(solids) => &solids.aggregate,
+        }
+    }
+
+    /// The templates of polyhedra; none of other grains.
+    #[must_use]
+    pub fn templates(self) -> &'a [Polyhedron] {
+        match self {
+            Self::Spheres(_) => &[],
+            Self::Solids(solids) => &solids.templates,
+        }
     }
 
     /// Number of grains.
@@ -188,8 +232,7 @@ impl<'a> GrainsRef<'a> {
     pub fn len(&self) -> usize {
         match self {
             Self::Spheres(spheres) => spheres.len(),
-            Self::Ellipsoids(ellipsoids) => ellipsoids.len(),
-            Self::Polyhedra(polyhedra) => polyhedra.len(),
+            Self::Solids(solids) => solids.len(),
         }
     }
 
@@ -204,8 +247,7 @@ impl<'a> From<&'a Grains> for GrainsRef<'a> {
     fn from(grains: &'a Grains) -> Self {
         match grains {
             Grains::Spheres(spheres) => Self::Spheres(spheres),
-            Grains::Ellipsoids(ellipsoids) => Self::Ellipsoids(ellipsoids),
-            Grains::Polyhedra(polyhedra) => Self::Polyhedra(polyhedra),
+            Grains::Solids(solids) => Self::Solids(solids),
         }
     }
 }
@@ -216,14 +258,8 @@ impl<'a> From<&'a Spheres> for GrainsRef<'a> {
     }
 }
 
-impl<'a> From<&'a Ellipsoids> for GrainsRef<'a> {
-    fn from(ellipsoids: &'a Ellipsoids) -> Self {
-        Self::Ellipsoids(ellipsoids)
-    }
-}
-
-impl<'a> From<&'a Polyhedra> for GrainsRef<'a> {
-    fn from(polyhedra: &'a Polyhedra) -> Self {
-        Self::Polyhedra(polyhedra)
+impl<'a> From<&'a Solids> for GrainsRef<'a> {
+    fn from(solids: &'a Solids) -> Self {
+        Self::Solids(solids)
     }
 }

@@ -7,7 +7,7 @@ mod grains;
 
 use serde::{Deserialize, Serialize};
 
-pub use grains::{Ellipsoids, Grains, GrainsRef, Polyhedra, Spheres};
+pub use grains::{Grains, GrainsRef, Solids, Spheres};
 
 /// Name and version of the random generator, recorded in every result: the stream behind a seed
 /// is part of what a seed means.
@@ -105,7 +105,7 @@ impl Packing {
     pub fn into_spheres(self) -> Option<Spheres> {
         match self.grains {
             Grains::Spheres(spheres) => Some(spheres),
-            Grains::Ellipsoids(_) | Grains::Polyhedra(_) => None,
+            Grains::Solids(_) => None,
         }
     }
 }

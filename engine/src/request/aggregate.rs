@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::decode::{At, Bound, Object};
 use super::grading::{check_d_min, described_range, read_d_min, read_grading};
 use super::proportions::DENSITY;
-use super::shape::{all, bounded, read_mix_shapes};
+use super::shape::{all, bounded, read_mix_shapes, rounded};
 use super::{DEFAULT_D_MIN_MM, Grading, GrainShape, Mix, ShapeClass};
 
 /// Most aggregates of a mix.
@@ -141,7 +141,7 @@ pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Vec<
     }
     let sum: f64 = aggregates.iter().map(|aggregate| aggregate.share).sum();
     if (sum - 1.0).abs() > SUM_TOLERANCE {
-        at.fault(format!("the shares sum to {sum}: must sum to 1"));
+        at.fault(format!("the shares sum to {}: must sum to 1", rounded(sum)));
         return None;
     }
     let with_density = aggregates.iter().filter(|aggregate| aggregate.density_kg_m3.is_some()).count();

@@ -17,21 +17,17 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     let d_min_at = object.optional("d_min_mm");
     let d_min = read_d_min(d_min_at.as_ref());
     let aggregates_at = object.optional("aggregates");
-    let (grading, grading_at, aggregates) = match &aggregates_at {
-        Some(at) => {
-            for field in ["grading", "shape", "shapes"] {
-                if let Some(at) = object.optional(field) {
-                    at.fault("the mix has aggregates, each with its own: leave this field out");
-                }
+    let (grading, grading_at, aggregates) = if let Some(at) = &aggregates_at {
+        for field in ["grading", "shape", "shapes"] {
+            if let Some(at) = object.optional(field) {
+                at.fault("the mix has aggregates, each with its own: leave this field out");
             }
-            // An unreadable cut-off is reported already.
-            let aggregates = d_min.and_then(|d_min| read_aggregates(at, d_min));
-            (None, None, aggregates)
         }
-        None => {
-            let at = object.required("grading");
-            (at.as_ref().and_then(read_grading), at, Some(Vec::new()))
-        }
+        // An unreadable cut-off is reported already.
+        (None, None, d_min.and_then(|d_min| read_aggregates(at, d_min)))
+    } else {
+        let at = object.required("grading");
+        (at.as_ref().and_then(read_grading), at, Some(Vec::new()))
     };
     // By its name, for a list with a fault in it is a list too.
     let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");

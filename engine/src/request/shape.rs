@@ -461,7 +461,7 @@ fn read_mixture(at: &At<'_>) -> Option<Vec<MixturePart>> {
     }))?;
     let sum: f64 = parts.iter().map(|part| part.share).sum();
     if (sum - 1.0).abs() > SUM_TOLERANCE {
-        at.fault(format!("the shares sum to {sum}: must sum to 1"));
+        at.fault(format!("the shares sum to {}: must sum to 1", rounded(sum)));
         return None;
     }
     Some(parts)
@@ -633,6 +633,11 @@ fn read_weights(object: &mut Object<'_>, max: usize) -> Option<Vec<f64>> {
 
 fn read_numbers(at: &At<'_>, what: &str, max: usize) -> Option<Vec<f64>> {
     all(bounded(at, what, max)?.iter().map(|item| item.number(ANY)))
+}
+
+/// A sum of numbers typed by hand, without the digits that rounding leaves.
+pub(super) fn rounded(sum: f64) -> f64 {
+    (sum * 1.0e9).round() / 1.0e9
 }
 
 /// All of the values, or none after each was read: every fault is to be reported.

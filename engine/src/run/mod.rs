@@ -5,7 +5,7 @@ mod spheres;
 
 use std::time::Instant;
 
-use crate::analysis::{polyhedron_report, separation, shape_report};
+use crate::analysis::{separation, shape_report};
 use crate::check::{self, Check};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part, Phase, Progress};
@@ -13,16 +13,16 @@ use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::memory;
 use crate::methods::rsa::End;
-use crate::mix::sampling::{AngularGrains, Diameters, sample, sample_angular, sample_shaped};
+use crate::mix::sampling::{Diameters, sample, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
-    AggregateReport, ClassReport, Ellipsoids, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Polyhedra,
-    Report, RsaStatistics, Statistics, Summary, Timings,
+    AggregateReport, ClassReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, RsaStatistics,
+    Solids, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Distance, GrainKind, PackingRequest, Segregation};
+use crate::request::{Distance, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
-use crate::shape::{Ellipsoid, ScaledPolyhedron};
+use crate::shape::{Ellipsoid, Solid};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
 const PACKING_SHARE: f64 = 0.98;
@@ -79,25 +79,7 @@ pub fn pack_or_resume(
             };
             spheres::place(&job, &plan, resume, control)?
         }
-        Sampled::Ellipsoids(shapes) => {
-            let grains =
-                |poses| Ok(Grains::Ellipsoids(Ellipsoids { shapes: memory::copied(&shapes)?, poses }));
-            let job = shaped::Job { request, mix: &mix, shapes: &shapes, grains: &grains };
-            shaped::place(&job, &plan, resume.as_ref(), control)?
-        }
-        Sampled::Polyhedra(AngularGrains { templates, template, d_mm, .. }) => {
-            let shape = |(&template, &scale_mm): (&u32, &f64)| {
-                let template = &templates[template as usize];
-                ScaledPolyhedron { template, scale_mm }
-            };
-            let shapes = memory::collected(template.iter().zip(&d_mm).map(shape))?;
-            let grains = |poses| {
-                let (template, d_mm) = (memory::copied(&template)?, memory::copied(&d_mm)?);
-                Ok(Grains::Polyhedra(Polyhedra { templates: templates.clone(), template, d_mm, poses }))
-            };
-            let job = shaped::Job { request, mix: &mix, shapes: &shapes, grains: &grains };
-            shaped::place(&job, &plan, resume.as_ref(), control)?
-        }
+        Sampled::Solids(solids) => shaped::place(request, &mix, &solids, &plan, resume.as_ref(), control)?,
     };
 
     // What was found to be the largest distance is checked like one that is requested.
@@ -123,11 +105,7 @@ pub fn pack_or_resume(
         }
         _ => None,
     };
-    let shapes = match &placed.grains {
-        Grains::Spheres(_) => None,
-        Grains::Ellipsoids(ellipsoids) => shape_report(ellipsoids),
-        Grains::Polyhedra(polyhedra) => polyhedron_report(polyhedra),
-    };
+    let shapes = placed.grains.solids().and_then(shape_report);
     Ok(Packing {
         grains: placed.grains,
         report: Report {
@@ -153,8 +131,7 @@ pub fn pack_or_resume(
 /// The grains of a mix before they have positions, from the largest down.
 enum Sampled {
     Spheres(Diameters),
-    Ellipsoids(Vec<Ellipsoid>),
-    Polyhedra(AngularGrains),
+    Solids(Solids),
 }
 
 impl Sampled {
@@ -165,20 +142,20 @@ impl Sampled {
             return sample(mix, &mut sizes, &should_stop).map(Self::Spheres);
         }
         let mut forms = stream(request.seed, Stream::Shape);
-        if mix.kind() == GrainKind::Polyhedra {
-            return sample_angular(mix, &mut sizes, &mut forms, &should_stop).map(Self::Polyhedra);
-        }
-        sample_shaped(mix, &mut sizes, &mut forms, &should_stop)
-            .map(|grains| Self::Ellipsoids(grains.ellipsoids))
+        sample_shaped(mix, &mut sizes, &mut forms, &should_stop).map(|drawn| Self::Solids(drawn.grains))
     }
 
     fn volume_mm3(&self) -> f64 {
         match self {
             Self::Spheres(diameters) => diameters.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
-            Self::Ellipsoids(shapes) => shapes.iter().map(Ellipsoid::volume_mm3).sum(),
-            Self::Polyhedra(grains) => grains.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
+            Self::Solids(solids) => solids.shapes.iter().map(shape_volume).sum(),
         }
     }
+}
+
+/// Volume of a grain in mm³.
+fn shape_volume(shape: &Solid) -> f64 {
+    shape.ellipsoid().map_or_else(|| sphere_volume(shape.d_mm()), Ellipsoid::volume_mm3)
 }
 
 /// Grains with their positions.
@@ -261,13 +238,7 @@ fn judged(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> R
     let share = Part::new(control, PACKING_SHARE, 1.0);
     let checked = match grains {
         Grains::Spheres(spheres) => check::check_with(spheres, request, &share),
-        Grains::Ellipsoids(ellipsoids) => {
-            check::check_ellipsoids(&ellipsoids.shapes, &ellipsoids.poses, request, request.mix.size, &share)
-        }
-        Grains::Polyhedra(polyhedra) => {
-            let shapes = memory::collected((0..polyhedra.len()).map(|grain| polyhedra.shape(grain)))?;
-            check::check_polyhedra(&shapes, &polyhedra.poses, request, request.mix.size, &share)
-        }
+        Grains::Solids(solids) => check::check_solids(solids, request, &share),
     };
     let number = grains.len() as u64;
     let checked = checked.map_err(|fault| match fault {

@@ -9,24 +9,25 @@ use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::gap::grain::ConvexShape;
+use crate::memory::{copied, make_room};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::{GradedMix, draw_orientation};
-use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Statistics};
+use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Solids, Statistics};
 use crate::plan::Plan;
 use crate::request::{Distance, Method, MonteCarloStop, PackingRequest};
 use crate::rng::{Stream, stream};
-use crate::shape::Pose;
+use crate::shape::{Pose, Solid, SolidRef};
 
 /// A run whose shapes are drawn.
-pub(super) struct Job<'a, S> {
-    pub(super) request: &'a PackingRequest,
-    pub(super) mix: &'a GradedMix,
+struct Job<'a, S> {
+    request: &'a PackingRequest,
+    mix: &'a GradedMix,
     /// By equivalent diameter from the largest down.
-    pub(super) shapes: &'a [S],
+    shapes: &'a [S],
     /// Makes grains of poses in the order of the shapes.
-    pub(super) grains: &'a dyn Fn(Vec<Pose>) -> Result<Grains, PackError>,
+    grains: &'a dyn Fn(Vec<Pose>) -> Result<Grains, PackError>,
 }
 
 /// Which methods are tried.
@@ -49,11 +50,40 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
     }
 }
 
-/// Packs shaped grains by the method of the request, from a checkpoint where there is one.
+/// Packs grains that are no spheres by the method of the request, from a checkpoint where there is one.
 ///
 /// # Errors
 /// See [`PackError`].
-pub(super) fn place<S: ConvexShape>(
+pub(super) fn place(
+    request: &PackingRequest,
+    mix: &GradedMix,
+    solids: &Solids,
+    plan: &Plan,
+    resume: Option<&Resume>,
+    control: &dyn Control,
+) -> Result<Placed, PackError> {
+    let grains = |poses| {
+        let (templates, shapes) = (solids.templates.clone(), copied(&solids.shapes)?);
+        let aggregate = copied(&solids.aggregate)?;
+        Ok(Grains::Solids(Solids { templates, shapes, poses, aggregate }))
+    };
+    let grains = &grains;
+    let (mut ellipsoids, mut polyhedra) = (Vec::new(), Vec::new());
+    make_room(&mut ellipsoids, solids.shapes.iter().filter_map(Solid::ellipsoid).count())?;
+    make_room(&mut polyhedra, solids.shapes.iter().filter_map(Solid::template).count())?;
+    for grain in 0..solids.len() {
+        match solids.shape(grain) {
+            SolidRef::Ellipsoid(ellipsoid) => ellipsoids.push(ellipsoid),
+            SolidRef::Polyhedron(polyhedron) => polyhedra.push(polyhedron),
+        }
+    }
+    if polyhedra.is_empty() {
+        return place_shapes(&Job { request, mix, shapes: &ellipsoids, grains }, plan, resume, control);
+    }
+    place_shapes(&Job { request, mix, shapes: &polyhedra, grains }, plan, resume, control)
+}
+
+fn place_shapes<S: ConvexShape>(
     job: &Job<'_, S>,
     plan: &Plan,
     resume: Option<&Resume>,

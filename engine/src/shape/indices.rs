@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::{Ellipsoid, Pose};
+use super::{Ellipsoid, Polyhedron, Pose};
 
 /// Particle size fractions `d_i/D_i` of EN 933-3:2012, table 1, with the width of the slots, `D_i/2` as rounded there;
 /// in mm.
@@ -52,6 +52,32 @@ impl From<&Ellipsoid> for CaliperSizes {
     }
 }
 
+/// Of a body with a scale of 1 mm.
+impl From<&Polyhedron> for CaliperSizes {
+    fn from(body: &Polyhedron) -> Self {
+        Self {
+            volume_mm3: body.volume(),
+            sieve_mm: body.sieve_size(),
+            length_mm: body.length(),
+            thickness_mm: body.thickness(),
+        }
+    }
+}
+
+impl CaliperSizes {
+    /// Those of a grain that is larger by a factor.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        let Self { volume_mm3, sieve_mm, length_mm, thickness_mm } = self;
+        Self {
+            volume_mm3: volume_mm3 * factor.powi(3),
+            sieve_mm: sieve_mm * factor,
+            length_mm: length_mm * factor,
+            thickness_mm: thickness_mm * factor,
+        }
+    }
+}
+
 /// Whether a grain passes the slots of its fraction in EN 933-3; `None` where it lies in none.
 ///
 /// A grain passes a slot that is wider than its thickness, `2c` of an ellipsoid.
@@ -85,25 +111,13 @@ fn share(
 
 /// Flakiness index of EN 933-3, 0 to 1: the share of the mass of the grains from 4 to 100 mm by sieve size that pass
 /// slots of half the upper sieve of their fraction. `None` where there are no such grains.
-#[must_use]
-pub fn flakiness_index(grains: &[Ellipsoid]) -> Option<f64> {
-    flakiness_index_of(grains.iter().map(CaliperSizes::from))
-}
-
-/// The same of grains of any shape.
-pub fn flakiness_index_of(grains: impl Iterator<Item = CaliperSizes>) -> Option<f64> {
+pub fn flakiness_index(grains: impl Iterator<Item = CaliperSizes>) -> Option<f64> {
     share(grains, is_flaky)
 }
 
 /// Shape index of EN 933-4, 0 to 1: the share of the mass of the grains from 4 to 63 mm by sieve size that are more
 /// than three times as long as thick. `None` where there are no such grains.
-#[must_use]
-pub fn shape_index(grains: &[Ellipsoid]) -> Option<f64> {
-    shape_index_of(grains.iter().map(CaliperSizes::from))
-}
-
-/// The same of grains of any shape.
-pub fn shape_index_of(grains: impl Iterator<Item = CaliperSizes>) -> Option<f64> {
+pub fn shape_index(grains: impl Iterator<Item = CaliperSizes>) -> Option<f64> {
     share(grains, is_non_cubical)
 }
 
@@ -162,10 +176,13 @@ mod tests {
     fn indices_are_shares_of_the_mass() {
         let (flaky, round) = (grain(5.0, 0.3), grain(10.0, 1.0));
         let share = flaky.volume_mm3() / (flaky.volume_mm3() + round.volume_mm3());
-        assert_eq!(flakiness_index(&[flaky, round, grain(2.0, 0.3)]), Some(share));
+        let calipers = |grains: &[Ellipsoid]| grains.iter().map(CaliperSizes::from).collect::<Vec<_>>();
+        let flakiness = |grains: &[Ellipsoid]| flakiness_index(calipers(grains).into_iter());
+        let shape = |grains: &[Ellipsoid]| shape_index(calipers(grains).into_iter());
+        assert_eq!(flakiness(&[flaky, round, grain(2.0, 0.3)]), Some(share));
         // a/c is 6.7 and 2.
-        assert_eq!(shape_index(&[flaky, round, grain(70.0, 0.3)]), Some(share));
-        assert_eq!((flakiness_index(&[]), shape_index(&[grain(2.0, 0.3)])), (None, None));
+        assert_eq!(shape(&[flaky, round, grain(70.0, 0.3)]), Some(share));
+        assert_eq!((flakiness(&[]), shape(&[grain(2.0, 0.3)])), (None, None));
     }
 
     #[test]

@@ -11,16 +11,15 @@ mod pose;
 mod quantile;
 pub mod ratios;
 mod sampler;
+mod solid;
 mod target;
 
 pub use ellipsoid::Ellipsoid;
 pub use form::{Form, SizeMeasure, Zingg};
-pub use indices::{
-    BodyAxis, CaliperSizes, flakiness_index, flakiness_index_of, orientation_tensor, shape_index,
-    shape_index_of,
-};
+pub use indices::{BodyAxis, CaliperSizes, flakiness_index, orientation_tensor, shape_index};
 pub(crate) use polyhedron::Principal;
 pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};
 pub use pose::Pose;
 pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};
 pub use sampler::RatioSampler;
+pub use solid::{Solid, SolidRef};

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::super::ratios::{DEFAULT_TARGET_ELONGATION, RatioDistribution, RatioLaw};
-use super::super::{Ellipsoid, flakiness_index, shape_index};
+use super::super::{CaliperSizes, Ellipsoid, flakiness_index, shape_index};
 use super::*;
 use crate::rng::{Stream, stream};
 
@@ -119,10 +119,12 @@ fn grains_have_the_indices_asked_for() {
     for index in [0.0, 0.05, 0.15, 0.2, 0.5, 0.8, 1.0] {
         for elongation in [DEFAULT_TARGET_ELONGATION, RatioLaw::Constant(1.0), uniform_law(0.4, 0.6)] {
             let ratios = AxisRatios::Flakiness { index, elongation: elongation.clone() };
-            let found = flakiness_index(&grains(&ratios, SizeMeasure::Sieve)).unwrap();
+            let found =
+                flakiness_index(grains(&ratios, SizeMeasure::Sieve).iter().map(CaliperSizes::from)).unwrap();
             assert!((found - index).abs() < 0.005, "{ratios:?}: {found}");
             let ratios = AxisRatios::ShapeIndex { index, elongation };
-            let found = shape_index(&grains(&ratios, SizeMeasure::Sieve)).unwrap();
+            let found =
+                shape_index(grains(&ratios, SizeMeasure::Sieve).iter().map(CaliperSizes::from)).unwrap();
             assert!((found - index).abs() < 0.005, "{ratios:?}: {found}");
         }
     }
@@ -133,10 +135,12 @@ fn grains_by_equivalent_diameter_come_near_the_indices() {
     for index in [0.1, 0.3, 0.6] {
         let elongation = DEFAULT_TARGET_ELONGATION;
         let ratios = AxisRatios::Flakiness { index, elongation: elongation.clone() };
-        let found = flakiness_index(&grains(&ratios, SizeMeasure::Equivalent)).unwrap();
+        let found =
+            flakiness_index(grains(&ratios, SizeMeasure::Equivalent).iter().map(CaliperSizes::from)).unwrap();
         assert!((found - index).abs() < 0.05, "{ratios:?}: {found}");
         let ratios = AxisRatios::ShapeIndex { index, elongation };
-        let found = shape_index(&grains(&ratios, SizeMeasure::Equivalent)).unwrap();
+        let found =
+            shape_index(grains(&ratios, SizeMeasure::Equivalent).iter().map(CaliperSizes::from)).unwrap();
         assert!((found - index).abs() < 0.05, "{ratios:?}: {found}");
     }
 }

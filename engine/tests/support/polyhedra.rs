@@ -5,10 +5,10 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use super::engine::gap::polyhedra::Body;
-use super::engine::packing::Polyhedra;
+use super::engine::packing::Solids;
 use super::engine::request::Specimen;
 use super::engine::shape::polyhedron::{TemplateKind, draw_template};
-use super::engine::shape::{Form, Polyhedron, Pose};
+use super::engine::shape::{Form, Polyhedron, Pose, Solid};
 
 /// Templates of all kinds with that rounding, a share of the equivalent diameter.
 pub(crate) fn templates(rounding: f64) -> Vec<Polyhedron> {
@@ -36,8 +36,8 @@ pub(crate) fn packed(
     d_mm: [f64; 2],
     gap_mm: f64,
     rounding: f64,
-) -> Polyhedra {
-    let mut packed = Polyhedra { templates: templates(rounding), ..Polyhedra::default() };
+) -> Solids {
+    let mut packed = Solids { templates: templates(rounding), ..Solids::default() };
     let mut bodies: Vec<Body> = Vec::new();
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
     let bounds = Vector3::from(specimen.bounds_mm());
@@ -68,8 +68,7 @@ pub(crate) fn packed(
             })
             .expect("no place is left");
         bodies.push(body);
-        packed.template.push(which as u32);
-        packed.d_mm.push(d);
+        packed.shapes.push(Solid::Polyhedron { template: which as u32, d_mm: d });
         packed.poses.push(pose);
     }
     packed

@@ -7,7 +7,7 @@ use packstone_engine::analysis::{self, RadialOptions, SizeRange, SizedGrain, Sur
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::export::tables::{self, Column, GrainSource, Head};
 use packstone_engine::mix::GradedMix;
-use packstone_engine::request::{Distance, Method, PackingRequest};
+use packstone_engine::request::{Distance, GrainKind, Method, PackingRequest};
 
 use super::PlotError;
 use super::axis::{Axis, plain};
@@ -97,7 +97,7 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     })?;
     let name = request.name.clone();
     let packing = request.packing();
-    let is_spherical = result.grains.columns() == Column::OF_SPHERES;
+    let is_spherical = result.grains.kind() == GrainKind::Spheres;
     if !is_spherical && matches!(kind, JobPlot::Radial | JobPlot::Profile) {
         return Ok(Chart::without_points(OF_SPHERES_ALONE));
     }

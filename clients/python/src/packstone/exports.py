@@ -13,13 +13,14 @@ from . import _files, _html
 from ._resource import Changing
 from .errors import error_of
 
-ExportType = Literal["mesh", "voxels", "slice", "ldpm"]
+ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
 MeshFormat = Literal["msh", "geo", "stl"]
 VoxelFormat = Literal["vti", "raw", "inp"]
 SliceFormat = Literal["svg", "png", "json", "geo"]
 LdpmFormat = Literal["chrono", "tets", "facets", "cells"]
-ExportFormat = Literal[MeshFormat, VoxelFormat, SliceFormat, LdpmFormat]
+CertificateFormat = Literal["csv", "json"]
+ExportFormat = Literal[MeshFormat, VoxelFormat, SliceFormat, LdpmFormat, CertificateFormat]
 Axis = Literal["x", "y", "z"]
 
 # The suffixes that name one export and its format.
@@ -48,7 +49,7 @@ class Export(Changing):
 
     @property
     def type(self) -> ExportType:
-        """The type: ``mesh``, ``voxels``, ``slice`` or ``ldpm``."""
+        """The type: ``mesh``, ``voxels``, ``slice``, ``ldpm`` or ``certificates``."""
         type: ExportType = self.data["type"]
         return type
 

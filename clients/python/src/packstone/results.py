@@ -60,7 +60,8 @@ class Result:
     def to_numpy(self) -> NDArray[np.float64]:
         """Returns the grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
 
-        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``.
+        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``. Of a mix of several
+        aggregates the last column is ``aggregate``, their index from 0.
         """
         grains: NDArray[np.float64] = np.load(io.BytesIO(self.read("npy")), allow_pickle=False)
         return grains
@@ -68,12 +69,15 @@ class Result:
     def to_dataframe(self) -> pd.DataFrame:
         """Returns the grains as a table with the columns x_mm, y_mm, z_mm and d_mm. Needs pandas.
 
-        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``.
+        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``. Of a mix of several
+        aggregates the last column is ``aggregate``, their index from 0.
         """
         import pandas as pd
 
         grains = self.to_numpy()
-        return pd.DataFrame(grains, columns=list(_COLUMNS_OF_WIDTH[grains.shape[1]]))
+        aggregate = ("aggregate",) if self.summary.get("aggregates") else ()
+        names = _COLUMNS_OF_WIDTH[grains.shape[1] - len(aggregate)]
+        return pd.DataFrame(grains, columns=[*names, *aggregate])
 
     def templates(self) -> list[dict[str, Any]]:
         """Returns the templates that the column ``template`` of polyhedra counts from 0; an empty list of other grains.

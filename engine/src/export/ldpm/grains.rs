@@ -4,18 +4,25 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::export::convex::{Convex, Place};
 use crate::export::{ExportError, Model};
-use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
-use crate::gap::{polyhedra, walls};
+use crate::gap::solids::Body;
+use crate::gap::{ellipsoids, polyhedra};
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{Ellipsoids, GrainsRef, Polyhedra, Spheres};
+use crate::packing::{GrainsRef, Solids, Spheres};
 use crate::request::Specimen;
+use crate::shape::Solid;
 
 /// The grains of a packing.
 pub(super) enum Grains<'a> {
     Spheres(&'a Spheres),
-    Ellipsoids { grains: &'a Ellipsoids, bodies: Vec<Body>, inverses: Vec<Matrix3<f64>> },
-    Polyhedra { grains: &'a Polyhedra, templates: Vec<Convex>, bodies: Vec<polyhedra::Body<'a>> },
+    Solids { grains: &'a Solids, bodies: Vec<Placed<'a>>, templates: Vec<Convex> },
+}
+
+/// A grain with what its reach is computed from.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Placed<'a> {
+    Ellipsoid(ellipsoids::Body, Matrix3<f64>),
+    Polyhedron(polyhedra::Body<'a>, u32, Place),
 }
 
 /// What the reach of grains along a line is computed from.
@@ -24,59 +31,86 @@ pub(super) enum Reach {
     /// The radius, along every line.
     #[default]
     Radius,
-    /// The inverse shape matrices `M` in 1/mm²: half of the chord along the unit vector `u` is `1 / sqrt(u · M u)`.
-    Ellipsoids(Vec<Matrix3<f64>>),
-    /// Templates, and the template and place of each grain.
-    Polyhedra { templates: Vec<Convex>, grains: Vec<(u32, Place)> },
+    /// Templates, and what each grain is.
+    Solids { templates: Vec<Convex>, grains: Vec<ReachOf> },
+}
+
+/// What the reach of a grain along a line is computed from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum ReachOf {
+    /// The inverse shape matrix `M` in 1/mm²: half of the chord along the unit vector `u` is `1 / sqrt(u · M u)`.
+    Ellipsoid(Matrix3<f64>),
+    /// Number of the template, and place.
+    Polyhedron(u32, Place),
+}
+
+impl<'a> Placed<'a> {
+    fn new(grains: &'a Solids, grain: usize) -> Self {
+        let pose = &grains.poses[grain];
+        match grains.shapes[grain] {
+            Solid::Ellipsoid(shape) => {
+                let rotation = pose.rotation();
+                let inverse_squares = shape.semi_axes_mm().map(|axis| 1.0 / (axis * axis));
+                let inverse = rotation * Matrix3::from_diagonal(&inverse_squares) * rotation.transpose();
+                Self::Ellipsoid(ellipsoids::Body::new(&shape, pose), inverse)
+            }
+            Solid::Polyhedron { template, d_mm } => {
+                let body = polyhedra::Body::new(&grains.templates[template as usize], d_mm, pose);
+                Self::Polyhedron(body, template, Place::new(d_mm, pose))
+            }
+        }
+    }
+
+    fn body(&self) -> Body<'a> {
+        match *self {
+            Self::Ellipsoid(body, _) => Body::Ellipsoid(body),
+            Self::Polyhedron(body, ..) => Body::Polyhedron(body),
+        }
+    }
+
+    fn outer_mm(&self) -> f64 {
+        match self {
+            Self::Ellipsoid(body, _) => body.outer_mm,
+            Self::Polyhedron(body, ..) => body.outer_mm,
+        }
+    }
+
+    fn reach(&self) -> ReachOf {
+        match *self {
+            Self::Ellipsoid(_, inverse) => ReachOf::Ellipsoid(inverse),
+            Self::Polyhedron(_, template, place) => ReachOf::Polyhedron(template, place),
+        }
+    }
 }
 
 impl<'a> Grains<'a> {
     pub(super) fn new(model: &Model<'a>) -> Result<Self, ExportError> {
-        match model.grains {
-            GrainsRef::Spheres(spheres) => Ok(Self::Spheres(spheres)),
-            GrainsRef::Ellipsoids(grains) => {
-                let bodies = collected(grains.iter().map(|(shape, pose)| Body::new(shape, pose)))?;
-                let inverses = collected(grains.iter().map(|(shape, pose)| {
-                    let rotation = pose.rotation();
-                    let inverse_squares = shape.semi_axes_mm().map(|axis| 1.0 / (axis * axis));
-                    rotation * Matrix3::from_diagonal(&inverse_squares) * rotation.transpose()
-                }))?;
-                Ok(Self::Ellipsoids { grains, bodies, inverses })
-            }
-            GrainsRef::Polyhedra(grains) => {
-                let body = |grain: usize| {
-                    let shape = grains.shape(grain);
-                    polyhedra::Body::new(shape.template, shape.scale_mm, &grains.poses[grain])
-                };
-                let bodies = collected((0..grains.len()).map(body))?;
-                Ok(Self::Polyhedra { grains, templates: Convex::all(&grains.templates), bodies })
-            }
+        let grains = match model.grains {
+            GrainsRef::Spheres(spheres) => return Ok(Self::Spheres(spheres)),
+            GrainsRef::Solids(solids) => solids,
+        };
+        let bodies = collected((0..grains.len()).map(|grain| Placed::new(grains, grain)))?;
+        Ok(Self::Solids { grains, bodies, templates: Convex::all(&grains.templates) })
+    }
+
+    fn grains(&self) -> GrainsRef<'a> {
+        match *self {
+            Self::Spheres(spheres) => GrainsRef::Spheres(spheres),
+            Self::Solids { grains, .. } => GrainsRef::Solids(grains),
         }
     }
 
     pub(super) fn len(&self) -> usize {
-        match self {
-            Self::Spheres(spheres) => spheres.len(),
-            Self::Ellipsoids { grains, .. } => grains.len(),
-            Self::Polyhedra { grains, .. } => grains.len(),
-        }
+        self.grains().len()
     }
 
     pub(super) fn center(&self, grain: usize) -> [f64; 3] {
-        match self {
-            Self::Spheres(spheres) => spheres.center(grain),
-            Self::Ellipsoids { grains, .. } => grains.poses[grain].center_mm.into(),
-            Self::Polyhedra { grains, .. } => grains.poses[grain].center_mm.into(),
-        }
+        self.grains().center_mm(grain)
     }
 
     /// Equivalent diameter.
     pub(super) fn d_mm(&self, grain: usize) -> f64 {
-        match self {
-            Self::Spheres(spheres) => spheres.d_mm[grain],
-            Self::Ellipsoids { grains, .. } => grains.shapes[grain].equivalent_diameter_mm(),
-            Self::Polyhedra { grains, .. } => grains.d_mm[grain],
-        }
+        self.grains().d_mm(grain)
     }
 
     /// Smallest equivalent diameter.
@@ -88,8 +122,7 @@ impl<'a> Grains<'a> {
     pub(super) fn outer_mm(&self, grain: usize) -> f64 {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[grain] / 2.0,
-            Self::Ellipsoids { bodies, .. } => bodies[grain].outer_mm,
-            Self::Polyhedra { bodies, .. } => bodies[grain].outer_mm,
+            Self::Solids { bodies, .. } => bodies[grain].outer_mm(),
         }
     }
 
@@ -100,26 +133,12 @@ impl<'a> Grains<'a> {
                 let from_center = Vector3::from(p) - Vector3::from(spheres.center(grain));
                 from_center.norm() - spheres.d_mm[grain] / 2.0
             }
-            Self::Ellipsoids { bodies, inverses, .. } => {
-                let body = &bodies[grain];
-                let from_center = Vector3::from(p) - Vector3::from(body.center_mm);
-                let scale = from_center.dot(&(inverses[grain] * from_center)).sqrt();
-                if scale <= 1.0 {
-                    // The ellipsoid of this scale, widened by the difference of the shortest semi-axes, lies inside.
-                    return body.inner_mm * (scale - 1.0);
+            Self::Solids { bodies, templates, .. } => match &bodies[grain] {
+                Placed::Ellipsoid(body, inverse) => beyond_mm(body, inverse, p),
+                Placed::Polyhedron(_, template, place) => {
+                    place.scale * templates[*template as usize].distance(&place.local(&p.into()))
                 }
-                // A ball about the point whose radius is taken off again.
-                let radius = body.inner_mm;
-                let square = radius * radius;
-                let ball = Symmetric([square, 0.0, 0.0, square, 0.0, square]);
-                let at_point = Body { center_mm: p, matrix_mm2: ball, outer_mm: radius, inner_mm: radius };
-                let normal: [f64; 3] = (inverses[grain] * from_center).normalize().into();
-                body.with(&at_point).gap_from(normal).gap_mm + radius
-            }
-            Self::Polyhedra { grains, templates, .. } => {
-                let place = Place::new(grains, grain);
-                place.scale * templates[grains.template[grain] as usize].distance(&place.local(&p.into()))
-            }
+            },
         }
     }
 
@@ -130,11 +149,7 @@ impl<'a> Grains<'a> {
                 let clearance = specimen.clearance_reaching_all(spheres.center(grain), [0.0; 3]);
                 clearance - spheres.d_mm[grain] / 2.0
             }
-            Self::Ellipsoids { bodies, .. } => bodies[grain].wall_gap_mm(specimen),
-            Self::Polyhedra { bodies, .. } => {
-                let body = &bodies[grain];
-                walls::wall_gap_mm(body.center_mm.into(), &body.turned, specimen)
-            }
+            Self::Solids { bodies, .. } => bodies[grain].body().wall_gap_mm(specimen),
         }
     }
 
@@ -145,13 +160,9 @@ impl<'a> Grains<'a> {
                 let [p, q] = [one, other].map(|grain| Vector3::from(spheres.center(grain)));
                 (p - q).norm() < (spheres.d_mm[one] + spheres.d_mm[other]) / 2.0 - slack_mm
             }
-            Self::Ellipsoids { bodies, .. } => {
-                let pair = bodies[one].with(&bodies[other]);
-                !pair.decide(0.0).is_apart && pair.gap().gap_mm < -slack_mm
-            }
-            Self::Polyhedra { bodies, .. } => {
-                let pair = bodies[one].with(&bodies[other]);
-                !pair.decide(0.0).is_apart && pair.contact().gap_mm < -slack_mm
+            Self::Solids { bodies, .. } => {
+                let [one, other] = [one, other].map(|grain| bodies[grain].body());
+                !one.is_apart(&other, 0.0) && one.contact(&other).gap_mm < -slack_mm
             }
         }
     }
@@ -160,14 +171,29 @@ impl<'a> Grains<'a> {
     pub(super) fn reach(&self) -> Result<Reach, OutOfMemory> {
         Ok(match self {
             Self::Spheres(_) => Reach::Radius,
-            Self::Ellipsoids { inverses, .. } => Reach::Ellipsoids(crate::memory::copied(inverses)?),
-            Self::Polyhedra { grains, templates, .. } => {
-                let grains =
-                    (0..grains.len()).map(|grain| (grains.template[grain], Place::new(grains, grain)));
-                Reach::Polyhedra { templates: templates.clone(), grains: collected(grains)? }
-            }
+            Self::Solids { bodies, templates, .. } => Reach::Solids {
+                templates: templates.clone(),
+                grains: collected(bodies.iter().map(Placed::reach))?,
+            },
         })
     }
+}
+
+/// Distance of a point from the surface of an ellipsoid.
+fn beyond_mm(body: &ellipsoids::Body, inverse: &Matrix3<f64>, p: [f64; 3]) -> f64 {
+    let from_center = Vector3::from(p) - Vector3::from(body.center_mm);
+    let scale = from_center.dot(&(inverse * from_center)).sqrt();
+    if scale <= 1.0 {
+        // The ellipsoid of this scale, widened by the difference of the shortest semi-axes, lies inside.
+        return body.inner_mm * (scale - 1.0);
+    }
+    // A ball about the point whose radius is taken off again.
+    let radius = body.inner_mm;
+    let square = radius * radius;
+    let ball = Symmetric([square, 0.0, 0.0, square, 0.0, square]);
+    let at_point = ellipsoids::Body { center_mm: p, matrix_mm2: ball, outer_mm: radius, inner_mm: radius };
+    let normal: [f64; 3] = (inverse * from_center).normalize().into();
+    body.with(&at_point).gap_from(normal).gap_mm + radius
 }
 
 impl Reach {
@@ -175,13 +201,14 @@ impl Reach {
     pub(super) fn along_mm(&self, grain: usize, radius_mm: f64, along: &Vector3<f64>) -> f64 {
         match self {
             Self::Radius => radius_mm,
-            Self::Ellipsoids(inverses) => along.norm() / along.dot(&(inverses[grain] * along)).sqrt(),
-            Self::Polyhedra { templates, grains } => {
-                let (template, place) = &grains[grain];
-                let direction = place.turned_back(along);
-                let chord = templates[*template as usize].chord(&Vector3::zeros(), &direction);
-                chord.map_or(0.0, |[_, leave]| leave * along.norm())
-            }
+            Self::Solids { templates, grains } => match &grains[grain] {
+                ReachOf::Ellipsoid(inverse) => along.norm() / along.dot(&(inverse * along)).sqrt(),
+                ReachOf::Polyhedron(template, place) => {
+                    let direction = place.turned_back(along);
+                    let chord = templates[*template as usize].chord(&Vector3::zeros(), &direction);
+                    chord.map_or(0.0, |[_, leave]| leave * along.norm())
+                }
+            },
         }
     }
 }

@@ -19,10 +19,11 @@ use crate::export::Model;
 use crate::export::convex::{Convex, Place};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::{Vector, cross, dot, norm, scaled};
-use crate::gap::polyhedra;
+use crate::gap::solids;
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{Ellipsoids, GrainsRef, Polyhedra, Spheres};
+use crate::packing::{GrainsRef, Solids, Spheres};
 use crate::request::Specimen;
+use crate::shape::{Ellipsoid, Pose, ScaledPolyhedron, SolidRef};
 
 /// Share by which images are smaller, so that rounding brings no vertex out of its ellipsoid.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
@@ -38,8 +39,17 @@ pub(super) struct MeshModel<'a> {
 #[derive(Debug)]
 pub(super) enum Bodies<'a> {
     Spheres(&'a Spheres),
-    Ellipsoids { grains: &'a Ellipsoids, bodies: Vec<Body> },
-    Polyhedra { grains: &'a Polyhedra, bodies: Vec<polyhedra::Body<'a>>, templates: Vec<Convex> },
+    Solids { grains: &'a Solids, bodies: Vec<solids::Body<'a>>, templates: Vec<Convex> },
+}
+
+/// A polyhedron of a packing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PlacedPolyhedron<'a> {
+    pub(super) shape: ScaledPolyhedron<'a>,
+    pub(super) pose: &'a Pose,
+    /// Index of its template.
+    pub(super) number: u32,
+    pub(super) template: &'a Convex,
 }
 
 /// How a grain is an image of the sphere of equal volume about the origin.
@@ -104,43 +114,54 @@ impl<'a> Bodies<'a> {
     fn new(grains: GrainsRef<'a>) -> Result<Self, OutOfMemory> {
         Ok(match grains {
             GrainsRef::Spheres(spheres) => Self::Spheres(spheres),
-            GrainsRef::Ellipsoids(grains) => Self::Ellipsoids {
+            GrainsRef::Solids(grains) => Self::Solids {
                 grains,
-                bodies: collected(grains.iter().map(|(shape, pose)| Body::new(shape, pose)))?,
+                bodies: collected(grains.iter().map(|(shape, pose)| solids::Body::new(shape, pose)))?,
+                templates: Convex::all(&grains.templates),
             },
-            GrainsRef::Polyhedra(grains) => {
-                let body = |row: usize| {
-                    let shape = grains.shape(row);
-                    polyhedra::Body::new(shape.template, shape.scale_mm, &grains.poses[row])
-                };
-                let bodies = collected((0..grains.len()).map(body))?;
-                Self::Polyhedra { grains, bodies, templates: Convex::all(&grains.templates) }
-            }
         })
     }
 
-    pub(super) fn len(&self) -> usize {
-        match self {
-            Self::Spheres(spheres) => spheres.len(),
-            Self::Ellipsoids { grains, .. } => grains.len(),
-            Self::Polyhedra { grains, .. } => grains.len(),
+    fn grains(&self) -> GrainsRef<'a> {
+        match *self {
+            Self::Spheres(spheres) => GrainsRef::Spheres(spheres),
+            Self::Solids { grains, .. } => GrainsRef::Solids(grains),
         }
     }
 
+    pub(super) fn len(&self) -> usize {
+        self.grains().len()
+    }
+
     pub(super) fn center(&self, row: usize) -> Vector {
-        match self {
-            Self::Spheres(spheres) => spheres.center(row),
-            Self::Ellipsoids { bodies, .. } => bodies[row].center_mm,
-            Self::Polyhedra { bodies, .. } => bodies[row].center_mm.into(),
-        }
+        self.grains().center_mm(row)
     }
 
     /// Diameter of the sphere of equal volume.
     pub(super) fn diameter(&self, row: usize) -> f64 {
+        self.grains().d_mm(row)
+    }
+
+    /// An ellipsoid and its body.
+    fn ellipsoid(&self, row: usize) -> Option<(&Ellipsoid, &Pose, &Body)> {
         match self {
-            Self::Spheres(spheres) => spheres.d_mm[row],
-            Self::Ellipsoids { grains, .. } => grains.shapes[row].equivalent_diameter_mm(),
-            Self::Polyhedra { grains, .. } => grains.d_mm[row],
+            Self::Spheres(_) => None,
+            Self::Solids { grains, bodies, .. } => {
+                Some((grains.shapes[row].ellipsoid()?, &grains.poses[row], bodies[row].ellipsoid()?))
+            }
+        }
+    }
+
+    /// A polyhedron.
+    pub(super) fn polyhedron(&self, row: usize) -> Option<PlacedPolyhedron<'_>> {
+        match self {
+            Self::Spheres(_) => None,
+            Self::Solids { grains, templates, .. } => {
+                let SolidRef::Polyhedron(shape) = grains.shape(row) else { return None };
+                let number = grains.shapes[row].template()?;
+                let template = &templates[number as usize];
+                Some(PlacedPolyhedron { shape, pose: &grains.poses[row], number, template })
+            }
         }
     }
 
@@ -152,8 +173,7 @@ impl<'a> Bodies<'a> {
     pub(super) fn volume_mm3(&self, row: usize) -> f64 {
         match self {
             Self::Spheres(spheres) => PI / 6.0 * spheres.d_mm[row].powi(3),
-            Self::Ellipsoids { grains, .. } => grains.shapes[row].volume_mm3(),
-            Self::Polyhedra { grains, .. } => grains.shape(row).volume_mm3(),
+            Self::Solids { grains, .. } => grains.shape(row).volume_mm3(),
         }
     }
 
@@ -161,8 +181,7 @@ impl<'a> Bodies<'a> {
     pub(super) fn outer(&self, row: usize) -> f64 {
         match self {
             Self::Spheres(spheres) => spheres.d_mm[row] / 2.0,
-            Self::Ellipsoids { bodies, .. } => bodies[row].outer_mm,
-            Self::Polyhedra { bodies, .. } => bodies[row].outer_mm,
+            Self::Solids { bodies, .. } => bodies[row].outer_mm(),
         }
     }
 
@@ -171,61 +190,51 @@ impl<'a> Bodies<'a> {
         // No grain reaches beyond the ball of its largest radius of curvature that touches it from around.
         let flattest = match self {
             Self::Spheres(spheres) => spheres.d_mm[row] / 2.0,
-            Self::Ellipsoids { bodies, .. } => {
-                bodies[row].outer_mm * (bodies[row].outer_mm / bodies[row].inner_mm)
-            }
-            Self::Polyhedra { bodies, .. } => return 2.0 * bodies[row].outer_mm,
+            Self::Solids { bodies, .. } => match &bodies[row] {
+                solids::Body::Ellipsoid(body) => body.outer_mm * (body.outer_mm / body.inner_mm),
+                solids::Body::Polyhedron(body) => return 2.0 * body.outer_mm,
+            },
         };
         ((flattest + reach).powi(2) - (flattest + gap).powi(2)).max(0.0).sqrt()
     }
 
-    /// Distance of the farthest point of a polyhedron from an axis along z, and the direction of that point.
-    pub(super) fn reach_from_axis(&self, row: usize, axis: [f64; 2]) -> (f64, Vector) {
-        let Self::Polyhedra { grains, .. } = self else { return (0.0, [1.0, 0.0, 0.0]) };
-        let template = &grains.templates[grains.template[row] as usize];
-        let mut farthest = (0.0, [1.0, 0.0, 0.0]);
-        for vertex in template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]) {
-            let (x, y) = (vertex.x - axis[0], vertex.y - axis[1]);
-            let distance = x.hypot(y);
-            if distance > farthest.0 {
-                farthest = (distance, [x / distance, y / distance, 0.0]);
-            }
+    /// Smallest distance of a grain from a lateral surface of that radius about an axis at the same distance from both
+    /// other walls.
+    pub(super) fn side_gap(&self, row: usize, radius: f64) -> f64 {
+        if let Some((_, _, body)) = self.ellipsoid(row) {
+            return radius - body.reach_from_axis_mm([radius; 2]);
         }
-        (farthest.0 + grains.d_mm[row] * template.rounding(), farthest.1)
+        if let Some(polyhedron) = self.polyhedron(row) {
+            return radius - polyhedron.reach_from_axis([radius; 2]).0;
+        }
+        let [x, y, _] = self.center(row);
+        radius - (x - radius).hypot(y - radius) - self.diameter(row) / 2.0
     }
 
     /// Square root of the surface over that of the sphere of equal volume: edges are longer by that in the mean.
     pub(super) fn mean_stretch(&self, row: usize) -> f64 {
-        match self {
-            Self::Spheres(_) | Self::Polyhedra { .. } => 1.0,
-            Self::Ellipsoids { grains, .. } => grains.shapes[row].sphericity().sqrt().recip(),
-        }
+        self.ellipsoid(row).map_or(1.0, |(shape, ..)| shape.sphericity().sqrt().recip())
     }
 
     /// Factor by which the image lengthens edges at most.
     pub(super) fn most_stretch(&self, row: usize) -> f64 {
-        match self {
-            Self::Spheres(_) | Self::Polyhedra { .. } => 1.0,
-            Self::Ellipsoids { bodies, .. } => 2.0 * bodies[row].outer_mm / self.diameter(row),
-        }
+        self.ellipsoid(row).map_or(1.0, |(_, _, body)| 2.0 * body.outer_mm / self.diameter(row))
     }
 
     /// A grain as something faced, seen from a point.
     pub(super) fn other(&self, row: usize, from: Vector) -> Other<'_> {
         let at = self.center(row);
         let center: Vector = std::array::from_fn(|a| at[a] - from[a]);
-        match self {
-            Self::Polyhedra { grains, templates, .. } => {
-                let place = Place { center: center.into(), ..Place::new(grains, row) };
-                Other::Polyhedron(&templates[grains.template[row] as usize], place)
-            }
-            Self::Spheres(spheres) => Other::Sphere { center, radius: spheres.d_mm[row] / 2.0 },
-            Self::Ellipsoids { grains, .. } => {
-                let rotation = grains.poses[row].rotation();
-                let axes = [0, 1, 2].map(|k| rotation.column(k).into_owned().into());
-                Other::Ellipsoid { center, axes, semi_axes: grains.shapes[row].semi_axes_mm().into() }
-            }
+        if let Some((shape, pose, _)) = self.ellipsoid(row) {
+            let rotation = pose.rotation();
+            let axes = [0, 1, 2].map(|k| rotation.column(k).into_owned().into());
+            return Other::Ellipsoid { center, axes, semi_axes: shape.semi_axes_mm().into() };
         }
+        if let Some(PlacedPolyhedron { template, shape, pose, .. }) = self.polyhedron(row) {
+            let place = Place { center: center.into(), ..Place::new(shape.scale_mm, pose) };
+            return Other::Polyhedron(template, place);
+        }
+        Other::Sphere { center, radius: self.diameter(row) / 2.0 }
     }
 
     /// The gap to another grain and the unit vector towards it, given the gap of the spheres around both. Both grains
@@ -237,19 +246,15 @@ impl<'a> Bodies<'a> {
                 let toward = sphere::unit(std::array::from_fn(|a| theirs[a] - center[a]));
                 Between { gap: of_spheres, toward, own: None }
             }
-            Self::Ellipsoids { bodies, .. } => {
-                let gap = bodies[row.min(other)].with(&bodies[row.max(other)]).gap();
-                let toward = if row < other { gap.normal } else { scaled(gap.normal, -1.0) };
-                Between { gap: gap.gap_mm, toward, own: None }
-            }
-            Self::Polyhedra { bodies, .. } => {
-                let contact = bodies[row.min(other)].with(&bodies[row.max(other)]).contact();
+            Self::Solids { bodies, .. } => {
+                let contact = bodies[row.min(other)].contact(&bodies[row.max(other)]);
                 let (toward, own) = if row < other {
                     (contact.normal, contact.points_mm[0])
                 } else {
                     (-contact.normal, contact.points_mm[1])
                 };
-                Between { gap: contact.gap_mm, toward: toward.into(), own: Some(own.into()) }
+                let own = bodies[row].ellipsoid().is_none().then(|| own.into());
+                Between { gap: contact.gap_mm, toward: toward.into(), own }
             }
         }
     }
@@ -257,16 +262,14 @@ impl<'a> Bodies<'a> {
     /// A grain at a wall, given the point of that nearest to its centre.
     fn at_wall(&self, row: usize, wall: Wall, foot: Vector) -> AtWall {
         let center = self.center(row);
-        let bodies = match self {
-            Self::Spheres(spheres) => {
-                let toward = sphere::unit(std::array::from_fn(|a| foot[a] - center[a]));
-                let gap = wall.gap(center) - spheres.d_mm[row] / 2.0;
-                return AtWall { wall, foot, gap, toward, own: None };
-            }
-            Self::Polyhedra { .. } => return self.polyhedron_at_wall(row, wall),
-            Self::Ellipsoids { bodies, .. } => bodies,
+        if let Some(polyhedron) = self.polyhedron(row) {
+            return polyhedron.at_wall(wall);
+        }
+        let Some((_, _, body)) = self.ellipsoid(row) else {
+            let toward = sphere::unit(std::array::from_fn(|a| foot[a] - center[a]));
+            let gap = wall.gap(center) - self.diameter(row) / 2.0;
+            return AtWall { wall, foot, gap, toward, own: None };
         };
-        let body = &bodies[row];
         let (mut toward, mut gap) = ([0.0; 3], 0.0);
         if let Other::Plane(axis, at) = wall.0 {
             toward[axis] = if at > center[axis] { 1.0 } else { -1.0 };
@@ -288,61 +291,26 @@ impl<'a> Bodies<'a> {
         AtWall { wall, foot, gap, toward, own: None }
     }
 
-    /// The same for a polyhedron, whose nearest point is that of a vertex.
-    fn polyhedron_at_wall(&self, row: usize, wall: Wall) -> AtWall {
-        let center = self.center(row);
-        let mut toward = [0.0; 3];
-        let mut gap = None;
-        if let Other::Plane(axis, at) = wall.0 {
-            toward[axis] = if at > center[axis] { 1.0 } else { -1.0 };
-        } else if let Other::Lateral { axis, radius } = wall.0 {
-            let (reach, direction) = self.reach_from_axis(row, axis);
-            toward = direction;
-            gap = Some(radius - reach);
-        }
-        let mut own = [0.0; 3];
-        if let Self::Polyhedra { grains, .. } = self {
-            let template = &grains.templates[grains.template[row] as usize];
-            let rounding = grains.d_mm[row] * template.rounding();
-            let mut farthest = f64::NEG_INFINITY;
-            for vertex in template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]) {
-                let from_center: Vector = (vertex - grains.poses[row].center_mm).into();
-                if dot(from_center, toward) > farthest {
-                    farthest = dot(from_center, toward);
-                    own = std::array::from_fn(|a| from_center[a] + rounding * toward[a]);
-                }
-            }
-        }
-        let gap = gap.unwrap_or_else(|| wall.gap(center) - dot(own, toward));
-        let foot = std::array::from_fn(|a| center[a] + own[a] + gap * toward[a]);
-        AtWall { wall, foot, gap, toward, own: Some(own) }
-    }
-
     /// How a grain is an image of a sphere, where it is one.
     pub(super) fn image(&self, row: usize) -> Image {
-        match self {
-            Self::Spheres(_) | Self::Polyhedra { .. } => Image::Sphere,
-            Self::Ellipsoids { grains, bodies } => {
-                let rotation = grains.poses[row].rotation();
-                let axes = grains.shapes[row].semi_axes_mm() * (2.0 / self.diameter(row) * (1.0 - ROUNDING));
-                let map = [0, 1, 2].map(|i| [0, 1, 2].map(|k| rotation[(i, k)] * axes[k]));
-                Image::Ellipsoid { map, roots: axes.map(f64::sqrt).into(), body: bodies[row] }
-            }
-        }
+        let Some((shape, pose, body)) = self.ellipsoid(row) else { return Image::Sphere };
+        let rotation = pose.rotation();
+        let axes = shape.semi_axes_mm() * (2.0 / self.diameter(row) * (1.0 - ROUNDING));
+        let map = [0, 1, 2].map(|i| [0, 1, 2].map(|k| rotation[(i, k)] * axes[k]));
+        Image::Ellipsoid { map, roots: axes.map(f64::sqrt).into(), body: *body }
     }
 
     /// How a grain lies against another one, or a wall that is taken as flat, in that direction.
     pub(super) fn contact(&self, row: usize, other: Option<usize>, toward: Vector) -> Contact {
-        let (grains, bodies) = match self {
-            Self::Spheres(spheres) => {
-                let curvature = |row: usize| 1.0 / (spheres.d_mm[row] / 2.0);
-                let bend = (curvature(row) + other.map_or(0.0, curvature)) / 2.0;
-                return Contact { bend, stretch: 1.0, aspect: 1.0 };
-            }
-            Self::Ellipsoids { grains, bodies } => (grains, bodies),
-            Self::Polyhedra { bodies, .. } => {
-                return Contact { bend: 1.0 / bodies[row].outer_mm, stretch: 1.0, aspect: 1.0 };
-            }
+        let Some((shape, pose, body)) = self.ellipsoid(row) else {
+            let bend = match self {
+                Self::Solids { bodies, .. } => 1.0 / bodies[row].outer_mm(),
+                Self::Spheres(spheres) => {
+                    let curvature = |row: usize| 1.0 / (spheres.d_mm[row] / 2.0);
+                    (curvature(row) + other.map_or(0.0, curvature)) / 2.0
+                }
+            };
+            return Contact { bend, stretch: 1.0, aspect: 1.0 };
         };
         let (u, v) = across(toward);
         let form = |body: &Body| {
@@ -350,11 +318,12 @@ impl<'a> Bodies<'a> {
             let (m_u, m_v) = (body.matrix_mm2.solve(u), body.matrix_mm2.solve(v));
             [h * dot(u, m_u), h * dot(u, m_v), h * dot(v, m_v)]
         };
-        let (own, theirs) = (form(&bodies[row]), other.map_or([0.0; 3], |other| form(&bodies[other])));
+        let theirs = other.and_then(|other| self.ellipsoid(other)).map_or([0.0; 3], |(.., body)| form(body));
+        let own = form(body);
         let [uu, uv, vv] = std::array::from_fn(|i| own[i] + theirs[i]);
         // The tangent plane of the sphere at the point that is mapped to the nearest one, and its image.
-        let axes: Vector = grains.shapes[row].semi_axes_mm().into();
-        let rotation = grains.poses[row].rotation();
+        let axes: Vector = shape.semi_axes_mm().into();
+        let rotation = pose.rotation();
         let local: Vector = [0, 1, 2].map(|k| (0..3).map(|i| rotation[(i, k)] * toward[i]).sum());
         let times_axes = |p: Vector| [0, 1, 2].map(|k| p[k] * axes[k]);
         let (p, q) = across(sphere::unit(times_axes(local)));
@@ -368,6 +337,56 @@ impl<'a> Bodies<'a> {
             stretch: larger.sqrt(),
             aspect: (larger / smaller).sqrt(),
         }
+    }
+}
+
+impl PlacedPolyhedron<'_> {
+    fn vertices(&self) -> impl Iterator<Item = nalgebra::Vector3<f64>> {
+        self.shape.template.world_vertices_mm(self.shape.scale_mm, self.pose)
+    }
+
+    fn rounding(&self) -> f64 {
+        self.shape.scale_mm * self.shape.template.rounding()
+    }
+
+    /// Distance of the farthest point from an axis along z, and the direction of that point.
+    pub(super) fn reach_from_axis(&self, axis: [f64; 2]) -> (f64, Vector) {
+        let mut farthest = (0.0, [1.0, 0.0, 0.0]);
+        for vertex in self.vertices() {
+            let (x, y) = (vertex.x - axis[0], vertex.y - axis[1]);
+            let distance = x.hypot(y);
+            if distance > farthest.0 {
+                farthest = (distance, [x / distance, y / distance, 0.0]);
+            }
+        }
+        (farthest.0 + self.rounding(), farthest.1)
+    }
+
+    /// The polyhedron at a wall; its nearest point is that of a vertex.
+    fn at_wall(&self, wall: Wall) -> AtWall {
+        let center: Vector = self.pose.center_mm.into();
+        let mut toward = [0.0; 3];
+        let mut gap = None;
+        if let Other::Plane(axis, at) = wall.0 {
+            toward[axis] = if at > center[axis] { 1.0 } else { -1.0 };
+        } else if let Other::Lateral { axis, radius } = wall.0 {
+            let (reach, direction) = self.reach_from_axis(axis);
+            toward = direction;
+            gap = Some(radius - reach);
+        }
+        let mut own = [0.0; 3];
+        let rounding = self.rounding();
+        let mut farthest = f64::NEG_INFINITY;
+        for vertex in self.vertices() {
+            let from_center: Vector = (vertex - self.pose.center_mm).into();
+            if dot(from_center, toward) > farthest {
+                farthest = dot(from_center, toward);
+                own = std::array::from_fn(|a| from_center[a] + rounding * toward[a]);
+            }
+        }
+        let gap = gap.unwrap_or_else(|| wall.gap(center) - dot(own, toward));
+        let foot = std::array::from_fn(|a| center[a] + own[a] + gap * toward[a]);
+        AtWall { wall, foot, gap, toward, own: Some(own) }
     }
 }
 

@@ -15,32 +15,34 @@ use crate::distance::DistanceRule;
 use crate::gap::ellipsoids::Body;
 use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::uniform_orientation;
-use crate::packing::{Ellipsoids, Spheres};
+use crate::packing::{Solids, Spheres};
 use crate::request::{Boundary, Distance};
 use crate::shape::{Ellipsoid, Pose};
 
 type Row = ([f64; 3], [f64; 3], [f64; 3]);
 
 /// Ellipsoids by centres, semi-axes and Euler angles.
-fn ellipsoids(rows: &[Row]) -> Ellipsoids {
-    let mut grains = Ellipsoids::default();
+fn ellipsoids(rows: &[Row]) -> Solids {
+    let mut grains = Solids::default();
     for &(center, axes, [roll, pitch, yaw]) in rows {
         let orientation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-        grains.shapes.push(Ellipsoid::new(axes).unwrap());
+        grains.shapes.push(Ellipsoid::new(axes).unwrap().into());
         grains.poses.push(Pose { center_mm: center.into(), orientation });
     }
     grains
 }
 
 /// Two that almost touch, one that almost touches the floor, and a small one beside a large one.
-fn crowded() -> Ellipsoids {
+fn crowded() -> Solids {
     let mut grains = ellipsoids(&[
         ([5.0, 8.0, 6.0], [4.0, 3.0, 2.5], [0.4, 0.3, 0.2]),
         ([13.0, 8.0, 6.0], [4.0, 3.0, 2.0], [1.0, 0.6, -0.5]),
         ([9.0, 12.5, 6.5], [1.8, 1.4, 1.0], [0.1, 0.2, 0.9]),
         ([9.0, 4.0, 1.5], [2.0, 1.5, 1.2], [0.3, 0.2, 0.7]),
     ]);
-    let bodies = |grains: &Ellipsoids| -> Vec<Body> { grains.iter().map(|(s, p)| Body::new(s, p)).collect() };
+    let bodies = |grains: &Solids| -> Vec<Body> {
+        grains.iter().map(|(s, p)| Body::new(&s.ellipsoid().unwrap(), p)).collect()
+    };
     // Moved along the shortest way until 0.05 mm are left.
     for _ in 0..20 {
         let all = bodies(&grains);
@@ -62,7 +64,7 @@ fn crowded() -> Ellipsoids {
     grains
 }
 
-fn packed(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
+fn packed(specimen: &Specimen, gap_mm: f64) -> Solids {
     let shapes: Vec<Ellipsoid> = (0..70)
         .map(|i| {
             let d = 5.5 * 0.4_f64.powf(f64::from(i) / 69.0);
@@ -78,10 +80,10 @@ fn packed(specimen: &Specimen, gap_mm: f64) -> Ellipsoids {
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);
     assert_eq!(outcome.poses.len(), shapes.len());
-    Ellipsoids { shapes, poses: outcome.poses }
+    Solids::of_ellipsoids(shapes, outcome.poses)
 }
 
-fn mesh(specimen: &Specimen, grains: &Ellipsoids, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
+fn mesh(specimen: &Specimen, grains: &Solids, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
     Mesh::new(&Model::new(specimen, grains), options, &Limits::default(), &Unattended).unwrap()
 }
 
@@ -93,8 +95,9 @@ fn quadratic((shape, pose): (&Ellipsoid, &Pose), p: [f64; 3]) -> f64 {
 
 /// Polyhedra are closed, turned outwards and convex, keep clear of all other ellipsoids and of the walls, and the plane
 /// that parts a pair parts their polyhedra with half of the gap between them.
-fn assert_sound(specimen: &Specimen, grains: &Ellipsoids, mesh: &Mesh, report: &SurfaceReport) {
-    let rows: Vec<(&Ellipsoid, &Pose)> = grains.iter().collect();
+fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &SurfaceReport) {
+    let rows: Vec<(&Ellipsoid, &Pose)> =
+        grains.shapes.iter().map(|shape| shape.ellipsoid().unwrap()).zip(&grains.poses).collect();
     let bodies: Vec<Body> = rows.iter().map(|(shape, pose)| Body::new(shape, pose)).collect();
     let mut sum = 0.0;
     for row in 0..grains.len() {
@@ -149,7 +152,8 @@ fn ellipsoids_are_closed_and_apart_whatever_is_close() {
                     assert!((-0.08..-0.01).contains(&report.aggregate_volume_error), "{report:?}");
                     let on = |row: usize| mesh.grain(row).0.iter().map(move |p| (row, p));
                     for (row, p) in (0..grains.len()).flat_map(on) {
-                        let value = quadratic((&grains.shapes[row], &grains.poses[row]), *p);
+                        let value =
+                            quadratic((grains.shapes[row].ellipsoid().unwrap(), &grains.poses[row]), *p);
                         assert!((value - 1.0).abs() < 1e-12, "{value}");
                     }
                 } else if size_field {
@@ -200,7 +204,7 @@ fn ellipsoids_have_their_volume_and_the_triangles_estimated() {
                         surface::dot(a, surface::cross(b, c))
                     })
                     .sum();
-                let [a, b, c] = grains.shapes[row].semi_axes_mm().into();
+                let [a, b, c] = grains.shapes[row].ellipsoid().unwrap().semi_axes_mm().into();
                 let exact = 4.0 / 3.0 * PI * a * b * c;
                 met += f64::from(u8::from((six / 6.0 / exact - 1.0).abs() < 1e-9));
                 if options.size_field {
@@ -274,8 +278,8 @@ proptest! {
         let second = Vector3::from(first) + direction * 10.0;
         let mut grains = ellipsoids(&[(first, axes, angles), (second.into(), others, [turn, up, 0.3])]);
         for _ in 0..50 {
-            let gap = Body::new(&grains.shapes[0], &grains.poses[0])
-                .with(&Body::new(&grains.shapes[1], &grains.poses[1]))
+            let gap = Body::new(grains.shapes[0].ellipsoid().unwrap(), &grains.poses[0])
+                .with(&Body::new(grains.shapes[1].ellipsoid().unwrap(), &grains.poses[1]))
                 .gap();
             grains.poses[1].center_mm -= Vector3::from(gap.normal) * (gap.gap_mm - gap_mm);
         }

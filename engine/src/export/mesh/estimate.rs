@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::bodies::{Bodies, Contact, MeshModel};
+use super::bodies::{Contact, MeshModel};
 use super::grain::Grains;
 use super::options::SurfaceOptions;
 use super::shell::{Division, Shell};
@@ -77,7 +77,7 @@ pub(super) fn of_model(
 ) -> Result<MeshEstimate, ExportError> {
     check(model.specimen)?;
     let bodies = &model.bodies;
-    if let Bodies::Polyhedra { .. } = bodies {
+    if (0..bodies.len()).any(|row| bodies.polyhedron(row).is_some()) {
         return of_polyhedra(model, options, control);
     }
     let grains = Grains::new(model, options)?;

@@ -87,7 +87,7 @@ pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), Expo
 pub(super) fn spheres<'a>(model: &Model<'a>) -> Result<&'a Spheres, ExportError> {
     match model.grains {
         GrainsRef::Spheres(spheres) => Ok(spheres),
-        other => Err(of_spheres_alone(other.kind())),
+        GrainsRef::Solids(solids) => Err(of_spheres_alone(solids.kind())),
     }
 }
 

@@ -11,7 +11,7 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-use super::bodies::{Between, Bodies, Image, MeshModel};
+use super::bodies::{Between, Bodies, Image, MeshModel, PlacedPolyhedron};
 use super::near::Near;
 use super::options::{SurfaceOptions, VolumeCorrection};
 use super::polyhedron::{self, Angular, Placed};
@@ -19,9 +19,7 @@ use super::rounded::Facets;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
-use crate::export::convex::Convex;
 use crate::memory::OutOfMemory;
-use crate::packing::Polyhedra;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
 const GAP_SHARE: f64 = 0.5;
@@ -111,8 +109,8 @@ impl<'a> Grains<'a> {
     /// would take more than `most_triangles`.
     pub(super) fn surface(&mut self, row: usize, most_triangles: usize) -> Option<(Surface, bool)> {
         let model = self.model;
-        if let Bodies::Polyhedra { grains, templates, .. } = &model.bodies {
-            return self.polyhedron(grains, templates, row, most_triangles);
+        if let Some(polyhedron) = model.bodies.polyhedron(row) {
+            return self.polyhedron(row, &polyhedron, most_triangles);
         }
         let (diameter, image) = (self.model.bodies.diameter(row), self.model.bodies.image(row));
         let fineness = self.fineness(row);
@@ -164,39 +162,37 @@ impl<'a> Grains<'a> {
     /// The same for a polyhedron.
     fn polyhedron(
         &mut self,
-        grains: &Polyhedra,
-        templates: &[Convex],
         row: usize,
+        grain: &PlacedPolyhedron<'_>,
         most_triangles: usize,
     ) -> Option<(Surface, bool)> {
-        let angular = self.angular(grains, row);
-        let (number, d) = (grains.template[row], grains.d_mm[row]);
-        let template = &templates[number as usize];
+        let angular = self.angular(row, grain);
+        let (template, d) = (grain.template, grain.shape.scale_mm);
         // Facets are those of all grains of a template with about the same edges over their diameters.
         let step = (EDGE_STEPS * (angular.edge_mm / d).ln()).round();
         let is_rounded = template.rounding > 0.0 && 2.0 * template.rounding * d >= angular.floor_mm;
         let placed = if is_rounded {
             let facets = self
                 .facets
-                .entry((number, step as i64))
+                .entry((grain.number, step as i64))
                 .or_insert_with(|| Facets::new(template, (step / EDGE_STEPS).exp()));
-            Placed::facets(grains, template, row, facets)
+            Placed::facets(grain, facets)
         } else {
-            Placed::core(grains, template, row)
+            Placed::core(grain)
         };
         angular.surface(&placed, most_triangles)
     }
 
     /// How the surface of a polyhedron is to be meshed, and what is around it.
-    fn angular(&self, grains: &Polyhedra, row: usize) -> Angular<'a> {
-        let d = grains.d_mm[row];
+    fn angular(&self, row: usize, grain: &PlacedPolyhedron<'_>) -> Angular<'a> {
+        let d = grain.shape.scale_mm;
         let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
         let reach = self.reach_mm(row);
         let seen = if corrects { ROOM_REACH * reach } else { reach };
         let mut angular = Angular {
             edge_mm: self.options.edge_mm(d),
             floor_mm: self.options.floor_mm(d),
-            target_mm3: corrects.then(|| grains.shape(row).volume_mm3()),
+            target_mm3: corrects.then(|| grain.shape.volume_mm3()),
             facing: Vec::new(),
             obstacles: Vec::new(),
             most_mm: GAP_SHARE / 2.0 * seen,

@@ -12,12 +12,12 @@
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
+use super::bodies::PlacedPolyhedron;
 use super::rounded::Facets;
 use super::size::Facing;
 use super::surface::{Shape, Surface, cross, distance2, dot};
-use crate::export::convex::{Convex, directed_edges};
+use crate::export::convex::directed_edges;
 use crate::gap::linear::{Vector, minus, norm, scaled, sum};
-use crate::packing::Polyhedra;
 use crate::shape::Pose;
 
 /// Edges in multiples of those asked for, from step to step: what is coarse is put in order before it is divided.
@@ -64,8 +64,8 @@ pub(super) struct Placed<'a> {
 
 impl<'a> Placed<'a> {
     /// The core of a grain.
-    pub(super) fn core(grains: &Polyhedra, template: &'a Convex, row: usize) -> Self {
-        let (shape, pose) = (grains.shape(row), &grains.poses[row]);
+    pub(super) fn core(grain: &PlacedPolyhedron<'a>) -> Self {
+        let PlacedPolyhedron { shape, pose, template, .. } = *grain;
         // About the origin, where vertices are the same but for the centre that is added.
         let about = Pose { center_mm: nalgebra::Vector3::zeros(), ..*pose };
         let vertices: Vec<Vector> =
@@ -80,12 +80,12 @@ impl<'a> Placed<'a> {
     }
 
     /// The facets of a rounded grain.
-    pub(super) fn facets(grains: &Polyhedra, template: &Convex, row: usize, facets: &'a Facets) -> Self {
-        let (scale, rotation) = (grains.d_mm[row], grains.poses[row].rotation());
+    pub(super) fn facets(grain: &PlacedPolyhedron<'_>, facets: &'a Facets) -> Self {
+        let (scale, rotation) = (grain.shape.scale_mm, grain.pose.rotation());
         Self {
             vertices: facets.vertices.iter().map(|vertex| (rotation * vertex * scale).into()).collect(),
             faces: &facets.faces,
-            inscribed: facets.inscribed(template) * (1.0 - ROUNDING),
+            inscribed: facets.inscribed(grain.template) * (1.0 - ROUNDING),
             is_exact: false,
         }
     }

@@ -7,24 +7,24 @@ use super::*;
 use crate::export::convex::{Convex, Place};
 use crate::export::polyhedra_samples::packed;
 use crate::gap::polyhedra::Body;
-use crate::packing::Polyhedra;
+use crate::packing::Solids;
 
-fn mesh(specimen: &Specimen, grains: &Polyhedra, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
+fn mesh(specimen: &Specimen, grains: &Solids, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
     Mesh::new(&Model::new(specimen, grains), options, &Limits::default(), &Unattended).unwrap()
 }
 
 /// Surfaces are closed, turned outwards, convex but for dents of a share of the diameter, inside of the specimen, and
 /// outside of all other grains; the plane
 /// that parts a pair parts their surfaces with nearly half of the gap between them.
-fn assert_sound(
-    specimen: &Specimen,
-    grains: &Polyhedra,
-    mesh: &Mesh,
-    report: &SurfaceReport,
-    most_dent: f64,
-) {
+fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &SurfaceReport, most_dent: f64) {
     let bodies: Vec<Body> = (0..grains.len())
-        .map(|row| Body::new(grains.shape(row).template, grains.d_mm[row], &grains.poses[row]))
+        .map(|row| {
+            Body::new(
+                grains.shape(row).polyhedron().unwrap().template,
+                grains.shapes[row].d_mm(),
+                &grains.poses[row],
+            )
+        })
         .collect();
     let templates = Convex::all(&grains.templates);
     let mut sum = 0.0;
@@ -33,7 +33,7 @@ fn assert_sound(
         assert_closed_sphere(points.len(), triangles);
         let center: [f64; 3] = grains.poses[row].center_mm.into();
         let from = |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|a| p[a] - q[a]);
-        let d = grains.d_mm[row];
+        let d = grains.shapes[row].d_mm();
         for corners in triangles {
             let [a, b, c] = corners.map(|p| points[p as usize]);
             let normal = surface::cross(from(b, a), from(c, a));
@@ -59,7 +59,8 @@ fn assert_sound(
             assert!(inside, "{row}: {p:?} is outside of the specimen");
         }
         for other in (0..grains.len()).filter(|other| *other != row) {
-            let (template, place) = (&templates[grains.template[other] as usize], Place::new(grains, other));
+            let (template, place) =
+                (&templates[grains.shapes[other].template().unwrap() as usize], Place::of(grains, other));
             assert!(points.iter().all(|p| template.distance(&place.local(&(*p).into())) > 0.0));
             if row < other {
                 let contact = bodies[row].with(&bodies[other]).contact();
@@ -86,8 +87,8 @@ fn sharp_polyhedra_are_meshed_exactly() {
             assert_eq!(report.grains_short_of_volume, 0);
             // The vertices of the grains are among those of the mesh, to the last bit but for the sum with the centre.
             for row in 0..grains.len() {
-                let template = grains.shape(row).template;
-                for vertex in template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]) {
+                let template = grains.shape(row).polyhedron().unwrap().template;
+                for vertex in template.world_vertices_mm(grains.shapes[row].d_mm(), &grains.poses[row]) {
                     assert!(mesh.grain(row).0.contains(&vertex.into()), "{row}");
                 }
                 let (points, triangles) = mesh.grain(row);
@@ -112,8 +113,10 @@ fn rounded_polyhedra_are_closed_convex_and_apart() {
                     assert!((-0.16..-1e-2).contains(&report.aggregate_volume_error), "{report:?}");
                     let templates = Convex::all(&grains.templates);
                     for row in 0..grains.len() {
-                        let (template, place) =
-                            (&templates[grains.template[row] as usize], Place::new(&grains, row));
+                        let (template, place) = (
+                            &templates[grains.shapes[row].template().unwrap() as usize],
+                            Place::of(&grains, row),
+                        );
                         let reach = |p: &[f64; 3]| template.distance(&place.local(&(*p).into()));
                         assert!(mesh.grain(row).0.iter().all(|p| reach(p) < 1e-12), "{row}");
                     }

@@ -242,15 +242,7 @@ impl Wall {
 
 /// Smallest distance of a grain from the lateral surface of a cylinder.
 fn side_gap_mm(radius: f64, bodies: &Bodies<'_>) -> f64 {
-    let gap = |row: usize| match bodies {
-        Bodies::Spheres(spheres) => {
-            let [x, y, _] = spheres.center(row);
-            radius - (x - radius).hypot(y - radius) - spheres.d_mm[row] / 2.0
-        }
-        Bodies::Ellipsoids { bodies, .. } => radius - bodies[row].reach_from_axis_mm([radius; 2]),
-        Bodies::Polyhedra { .. } => radius - bodies.reach_from_axis(row, [radius; 2]).0,
-    };
-    (0..bodies.len()).map(gap).fold(f64::INFINITY, f64::min)
+    (0..bodies.len()).map(|row| bodies.side_gap(row, radius)).fold(f64::INFINITY, f64::min)
 }
 
 /// How far from the axis the vertices of a lateral surface of so many columns lie: such that the polygon has the area

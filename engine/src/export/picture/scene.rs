@@ -7,10 +7,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::export::Model;
 use crate::export::convex::{Convex, Place};
-use crate::export::solids::{Solids, quadratic};
+use crate::export::solids::{Sectioned, quadratic};
 use crate::memory::{OutOfMemory, reserved};
 use crate::packing::GrainsRef;
 use crate::request::Specimen;
+use crate::shape::Solid;
 
 /// Points and directions, in mm.
 pub(super) type Vector = Vector3<f64>;
@@ -343,27 +344,27 @@ impl Scene {
 
 /// The grains, with those images of a periodic box that reach into it.
 fn with_images(model: &Model<'_>) -> Result<Vec<Grain>, OutOfMemory> {
-    let solids = Solids::new(model.grains)?;
+    let sectioned = Sectioned::new(model.grains)?;
     let size = Vector::from(model.specimen.bounds_mm());
     let shifts: &[f64] = if model.specimen.is_periodic() { &[0.0, -1.0, 1.0] } else { &[0.0] };
-    let templates = match model.grains {
-        GrainsRef::Polyhedra(polyhedra) => {
-            Convex::all(&polyhedra.templates).into_iter().map(Arc::new).collect()
-        }
-        GrainsRef::Spheres(_) | GrainsRef::Ellipsoids(_) => Vec::new(),
-    };
+    let templates: Vec<_> = Convex::all(model.grains.templates()).into_iter().map(Arc::new).collect();
     let form_of = |grain: usize| match model.grains {
         GrainsRef::Spheres(_) => Form::Sphere,
-        GrainsRef::Ellipsoids(_) => solids.inverse(grain).map_or(Form::Sphere, Form::Ellipsoid),
-        GrainsRef::Polyhedra(polyhedra) => {
-            let template = Arc::clone(&templates[polyhedra.template[grain] as usize]);
-            Form::Polyhedron(template, Place::new(polyhedra, grain))
-        }
+        GrainsRef::Solids(grains) => match grains.shapes[grain] {
+            Solid::Ellipsoid(_) => {
+                sectioned.matrices(grain).map_or(Form::Sphere, |(_, inverse)| Form::Ellipsoid(*inverse))
+            }
+            Solid::Polyhedron { template, d_mm } => {
+                let place = Place::new(d_mm, &grains.poses[grain]);
+                Form::Polyhedron(Arc::clone(&templates[template as usize]), place)
+            }
+        },
     };
-    let mut grains = reserved(solids.len())?;
+    let mut grains = reserved(sectioned.len())?;
     for (i, diameter) in model.grains.diameters_mm().enumerate() {
-        let (center, half, radius) = (Vector::from(solids.center(i)), solids.half_extents(i), diameter / 2.0);
-        let (form, outer) = (form_of(i), solids.outer_radius(i));
+        let (center, half, radius) =
+            (Vector::from(sectioned.center(i)), sectioned.half_extents(i), diameter / 2.0);
+        let (form, outer) = (form_of(i), sectioned.outer_radius(i));
         for &x in shifts {
             for &y in shifts {
                 for &z in shifts {

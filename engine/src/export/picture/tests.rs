@@ -205,8 +205,8 @@ fn polyhedra_are_rendered_and_the_bytes_do_not_depend_on_the_threads() {
                 let hit = scene.trace(view.unproject([f64::from(x) + 0.5, f64::from(y) + 0.5]));
                 if let Hit::Grain { grain, at, .. } = hit {
                     let row = scene.grain(grain).number as usize;
-                    let place = crate::export::convex::Place::new(&grains, row);
-                    let template = &templates[grains.template[row] as usize];
+                    let place = crate::export::convex::Place::of(&grains, row);
+                    let template = &templates[grains.shapes[row].template().unwrap() as usize];
                     assert!(template.distance(&place.local(&at)).abs() < 1e-9);
                     assert!(scene.grain(grain).normal(&at).dot(&view.eye) > -1e-9);
                     hits += 1;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::figure::{Ellipse, Figure};
 use super::{Axis, Polygon, SliceReport};
 use crate::export::Model;
-use crate::export::solids::Solids;
+use crate::export::solids::Sectioned;
 use crate::memory::OutOfMemory;
 use crate::request::GrainKind;
 use crate::request::Specimen;
@@ -122,7 +122,7 @@ impl Cut {
             kind: model.grains.kind(),
             sections: Vec::new(),
         };
-        let solids = Solids::new(model.grains)?;
+        let solids = Sectioned::new(model.grains)?;
         let shifts: &[f64] = if periodic { &[-1.0, 0.0, 1.0] } else { &[0.0] };
         for grain in 0..solids.len() {
             let center = solids.center(grain);
@@ -201,9 +201,14 @@ impl Cut {
 
 /// What the plane at a height above the centre of a grain cuts out of it, and where the middle of that lies, seen from
 /// the centre; the plane is across the last of the axes.
-fn figure_of(solids: &Solids<'_>, grain: usize, axes: [usize; 3], height: f64) -> Option<([f64; 2], Figure)> {
-    if let (Some(shape), Some(inverse)) = (solids.shape(grain), solids.inverse(grain)) {
-        return Ellipse::of_section(&shape, &inverse, axes, height)
+fn figure_of(
+    solids: &Sectioned<'_>,
+    grain: usize,
+    axes: [usize; 3],
+    height: f64,
+) -> Option<([f64; 2], Figure)> {
+    if let Some((shape, inverse)) = solids.matrices(grain) {
+        return Ellipse::of_section(shape, inverse, axes, height)
             .map(|(center, ellipse)| (center, Figure::Ellipse(ellipse)));
     }
     if let Some((template, place)) = solids.polyhedron(grain) {

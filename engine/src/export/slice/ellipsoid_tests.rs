@@ -12,21 +12,21 @@ use crate::Unattended;
 use crate::distance::DistanceRule;
 use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::uniform_orientation;
-use crate::packing::Ellipsoids;
+use crate::packing::Solids;
 use crate::request::{Boundary, Distance};
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::{Ellipsoid, Pose, Solid};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
-fn one(center: [f64; 3], axes: [f64; 3], angles: [f64; 3]) -> Ellipsoids {
+fn one(center: [f64; 3], axes: [f64; 3], angles: [f64; 3]) -> Solids {
     let orientation = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
-    Ellipsoids {
-        shapes: vec![Ellipsoid::new(axes).unwrap()],
-        poses: vec![Pose { center_mm: center.into(), orientation }],
-    }
+    Solids::of_ellipsoids(
+        vec![Ellipsoid::new(axes).unwrap()],
+        vec![Pose { center_mm: center.into(), orientation }],
+    )
 }
 
-fn packed(specimen: &Specimen) -> Ellipsoids {
+fn packed(specimen: &Specimen) -> Solids {
     let shapes: Vec<Ellipsoid> = (0..70)
         .map(|i| {
             let d = 5.5 * 0.35_f64.powf(f64::from(i) / 69.0);
@@ -42,7 +42,7 @@ fn packed(specimen: &Specimen) -> Ellipsoids {
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);
     assert_eq!(outcome.poses.len(), shapes.len());
-    Ellipsoids { shapes, poses: outcome.poses }
+    Solids::of_ellipsoids(shapes, outcome.poses)
 }
 
 fn specimens() -> [Specimen; 3] {
@@ -53,7 +53,7 @@ fn specimens() -> [Specimen; 3] {
     ]
 }
 
-fn written(specimen: &Specimen, grains: &Ellipsoids, options: &Value) -> (SliceReport, Vec<u8>) {
+fn written(specimen: &Specimen, grains: &Solids, options: &Value) -> (SliceReport, Vec<u8>) {
     let mut bytes = Vec::new();
     let model = Model::new(specimen, grains);
     let options = read(options).unwrap();
@@ -126,7 +126,7 @@ fn cuts_of_ellipsoids_add_up_to_the_volume() {
     for specimen in specimens() {
         let grains = packed(&specimen);
         let model = Model::new(&specimen, &grains);
-        let volume: f64 = grains.shapes.iter().map(Ellipsoid::volume_mm3).sum();
+        let volume: f64 = grains.iter().map(|(shape, _)| shape.volume_mm3()).sum();
         for axis in Axis::ALL {
             const CUTS: usize = 400;
             let step = specimen.bounds_mm()[axis.index()] / CUTS as f64;
@@ -183,7 +183,7 @@ fn drawings_and_scripts_have_every_ellipse() {
 fn files_of_ellipses_are_about_as_long_as_estimated() {
     let specimen = &specimens()[0];
     let grains = packed(specimen);
-    let sum_mm: f64 = grains.shapes.iter().map(Ellipsoid::equivalent_diameter_mm).sum();
+    let sum_mm: f64 = grains.shapes.iter().map(Solid::d_mm).sum();
     for format in ["svg", "json", "geo"] {
         let (mut bytes, mut expected) = (0, 0);
         for at_mm in [5.0, 7.0, 9.0, 11.0, 13.0, 15.0] {
@@ -208,7 +208,7 @@ proptest! {
         let grains = one(center, axes, angles);
         let specimen = cube(Boundary::Periodic);
         let cut = Cut::new(&Model::new(&specimen, &grains), Axis::Z, at_mm).unwrap();
-        let shape = grains.shapes[0].matrix_mm2(&grains.poses[0]);
+        let shape = grains.shapes[0].ellipsoid().unwrap().matrix_mm2(&grains.poses[0]);
         let block = shape.fixed_view::<2, 2>(0, 0).into_owned()
             - shape.fixed_view::<2, 1>(0, 2) * shape.fixed_view::<1, 2>(2, 0) / shape.m33;
         let height = (center[2] - at_mm).abs();

@@ -11,10 +11,10 @@ use super::*;
 use crate::Unattended;
 use crate::export::convex::{Convex, Place};
 use crate::export::polyhedra_samples::packed;
-use crate::packing::Polyhedra;
+use crate::packing::Solids;
 use crate::request::Boundary;
-use crate::shape::Pose;
 use crate::shape::polyhedron::samples::cuboid;
+use crate::shape::{Pose, Solid};
 
 fn specimens() -> [Specimen; 3] {
     [
@@ -24,11 +24,11 @@ fn specimens() -> [Specimen; 3] {
     ]
 }
 
-fn grains(specimen: &Specimen, rounding: f64) -> Polyhedra {
+fn grains(specimen: &Specimen, rounding: f64) -> Solids {
     packed(specimen, 24, [5.0, 2.0], 0.2, rounding)
 }
 
-fn written(specimen: &Specimen, grains: &Polyhedra, options: &Value) -> (SliceReport, Vec<u8>) {
+fn written(specimen: &Specimen, grains: &Solids, options: &Value) -> (SliceReport, Vec<u8>) {
     let mut bytes = Vec::new();
     let model = Model::new(specimen, grains);
     let options = read(options).unwrap();
@@ -37,13 +37,13 @@ fn written(specimen: &Specimen, grains: &Polyhedra, options: &Value) -> (SliceRe
 }
 
 /// A cuboid with the edges 4, 2 and 1 over their common factor, so that its volume is that of a ball of the diameter.
-fn one(center: [f64; 3], d_mm: f64, rounding: f64) -> Polyhedra {
+fn one(center: [f64; 3], d_mm: f64, rounding: f64) -> Solids {
     let template = cuboid([2.0, 1.0, 0.5], 0.0).with_relative_rounding(rounding).unwrap().normalized();
-    Polyhedra {
+    Solids {
         templates: vec![template],
-        template: vec![0],
-        d_mm: vec![d_mm],
+        shapes: vec![Solid::Polyhedron { template: 0, d_mm }],
         poses: vec![Pose::at(center.into())],
+        aggregate: Vec::new(),
     }
 }
 
@@ -88,12 +88,12 @@ fn polygons_of_rounded_grains_are_inscribed_within_the_tolerance() {
             let [u, v] = axis.plane().map(Axis::index);
             for section in &cut.sections {
                 let (row, Figure::Polygon(polygon)) = (section.grain, &section.figure) else { panic!() };
-                let template = &templates[grains.template[row] as usize];
+                let template = &templates[grains.shapes[row].template().unwrap() as usize];
                 // The grain or that image of it which the section is of.
                 let bounds = specimen.bounds_mm();
                 let distance = |p: [f64; 2]| {
                     let at = |x: f64, y: f64, z: f64| {
-                        let mut place = Place::new(&grains, row);
+                        let mut place = Place::of(&grains, row);
                         place.center += Vector3::new(x * bounds[0], y * bounds[1], z * bounds[2]);
                         let mut q = Vector3::zeros();
                         (q[u], q[v], q[axis.index()]) = (p[0], p[1], at_mm);
@@ -178,7 +178,7 @@ fn drawings_scripts_and_estimates_have_every_polygon() {
         for group in ["matrix", "aggregates", "itz", "x_min", "x_max", "z_min", "z_max"] {
             assert_eq!(script.matches(&format!("\"{group}\"")).count(), 1, "{group}");
         }
-        let sum_mm: f64 = grains.d_mm.iter().sum();
+        let sum_mm: f64 = grains.shapes.iter().map(Solid::d_mm).sum();
         for format in ["svg", "json", "geo"] {
             let (mut bytes, mut expected) = (0, 0);
             for at_mm in [4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0] {

@@ -2,15 +2,17 @@
 //!
 //! Spheres have four columns: the centre and the diameter. Ellipsoids have these four, whose diameter is that of the
 //! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes. Convex polyhedra
-//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`).
+//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`). Where a mix
+//! has several aggregates, the last column is the index of that of the grain.
 
 use std::io;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::memory::{filled, reserved};
-use crate::packing::{Ellipsoids, Grains, GrainsRef, Polyhedra, Spheres};
-use crate::shape::{Ellipsoid, Polyhedron, Pose};
+use crate::packing::{Grains, GrainsRef, Solids, Spheres};
+use crate::request::GrainKind;
+use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
 
 /// A column of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,41 +43,34 @@ pub enum Column {
     C,
     /// Index of the template, from 0.
     Template,
+    /// Index of the aggregate, from 0.
+    Aggregate,
 }
 
 impl Column {
     /// The columns of spheres, in the order of storage.
-    pub const OF_SPHERES: &'static [Self] = &[Self::X, Self::Y, Self::Z, Self::Diameter];
+    pub const OF_SPHERES: &'static [Self] = &SPHERES;
 
     /// The columns of ellipsoids, in the order of storage.
-    pub const OF_ELLIPSOIDS: &'static [Self] = &[
-        Self::X,
-        Self::Y,
-        Self::Z,
-        Self::Diameter,
-        Self::Sieve,
-        Self::Qw,
-        Self::Qx,
-        Self::Qy,
-        Self::Qz,
-        Self::A,
-        Self::B,
-        Self::C,
-    ];
+    pub const OF_ELLIPSOIDS: &'static [Self] = &ELLIPSOIDS;
 
     /// The columns of convex polyhedra, in the order of storage.
-    pub const OF_POLYHEDRA: &'static [Self] = &[
-        Self::X,
-        Self::Y,
-        Self::Z,
-        Self::Diameter,
-        Self::Sieve,
-        Self::Qw,
-        Self::Qx,
-        Self::Qy,
-        Self::Qz,
-        Self::Template,
+    pub const OF_POLYHEDRA: &'static [Self] = &POLYHEDRA;
+
+    /// The columns of all kinds of grains, without and with that of the aggregate.
+    const OF_KINDS: [(GrainKind, &'static [Self], &'static [Self]); 3] = [
+        (GrainKind::Spheres, Self::OF_SPHERES, &and_aggregate::<4, 5>(SPHERES)),
+        (GrainKind::Ellipsoids, Self::OF_ELLIPSOIDS, &and_aggregate::<12, 13>(ELLIPSOIDS)),
+        (GrainKind::Polyhedra, Self::OF_POLYHEDRA, &and_aggregate::<10, 11>(POLYHEDRA)),
     ];
+
+    /// The columns of a kind of grains, in the order of storage; of a mix of several aggregates that of the aggregate
+    /// last.
+    #[must_use]
+    pub fn of(kind: GrainKind, has_aggregates: bool) -> &'static [Self] {
+        let of_kind = Self::OF_KINDS.into_iter().find(|of| of.0 == kind);
+        of_kind.map_or(Self::OF_SPHERES, |(_, plain, with)| if has_aggregates { with } else { plain })
+    }
 
     /// Its name in tables.
     #[must_use]
@@ -94,6 +89,7 @@ impl Column {
             Self::B => "b_mm",
             Self::C => "c_mm",
             Self::Template => "template",
+            Self::Aggregate => "aggregate",
         }
     }
 
@@ -103,9 +99,57 @@ impl Column {
         let has_names = |columns: &[Self]| {
             columns.iter().map(|column| column.name()).eq(names.iter().map(String::as_str))
         };
-        let kinds = [Self::OF_SPHERES, Self::OF_ELLIPSOIDS, Self::OF_POLYHEDRA];
-        kinds.into_iter().find(|columns| has_names(columns))
+        Self::OF_KINDS
+            .into_iter()
+            .flat_map(|(_, plain, with)| [plain, with])
+            .find(|columns| has_names(columns))
     }
+
+    /// Whether its values count something.
+    pub(super) fn is_index(self) -> bool {
+        matches!(self, Self::Template | Self::Aggregate)
+    }
+}
+
+const SPHERES: [Column; 4] = [Column::X, Column::Y, Column::Z, Column::Diameter];
+
+const ELLIPSOIDS: [Column; 12] = [
+    Column::X,
+    Column::Y,
+    Column::Z,
+    Column::Diameter,
+    Column::Sieve,
+    Column::Qw,
+    Column::Qx,
+    Column::Qy,
+    Column::Qz,
+    Column::A,
+    Column::B,
+    Column::C,
+];
+
+const POLYHEDRA: [Column; 10] = [
+    Column::X,
+    Column::Y,
+    Column::Z,
+    Column::Diameter,
+    Column::Sieve,
+    Column::Qw,
+    Column::Qx,
+    Column::Qy,
+    Column::Qz,
+    Column::Template,
+];
+
+/// `M - 1` columns and that of the aggregate.
+const fn and_aggregate<const N: usize, const M: usize>(columns: [Column; N]) -> [Column; M] {
+    let mut all = [Column::Aggregate; M];
+    let mut i = 0;
+    while i < N {
+        all[i] = columns[i];
+        i += 1;
+    }
+    all
 }
 
 /// Names of columns, in their order.
@@ -123,9 +167,25 @@ pub trait GrainSource {
         self.len() == 0
     }
 
-    /// Its columns in the order of storage: [`Column::OF_SPHERES`], [`Column::OF_ELLIPSOIDS`] or
-    /// [`Column::OF_POLYHEDRA`].
+    /// Its columns in the order of storage: those of [`Column::of`].
     fn columns(&self) -> &'static [Column];
+
+    /// What the grains are.
+    fn kind(&self) -> GrainKind {
+        let columns = self.columns();
+        if columns.contains(&Column::Template) {
+            GrainKind::Polyhedra
+        } else if columns.contains(&Column::A) {
+            GrainKind::Ellipsoids
+        } else {
+            GrainKind::Spheres
+        }
+    }
+
+    /// Whether the grains are those of several aggregates.
+    fn has_aggregates(&self) -> bool {
+        self.columns().contains(&Column::Aggregate)
+    }
 
     /// What the column of templates refers to: polyhedra with an equivalent diameter of 1; none of other grains.
     fn templates(&self) -> &[Polyhedron] {
@@ -144,16 +204,26 @@ pub(super) fn no_column(column: Column) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, format!("there is no column {}", column.name()))
 }
 
+/// Reads rows of the column of aggregates.
+fn read_aggregate(aggregate: &[u16], start: usize, block: &mut [f64]) -> io::Result<()> {
+    let rows = aggregate.get(start..start + block.len()).ok_or_else(|| no_column(Column::Aggregate))?;
+    block.iter_mut().zip(rows).for_each(|(value, &index)| *value = f64::from(index));
+    Ok(())
+}
+
 impl GrainSource for Spheres {
     fn len(&self) -> usize {
         Self::len(self)
     }
 
     fn columns(&self) -> &'static [Column] {
-        Column::OF_SPHERES
+        Column::of(GrainKind::Spheres, !self.aggregate.is_empty())
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        if column == Column::Aggregate {
+            return read_aggregate(&self.aggregate, start, block);
+        }
         let all = match column {
             Column::X => &self.x_mm,
             Column::Y => &self.y_mm,
@@ -166,47 +236,13 @@ impl GrainSource for Spheres {
     }
 }
 
-impl GrainSource for Ellipsoids {
+impl GrainSource for Solids {
     fn len(&self) -> usize {
         Self::len(self)
     }
 
     fn columns(&self) -> &'static [Column] {
-        Column::OF_ELLIPSOIDS
-    }
-
-    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        let rows = start..start + block.len();
-        for ((value, shape), pose) in block.iter_mut().zip(&self.shapes[rows.clone()]).zip(&self.poses[rows])
-        {
-            let q = pose.orientation.quaternion();
-            *value = match column {
-                Column::X => pose.center_mm.x,
-                Column::Y => pose.center_mm.y,
-                Column::Z => pose.center_mm.z,
-                Column::Diameter => shape.equivalent_diameter_mm(),
-                Column::Sieve => shape.sieve_size_mm(),
-                Column::Qw => q.w,
-                Column::Qx => q.i,
-                Column::Qy => q.j,
-                Column::Qz => q.k,
-                Column::A => shape.semi_axes_mm().x,
-                Column::B => shape.semi_axes_mm().y,
-                Column::C => shape.semi_axes_mm().z,
-                Column::Template => return Err(no_column(column)),
-            };
-        }
-        Ok(())
-    }
-}
-
-impl GrainSource for Polyhedra {
-    fn len(&self) -> usize {
-        Self::len(self)
-    }
-
-    fn columns(&self) -> &'static [Column] {
-        Column::OF_POLYHEDRA
+        Column::of(Self::kind(self), !self.aggregate.is_empty())
     }
 
     fn templates(&self) -> &[Polyhedron] {
@@ -214,21 +250,29 @@ impl GrainSource for Polyhedra {
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        if column == Column::Aggregate {
+            return read_aggregate(&self.aggregate, start, block);
+        }
+        let absent = || no_column(column);
         for (value, row) in block.iter_mut().zip(start..) {
-            let pose = &self.poses[row];
+            let (shape, pose) = (&self.shapes[row], &self.poses[row]);
             let q = pose.orientation.quaternion();
+            let semi_axis = |k: usize| shape.ellipsoid().map(|of| of.semi_axes_mm()[k]).ok_or_else(absent);
             *value = match column {
                 Column::X => pose.center_mm.x,
                 Column::Y => pose.center_mm.y,
                 Column::Z => pose.center_mm.z,
-                Column::Diameter => self.d_mm[row],
-                Column::Sieve => self.d_mm[row] * self.templates[self.template[row] as usize].sieve_size(),
+                Column::Diameter => shape.d_mm(),
+                Column::Sieve => self.shape(row).sieve_size_mm(),
                 Column::Qw => q.w,
                 Column::Qx => q.i,
                 Column::Qy => q.j,
                 Column::Qz => q.k,
-                Column::Template => f64::from(self.template[row]),
-                Column::A | Column::B | Column::C => return Err(no_column(column)),
+                Column::A => semi_axis(0)?,
+                Column::B => semi_axis(1)?,
+                Column::C => semi_axis(2)?,
+                Column::Template => shape.template().map(f64::from).ok_or_else(absent)?,
+                Column::Aggregate => return Err(absent()),
             };
         }
         Ok(())
@@ -245,10 +289,7 @@ impl GrainSource for Grains {
     }
 
     fn templates(&self) -> &[Polyhedron] {
-        match self {
-            Self::Polyhedra(polyhedra) => &polyhedra.templates,
-            Self::Spheres(_) | Self::Ellipsoids(_) => &[],
-        }
+        GrainsRef::from(self).templates()
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
@@ -264,23 +305,18 @@ impl GrainSource for GrainsRef<'_> {
     fn columns(&self) -> &'static [Column] {
         match self {
             Self::Spheres(spheres) => spheres.columns(),
-            Self::Ellipsoids(ellipsoids) => ellipsoids.columns(),
-            Self::Polyhedra(polyhedra) => polyhedra.columns(),
+            Self::Solids(solids) => solids.columns(),
         }
     }
 
     fn templates(&self) -> &[Polyhedron] {
-        match self {
-            Self::Polyhedra(polyhedra) => &polyhedra.templates,
-            Self::Spheres(_) | Self::Ellipsoids(_) => &[],
-        }
+        Self::templates(*self)
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
         match self {
             Self::Spheres(spheres) => spheres.read(column, start, block),
-            Self::Ellipsoids(ellipsoids) => ellipsoids.read(column, start, block),
-            Self::Polyhedra(polyhedra) => polyhedra.read(column, start, block),
+            Self::Solids(solids) => solids.read(column, start, block),
         }
     }
 }
@@ -336,15 +372,13 @@ impl GrainSource for Table {
     }
 }
 
-/// Memory that the grains of a result take, in bytes: 32 a sphere, 80 an ellipsoid, 68 a polyhedron.
+/// Memory that the grains of a result take, in bytes: 32 a sphere, 88 another grain, and 2 for the aggregate of each.
 pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
-    let bytes = if source.columns() == Column::OF_SPHERES {
-        4 * size_of::<f64>()
-    } else if source.columns() == Column::OF_POLYHEDRA {
-        size_of::<u32>() + size_of::<f64>() + size_of::<Pose>()
-    } else {
-        size_of::<Ellipsoid>() + size_of::<Pose>()
+    let bytes = match source.kind() {
+        GrainKind::Spheres => 4 * size_of::<f64>(),
+        GrainKind::Ellipsoids | GrainKind::Polyhedra => size_of::<Solid>() + size_of::<Pose>(),
     };
+    let bytes = if source.has_aggregates() { bytes + size_of::<u16>() } else { bytes };
     (source.len() as u64).saturating_mul(bytes as u64)
 }
 
@@ -359,19 +393,45 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
         source.read(column, 0, &mut values)?;
         Ok(values)
     };
-    if source.columns() == Column::OF_SPHERES {
-        return Ok(Grains::Spheres(Spheres {
-            x_mm: column(Column::X)?,
-            y_mm: column(Column::Y)?,
-            z_mm: column(Column::Z)?,
-            d_mm: column(Column::Diameter)?,
-            aggregate: Vec::new(),
-        }));
+    let aggregate = load_aggregate(source)?;
+    let solids = match source.kind() {
+        GrainKind::Spheres => {
+            return Ok(Grains::Spheres(Spheres {
+                x_mm: column(Column::X)?,
+                y_mm: column(Column::Y)?,
+                z_mm: column(Column::Z)?,
+                d_mm: column(Column::Diameter)?,
+                aggregate,
+            }));
+        }
+        GrainKind::Ellipsoids => load_ellipsoids(source)?,
+        GrainKind::Polyhedra => load_polyhedra(source)?,
+    };
+    Ok(Grains::Solids(Solids { aggregate, ..solids }))
+}
+
+/// Reads the column of aggregates; none where there is no such column.
+fn load_aggregate(source: &dyn GrainSource) -> io::Result<Vec<u16>> {
+    if !source.has_aggregates() {
+        return Ok(Vec::new());
     }
-    if source.columns() == Column::OF_POLYHEDRA {
-        return load_polyhedra(source).map(Grains::Polyhedra);
-    }
-    let mut grains = Ellipsoids { shapes: reserved(source.len())?, poses: reserved(source.len())? };
+    let mut aggregate = reserved(source.len())?;
+    for_each_block(source, [Column::Aggregate], |[values]| {
+        for &value in values {
+            if !(value >= 0.0 && value.fract() == 0.0 && value <= f64::from(u16::MAX)) {
+                return Err(invalid(format!("grain {} has the aggregate {value}", aggregate.len())));
+            }
+            aggregate.push(value as u16);
+        }
+        Ok(())
+    })?;
+    Ok(aggregate)
+}
+
+/// Reads ellipsoids.
+fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
+    let rows = source.len();
+    let mut grains = Solids { shapes: reserved(rows)?, poses: reserved(rows)?, ..Solids::default() };
     let mut fault = None;
     for_each_block(source, ELLIPSOID_ROW, |columns| {
         for row in 0..columns[0].len() {
@@ -381,34 +441,28 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
                 continue;
             };
             let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-            grains.shapes.push(shape);
+            grains.shapes.push(shape.into());
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())
     })?;
     match fault {
-        None => Ok(Grains::Ellipsoids(grains)),
-        Some(grain) => Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            format!("the semi-axes of grain {grain} are not positive numbers"),
-        )),
+        None => Ok(grains),
+        Some(grain) => Err(invalid(format!("the semi-axes of grain {grain} are not positive numbers"))),
     }
 }
 
 /// Reads polyhedra; the numbers of the source stay as they are.
-fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Polyhedra> {
+fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     let rows = source.len();
-    let mut grains = Polyhedra {
-        templates: source.templates().to_vec(),
-        template: reserved(rows)?,
-        d_mm: reserved(rows)?,
-        poses: reserved(rows)?,
-    };
+    let templates = source.templates().to_vec();
+    let mut grains =
+        Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)?, aggregate: Vec::new() };
     let templates = grains.templates.len();
     for_each_block(source, POLYHEDRON_ROW, |columns| {
         for row in 0..columns[0].len() {
             let [x, y, z, d, w, i, j, k, template] = columns.map(|column| column[row]);
-            let grain = grains.d_mm.len();
+            let grain = grains.len();
             let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
             if !(template >= 0.0 && template.fract() == 0.0 && template < templates as f64) {
                 return fault(format!(
@@ -427,8 +481,7 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Polyhedra> {
                 ));
             }
             let orientation = UnitQuaternion::new_unchecked(quaternion);
-            grains.template.push(template as u32);
-            grains.d_mm.push(d);
+            grains.shapes.push(Solid::Polyhedron { template: template as u32, d_mm: d });
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())

@@ -14,6 +14,7 @@ mod vtk;
 
 use std::io::{self, Write};
 
+use crate::request::GrainKind;
 use serde::{Deserialize, Serialize};
 
 pub use columns::{Column, GrainSource, Table, load, loaded_bytes};
@@ -117,8 +118,8 @@ pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dy
     match format {
         Format::Json => text::write_json(head, GrainTable(grains), out),
         Format::Csv => text::write_csv(grains, out),
-        Format::Vtk if grains.columns() == Column::OF_POLYHEDRA => surfaces::write_legacy(head, grains, out),
-        Format::Vtp if grains.columns() == Column::OF_POLYHEDRA => surfaces::write_xml(head, grains, out),
+        Format::Vtk if grains.kind() == GrainKind::Polyhedra => surfaces::write_legacy(head, grains, out),
+        Format::Vtp if grains.kind() == GrainKind::Polyhedra => surfaces::write_xml(head, grains, out),
         Format::Vtk => vtk::write_legacy(head, grains, out),
         Format::Vtp => vtk::write_xml(head, grains, out),
         Format::Npy => npy::write(grains, out),
@@ -129,7 +130,7 @@ pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dy
 /// the mix says that its sizes are equivalent diameters.
 pub fn nominal_size(head: &Head, grains: &dyn GrainSource) -> Column {
     let is_equivalent = head.request["mix"]["size"] == "equivalent";
-    if is_equivalent || grains.columns() == Column::OF_SPHERES { Column::Diameter } else { Column::Sieve }
+    if is_equivalent || grains.kind() == GrainKind::Spheres { Column::Diameter } else { Column::Sieve }
 }
 
 /// Number of bytes that [`write()`] writes. Text has to be made to be measured; it is thrown away.
@@ -141,7 +142,7 @@ pub fn length(format: Format, head: &Head, grains: &dyn GrainSource) -> io::Resu
     match format {
         Format::Json | Format::Csv => write(format, head, grains, &mut counter)?,
         // That of polyhedra as surfaces depends on the templates of the grains.
-        Format::Vtk | Format::Vtp if grains.columns() == Column::OF_POLYHEDRA => {
+        Format::Vtk | Format::Vtp if grains.kind() == GrainKind::Polyhedra => {
             write(format, head, grains, &mut counter)?;
         }
         // The length of the binary forms does not depend on the values.

@@ -8,15 +8,15 @@ use super::stored::Layout;
 use super::tests::{appended, result};
 use super::*;
 use crate::export::polyhedra_samples::packed;
-use crate::packing::{Grains, Polyhedra};
+use crate::packing::{Grains, Solids};
 use crate::request::{Boundary, Specimen};
 
-fn grains(rounding: f64) -> Polyhedra {
+fn grains(rounding: f64) -> Solids {
     let specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
     packed(&specimen, 12, [6.0, 2.0], 0.1, rounding)
 }
 
-fn stored_bytes(head: &Head, grains: &Polyhedra) -> Vec<u8> {
+fn stored_bytes(head: &Head, grains: &Solids) -> Vec<u8> {
     let mut bytes = Vec::new();
     stored::write(head, grains, &mut bytes).unwrap();
     bytes
@@ -57,12 +57,12 @@ fn polyhedra_are_stored_with_their_templates_and_read_back_exactly() {
         let layout = Layout::read(&mut &bytes[..]).unwrap();
         assert_eq!((&layout.head, layout.rows, layout.columns), (&head, 12, Column::OF_POLYHEDRA));
         assert_eq!(layout.file_length(), bytes.len() as u64);
-        let Grains::Polyhedra(read) = read_back(&bytes).unwrap() else { panic!("other grains") };
+        let Grains::Solids(read) = read_back(&bytes).unwrap() else { panic!("other grains") };
         assert_eq!(read, grains);
-        let bits = |grains: &Polyhedra| -> Vec<u64> {
+        let bits = |grains: &Solids| -> Vec<u64> {
             let vertices = |row: usize| {
-                let template = grains.shape(row).template;
-                template.world_vertices_mm(grains.d_mm[row], &grains.poses[row]).collect::<Vec<_>>()
+                let template = grains.shape(row).polyhedron().unwrap().template;
+                template.world_vertices_mm(grains.shapes[row].d_mm(), &grains.poses[row]).collect::<Vec<_>>()
             };
             (0..grains.len())
                 .flat_map(vertices)
@@ -89,8 +89,8 @@ fn json_states_the_templates_once_beside_the_grains() {
     assert_eq!(read_templates(Column::OF_POLYHEDRA, Some(records)).unwrap(), grains.templates);
     let row: Vec<f64> = serde_json::from_value(value["grains"]["rows"][5].clone()).unwrap();
     let q = grains.poses[5].orientation.quaternion();
-    assert_eq!(row[5..], [q.w, q.i, q.j, q.k, f64::from(grains.template[5])]);
-    assert_eq!(row[4], grains.d_mm[5] * grains.shape(5).template.sieve_size());
+    assert_eq!(row[5..], [q.w, q.i, q.j, q.k, f64::from(grains.shapes[5].template().unwrap())]);
+    assert_eq!(row[4], grains.shapes[5].d_mm() * grains.shape(5).polyhedron().unwrap().template.sieve_size());
     // Other grains have none.
     let (head, spheres) = result();
     let mut bytes = Vec::new();
@@ -216,8 +216,14 @@ fn vtp_has_the_surfaces_of_the_grains() {
         let last = appended(&bytes, data, "id").chunks(4).next_back().unwrap();
         assert_eq!(i32::from_le_bytes(last.try_into().unwrap()), 11);
         if rounding == 0.0 {
-            let first =
-                grains.shape(0).template.world_vertices_mm(grains.d_mm[0], &grains.poses[0]).next().unwrap();
+            let first = grains
+                .shape(0)
+                .polyhedron()
+                .unwrap()
+                .template
+                .world_vertices_mm(grains.shapes[0].d_mm(), &grains.poses[0])
+                .next()
+                .unwrap();
             assert_eq!(point(0), first);
         }
     }

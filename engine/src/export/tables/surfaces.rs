@@ -3,8 +3,7 @@
 //! A sharp grain has the faces of its template. A rounded one has its plane faces, rectangles around its edges and
 //! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. Points are not shared by grains.
 //! Arrays of the polygons: `diameter` (float64, mm; of the sphere of equal volume), `sieve` (float64, mm),
-//! `sieve_class`
-//! and `id` as in the other forms, `template` (int32).
+//! `sieve_class`, `id` and `aggregate` as in the other forms, `template` (int32).
 
 use std::f64::consts::FRAC_PI_4;
 use std::io::{self, Write};
@@ -149,13 +148,18 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     })?;
     writeln!(out, "\nCELL_DATA {n}\nSCALARS diameter double 1\nLOOKUP_TABLE default")?;
     surfaces.for_each_polygon(Column::Diameter, |d| out.write_all(&d.to_be_bytes()))?;
-    writeln!(out, "\nFIELD arrays 4\nsieve 1 {n} double")?;
+    let arrays = 4 + i32::from(grains.has_aggregates());
+    writeln!(out, "\nFIELD arrays {arrays}\nsieve 1 {n} double")?;
     surfaces.for_each_polygon(Column::Sieve, |size| out.write_all(&size.to_be_bytes()))?;
     writeln!(out, "\nsieve_class 1 {n} int")?;
     surfaces.for_each_polygon(size, |d| out.write_all(&class(d).to_be_bytes()))?;
     writeln!(out, "\ntemplate 1 {n} int")?;
     surfaces
         .for_each_polygon(Column::Template, |template| out.write_all(&(template as i32).to_be_bytes()))?;
+    if grains.has_aggregates() {
+        writeln!(out, "\naggregate 1 {n} int")?;
+        surfaces.for_each_polygon(Column::Aggregate, |k| out.write_all(&(k as i32).to_be_bytes()))?;
+    }
     writeln!(out, "\nid 1 {n} int")?;
     surfaces.for_each_id(|id| out.write_all(&id.to_be_bytes()))?;
     writeln!(out)?;
@@ -181,6 +185,11 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     file.fill::<i32>("template", n, |sink| {
         put(sink, |put| surfaces.for_each_polygon(Column::Template, |template| put.put(template as i32)))
     });
+    if grains.has_aggregates() {
+        file.fill::<i32>("aggregate", n, |sink| {
+            put(sink, |put| surfaces.for_each_polygon(Column::Aggregate, |k| put.put(k as i32)))
+        });
+    }
     file.fill::<i32>("id", n, |sink| put(sink, |put| surfaces.for_each_id(|id| put.put(id))));
     file.section("Polys", None);
     file.fill::<i64>("connectivity", surfaces.corners, |sink| {

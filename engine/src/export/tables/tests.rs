@@ -7,7 +7,7 @@ use super::columns::BLOCK_ROWS;
 use super::stored::Layout;
 use super::*;
 use crate::packing::{EdmdStatistics, GrowthEnd};
-use crate::packing::{Ellipsoids, Grains};
+use crate::packing::{Grains, Solids};
 use crate::shape::{Ellipsoid, Pose};
 use crate::{Limits, PackingRequest, Spheres, Unattended, pack};
 
@@ -207,15 +207,15 @@ fn an_empty_result_is_well_formed_in_every_format() {
 }
 
 /// Two ellipsoids, one of them with a quaternion whose length is not exactly 1.
-fn ellipsoids() -> Ellipsoids {
+fn ellipsoids() -> Solids {
     let turned = UnitQuaternion::new_unchecked(Quaternion::new(0.8, 0.1, -0.3, 0.500_000_1));
-    Ellipsoids {
-        shapes: vec![Ellipsoid::new([4.0, 3.0, 2.0]).unwrap(), Ellipsoid::new([2.0, 1.5, 1.0]).unwrap()],
-        poses: vec![
+    Solids::of_ellipsoids(
+        vec![Ellipsoid::new([4.0, 3.0, 2.0]).unwrap(), Ellipsoid::new([2.0, 1.5, 1.0]).unwrap()],
+        vec![
             Pose { center_mm: Vector3::new(5.0, 6.0, 7.0), orientation: turned },
             Pose::at(Vector3::new(15.0, 6.0, 7.0)),
         ],
-    }
+    )
 }
 
 #[test]
@@ -234,7 +234,7 @@ fn ellipsoids_are_stored_with_named_columns_and_read_back_exactly() {
     };
     let values = Column::OF_ELLIPSOIDS.iter().map(|&column| vec![value(column, 0), value(column, 1)]);
     let table = Table::new(layout.columns, values.collect()).unwrap();
-    assert_eq!(load(&table).unwrap(), Grains::Ellipsoids(grains));
+    assert_eq!(load(&table).unwrap(), Grains::Solids(grains));
     assert_eq!(value(Column::Sieve, 0), 26.0_f64.sqrt());
     assert!((value(Column::Diameter, 0) - 2.0 * 24.0_f64.cbrt()).abs() < 1e-15);
     // The first magic with columns of ellipsoids, or unknown columns, is no result.

@@ -2,18 +2,19 @@
 
 use std::io::{self, Write};
 
-#[cfg(feature = "openapi")]
 use super::Column;
 use super::columns::{for_each_rows, names};
 use super::{GrainSource, Head, templates};
+#[cfg(feature = "openapi")]
+use crate::request::GrainKind;
 
 pub(super) fn write_csv(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{}", names(grains.columns()).join(","))?;
     let mut text = Vec::new();
-    for_each_rows(grains, grains.columns(), |columns| {
+    for_each_rows(grains, grains.columns(), |values| {
         text.clear();
-        for row in 0..columns[0].len() {
-            push_row(&mut text, columns, row);
+        for row in 0..values[0].len() {
+            push_row(&mut text, grains.columns(), values, row);
             text.push(b'\n');
         }
         out.write_all(&text)
@@ -47,12 +48,13 @@ impl GrainTable<'_> {
     pub fn write(self, out: &mut dyn Write) -> io::Result<()> {
         write!(out, "{{\"columns\":{},\"rows\":[", serde_json::to_string(&names(self.0.columns()))?)?;
         let (mut text, mut first) = (Vec::new(), true);
-        for_each_rows(self.0, self.0.columns(), |columns| {
+        let columns = self.0.columns();
+        for_each_rows(self.0, columns, |values| {
             text.clear();
-            for row in 0..columns[0].len() {
+            for row in 0..values[0].len() {
                 text.extend_from_slice(if first { b"\n[" } else { b",\n[" });
                 first = false;
-                push_row(&mut text, columns, row);
+                push_row(&mut text, columns, values, row);
                 text.push(b']');
             }
             out.write_all(&text)
@@ -64,13 +66,23 @@ impl GrainTable<'_> {
 #[cfg(feature = "openapi")]
 impl utoipa::PartialSchema for GrainTable<'_> {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
-        let table =
-            |about: &str, columns| crate::export::schema::table(about, &names(columns), "One row a grain.");
+        const SHAPED: &str = "centre, diameter of the sphere of equal volume, sieve size, orientation";
+        let mut tables = utoipa::openapi::OneOfBuilder::new();
+        for (about, kind) in [
+            ("Spheres.".to_owned(), GrainKind::Spheres),
+            (format!("Ellipsoids: {SHAPED}, semi-axes."), GrainKind::Ellipsoids),
+            (format!("Convex polyhedra: {SHAPED}, index of the template."), GrainKind::Polyhedra),
+        ] {
+            let table = |about: &str, has_aggregates| {
+                let columns = names(Column::of(kind, has_aggregates));
+                crate::export::schema::table(about, &columns, "One row a grain.")
+            };
+            tables = tables.item(table(&about, false));
+            let about = format!("{about} Last the aggregate of the request, counted from 0.");
+            tables = tables.item(table(&about, true));
+        }
         utoipa::openapi::Schema::from(
-            utoipa::openapi::OneOfBuilder::new()
-                .item(table("Spheres.", Column::OF_SPHERES))
-                .item(table("Ellipsoids: centre, diameter of the sphere of equal volume, sieve size, orientation, semi-axes.", Column::OF_ELLIPSOIDS))
-                .item(table("Convex polyhedra: centre, diameter of the sphere of equal volume, sieve size, orientation, index of the template.", Column::OF_POLYHEDRA))
+            tables
                 .description(Some("The grains of a result, largest first; the row number is the grain's id."))
                 .build(),
         )
@@ -85,12 +97,15 @@ impl utoipa::ToSchema for GrainTable<'_> {
     }
 }
 
-fn push_row(text: &mut Vec<u8>, columns: &[&[f64]], row: usize) {
+/// Appends a row of these columns; what counts something is written without a fraction.
+fn push_row(text: &mut Vec<u8>, columns: &[Column], values: &[&[f64]], row: usize) {
     let mut digits = zmij::Buffer::new();
-    for (i, column) in columns.iter().enumerate() {
+    for (i, (column, values)) in columns.iter().zip(values).enumerate() {
         if i > 0 {
             text.push(b',');
         }
-        text.extend_from_slice(digits.format_finite(column[row]).as_bytes());
+        let number = digits.format_finite(values[row]);
+        let number = if column.is_index() { number.strip_suffix(".0").unwrap_or(number) } else { number };
+        text.extend_from_slice(number.as_bytes());
     }
 }

@@ -17,6 +17,7 @@ use super::{Column, GrainSource, Head, nominal_size};
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Provenance};
 use crate::mix::sieve::class_of;
+use crate::request::GrainKind;
 use crate::shape::Pose;
 
 const POSITION: [Column; 3] = [Column::X, Column::Y, Column::Z];
@@ -39,7 +40,7 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     writeln!(out, "\nPOINT_DATA {n}")?;
     writeln!(out, "SCALARS diameter double 1\nLOOKUP_TABLE default")?;
     write_values(grains, [Column::Diameter], &mut bytes, out, |d| d, be)?;
-    let is_spherical = grains.columns() == Column::OF_SPHERES;
+    let is_spherical = grains.kind() == GrainKind::Spheres;
     if !is_spherical {
         writeln!(out, "\nTENSORS tensor double")?;
         write_values(
@@ -59,7 +60,8 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
         )?;
     }
     // Readers keep one array of scalars only, but all of a field.
-    write!(out, "\nFIELD arrays {}\n", if is_spherical { 3 } else { 5 })?;
+    let arrays = if is_spherical { 3 } else { 5 } + i32::from(grains.has_aggregates());
+    write!(out, "\nFIELD arrays {arrays}\n")?;
     if is_spherical {
         writeln!(out, "radius 1 {n} double")?;
         write_values(grains, [Column::Diameter], &mut bytes, out, |[d]| [d / 2.0], be)?;
@@ -75,6 +77,10 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     let class = classifier(head);
     let size = nominal_size(head, grains);
     write_values(grains, [size], &mut bytes, out, |[d]| [class(d)], i32::to_be_bytes)?;
+    if grains.has_aggregates() {
+        write!(out, "\naggregate 1 {n} int\n")?;
+        write_values(grains, [Column::Aggregate], &mut bytes, out, |[k]| [k as i32], i32::to_be_bytes)?;
+    }
     write!(out, "\nid 1 {n} int\n")?;
     write_rows(n, &mut bytes, out, |row, bytes| bytes.extend((row as i32).to_be_bytes()))?;
     writeln!(out)
@@ -88,7 +94,7 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     file.fill::<[f64; 3]>("Points", n, |sink| fill(grains, POSITION, sink, |point| point, le));
     file.section("PointData", Some("diameter"));
     file.fill::<f64>("diameter", n, |sink| fill(grains, [Column::Diameter], sink, |d| d, le));
-    if grains.columns() == Column::OF_SPHERES {
+    if grains.kind() == GrainKind::Spheres {
         file.fill::<f64>("radius", n, |sink| fill(grains, [Column::Diameter], sink, |[d]| [d / 2.0], le));
     } else {
         file.fill::<f64>("sieve", n, |sink| fill(grains, [Column::Sieve], sink, |size| size, le));
@@ -103,6 +109,11 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     file.fill::<i32>("sieve_class", n, move |sink| {
         fill(grains, [size], sink, |[d]| [class(d)], i32::to_le_bytes)
     });
+    if grains.has_aggregates() {
+        file.fill::<i32>("aggregate", n, |sink| {
+            fill(grains, [Column::Aggregate], sink, |[k]| [k as i32], i32::to_le_bytes)
+        });
+    }
     file.array("id", n, (0..n).map(|row| row as i32));
     file.section("Verts", None);
     file.array("connectivity", n, (0..n).map(|row| row as i64));

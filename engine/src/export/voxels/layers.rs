@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::export::Model;
-use crate::export::solids::{Section, Solids};
+use crate::export::solids::{Section, Sectioned};
 use crate::memory::{OutOfMemory, filled, reserved};
 
 use super::VoxelGrid;
@@ -20,7 +20,7 @@ struct Body {
 
 /// The bodies that have a part in the layers to come.
 pub(super) struct Layers<'a> {
-    solids: Solids<'a>,
+    solids: Sectioned<'a>,
     grid: &'a VoxelGrid,
     bounds: [f64; 3],
     /// Those that no layer has reached, the lowest last.
@@ -37,7 +37,7 @@ impl<'a> Layers<'a> {
     /// # Errors
     /// When the system refuses memory.
     pub(super) fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
-        let solids = Solids::new(model.grains)?;
+        let solids = Sectioned::new(model.grains)?;
         let bounds = model.specimen.bounds_mm();
         let mut waiting = reserved(solids.len())?;
         let shifts: &[i8] = if model.specimen.is_periodic() { &[-1, 0, 1] } else { &[0] };

@@ -25,7 +25,7 @@ pub use options::{
 
 use self::layers::Layers;
 use crate::control::Control;
-use crate::export::solids::Solids;
+use crate::export::solids::Sectioned;
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::filled;
@@ -86,7 +86,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<VoxelReport, ExportError> {
-    let solids = Solids::new(model.grains)?;
+    let solids = Sectioned::new(model.grains)?;
     let grid = VoxelGrid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);

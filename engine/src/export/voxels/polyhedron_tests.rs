@@ -35,8 +35,10 @@ fn voxels_of_polyhedra_are_those_whose_centres_lie_inside() {
             }
             let mut found = 0;
             for row in 0..grains.len() {
-                let (template, place) = (&templates[grains.template[row] as usize], Place::new(&grains, row));
-                let outer = grains.templates[grains.template[row] as usize].outer_radius() * place.scale;
+                let (template, place) =
+                    (&templates[grains.shapes[row].template().unwrap() as usize], Place::of(&grains, row));
+                let outer = grains.templates[grains.shapes[row].template().unwrap() as usize].outer_radius()
+                    * place.scale;
                 for x in shifts {
                     for y in shifts {
                         for z in shifts {

@@ -4,14 +4,14 @@ use std::ops::Range;
 
 use super::VoxelGrid;
 use crate::control::Control;
-use crate::export::solids::Solids;
+use crate::export::solids::Sectioned;
 use crate::export::{ExportError, go_on};
 
 /// Lines between two looks at whether to stop; a millisecond or so.
 const LINES_PER_LOOK: i64 = 1 << 18;
 
 /// Volume of all grains.
-pub(super) fn exact_mm3(solids: &Solids<'_>) -> f64 {
+pub(super) fn exact_mm3(solids: &Sectioned<'_>) -> f64 {
     (0..solids.len()).map(|grain| solids.volume_mm3(grain)).sum()
 }
 
@@ -20,7 +20,7 @@ pub(super) fn exact_mm3(solids: &Solids<'_>) -> f64 {
 /// The lines of a periodic box meet those of its neighbours, so that a grain that crosses its faces is measured
 /// in one piece.
 pub(super) fn volume_mm3(
-    solids: &Solids<'_>,
+    solids: &Sectioned<'_>,
     grid: &VoxelGrid,
     samples: u32,
     control: &dyn Control,

@@ -44,6 +44,103 @@ pub struct TurnedPolyhedron<'a> {
     around: Symmetric,
 }
 
+/// What a pair reads of a turned body: the core, to which the rounding is added.
+pub trait Core: Copy {
+    /// Support function of the core in mm for a unit vector, and a point that attains it, relative to the centre.
+    fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>);
+
+    /// Support function of the core in mm for a unit vector.
+    fn core_height_mm(&self, n: &Vector3<f64>) -> f64;
+
+    /// Radius of rounding in mm.
+    fn rounding_mm(&self) -> f64;
+
+    /// About the radius of the sphere that holds the body, in mm.
+    fn size_mm(&self) -> f64;
+
+    /// Points of the core that span what attains its support function along a unit vector within a tolerance.
+    fn attaining(&self, n: &Vector3<f64>, tolerance: f64) -> Vec<Vector3<f64>>;
+}
+
+impl Core for TurnedPolyhedron<'_> {
+    /// The point is a vertex.
+    #[inline(always)]
+    fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let [x, y, z] = self.local([n.x, n.y, n.z]);
+        let mut best = [f64::NEG_INFINITY; 4];
+        // Numbers of groups as floats, which share the masks of the heights.
+        let mut at = [0.0_f64; 4];
+        let mut number = 0.0;
+        for group in &self.principal.groups {
+            for lane in 0..4 {
+                let h = x * group[0][lane] + y * group[1][lane] + z * group[2][lane];
+                let is_larger = h > best[lane];
+                best[lane] = if is_larger { h } else { best[lane] };
+                at[lane] = if is_larger { number } else { at[lane] };
+            }
+            number += 1.0;
+        }
+        let mut lane = 0;
+        for other in 1..4 {
+            if best[other] > best[lane] {
+                lane = other;
+            }
+        }
+        let [x, y, z] = &self.principal.groups[at[lane] as usize];
+        let vertex = [x[lane] * self.scale_mm, y[lane] * self.scale_mm, z[lane] * self.scale_mm];
+        (best[lane] * self.scale_mm, self.in_space(vertex))
+    }
+
+    #[inline(always)]
+    fn core_height_mm(&self, n: &Vector3<f64>) -> f64 {
+        self.height(self.local([n.x, n.y, n.z])) * self.scale_mm
+    }
+
+    #[inline(always)]
+    fn rounding_mm(&self) -> f64 {
+        self.rounding_mm
+    }
+
+    /// Of the ellipsoid around it.
+    fn size_mm(&self) -> f64 {
+        self.principal.around[0].max(self.principal.around[1]).max(self.principal.around[2]) * self.scale_mm
+    }
+
+    fn attaining(&self, n: &Vector3<f64>, tolerance: f64) -> Vec<Vector3<f64>> {
+        let least = self.core_support(n).0 - tolerance;
+        self.vertices().filter(|v| v.dot(n) >= least).collect()
+    }
+}
+
+/// An ellipsoid by its shape matrix, which is its own core.
+impl Core for Symmetric {
+    #[inline(always)]
+    fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let of_n = self.times([n.x, n.y, n.z]);
+        let height = super::linear::dot([n.x, n.y, n.z], of_n).sqrt();
+        (height, Vector3::from(of_n) / height)
+    }
+
+    #[inline(always)]
+    fn core_height_mm(&self, n: &Vector3<f64>) -> f64 {
+        self.quadratic([n.x, n.y, n.z]).sqrt()
+    }
+
+    #[inline(always)]
+    fn rounding_mm(&self) -> f64 {
+        0.0
+    }
+
+    fn size_mm(&self) -> f64 {
+        let [xx, _, _, yy, _, zz] = self.0;
+        (xx + yy + zz).sqrt()
+    }
+
+    fn attaining(&self, n: &Vector3<f64>, _: f64) -> Vec<Vector3<f64>> {
+        vec![self.core_support(n).1]
+    }
+}
+
 impl TurnedPolyhedron<'_> {
     /// A vector in the principal axes.
     #[inline(always)]
@@ -86,50 +183,11 @@ impl TurnedPolyhedron<'_> {
         if ab > cd { ab } else { cd }
     }
 
-    /// Support function of the core, and the vertex that attains it, relative to the centre.
-    #[inline(always)]
-    fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        let [x, y, z] = self.local([n.x, n.y, n.z]);
-        let mut best = [f64::NEG_INFINITY; 4];
-        // Numbers of groups as floats, which share the masks of the heights.
-        let mut at = [0.0_f64; 4];
-        let mut number = 0.0;
-        for group in &self.principal.groups {
-            for lane in 0..4 {
-                let h = x * group[0][lane] + y * group[1][lane] + z * group[2][lane];
-                let is_larger = h > best[lane];
-                best[lane] = if is_larger { h } else { best[lane] };
-                at[lane] = if is_larger { number } else { at[lane] };
-            }
-            number += 1.0;
-        }
-        let mut lane = 0;
-        for other in 1..4 {
-            if best[other] > best[lane] {
-                lane = other;
-            }
-        }
-        let [x, y, z] = &self.principal.groups[at[lane] as usize];
-        let vertex = [x[lane] * self.scale_mm, y[lane] * self.scale_mm, z[lane] * self.scale_mm];
-        (best[lane] * self.scale_mm, self.in_space(vertex))
-    }
-
     /// A vector of the principal axes.
     #[inline(always)]
     fn in_space(&self, v: Vector) -> Vector3<f64> {
         let [x, y, z] = &self.rows;
         Vector3::new(super::linear::dot(*x, v), super::linear::dot(*y, v), super::linear::dot(*z, v))
-    }
-
-    /// About the radius of the sphere that holds the body, in mm: of the ellipsoid around it.
-    fn outer_mm(&self) -> f64 {
-        self.principal.around[0].max(self.principal.around[1]).max(self.principal.around[2]) * self.scale_mm
-    }
-
-    /// Vertices whose height along `n` is within a tolerance of the support function of the core.
-    fn attaining(&self, n: &Vector3<f64>, tolerance: f64) -> Vec<Vector3<f64>> {
-        let least = self.core_support(n).0 - tolerance;
-        self.vertices().filter(|v| v.dot(n) >= least).collect()
     }
 
     /// The vertices relative to the centre, in mm.
@@ -189,13 +247,13 @@ impl<'a> Body<'a> {
     }
 }
 
-/// Two polyhedra.
+/// Two bodies, of which one at least is a polyhedron.
 #[derive(Clone, Copy, Debug)]
-pub struct Pair<'a> {
+pub struct Pair<'a, A = TurnedPolyhedron<'a>, B = TurnedPolyhedron<'a>> {
     /// The first body.
-    pub a: &'a TurnedPolyhedron<'a>,
+    pub a: &'a A,
     /// The second body.
-    pub b: &'a TurnedPolyhedron<'a>,
+    pub b: &'a B,
     /// From the centre of the first to that of the second, in mm.
     pub r: Vector3<f64>,
 }
@@ -231,11 +289,11 @@ enum End {
     Overlap(Simplex),
 }
 
-impl Pair<'_> {
+impl<A: Core, B: Core> Pair<'_, A, B> {
     /// `s(n)` in mm for a unit vector.
     pub fn separation_mm(&self, n: &Vector3<f64>) -> f64 {
         let core = self.r.dot(n) - self.a.core_support(n).0 - self.b.core_support(&-n).0;
-        core - self.a.rounding_mm - self.b.rounding_mm
+        core - self.a.rounding_mm() - self.b.rounding_mm()
     }
 
     /// Whether the bodies keep a gap, from the line of the centres.
@@ -278,7 +336,7 @@ impl Pair<'_> {
         Contact {
             gap_mm: self.separation_mm(&normal),
             normal,
-            points_mm: [points[0] + normal * self.a.rounding_mm, points[1] - normal * self.b.rounding_mm],
+            points_mm: [points[0] + normal * self.a.rounding_mm(), points[1] - normal * self.b.rounding_mm()],
         }
     }
 
@@ -325,23 +383,22 @@ impl Pair<'_> {
     /// gap: `r . n / (h_A + h_B + g)`. Below 1 where they are too close along `n`. The centres must lie inside.
     #[inline(always)]
     pub fn factor(&self, normal: &Vector3<f64>, gap_mm: f64) -> f64 {
-        let height = |of: &TurnedPolyhedron<'_>, n: &Vector3<f64>| of.height(of.local([n.x, n.y, n.z]));
-        let cores = height(self.a, normal) * self.a.scale_mm + height(self.b, &-normal) * self.b.scale_mm;
+        let cores = self.a.core_height_mm(normal) + self.b.core_height_mm(&-normal);
         self.r.dot(normal) / (cores + self.rounding_mm() + gap_mm)
     }
 
     /// About the rounding error of `s(n)`.
     fn rounding(&self) -> f64 {
-        4.0 * f64::EPSILON * (self.r.norm() + self.a.outer_mm() + self.b.outer_mm())
+        4.0 * f64::EPSILON * (self.r.norm() + self.a.size_mm() + self.b.size_mm())
     }
 
     fn rounding_mm(&self) -> f64 {
-        self.a.rounding_mm + self.b.rounding_mm
+        self.a.rounding_mm() + self.b.rounding_mm()
     }
 
     /// Points of the cores that attain the support functions along `n`, as near to each other across `n` as they come.
     fn deepest_points(&self, n: &Vector3<f64>) -> [Vector3<f64>; 2] {
-        let tolerance = 1.0e-9 * (self.a.outer_mm() + self.b.outer_mm());
+        let tolerance = 1.0e-9 * (self.a.size_mm() + self.b.size_mm());
         let (of_a, of_b) = (self.a.attaining(n, tolerance), self.b.attaining(&-n, tolerance));
         let differences: Vec<Difference> = of_a
             .iter()

@@ -7,8 +7,8 @@
 
 use nalgebra::Vector3;
 
-use super::Pair;
 use super::simplex::{Difference, Simplex};
+use super::{Core, Pair};
 
 /// Expansions after which the search ends.
 const MOST_STEPS: usize = 200;
@@ -30,13 +30,16 @@ struct Face {
 /// The support function of the difference along any normal is a depth, so that the least one seen is kept. Points of
 /// the difference often lie in a plane, as corners of parallel edges do; faces between them may be slivers without a
 /// plane of their own. Such a face finds no point that is not known, and is passed over.
-pub(super) fn least_depth(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vector3<f64>> {
+pub(super) fn least_depth<A: Core, B: Core>(
+    pair: &Pair<'_, A, B>,
+    simplex: &Simplex,
+) -> Option<Vector3<f64>> {
     let mut points = first_points(pair, simplex)?;
     let mut faces: Vec<Face> = Vec::with_capacity(64);
     for corners in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {
         faces.push(Face::new(corners, &points));
     }
-    let rounding = 16.0 * f64::EPSILON * (pair.a.outer_mm() + pair.b.outer_mm());
+    let rounding = 16.0 * f64::EPSILON * (pair.a.size_mm() + pair.b.size_mm());
     let mut best: Option<(f64, Vector3<f64>)> = None;
     for _ in 0..MOST_STEPS {
         let (index, nearest) = faces.iter().enumerate().min_by(|p, q| p.1.height.total_cmp(&q.1.height))?;
@@ -76,7 +79,7 @@ pub(super) fn least_depth(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vector3<
 
 /// A tetrahedron of points of the difference, the fourth on the left of the others: of the simplex and the extreme
 /// points along the axes, those that lie far from one another.
-fn first_points(pair: &Pair<'_>, simplex: &Simplex) -> Option<Vec<Difference>> {
+fn first_points<A: Core, B: Core>(pair: &Pair<'_, A, B>, simplex: &Simplex) -> Option<Vec<Difference>> {
     let mut all = simplex.corners().to_vec();
     for axis in 0..3 {
         for sign in [1.0, -1.0] {

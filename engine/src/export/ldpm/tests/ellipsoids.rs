@@ -12,13 +12,13 @@ use super::{in_box, in_cylinder};
 use crate::export::Model;
 use crate::gap::ellipsoids::Body;
 use crate::geometry::delaunay::delaunay;
-use crate::packing::{Ellipsoids, Grains as Packed};
+use crate::packing::{Grains as Packed, Solids};
 use crate::request::{PackingRequest, Specimen};
 use crate::shape::{Ellipsoid, Pose};
 use crate::{Limits, Unattended, pack};
 use nalgebra::{UnitQuaternion, Vector3};
 
-fn packed(specimen: &serde_json::Value) -> (Specimen, Ellipsoids) {
+fn packed(specimen: &serde_json::Value) -> (Specimen, Solids) {
     let request = json!({
         "specimen": specimen,
         "mix": {
@@ -29,8 +29,8 @@ fn packed(specimen: &serde_json::Value) -> (Specimen, Ellipsoids) {
     });
     let request = PackingRequest::from_json(&request, 7).unwrap();
     match pack(&request, &Limits::default(), &Unattended).unwrap().grains {
-        Packed::Ellipsoids(grains) => (request.specimen, grains),
-        Packed::Spheres(_) | Packed::Polyhedra(_) => panic!("no ellipsoids"),
+        Packed::Solids(grains) => (request.specimen, grains),
+        Packed::Spheres(_) => panic!("no ellipsoids"),
     }
 }
 
@@ -42,14 +42,12 @@ fn specimens() -> [serde_json::Value; 2] {
 }
 
 /// A shape of equal semi-axes in every place of a sphere.
-fn as_ellipsoids(spheres: &crate::packing::Spheres) -> Ellipsoids {
+fn as_ellipsoids(spheres: &crate::packing::Spheres) -> Solids {
     let orientation = UnitQuaternion::from_euler_angles(0.3, 0.4, 0.5);
-    Ellipsoids {
-        shapes: spheres.d_mm.iter().map(|d| Ellipsoid::new([d / 2.0; 3]).unwrap()).collect(),
-        poses: (0..spheres.len())
-            .map(|i| Pose { center_mm: spheres.center(i).into(), orientation })
-            .collect(),
-    }
+    Solids::of_ellipsoids(
+        spheres.d_mm.iter().map(|d| Ellipsoid::new([d / 2.0; 3]).unwrap()).collect(),
+        (0..spheres.len()).map(|i| Pose { center_mm: spheres.center(i).into(), orientation }).collect(),
+    )
 }
 
 #[test]
@@ -95,7 +93,7 @@ fn points_of_edges_are_as_far_from_both_grains() {
             let grain = node as usize - nodes.boundary;
             let (shape, pose) = (&grains.shapes[grain], &grains.poses[grain]);
             let local = pose.rotation().transpose() * (p - pose.center_mm);
-            local.component_div(&shape.semi_axes_mm()).norm() <= 1.0
+            local.component_div(&shape.ellipsoid().unwrap().semi_axes_mm()).norm() <= 1.0
         };
         // How far a grain reaches along a line, by halving.
         let reach = |node: u32, towards: Vector3<f64>| {
@@ -140,7 +138,7 @@ fn nodes_on_the_surface_keep_clear_of_ellipsoids() {
                 let ball = Ellipsoid::new([clear; 3]).unwrap();
                 let ball = Body::new(&ball, &Pose::at(p.into()));
                 for (shape, pose) in grains.iter() {
-                    let gap = Body::new(shape, pose).with(&ball).gap().gap_mm;
+                    let gap = Body::new(&shape.ellipsoid().unwrap(), pose).with(&ball).gap().gap_mm;
                     assert!(gap >= -1e-9 * clear, "{gap}");
                 }
             }
@@ -158,7 +156,7 @@ proptest! {
         let orientation = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
         let pose = Pose { center_mm: Vector3::new(5.0, 5.0, 5.0), orientation };
         let shape = Ellipsoid::new(axes).unwrap();
-        let ellipsoids = Ellipsoids { shapes: vec![shape], poses: vec![pose] };
+        let ellipsoids = Solids::of_ellipsoids(vec![shape], vec![pose]);
         let specimen = Specimen::Box { size_mm: [10.0; 3], boundary: crate::request::Boundary::Walls };
         let model = Model::new(&specimen, &ellipsoids);
         let grains = Grains::new(&model).unwrap();
@@ -203,7 +201,7 @@ fn lattices_of_polyhedra_pass_their_checks() {
         let nodes = lattice.nodes();
         let of_model = Grains::new(&model).unwrap();
         for grain in 0..grains.len() {
-            let (shape, pose) = (grains.shape(grain), &grains.poses[grain]);
+            let (shape, pose) = (grains.shape(grain).polyhedron().unwrap(), &grains.poses[grain]);
             let radius = shape.scale_mm * shape.template.rounding();
             for corner in shape.template.world_vertices_mm(shape.scale_mm, pose) {
                 let along = corner - pose.center_mm;

@@ -1,0 +1,208 @@
+//! Proofs that grains do not overlap: for each close pair a direction that separates it, found by the check.
+//!
+//! A reader needs no search of its own to believe a packing. With the centres `x` of a pair, the second moved by whole
+//! periods, the support functions `h` and a unit vector `n`, the distance of the grains is at least
+//! `s(n) = (x_second - x_first) . n - h_first(n) - h_second(-n)` (Rockafellar 1970, Convex Analysis, theorem 11.1, of
+//! separating planes). The certificate of a pair is `n` and `s(n)`; pairs without one are farther apart than
+//! `closer_than_mm`.
+
+use std::io::{BufWriter, Write};
+
+use serde::{Deserialize, Serialize};
+
+use super::{ExportError, Model, go_on};
+use crate::check::{self, Fault, SeparationCertificate};
+use crate::control::{Control, Phase, Progress};
+use crate::plan::Limits;
+use crate::request::decode::{Bound, Object};
+use crate::request::{FieldError, MAX_LENGTH_MM};
+
+/// Names of the columns, in their order.
+pub const COLUMNS: [&str; 9] =
+    ["first", "second", "image_x", "image_y", "image_z", "normal_x", "normal_y", "normal_z", "separation_mm"];
+/// `closer_than_mm` where none is given, over the smallest equivalent diameter.
+pub const DEFAULT_SHARE: f64 = 0.1;
+/// Bytes of a row of text, on average.
+const ROW_BYTES: f64 = 90.0;
+/// Pairs of a grain of a dense packing that are listed by default, on average.
+const PAIRS_PER_GRAIN: f64 = 5.0;
+/// Memory that the bodies and the certificates of a grain take, in bytes: those of the check.
+const BYTES_PER_GRAIN: u64 = 1200;
+/// Rows between two looks at whether to stop.
+const ROWS_PER_LOOK: usize = 1 << 14;
+
+/// File formats of certificates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum CertificateFormat {
+    /// One line a pair, with the names of the columns first.
+    Csv,
+    /// An object with `columns` and `rows`.
+    Json,
+}
+
+impl CertificateFormat {
+    /// All formats, the default first.
+    pub const ALL: [Self; 2] = [Self::Csv, Self::Json];
+
+    /// Name of the format, and file extension.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Json => "json",
+        }
+    }
+
+    /// Media type without parameters.
+    #[must_use]
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Csv => "text/csv",
+            Self::Json => "application/json",
+        }
+    }
+}
+
+/// Which pairs, and in which format.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CertificateOptions {
+    /// The file format.
+    #[cfg_attr(feature = "openapi", schema(default = "csv", required = false))]
+    pub format: CertificateFormat,
+    /// Pairs with a smaller gap are listed. Default: a tenth of the smallest diameter; at most that diameter.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closer_than_mm: Option<f64>,
+}
+
+impl CertificateOptions {
+    /// Reads the options, whose names this asks `object` for.
+    ///
+    /// `None` means that faults were reported.
+    pub fn read(object: &mut Object<'_>) -> Option<Self> {
+        let format = match object.optional("format") {
+            Some(at) => at.choice(&CertificateFormat::ALL.map(|format| (format.name(), format))),
+            None => Some(CertificateFormat::Csv),
+        };
+        let closer_than_mm = match object.optional("closer_than_mm") {
+            Some(at) => at.number(Bound::closed(0.0, MAX_LENGTH_MM, "mm")).map(Some),
+            None => Some(None),
+        };
+        Some(Self { format: format?, closer_than_mm: closer_than_mm? })
+    }
+}
+
+/// The figures of the certificates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CertificateReport {
+    /// Pairs with a smaller gap are listed.
+    pub closer_than_mm: f64,
+    /// Number of pairs listed.
+    pub pairs: u64,
+    /// Smallest separation of a pair; `null` without pairs.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub min_separation_mm: Option<f64>,
+}
+
+/// Expected length of the file in bytes.
+pub(super) fn expected_bytes(grains: f64) -> u64 {
+    (grains * PAIRS_PER_GRAIN * ROW_BYTES) as u64
+}
+
+/// Writes the certificates of a packing, in the order of the rows of the grains.
+///
+/// # Errors
+/// [`ExportError::TooLarge`], [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`];
+/// [`ExportError::CheckFailed`] for grains that overlap.
+pub(super) fn write(
+    model: &Model<'_>,
+    options: &CertificateOptions,
+    limits: &Limits,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<CertificateReport, ExportError> {
+    let grains = model.grains.len() as u64;
+    let bytes = grains.saturating_mul(BYTES_PER_GRAIN);
+    if bytes > limits.max_memory_bytes {
+        return Err(ExportError::TooLarge(FieldError::new(
+            "",
+            format!(
+                "the certificates of {grains} grains take about {bytes} bytes of memory: must be at most {}",
+                limits.max_memory_bytes
+            ),
+        )));
+    }
+    let least_mm = model.grains.diameters_mm().next_back().unwrap_or(0.0);
+    let closer_than_mm = options.closer_than_mm.unwrap_or(DEFAULT_SHARE * least_mm);
+    if closer_than_mm > least_mm {
+        return Err(ExportError::Invalid(vec![FieldError::new(
+            "/closer_than_mm",
+            format!(
+                "{closer_than_mm} is out of range: must be at most {least_mm} mm, the smallest diameter, beyond which \
+                 the pairs are no neighbours"
+            ),
+        )]));
+    }
+    let found =
+        check::certify(model.grains, model.specimen, closer_than_mm, control).map_err(
+            |fault| match fault {
+                Fault::Stopped => ExportError::Stopped,
+                Fault::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
+                fault => ExportError::CheckFailed(fault.to_string()),
+            },
+        )?;
+    let mut out = BufWriter::with_capacity(1 << 16, out);
+    match options.format {
+        CertificateFormat::Csv => writeln!(out, "{}", COLUMNS.join(","))?,
+        CertificateFormat::Json => {
+            let columns = COLUMNS.map(|name| format!("\"{name}\"")).join(",");
+            write!(out, "{{\"closer_than_mm\":{closer_than_mm:?},\"columns\":[{columns}],\"rows\":[")?;
+        }
+    }
+    for (number, certificate) in found.iter().enumerate() {
+        if number.is_multiple_of(ROWS_PER_LOOK) {
+            go_on(control)?;
+            report(control, number, found.len());
+        }
+        let row = row(certificate);
+        match options.format {
+            CertificateFormat::Csv => writeln!(out, "{row}")?,
+            CertificateFormat::Json => write!(out, "{}\n[{row}]", if number > 0 { "," } else { "" })?,
+        }
+    }
+    if options.format == CertificateFormat::Json {
+        out.write_all(b"\n]}\n")?;
+    }
+    out.flush()?;
+    Ok(CertificateReport {
+        closer_than_mm,
+        pairs: found.len() as u64,
+        min_separation_mm: found.iter().map(|certificate| certificate.separation_mm).reduce(f64::min),
+    })
+}
+
+fn row(certificate: &SeparationCertificate) -> String {
+    let SeparationCertificate { first, second, image: [i, j, k], normal: [x, y, z], separation_mm, .. } =
+        certificate;
+    format!("{first},{second},{i},{j},{k},{x:?},{y:?},{z:?},{separation_mm:?}")
+}
+
+fn report(control: &dyn Control, done: usize, total: usize) {
+    control.report(&Progress {
+        phase: Phase::Export,
+        fraction: if total > 0 { done as f64 / total as f64 } else { 0.0 },
+        done: done as u64,
+        total: total as u64,
+        unit: "pairs",
+        message: "writing certificates".into(),
+        growth: None,
+    });
+}
+
+#[cfg(test)]
+#[path = "certificates_tests.rs"]
+mod tests;
