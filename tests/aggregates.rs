@@ -54,6 +54,7 @@ async fn the_aggregate_of_every_grain_stands_in_every_table() {
             assert!((mass_kg - density * 1e-9 * reported_mm3).abs() <= 1e-12, "{aggregate:#}");
         }
         assert_eq!((&reported[1]["name"], &reported[2]["grains"]), (&json!("beads"), &json!(0)));
+        assert_eq!((&reported[0]["share"], &reported[2]["mass_kg"]), (&json!(0.6), &json!(0.0)));
         let get = |path: &str| client.get(&format!("/v1/jobs/{id}/{path}"));
         let csv = String::from_utf8(get("result?format=csv").send().await.expect(200).body.to_vec()).unwrap();
         assert!(csv.lines().next().unwrap().ends_with(",aggregate"));

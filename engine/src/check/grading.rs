@@ -121,7 +121,8 @@ pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) 
             name: aggregate.name.clone(),
             share: part.share,
             grains: rows[number].len() as u64,
-            target_volume_mm3: found.classes.iter().map(|class| class.target_volume_mm3).sum(),
+            // From 0, for a sum of nothing is -0.
+            target_volume_mm3: found.classes.iter().fold(0.0, |sum, class| sum + class.target_volume_mm3),
             volume_mm3: found.placed_mm3(),
             mass_kg: aggregate.density_kg_m3.map(|density| density * 1.0e-9 * found.placed_mm3()),
             classes: found.classes,
@@ -148,7 +149,7 @@ struct Judged {
 impl Judged {
     /// Volume of the grains.
     fn placed_mm3(&self) -> f64 {
-        self.classes.iter().map(|class| class.volume_mm3).sum()
+        self.classes.iter().map(|class| class.volume_mm3).fold(0.0, |sum, volume| sum + volume)
     }
 }
 

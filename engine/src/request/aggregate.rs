@@ -19,6 +19,7 @@ pub const MAX_AGGREGATE_NAME: usize = 64;
 const SHARE: Bound = Bound::positive(1.0, "");
 /// Shares typed by hand (three thirds as 0.333) may miss 1 by this much.
 const SUM_TOLERANCE: f64 = 2.0e-3;
+const ROUNDING: f64 = 1.0e-9;
 
 /// An aggregate of a mix: a supply of grains with one grading and one description of shapes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -91,6 +92,8 @@ impl Mix {
             shapes: &self.shapes,
         });
         let sum: f64 = self.aggregates.iter().map(|aggregate| aggregate.share).sum();
+        // Shares that sum to 1 but for rounding stay as they are.
+        let sum = if (sum - 1.0).abs() < ROUNDING { 1.0 } else { sum };
         let parts = self.aggregates.iter().map(|aggregate| MixPart {
             share: aggregate.share / sum,
             grading: &aggregate.grading,
