@@ -11,12 +11,14 @@ mod neighbors;
 pub mod radial;
 mod separation;
 mod shapes;
+mod solids;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};
 pub use grading::{GradingCurve, GradingPoint, SizedGrain, grading};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
 pub use separation::separation;
 pub use shapes::{polyhedron_report, shape_report};
+pub use solids::{MeasuredGrain, measured_grains};
 
 #[cfg(test)]
 mod tests;

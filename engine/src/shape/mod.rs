@@ -16,8 +16,8 @@ mod target;
 pub use ellipsoid::Ellipsoid;
 pub use form::{Form, SizeMeasure, Zingg};
 pub use indices::{
-    BodyAxis, CaliperSizes, flakiness_index, flakiness_index_of, orientation_tensor, shape_index,
-    shape_index_of,
+    BodyAxis, CaliperSizes, FlakinessFraction, flakiness_fractions, flakiness_index, flakiness_index_of,
+    orientation_tensor, shape_index, shape_index_of,
 };
 pub(crate) use polyhedron::Principal;
 pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};

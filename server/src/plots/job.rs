@@ -1,4 +1,5 @@
-//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect.
+//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect; those of shapes are
+//! in [`super::shapes`].
 
 use std::io;
 
@@ -7,11 +8,11 @@ use packstone_engine::analysis::{self, RadialOptions, SizeRange, SizedGrain, Sur
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::export::tables::{self, Column, GrainSource, Head};
 use packstone_engine::mix::GradedMix;
-use packstone_engine::request::{Distance, Method, PackingRequest};
+use packstone_engine::request::{Distance, GrainKind, Method, PackingRequest};
 
-use super::PlotError;
 use super::axis::{Axis, plain};
-use super::chart::{Chart, Marks, Point, Series, SeriesStyle};
+use super::chart::{Chart, Layout, Marks, Point, Series, SeriesStyle};
+use super::{PlotError, shapes};
 use crate::jobs::JobRequest;
 
 super::kinds! {
@@ -25,6 +26,10 @@ super::kinds! {
         Radial "radial",
         /// Volume fraction against depth from the walls.
         Profile "profile",
+        /// Elongation against flatness of each grain that is no sphere, with Zingg's classes.
+        Zingg "zingg",
+        /// Share of flaky mass by particle size fraction, of grains that are no spheres.
+        Flakiness "flakiness",
     }
 }
 
@@ -42,7 +47,7 @@ const MOST_CLASSES: usize = 6;
 /// Points of a profile, and its depth in largest diameters: the wall effect reaches two or three.
 const DEPTHS: usize = 240;
 const DEPTH_DIAMETERS: f64 = 4.0;
-const PERCENT: f64 = 100.0;
+pub(super) const PERCENT: f64 = 100.0;
 
 /// What a plot reads of a result.
 pub(crate) struct JobResult<'a> {
@@ -53,6 +58,9 @@ pub(crate) struct JobResult<'a> {
 /// Why no packing of a request can have a plot; `None` where it depends on the result, or every result has it.
 fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
     match (kind, request.distance) {
+        (JobPlot::Zingg | JobPlot::Flakiness, _) if request.mix.grain_kind() == GrainKind::Spheres => {
+            Some(shapes::OF_OTHERS_ALONE)
+        }
         (JobPlot::Profile, _) if request.specimen.is_periodic() => Some(
             "a periodic box has no walls to measure a depth from: a box with walls or a cylinder has a `profile`",
         ),
@@ -105,12 +113,19 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
         JobPlot::Grading => grading(&packing, sized(result)?, name.as_deref()),
         JobPlot::Distance => distance(result.head, &packing, name.as_deref()),
         JobPlot::Radial => radial(result.head, &packing, &all(result.grains)?, name.as_deref())?,
+        JobPlot::Zingg | JobPlot::Flakiness => {
+            match analysis::measured_grains(&tables::load(result.grains)?) {
+                None => Chart::without_points(shapes::OF_OTHERS_ALONE),
+                Some(grains) if kind == JobPlot::Zingg => shapes::zingg(&packing, &grains, name.as_deref()),
+                Some(grains) => shapes::flakiness(&packing, &grains, name.as_deref()),
+            }
+        }
         JobPlot::Profile => profile(result.head, &packing, &all(result.grains)?, name.as_deref()),
     })
 }
 
 /// The title of a plot: what it shows, and the name of the job.
-fn title(what: &str, name: Option<&str>) -> String {
+pub(super) fn title(what: &str, name: Option<&str>) -> String {
     name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"))
 }
 
@@ -168,6 +183,7 @@ fn grading(request: &PackingRequest, grains: Vec<SizedGrain>, name: Option<&str>
                 points: found.sieves.iter().map(achieved).collect(),
             },
         ],
+        layout: Layout::default(),
         when_empty: "the packing has no grains".into(),
     }
 }
@@ -187,6 +203,7 @@ fn distance(head: &Head, request: &PackingRequest, name: Option<&str>) -> Chart 
         x: Axis::linear("packing time in s").with_zero(),
         y: Axis::linear("distance between grains in mm").with_zero(),
         series: vec![Series { label: None, ..Series::line("", 0, points) }],
+        layout: Layout::default(),
         when_empty: never(JobPlot::Distance, request).unwrap_or(NOT_GROWN).into(),
     }
 }
@@ -231,6 +248,7 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
         x: Axis::linear("gap between grains in mm").between(0.0, options.max_gap_mm),
         y: Axis::linear("pair correlation function g").with_zero(),
         series,
+        layout: Layout::default(),
         when_empty: "too few grains, or all of them too near the walls, for a pair correlation function: a packing of \
                      more grains has a `radial`"
             .into(),
@@ -290,6 +308,7 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
         x: Axis::linear("depth from the wall in mm").between(0.0, if deepest > 0.0 { deepest } else { 1.0 }),
         y: Axis::linear("volume fraction in %").with_zero(),
         series,
+        layout: Layout::default(),
         when_empty: never(JobPlot::Profile, request).unwrap_or("the packing has no grains").into(),
     }
 }
