@@ -9,6 +9,8 @@ pub mod depth_profile;
 pub mod grading;
 mod neighbors;
 pub mod radial;
+mod rounded;
+mod sections;
 mod separation;
 mod shapes;
 mod solids;

@@ -11,6 +11,24 @@ pub(super) enum Solid<'a> {
     Polyhedron(ScaledPolyhedron<'a>, usize),
 }
 
+impl Solid<'_> {
+    /// Radius of a sphere about the centre within the grain.
+    pub(super) fn inner_radius_mm(&self) -> f64 {
+        match self {
+            Self::Ellipsoid(shape) => shape.semi_axes_mm().z,
+            Self::Polyhedron(shape, _) => shape.scale_mm * shape.template.inner_radius(),
+        }
+    }
+
+    /// Diameter of the sphere of equal volume.
+    pub(super) fn equivalent_diameter_mm(&self) -> f64 {
+        match self {
+            Self::Ellipsoid(shape) => shape.equivalent_diameter_mm(),
+            Self::Polyhedron(shape, _) => shape.equivalent_diameter_mm(),
+        }
+    }
+}
+
 /// The grains with their poses; `None` where all are spheres.
 pub(super) fn solids(grains: GrainsRef<'_>) -> Option<Vec<(Solid<'_>, &Pose)>> {
     match grains {
@@ -30,7 +48,7 @@ pub(super) fn solids(grains: GrainsRef<'_>) -> Option<Vec<(Solid<'_>, &Pose)>> {
 }
 
 /// The templates that the grains refer to.
-fn templates(grains: GrainsRef<'_>) -> &[Polyhedron] {
+pub(super) fn templates(grains: GrainsRef<'_>) -> &[Polyhedron] {
     match grains {
         GrainsRef::Polyhedra(grains) => &grains.templates,
         GrainsRef::Spheres(_) | GrainsRef::Ellipsoids(_) => &[],
@@ -70,3 +88,8 @@ fn measured_template(body: &Polyhedron) -> MeasuredGrain {
     };
     MeasuredGrain { form: body.form(), sizes }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "solids_tests.rs"]
+mod tests;
