@@ -114,12 +114,12 @@ pub fn pack_or_resume(
         warnings.extend(deviation::class_warning(&check.classes));
     }
     let summary = summary(&mix, &rule, &placed, check.classes);
-    let segregation = match (&request.segregation, placed.grains.spheres()) {
-        (Segregation::Gradient { field, .. }, Some(spheres)) => {
-            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(spheres.len()))?;
-            Some(separation(spheres, &request.specimen, &rule, *field, request.seed))
+    let segregation = match &request.segregation {
+        Segregation::Gradient { field, .. } => {
+            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(placed.grains.len()))?;
+            Some(separation(&placed.grains, &request.specimen, &rule, *field, request.seed))
         }
-        _ => None,
+        Segregation::None {} => None,
     };
     let shapes = match &placed.grains {
         Grains::Spheres(_) => None,
