@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::harness::{DataDir, Server, id_of, jobs, packstone};
 
-const KINDS: [&str; 4] = ["grading", "distance", "radial", "profile"];
+const KINDS: [&str; 6] = ["grading", "distance", "radial", "profile", "zingg", "flakiness"];
 
 fn text_of(body: &[u8]) -> String {
     String::from_utf8(body.to_vec()).expect("an SVG is text")
@@ -50,7 +50,8 @@ async fn every_kind_is_a_picture_with_a_tag_of_its_own() {
     }
     tags.sort();
     tags.dedup();
-    assert_eq!(tags.len(), KINDS.len(), "kinds share a tag");
+    // Spheres have no plots of shapes.
+    assert_eq!(tags.len(), KINDS.len() - 2, "kinds share a tag");
     server.stop().await;
 }
 
@@ -151,6 +152,8 @@ async fn a_plot_that_a_packing_does_not_have_is_refused_with_the_packings_that_h
         ),
         ("distance", jobs::with(growing, "/distance", touching), "no distance between grains", false),
         ("profile", jobs::equal_spheres(200, 5), "a periodic box has no walls", false),
+        ("zingg", jobs::quick(5), "all grains are spheres", false),
+        ("flakiness", jobs::quick(5), "all grains are spheres", false),
     ];
     for (kind, job, says, packs) in cases {
         let done = client.succeed(&job).await;
@@ -174,6 +177,50 @@ async fn a_plot_that_a_packing_does_not_have_is_refused_with_the_packings_that_h
             assert_eq!(out.join(file).exists(), packs, "{file} of {job}");
         }
         let _ = fs::remove_dir_all(out);
+    }
+    server.stop().await;
+}
+
+/// Zingg's diagram and the flakiness by size, from the service and the command line alike.
+#[tokio::test]
+async fn grains_that_are_no_spheres_have_plots_of_their_shapes() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let directory = tempfile::tempdir().unwrap();
+    let flaky = json!({"type": "ellipsoid", "ratios": {"type": "flakiness", "index": 0.25}});
+    let angular = json!({"type": "polyhedron", "template_count": 3});
+    for (shape, disc, requested) in
+        [(flaky, "\ngrain, area", true), (angular, "\ngrains of a template, area", false)]
+    {
+        let job = json!({
+            "seed": 1, "specimen": {"type": "box", "size_mm": [40, 40, 40]}, "method": {"type": "rsa"},
+            "mix": {
+                "grading": {"type": "fuller", "d_max_mm": 10, "exponent": 0.5}, "d_min_mm": 3, "volume_fraction": 0.25, "shape": shape,
+                "volume_fraction_of": "placed_grains"
+            }
+        });
+        let done = client.succeed(&job).await;
+        fs::write(directory.path().join("job.json"), job.to_string()).unwrap();
+        let args = ["run", "job.json", "--out", "out", "--force", "--plot", "zingg,flakiness"];
+        let ended = packstone(directory.path(), &args).await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+        for (kind, says) in [("zingg", disc), ("flakiness", "\nall grains, ")] {
+            let reply = client.get(&format!("/v1/jobs/{}/plots/{kind}", id_of(&done))).send().await;
+            let drawn = text_of(&reply.expect(200).body);
+            assert!(drawn.contains(says), "{kind} does not say {says:?}:\n{drawn}");
+            let written = fs::read(directory.path().join(format!("out/plot-{kind}.svg"))).unwrap();
+            assert!(reply.body == written, "{kind} is another picture");
+            if kind == "zingg" {
+                for class in ["disc", "equant", "blade", "rod"] {
+                    assert!(drawn.contains(&format!("\n{class} ")), "{class}:\n{drawn}");
+                }
+            } else {
+                assert_eq!(drawn.contains("\nrequested index, 25 %\n"), requested, "{drawn}");
+                // The ticks are the sieves of the fractions that have grains.
+                assert!(drawn.contains("\n6.3\n") && !drawn.contains("\n16\n"), "{drawn}");
+            }
+        }
     }
     server.stop().await;
 }

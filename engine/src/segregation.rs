@@ -6,7 +6,7 @@
 //! may be assigned to 0.3 without displacing others.
 //!
 //! The weight of a position at the quantile `u` for a grain of mass quantile `q` is `exp(-k (u - q)^2)` with the
-//! strength `k`.
+//! strength `k`. A grain that is no sphere counts as the sphere of equal volume about its centre.
 
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
@@ -52,7 +52,7 @@ struct Grain {
 }
 
 impl Preference {
-    /// That of a request for these grains, from the largest down; `None` where it has none.
+    /// That of a request for grains of these equivalent diameters, from the largest down; `None` where it has none.
     ///
     /// Equal grains have quantiles of their own: asked for at one share of the field they would crowd there.
     pub(crate) fn new(request: &PackingRequest, diameters_mm: &[f64]) -> Option<Self> {
@@ -82,16 +82,19 @@ impl Preference {
         -self.strength * off * off
     }
 
+    /// The same with the region that is left for the centre of a sphere of the grain's diameter.
+    pub(crate) fn log_weight_at(&self, grain: usize, p: [f64; 3]) -> f64 {
+        let region = self.specimen.center_region(self.grains[grain].clearance_mm);
+        region.map_or(0.0, |region| self.log_weight(grain, &region, p))
+    }
+
     /// What two grains would gain in the logarithm of their weights if they changed places, each counted by its
     /// share of their mass, so that it is mass that the exchange sorts: by number, the mass of the fine grains
     /// would be carried upwards by the largest of them.
     pub(crate) fn log_acceptance_ratio(&self, [i, j]: [usize; 2], [p_i, p_j]: [[f64; 3]; 2]) -> f64 {
         let gain = |grain: usize, from: [f64; 3], to: [f64; 3]| {
-            let Grain { volume_mm3, clearance_mm, .. } = self.grains[grain];
-            // It fits: the plan has seen to that.
-            self.specimen.center_region(clearance_mm).map_or(0.0, |region| {
-                volume_mm3 * (self.log_weight(grain, &region, to) - self.log_weight(grain, &region, from))
-            })
+            let volume_mm3 = self.grains[grain].volume_mm3;
+            volume_mm3 * (self.log_weight_at(grain, to) - self.log_weight_at(grain, from))
         };
         let mean_volume_mm3 = (self.grains[i].volume_mm3 + self.grains[j].volume_mm3) / 2.0;
         (gain(i, p_i, p_j) + gain(j, p_j, p_i)) / mean_volume_mm3

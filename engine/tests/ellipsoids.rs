@@ -158,10 +158,10 @@ fn what_no_method_packs_is_refused_by_name() {
     for (pointer, at, value, expected) in [
         ("/method/type", "method", json!({"type": "edmd"}), "packs spheres alone"),
         (
-            "/segregation/type",
+            "/segregation/strength",
             "segregation",
-            json!({"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": 1}),
-            "for spheres alone",
+            json!({"type": "gradient", "field": {"type": "linear", "axis": "z"}, "strength": 1001}),
+            "1000",
         ),
     ] {
         let mut request = base.clone();

@@ -225,6 +225,72 @@ fn the_plan_says_that_it_does_not_know_gradients() {
     assert_eq!((none.grains, none.methods), (strong.grains, strong.methods));
 }
 
+/// The same mix of ellipsoids, or of rounded polyhedra.
+fn of_shapes(mut job: Value, angular: bool) -> Value {
+    job["mix"]["shape"] = if angular {
+        json!({"type": "polyhedron", "rounding": 0.05, "template_count": 4})
+    } else {
+        json!({"type": "ellipsoid", "ratios": {"type": "triangle", "k": 0.4}})
+    };
+    job
+}
+
+#[test]
+fn a_gradient_of_shapes_is_seen_along_its_axis_and_not_across() {
+    for (angular, phi) in [(false, 0.4), (true, 0.3)] {
+        let random = of_shapes(job(&cube(), phi, &json!({"type": "rsa"})), angular);
+        assert_along_and_not_across(&with_gradient(random, &linear(), 30.0), 0.3);
+    }
+    let side = json!({"type": "face", "face": "side"});
+    let in_cylinder = of_shapes(job(&cylinder(), 0.3, &json!({"type": "rsa"})), false);
+    assert_along_and_not_across(&with_gradient(in_cylinder, &side, 30.0), 0.3);
+}
+
+#[test]
+fn growth_of_shapes_and_its_exchanges_keep_the_gradient() {
+    for (angular, phi) in [(false, 0.6), (true, 0.5)] {
+        let grown = of_shapes(job(&cube(), phi, &json!({"type": "monte_carlo"})), angular);
+        assert_along_and_not_across(&with_gradient(grown, &linear(), 30.0), 0.2);
+    }
+}
+
+#[test]
+fn no_strength_packs_shapes_bit_for_bit_as_without_a_gradient() {
+    for (method, phi) in [("rsa", 0.3), ("monte_carlo", 0.5), ("auto", 0.3)] {
+        let random = of_shapes(job(&cube(), phi, &json!({"type": method})), false);
+        let (a, b) = (packed(&random, 1), packed(&with_gradient(random, &linear(), 0.0), 1));
+        assert_eq!(a.grains, b.grains, "{method}");
+        assert!(a.report.segregation.is_none() && b.report.segregation.is_some());
+    }
+}
+
+/// As for spheres: the least strength runs all the machinery of a gradient.
+#[test]
+fn without_a_gradient_p_values_of_shapes_are_uniform() {
+    for (angular, phi, strength) in [(false, 0.35, 0.0), (false, 0.35, 1.0e-9), (true, 0.2, 1.0e-9)] {
+        let random = of_shapes(job(&cube(), phi, &json!({"type": "rsa"})), angular);
+        let found = reports(&with_gradient(random, &linear(), strength));
+        let (small, large) = gaps(&found);
+        assert!(small < 1.86 && large < 1.86, "{angular} {strength}: {small} {large}");
+        let mean = found.iter().map(|found| found.along.difference).sum::<f64>() / SEEDS as f64;
+        assert!(mean.abs() < 0.02, "{angular} {strength}: {mean}");
+    }
+}
+
+#[test]
+fn growth_of_shapes_along_a_gradient_goes_on_from_a_checkpoint_to_the_same_packing() {
+    let grown = of_shapes(job(&cube(), 0.6, &json!({"type": "monte_carlo"})), false);
+    let request = PackingRequest::from_json(&with_gradient(grown, &linear(), 30.0), 3).unwrap();
+    let keeping = Keeping(Mutex::new(Vec::new()));
+    let whole = pack(&request, &Limits::default(), &keeping).unwrap();
+    let kept = keeping.0.into_inner().unwrap();
+    assert!(kept.len() > 2);
+    let resume = Resume::read_from(&mut &kept[kept.len() / 2][..], &request).unwrap();
+    let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+    assert_eq!(resumed.grains, whole.grains);
+    assert_eq!(resumed.report.segregation, whole.report.segregation);
+}
+
 /// Few grains, so few that thirds are single ones.
 #[test]
 fn even_one_grain_has_a_report() {

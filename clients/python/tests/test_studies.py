@@ -164,7 +164,7 @@ def test_plots_of_a_job(client: packstone.Client, tmp_path: Path) -> None:
     # Grains enough for a pair correlation function.
     document["mix"]["d_min_mm"] = 2
     job = client.submit(document).wait()
-    available = set(packstone.jobs.JOB_PLOT_KINDS) - {"distance"}
+    available = set(packstone.jobs.JOB_PLOT_KINDS) - {"distance", "zingg", "flakiness"}
     for kind in available:
         assert "</svg>" in job.plot(kind, tmp_path / f"{kind}.svg"), kind
     assert {path.stem for path in tmp_path.iterdir()} == available
@@ -173,6 +173,9 @@ def test_plots_of_a_job(client: packstone.Client, tmp_path: Path) -> None:
     with pytest.raises(packstone.PackstoneError) as refused:
         job.plot("distance")
     assert refused.value.status == 422 and "`edmd`" in str(refused.value)
+    with pytest.raises(packstone.PackstoneError) as refused:
+        job.plot("zingg")
+    assert refused.value.status == 422 and "ellipsoids" in str(refused.value)
 
 
 def test_a_study_is_found_by_its_labels(client: packstone.Client) -> None:

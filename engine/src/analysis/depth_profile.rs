@@ -3,10 +3,14 @@
 //! At a depth the grains cut a surface parallel to the wall; what they cover of it is the volume fraction
 //! there. Planes parallel to a face or an end are cut in circles, whose area is exact. A cylinder's lateral surface
 //! is followed by coaxial cylinders, whose cut is an integral of arcs over the height of the grain.
+//!
+//! Of grains that are no spheres the volume in each slab between two planes is exact, but for rounded polyhedra
+//! ([`super::sections`]); what they cover of a coaxial cylinder is an integral of chords along z over the angle.
 
 use std::f64::consts::PI;
 
-use crate::packing::Spheres;
+use super::sections::Sections;
+use crate::packing::{GrainsRef, Spheres};
 use crate::request::{Boundary, Specimen};
 
 /// Nodes of the integral of arcs over half of the height. Substituted by a sine it is smooth and periodic, so
@@ -15,6 +19,8 @@ const NODES: usize = 16;
 /// Nodes for grains that are further from the axis than [`FAR`] radii.
 const FEW_NODES: usize = 5;
 const FAR: f64 = 4.0;
+/// Nodes of the integral of chords over the angle that a sphere around the grain takes.
+const CHORDS: usize = 64;
 
 /// Volume fraction against depth from one kind of wall.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +29,8 @@ pub struct DepthProfile {
     pub surface: Surface,
     /// Depths in mm, at equal steps from half a step on.
     pub depth_mm: Vec<f64>,
-    /// Share of the surface at that depth which grains cover, averaged over all walls of the kind.
+    /// Share of the surface at that depth which grains cover, averaged over all walls of the kind. For grains that are no
+    /// spheres and walls that are plane it is the share of the volume of the slab, one step thick, around that depth.
     pub volume_fraction: Vec<f64>,
 }
 
@@ -40,8 +47,33 @@ pub enum Surface {
 
 /// The profiles of a specimen, from its walls to `max_depth_mm` or to its middle, at `steps` depths each.
 /// A periodic box has no walls, and no profiles.
-pub fn depth_profiles(
-    spheres: &Spheres,
+pub fn depth_profiles<'a>(
+    grains: impl Into<GrainsRef<'a>>,
+    specimen: &Specimen,
+    max_depth_mm: f64,
+    steps: usize,
+) -> Vec<DepthProfile> {
+    if specimen.is_periodic() {
+        return Vec::new();
+    }
+    match grains.into() {
+        GrainsRef::Spheres(spheres) => profiles(spheres, specimen, max_depth_mm, steps),
+        others @ GrainsRef::Solids(_) => Sections::new(others)
+            .map_or_else(Vec::new, |sections| profiles(&sections, specimen, max_depth_mm, steps)),
+    }
+}
+
+/// Grains whose profiles can be measured.
+trait Profiled {
+    /// Profile of planes across each axis, given by its number, length and the area of a plane, from both ends.
+    fn planes(&self, depths: &Depths, surface: Surface, axes: &[(usize, f64, f64)]) -> DepthProfile;
+
+    /// Profile of cylinders around the axis.
+    fn lateral(&self, depths: &Depths, radius: f64, height: f64) -> DepthProfile;
+}
+
+fn profiles(
+    grains: &impl Profiled,
     specimen: &Specimen,
     max_depth_mm: f64,
     steps: usize,
@@ -49,17 +81,15 @@ pub fn depth_profiles(
     match *specimen {
         Specimen::Box { boundary: Boundary::Periodic, .. } => Vec::new(),
         Specimen::Box { size_mm: [x, y, z], .. } => {
-            let [columns_x, columns_y, columns_z] = [&spheres.x_mm, &spheres.y_mm, &spheres.z_mm];
             let depths = Depths::new(max_depth_mm.min(x.min(y).min(z) / 2.0), steps);
-            let axes = [(columns_x, x, y * z), (columns_y, y, x * z), (columns_z, z, x * y)];
-            vec![depths.planes(Surface::Faces, &axes, &spheres.d_mm)]
+            vec![grains.planes(&depths, Surface::Faces, &[(0, x, y * z), (1, y, x * z), (2, z, x * y)])]
         }
         Specimen::Cylinder { diameter_mm, height_mm } => {
             let depths = Depths::new(max_depth_mm.min(height_mm / 2.0), steps);
             let area = PI / 4.0 * diameter_mm * diameter_mm;
-            let ends = depths.planes(Surface::Ends, &[(&spheres.z_mm, height_mm, area)], &spheres.d_mm);
+            let ends = grains.planes(&depths, Surface::Ends, &[(2, height_mm, area)]);
             let depths = Depths::new(max_depth_mm.min(diameter_mm / 2.0), steps);
-            vec![ends, depths.lateral(spheres, diameter_mm / 2.0, height_mm)]
+            vec![ends, grains.lateral(&depths, diameter_mm / 2.0, height_mm)]
         }
     }
 }
@@ -89,37 +119,98 @@ impl Depths {
     fn profile(&self, surface: Surface, volume_fraction: Vec<f64>) -> DepthProfile {
         DepthProfile { surface, depth_mm: (0..self.steps).map(|i| self.depth(i)).collect(), volume_fraction }
     }
+}
 
-    /// Planes across each axis, given as coordinates, length and the area of a plane, from both ends.
-    fn planes(&self, surface: Surface, axes: &[(&Vec<f64>, f64, f64)], d_mm: &[f64]) -> DepthProfile {
-        let mut covered = vec![0.0; self.steps];
+impl Profiled for Spheres {
+    fn planes(&self, depths: &Depths, surface: Surface, axes: &[(usize, f64, f64)]) -> DepthProfile {
+        let mut covered = vec![0.0; depths.steps];
         let walls = 2.0 * axes.len() as f64;
-        for &(coordinates, length, area) in axes {
-            for (&x, &d) in coordinates.iter().zip(d_mm) {
+        for &(axis, length, area) in axes {
+            let coordinates = [&self.x_mm, &self.y_mm, &self.z_mm][axis];
+            for (&x, &d) in coordinates.iter().zip(&self.d_mm) {
                 let r = d / 2.0;
                 for depth in [x, length - x] {
-                    for i in self.within(depth - r, depth + r) {
-                        let off = self.depth(i) - depth;
+                    for i in depths.within(depth - r, depth + r) {
+                        let off = depths.depth(i) - depth;
                         covered[i] += PI * (r * r - off * off).max(0.0) / (area * walls);
                     }
                 }
             }
         }
-        self.profile(surface, covered)
+        depths.profile(surface, covered)
     }
 
-    /// Cylinders around the axis.
-    fn lateral(&self, spheres: &Spheres, radius: f64, height: f64) -> DepthProfile {
-        let mut covered = vec![0.0; self.steps];
-        for (i, &d) in spheres.d_mm.iter().enumerate() {
+    fn lateral(&self, depths: &Depths, radius: f64, height: f64) -> DepthProfile {
+        let mut covered = vec![0.0; depths.steps];
+        for (i, &d) in self.d_mm.iter().enumerate() {
             let r = d / 2.0;
-            let from_axis = (spheres.x_mm[i] - radius).hypot(spheres.y_mm[i] - radius);
-            for k in self.within(radius - from_axis - r, radius - from_axis + r) {
-                let at = radius - self.depth(k);
+            let from_axis = (self.x_mm[i] - radius).hypot(self.y_mm[i] - radius);
+            for k in depths.within(radius - from_axis - r, radius - from_axis + r) {
+                let at = radius - depths.depth(k);
                 covered[k] += arcs(r, from_axis, at) / (2.0 * PI * at * height);
             }
         }
-        self.profile(Surface::Lateral, covered)
+        depths.profile(Surface::Lateral, covered)
+    }
+}
+
+impl Profiled for Sections<'_> {
+    fn planes(&self, depths: &Depths, surface: Surface, axes: &[(usize, f64, f64)]) -> DepthProfile {
+        let step = depths.step_mm;
+        let mut covered = vec![0.0; depths.steps];
+        let walls = 2.0 * axes.len() as f64;
+        for &(axis, length, area) in axes {
+            let per_volume = 1.0 / (area * step * walls);
+            for grain in 0..self.len() {
+                let x = self.center_mm(grain)[axis];
+                let below = self.volume_below(grain, axis);
+                let [down, up] = below.reach_mm;
+                let slabs = |from: f64, to: f64| {
+                    let first = ((from / step).floor().max(0.0) as usize).min(depths.steps);
+                    first..((to / step).ceil().max(0.0) as usize).min(depths.steps)
+                };
+                // From the wall at 0, and from the one at the other end, whose depths run down the axis.
+                for (range, height, sign) in [
+                    (slabs(x - down, x + up), -x, 1.0),
+                    (slabs(length - x - up, length - x + down), length - x, -1.0),
+                ] {
+                    // Depths run up the axis, or down: then heights run up from the last slab to the first.
+                    let count = range.len() + 1;
+                    let lowest = if sign > 0.0 { range.start } else { range.end };
+                    let mut volumes = below.at(height + sign * step * lowest as f64, step, count);
+                    if sign < 0.0 {
+                        volumes.reverse();
+                    }
+                    for (slab, ends) in range.zip(volumes.windows(2)) {
+                        covered[slab] += (ends[1] - ends[0]).abs() * per_volume;
+                    }
+                }
+            }
+        }
+        depths.profile(surface, covered)
+    }
+
+    fn lateral(&self, depths: &Depths, radius: f64, height: f64) -> DepthProfile {
+        let mut covered = vec![0.0; depths.steps];
+        for grain in 0..self.len() {
+            let center = self.center_mm(grain);
+            let (x, y) = (center.x - radius, center.y - radius);
+            let (from_axis, reach) = (x.hypot(y), self.outer_radius_mm(grain));
+            let chords = self.chords(grain);
+            for k in depths.within(radius - from_axis - reach, radius - from_axis + reach) {
+                let at = radius - depths.depth(k);
+                let cos_angle = (at * at + from_axis * from_axis - reach * reach) / (2.0 * at * from_axis);
+                let half_angle = if cos_angle.is_nan() { PI } else { cos_angle.clamp(-1.0, 1.0).acos() };
+                let step = 2.0 * half_angle / CHORDS as f64;
+                let from = y.atan2(x) - half_angle;
+                let lengths = (0..CHORDS).map(|node| {
+                    let (sine, cosine) = (from + (node as f64 + 0.5) * step).sin_cos();
+                    chords.length_mm(at * cosine - x, at * sine - y)
+                });
+                covered[k] += lengths.sum::<f64>() * step / (2.0 * PI * height);
+            }
+        }
+        depths.profile(Surface::Lateral, covered)
     }
 }
 

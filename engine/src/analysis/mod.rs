@@ -9,14 +9,18 @@ pub mod depth_profile;
 pub mod grading;
 mod neighbors;
 pub mod radial;
+mod rounded;
+mod sections;
 mod separation;
 mod shapes;
+mod solids;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};
 pub use grading::{GradingCurve, GradingPoint, SizedGrain, grading};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
 pub use separation::separation;
 pub use shapes::shape_report;
+pub use solids::{MeasuredGrain, measured_grains};
 
 #[cfg(test)]
 mod tests;

@@ -7,6 +7,10 @@
 //! the reference grain being where it is. What is expected follows from the volumes of shells in closed
 //! form, so that nothing is lost to the widths of bins or classes.
 //!
+//! Grains that are no spheres are seen by their centres: the abscissa is the distance of the centres less the mean of the
+//! two equivalent diameters, which is below 0 where flat sides face one another, and a partner may lie wherever the
+//! walls let the centre of a sphere within it.
+//!
 //! Edges: in a periodic box distances to the nearest image are exact up to half of the shortest edge.
 //! Between walls (minus sampling) a reference grain counts up to the distance at which the shell around
 //! it would leave the region where the partner's centre can lie. Both are decided by reference grain,
@@ -15,9 +19,10 @@
 use std::f64::consts::PI;
 
 use super::neighbors::{Grain, NeighborGrid};
+use super::solids::inner_radius_mm;
 use crate::distance::DistanceRule;
 use crate::memory::OutOfMemory;
-use crate::packing::Spheres;
+use crate::packing::GrainsRef;
 use crate::request::Specimen;
 
 /// What to count.
@@ -25,9 +30,12 @@ use crate::request::Specimen;
 pub struct RadialOptions<'a> {
     /// Upper bounds of the size classes, from fine to coarse.
     pub upper_mm: &'a [f64],
+    /// Smallest clear distance that is counted: 0 for spheres; below 0 for other grains, whose centres may be closer than
+    /// those of spheres of equal volume.
+    pub min_gap_mm: f64,
     /// Largest clear distance that is counted.
     pub max_gap_mm: f64,
-    /// Bins between 0 and it.
+    /// Bins between them.
     pub bins: usize,
     /// Reference grains per class at most; evenly chosen where there are more.
     pub max_references: usize,
@@ -63,48 +71,79 @@ pub struct SizeRange {
 ///
 /// # Errors
 /// The system refused memory.
-pub fn radial(
-    spheres: &Spheres,
+pub fn radial<'a>(
+    grains: impl Into<GrainsRef<'a>>,
     specimen: &Specimen,
     rule: &DistanceRule,
     options: &RadialOptions<'_>,
 ) -> Result<Vec<PairCorrelation>, OutOfMemory> {
-    let classes = classes(spheres, specimen, rule, options)?;
+    let classes = classes(grains.into(), specimen, rule, options)?;
     Ok(classes.iter().map(|class| around(class, &classes, options)).collect())
+}
+
+/// A grain: its centre and its equivalent radius, and what its centre keeps from the walls at least, without a gap.
+#[derive(Clone, Copy)]
+struct Member {
+    grain: Grain,
+    inner_radius: f64,
+}
+
+/// The grains of a packing, from the largest down.
+fn members(grains: GrainsRef<'_>) -> Vec<Member> {
+    match grains {
+        GrainsRef::Spheres(spheres) => (0..spheres.len())
+            .map(|i| {
+                let ([x, y, z], r) = (spheres.center(i), spheres.d_mm[i] / 2.0);
+                Member { grain: [x, y, z, r], inner_radius: r }
+            })
+            .collect(),
+        GrainsRef::Solids(solids) => solids
+            .iter()
+            .map(|(shape, pose)| {
+                let ([x, y, z], r) = (pose.center_mm.into(), shape.equivalent_diameter_mm() / 2.0);
+                Member { grain: [x, y, z, r], inner_radius: inner_radius_mm(&shape).min(r) }
+            })
+            .collect(),
+    }
 }
 
 /// One class with what is expected of its grains as partners.
 struct Class {
     range: SizeRange,
-    grains: Vec<Grain>,
+    grains: Vec<Member>,
     grid: NeighborGrid,
     /// Largest radius, and largest radius with its distance to the walls.
     radius: f64,
     clearance: f64,
-    /// Sums over the grains of `r^k / V`, `k` from 0 to 3, with the volume `V` open to its centre.
-    moments: [f64; 4],
+    /// Sums over the grains of `r^k / V`, `k` from 0 to 3, with the volume `V` open to its centre: up to each grain, from
+    /// the largest down.
+    moments: Vec<[f64; 4]>,
     specimen: Specimen,
     rule: DistanceRule,
 }
 
 fn classes(
-    spheres: &Spheres,
+    grains: GrainsRef<'_>,
     specimen: &Specimen,
     rule: &DistanceRule,
     options: &RadialOptions<'_>,
 ) -> Result<Vec<Class>, OutOfMemory> {
-    let mut members: Vec<Vec<Grain>> = vec![Vec::new(); options.upper_mm.len().max(1)];
-    for (i, &d) in spheres.d_mm.iter().enumerate() {
-        let class = options.upper_mm.iter().position(|&upper| d <= upper).unwrap_or(members.len() - 1);
-        let [x, y, z] = spheres.center(i);
-        members[class].push([x, y, z, d / 2.0]);
+    let mut by_class: Vec<Vec<Member>> = vec![Vec::new(); options.upper_mm.len().max(1)];
+    for member in members(grains) {
+        let d = 2.0 * member.grain[3];
+        let class = options.upper_mm.iter().position(|&upper| d <= upper).unwrap_or(by_class.len() - 1);
+        by_class[class].push(member);
     }
-    members.retain(|grains| !grains.is_empty());
-    members
+    by_class.retain(|members| !members.is_empty());
+    by_class
         .into_iter()
-        .map(|grains| {
-            let fold = |f: fn(f64, f64) -> f64, from| grains.iter().map(|g| g[3]).fold(from, f);
+        .map(|mut members| {
+            // Grains come from the largest down, as far as rounding lets equivalent diameters tell.
+            members.sort_by(|p, q| q.grain[3].total_cmp(&p.grain[3]));
+            let fold = |f: fn(f64, f64) -> f64, from| members.iter().map(|m| m.grain[3]).fold(from, f);
             let (smallest, largest) = (fold(f64::min, f64::INFINITY), fold(f64::max, 0.0));
+            let clearance_of = |member: &Member| clearance(rule, member);
+            let grains: Vec<Grain> = members.iter().map(|member| member.grain).collect();
             let mut class = Class {
                 range: SizeRange { d_min_mm: 2.0 * smallest, d_max_mm: 2.0 * largest },
                 grid: NeighborGrid::new(
@@ -114,29 +153,40 @@ fn classes(
                     2.0 * largest + options.max_gap_mm,
                 )?,
                 radius: largest,
-                clearance: largest + rule.wall_gap_mm(2.0 * largest),
-                moments: [0.0; 4],
-                grains,
+                clearance: members.iter().map(clearance_of).fold(0.0, f64::max),
+                moments: Vec::new(),
+                grains: members,
                 specimen: *specimen,
                 rule: *rule,
             };
-            for grain in &class.grains {
-                let per_volume = class.per_volume(grain[3]);
-                for (power, moment) in class.moments.iter_mut().enumerate() {
-                    *moment += grain[3].powi(power as i32) * per_volume;
-                }
-            }
+            let mut sums = [0.0; 4];
+            class.moments = class
+                .grains
+                .iter()
+                .map(|member| {
+                    let per_volume = class.per_volume(member);
+                    for (power, sum) in sums.iter_mut().enumerate() {
+                        *sum += member.grain[3].powi(power as i32) * per_volume;
+                    }
+                    sums
+                })
+                .collect();
             Ok(class)
         })
         .collect()
 }
 
+/// What the centre of a grain keeps from the walls at least.
+fn clearance(rule: &DistanceRule, member: &Member) -> f64 {
+    member.inner_radius + rule.wall_gap_mm(2.0 * member.grain[3])
+}
+
 impl Class {
-    /// One over the volume in which the centre of a grain of that radius may lie; 0 where it has one
-    /// place only, which no reference grain's shell lies in.
-    fn per_volume(&self, radius: f64) -> f64 {
-        let clearance = radius + self.rule.wall_gap_mm(2.0 * radius);
-        let volume = self.specimen.center_region(clearance).map_or(0.0, |region| region.volume_mm3());
+    /// One over the volume in which the centre of a grain may lie; 0 where it has one place only, which no reference
+    /// grain's shell lies in.
+    fn per_volume(&self, member: &Member) -> f64 {
+        let region = self.specimen.center_region(clearance(&self.rule, member));
+        let volume = region.map_or(0.0, |region| region.volume_mm3());
         if volume > 0.0 { 1.0 / volume } else { 0.0 }
     }
 
@@ -152,13 +202,15 @@ impl Class {
         farthest - radius - self.radius
     }
 
-    /// Expected grains with centres within `gap` and all radii of the distance at contact with a grain of
-    /// radius `radius`, itself not counted: the sum of `4 pi / 3 (radius + r + gap)^3 / V`.
-    fn expected_within(&self, radius: f64, gap: f64, itself: bool) -> f64 {
+    /// Expected grains with centres within `gap` and all radii of the distance at contact with a grain, `itself` not
+    /// counted where it is of this class: the sum of `4 pi / 3 (radius + r + gap)^3 / V`.
+    fn expected_within(&self, radius: f64, gap: f64, itself: Option<&Member>) -> f64 {
         let c = radius + gap;
-        let [m0, m1, m2, m3] = self.moments;
+        // Grains that are smaller than the distance is negative are nowhere.
+        let some = if c < 0.0 { self.grains.partition_point(|m| m.grain[3] > -c) } else { self.grains.len() };
+        let [m0, m1, m2, m3] = some.checked_sub(1).map_or([0.0; 4], |last| self.moments[last]);
         let all = c * c * c * m0 + 3.0 * c * c * m1 + 3.0 * c * m2 + m3;
-        let own = if itself { (c + radius).powi(3) * self.per_volume(radius) } else { 0.0 };
+        let own = itself.map_or(0.0, |member| (c + radius).max(0.0).powi(3) * self.per_volume(member));
         4.0 * PI / 3.0 * (all - own)
     }
 }
@@ -166,34 +218,36 @@ impl Class {
 /// Counts the grains around those of a class.
 fn around(class: &Class, partners: &[Class], options: &RadialOptions<'_>) -> PairCorrelation {
     let bins = options.bins.max(1);
-    let width = options.max_gap_mm / bins as f64;
+    let from = options.min_gap_mm;
+    let width = (options.max_gap_mm - from) / bins as f64;
     let reach_of =
-        |grain: &Grain| partners.iter().map(|p| p.reach_mm(grain)).fold(f64::NEG_INFINITY, f64::max);
-    let usable: Vec<&Grain> = class.grains.iter().filter(|grain| reach_of(grain) >= width).collect();
+        |grain: &Grain| partners.iter().map(|p| p.reach_mm(grain) - from).fold(f64::NEG_INFINITY, f64::max);
+    let usable: Vec<&Member> = class.grains.iter().filter(|m| reach_of(&m.grain) >= width).collect();
     let references = evenly(&usable, options.max_references);
     let (mut pairs, mut expected) = (vec![0_u64; bins], vec![0.0; bins]);
-    for grain in &references {
+    for &member in &references {
+        let grain = &member.grain;
         for partner in partners {
-            let itself = std::ptr::eq(class, partner);
-            let seen = ((partner.reach_mm(grain) / width).floor().max(0.0) as usize).min(bins);
+            let itself = std::ptr::eq(class, partner).then_some(member);
+            let seen = (((partner.reach_mm(grain) - from) / width).floor().max(0.0) as usize).min(bins);
             if seen == 0 {
                 continue;
             }
             let radius = grain[3];
-            let mut below = partner.expected_within(radius, 0.0, itself);
+            let mut below = partner.expected_within(radius, from, itself);
             for (bin, expected) in expected.iter_mut().enumerate().take(seen) {
-                let within = partner.expected_within(radius, (bin + 1) as f64 * width, itself);
+                let within = partner.expected_within(radius, from + (bin + 1) as f64 * width, itself);
                 *expected += within - below;
                 below = within;
             }
-            let last = seen as f64 * width;
+            let last = from + seen as f64 * width;
             let reach = radius + partner.radius + last;
             partner.grid.for_each_near([grain[0], grain[1], grain[2]], reach, |distance2, r| {
                 let contact = radius + r;
                 let farthest = contact + last;
                 // At the same place lies the grain itself: no other can.
                 if distance2 < farthest * farthest && distance2 > 0.0 {
-                    let gap = distance2.sqrt() - contact;
+                    let gap = distance2.sqrt() - contact - from;
                     // A clear distance of 0 may come out below it by rounding.
                     if gap > -1.0e-9 * contact {
                         let bin = ((gap.max(0.0) / width) as usize).min(seen - 1);
@@ -211,7 +265,7 @@ fn around(class: &Class, partners: &[Class], options: &RadialOptions<'_>) -> Pai
     PairCorrelation {
         class: class.range,
         references: references.len(),
-        gap_mm: (0..bins).map(|bin| (bin as f64 + 0.5) * width).collect(),
+        gap_mm: (0..bins).map(|bin| from + (bin as f64 + 0.5) * width).collect(),
         correlation,
         pairs,
         expected,

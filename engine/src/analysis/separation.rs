@@ -17,7 +17,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
-use crate::packing::{SegregationReport, Separation, SeparationAcross, Spheres};
+use crate::packing::{GrainsRef, SegregationReport, Separation, SeparationAcross, Spheres};
 use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace};
 use crate::rng::{Stream, stream, uniform};
 use crate::segregation::share_of_field;
@@ -39,14 +39,23 @@ const DEALT: usize = 256;
 const ROUNDING: f64 = 1.0e-12;
 
 /// Measures the separation along a field and across it. Grains come from the largest down; each counts where it
-/// lies in the room that the rule leaves for its centre. The seed is that of the packing.
-pub fn separation(
-    spheres: &Spheres,
+/// lies in the room that the rule leaves for its centre, those that are no spheres as spheres of equal volume. The seed
+/// is that of the packing.
+pub fn separation<'a>(
+    grains: impl Into<GrainsRef<'a>>,
     specimen: &Specimen,
     rule: &DistanceRule,
     field: GradientField,
     seed: u64,
 ) -> SegregationReport {
+    let grains = grains.into();
+    let of_others;
+    let spheres = if let GrainsRef::Spheres(spheres) = grains {
+        spheres
+    } else {
+        of_others = equivalent_spheres(grains);
+        &of_others
+    };
     let fields = [Some(field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
     let thirds = Thirds::of(&spheres.d_mm);
     let present: Vec<GradientField> = fields.into_iter().flatten().collect();
@@ -67,6 +76,15 @@ pub fn separation(
         across: SeparationAcross { x: next(fields[1]), y: next(fields[2]), z: next(fields[3]) },
         permutations: PERMUTATIONS,
     }
+}
+
+/// The spheres of equal volume about the centres of grains that are none, from the largest down.
+fn equivalent_spheres(grains: GrainsRef<'_>) -> Spheres {
+    let mut spheres = Spheres::with_capacity(grains.len());
+    for grain in 0..grains.len() {
+        spheres.push(grains.center_mm(grain), grains.d_mm(grain));
+    }
+    spheres
 }
 
 /// The field along an axis that a field does not lie along itself.

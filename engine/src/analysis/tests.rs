@@ -37,7 +37,7 @@ fn ideal_gas(specimen: &Specimen, d_mm: &[f64], seed: u64) -> Spheres {
 }
 
 fn options(upper_mm: &[f64], max_gap_mm: f64, bins: usize) -> RadialOptions<'_> {
-    RadialOptions { upper_mm, max_gap_mm, bins, max_references: 20_000 }
+    RadialOptions { upper_mm, min_gap_mm: 0.0, max_gap_mm, bins, max_references: 20_000 }
 }
 
 fn correlations(spheres: &Spheres, specimen: &Specimen, options: &RadialOptions<'_>) -> Vec<PairCorrelation> {

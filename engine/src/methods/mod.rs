@@ -7,6 +7,7 @@
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod brute_force_tests;
+mod choice;
 pub mod edmd;
 pub mod monte_carlo;
 #[cfg(test)]

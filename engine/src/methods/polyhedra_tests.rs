@@ -93,6 +93,7 @@ fn growth<'a>(
         limits: Limits::default(),
         orientation: &uniform_orientation,
         seed: 3,
+        preference: None,
         keep_checkpoint: None,
     }
 }

@@ -71,6 +71,19 @@ impl Solids {
         Self { templates: Vec::new(), shapes, poses, aggregate: Vec::new() }
     }
 
+    /// Polyhedra with their poses, by the template and the equivalent diameter in mm of each.
+    #[must_use]
+    pub fn of_polyhedra(
+        templates: Vec<Polyhedron>,
+        template: &[u32],
+        d_mm: &[f64],
+        poses: Vec<Pose>,
+    ) -> Self {
+        let shape = |(&template, &d_mm): (&u32, &f64)| Solid::Polyhedron { template, d_mm };
+        let shapes = template.iter().zip(d_mm).map(shape).collect();
+        Self { templates, shapes, poses, aggregate: Vec::new() }
+    }
+
     /// Number of grains.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -97,18 +97,15 @@ impl PackingRequest {
         };
         if let Some(mix) = &mix {
             let has_shapes = mix.has_shapes();
-            let fault = match (&method_at, &method, &segregation_at, &segregation) {
-                (Some(at), Some(Method::Edmd { .. }), ..) if has_shapes => Some((
+            let fault = match (&method_at, &method) {
+                (Some(at), Some(Method::Edmd { .. })) if has_shapes => Some((
                     at,
                     "\"edmd\" packs spheres alone: must be \"monte_carlo\", \"rsa\" or \"auto\" for grains with a shape",
                 )),
-                (Some(at), Some(Method::MonteCarlo { .. }), ..) if !has_shapes => Some((
+                (Some(at), Some(Method::MonteCarlo { .. })) if !has_shapes => Some((
                     at,
                     "\"monte_carlo\" packs grains with a shape: must be \"edmd\", \"rsa\" or \"auto\" for spheres",
                 )),
-                (.., Some(at), Some(Segregation::Gradient { .. })) if has_shapes => {
-                    Some((at, "\"gradient\" is for spheres alone: must be \"none\" for grains with a shape"))
-                }
                 _ => None,
             };
             if let Some((at, detail)) = fault {

@@ -98,12 +98,12 @@ pub fn pack_or_resume(
         warnings.extend(deviation::aggregate_warning(&check.aggregates));
     }
     let summary = summary(&mix, &rule, &placed, check.classes, check.aggregates);
-    let segregation = match (&request.segregation, placed.grains.spheres()) {
-        (Segregation::Gradient { field, .. }, Some(spheres)) => {
-            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(spheres.len()))?;
-            Some(separation(spheres, &request.specimen, &rule, *field, request.seed))
+    let segregation = match &request.segregation {
+        Segregation::Gradient { field, .. } => {
+            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(placed.grains.len()))?;
+            Some(separation(&placed.grains, &request.specimen, &rule, *field, request.seed))
         }
-        _ => None,
+        Segregation::None {} => None,
     };
     let shapes = placed.grains.solids().and_then(shape_report);
     Ok(Packing {

@@ -9,7 +9,7 @@ use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::gap::grain::ConvexShape;
-use crate::memory::{copied, make_room};
+use crate::memory::{self, copied, make_room};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::ShapeRsa;
@@ -18,6 +18,7 @@ use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStati
 use crate::plan::Plan;
 use crate::request::{Distance, Method, MonteCarloStop, PackingRequest};
 use crate::rng::{Stream, stream};
+use crate::segregation::Preference;
 use crate::shape::{Pose, Solid, SolidRef};
 
 /// A run whose shapes are drawn.
@@ -119,6 +120,15 @@ impl<S: ConvexShape> Job<'_, S> {
         DistanceRule::new(&self.request.distance, &self.request.specimen)
     }
 
+    /// The gradient of the request, where it has one.
+    fn preference(&self) -> Result<Option<Preference>, PackError> {
+        if self.request.segregation.is_none() {
+            return Ok(None);
+        }
+        let diameters = memory::collected(self.shapes.iter().map(ConvexShape::equivalent_diameter_mm))?;
+        Ok(Preference::new(self.request, &diameters))
+    }
+
     /// Random sequential addition.
     fn insert(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
         let start = Instant::now();
@@ -131,7 +141,9 @@ impl<S: ConvexShape> Job<'_, S> {
             orientation: &|rng| draw_orientation(&orientation, rng),
         };
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
-        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
+        let preference = self.preference()?;
+        let mut rng = stream(self.request.seed, Stream::Rsa);
+        let outcome = rsa.run_with(preference.as_ref(), &mut rng, &control);
         if outcome.end == End::Complete {
             return Ok(inserted((self.grains)(outcome.poses)?, outcome.statistics, start));
         }
@@ -152,6 +164,7 @@ impl<S: ConvexShape> Job<'_, S> {
             Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
             _ => None,
         };
+        let preference = self.preference()?;
         let method = MonteCarlo {
             shapes: self.shapes,
             specimen: &self.request.specimen,
@@ -162,6 +175,7 @@ impl<S: ConvexShape> Job<'_, S> {
             limits: monte_carlo::Limits { time_s: stop.time_s, sweeps: stop.sweeps },
             orientation: &|rng| draw_orientation(&orientation, rng),
             seed: self.request.seed,
+            preference: preference.as_ref(),
             keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(self.request, write))),
         };
         let distance_mm_asked = distance_asked_mm(self.request);

@@ -78,13 +78,59 @@ impl CaliperSizes {
     }
 }
 
+/// The particle size fraction of EN 933-3 that a grain lies in.
+fn flakiness_fraction(grain: &CaliperSizes) -> Option<usize> {
+    let size = grain.sieve_mm;
+    FLAKINESS_FRACTIONS_MM.iter().position(|[low, high, _]| *low < size && size <= *high)
+}
+
 /// Whether a grain passes the slots of its fraction in EN 933-3; `None` where it lies in none.
 ///
 /// A grain passes a slot that is wider than its thickness, `2c` of an ellipsoid.
 fn is_flaky(grain: &CaliperSizes) -> Option<bool> {
-    let size = grain.sieve_mm;
-    let fraction = FLAKINESS_FRACTIONS_MM.iter().find(|[low, high, _]| *low < size && size <= *high)?;
-    Some(grain.thickness_mm < fraction[2])
+    let fraction = flakiness_fraction(grain)?;
+    Some(grain.thickness_mm < FLAKINESS_FRACTIONS_MM[fraction][2])
+}
+
+/// A particle size fraction of EN 933-3 and the grains in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlakinessFraction {
+    /// Sieve `d_i` in mm, which retains the grains.
+    pub d_min_mm: f64,
+    /// Sieve `D_i` in mm, which they pass.
+    pub d_max_mm: f64,
+    /// Volume of the grains in mm³.
+    pub volume_mm3: f64,
+    /// Volume in mm³ of those that pass slots of half of `D_i`.
+    pub flaky_mm3: f64,
+}
+
+impl FlakinessFraction {
+    /// Share of the mass that is flaky, 0 to 1; `None` without grains.
+    #[must_use]
+    pub fn index(&self) -> Option<f64> {
+        (self.volume_mm3 > 0.0).then(|| self.flaky_mm3 / self.volume_mm3)
+    }
+}
+
+/// The particle size fractions of EN 933-3 from fine to coarse, 4 to 100 mm, with the grains in each.
+#[must_use]
+pub fn flakiness_fractions(grains: impl Iterator<Item = CaliperSizes>) -> Vec<FlakinessFraction> {
+    let empty = |[d_min_mm, d_max_mm, _]: [f64; 3]| FlakinessFraction {
+        d_min_mm,
+        d_max_mm,
+        volume_mm3: 0.0,
+        flaky_mm3: 0.0,
+    };
+    let mut fractions: Vec<FlakinessFraction> = FLAKINESS_FRACTIONS_MM.into_iter().map(empty).collect();
+    for grain in grains {
+        if let Some(at) = flakiness_fraction(&grain) {
+            fractions[at].volume_mm3 += grain.volume_mm3;
+            let is_flaky = grain.thickness_mm < FLAKINESS_FRACTIONS_MM[at][2];
+            fractions[at].flaky_mm3 += if is_flaky { grain.volume_mm3 } else { 0.0 };
+        }
+    }
+    fractions
 }
 
 fn is_non_cubical(grain: &CaliperSizes) -> Option<bool> {
@@ -183,6 +229,24 @@ mod tests {
         // a/c is 6.7 and 2.
         assert_eq!(shape(&[flaky, round, grain(70.0, 0.3)]), Some(share));
         assert_eq!((flakiness(&[]), shape(&[grain(2.0, 0.3)])), (None, None));
+    }
+
+    #[test]
+    fn the_fractions_add_up_to_the_index_of_all() {
+        let grains = [grain(4.5, 0.3), grain(4.9, 0.45), grain(9.0, 0.3), grain(9.5, 0.9), grain(2.0, 0.3)];
+        let sizes = || grains.iter().map(CaliperSizes::from);
+        let fractions = flakiness_fractions(sizes());
+        let present: Vec<_> = fractions.iter().filter(|fraction| fraction.volume_mm3 > 0.0).collect();
+        assert_eq!(
+            present.iter().map(|f| [f.d_min_mm, f.d_max_mm]).collect::<Vec<_>>(),
+            [[4.0, 5.0], [8.0, 10.0]]
+        );
+        let first = grains[0].volume_mm3() / (grains[0].volume_mm3() + grains[1].volume_mm3());
+        assert!((present[0].index().unwrap() - first).abs() < 1e-15);
+        let sum = |of: fn(&FlakinessFraction) -> f64| fractions.iter().map(of).sum::<f64>();
+        let all = sum(|f| f.flaky_mm3) / sum(|f| f.volume_mm3);
+        assert!((all - flakiness_index(sizes()).unwrap()).abs() < 1e-15);
+        assert_eq!(fractions.iter().filter(|fraction| fraction.index().is_none()).count(), 12);
     }
 
     #[test]

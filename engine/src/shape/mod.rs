@@ -16,7 +16,10 @@ mod target;
 
 pub use ellipsoid::Ellipsoid;
 pub use form::{Form, SizeMeasure, Zingg};
-pub use indices::{BodyAxis, CaliperSizes, flakiness_index, orientation_tensor, shape_index};
+pub use indices::{
+    BodyAxis, CaliperSizes, FlakinessFraction, flakiness_fractions, flakiness_index, orientation_tensor,
+    shape_index,
+};
 pub(crate) use polyhedron::Principal;
 pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};
 pub use pose::Pose;

@@ -14,6 +14,7 @@ pub(crate) struct Chart {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
     pub(crate) series: Vec<Series>,
+    pub(crate) layout: Layout,
     /// Why there is nothing to draw, where no series has a point that can be shown, and which results have it.
     pub(crate) when_empty: String,
 }
@@ -27,9 +28,27 @@ impl Chart {
             x: Axis::linear(""),
             y: Axis::linear(""),
             series: Vec::new(),
+            layout: Layout::default(),
             when_empty: reason.into(),
         }
     }
+}
+
+/// What distinguishes the data area of a chart from that of others.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Layout {
+    /// Whether the data area is a square, for axes of one kind.
+    pub(crate) is_square: bool,
+    /// Texts in the data area, drawn below the data.
+    pub(crate) notes: Vec<Note>,
+}
+
+/// A text in the data area, centred at a point.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Note {
+    pub(crate) x: f64,
+    pub(crate) y: f64,
+    pub(crate) text: String,
 }
 
 /// A series of points.
@@ -58,6 +77,8 @@ pub(crate) enum Marks {
     Line,
     Points,
     LineAndPoints,
+    /// Translucent discs with the areas of the points.
+    Discs,
 }
 
 /// A point.
@@ -68,12 +89,14 @@ pub(crate) struct Point {
     pub(crate) y: f64,
     /// The ends of its error bar.
     pub(crate) interval: Option<[f64; 2]>,
+    /// Area of its disc, over that of the largest.
+    pub(crate) area: f64,
 }
 
 impl Point {
     /// A point without an error bar.
     pub(crate) fn new(x: f64, y: f64) -> Self {
-        Self { x, y, interval: None }
+        Self { x, y, interval: None, area: 1.0 }
     }
 }
 

@@ -24,11 +24,13 @@ use super::text::{FAMILY, cut, escaped, printable, width_em};
 /// Units of the drawing per mm.
 pub(super) const PER_MM: f64 = 20.0;
 /// Counts the changes of a drawing's bytes; part of an `ETag`.
-pub(crate) const REVISION: u32 = 2;
+pub(crate) const REVISION: u32 = 3;
 
 const WIDTH_MM: f64 = 160.0;
 /// Height of the data area.
 const PLOT_HEIGHT_MM: f64 = 82.0;
+/// Edge of a square data area.
+const SQUARE_MM: f64 = 100.0;
 const EDGE_MM: f64 = 2.0;
 /// Margin for half of the last label of an axis.
 const RIGHT_MM: f64 = 6.0;
@@ -48,6 +50,10 @@ const LINE_MM: f64 = 0.5;
 const THIN_MM: f64 = 0.25;
 /// Half the width of a marker.
 const MARKER_MM: f64 = 0.9;
+/// Radius of the largest disc, and least radius of one.
+const DISC_MM: f64 = 2.4;
+const LEAST_DISC_MM: f64 = 0.15;
+const DISC_OPACITY: f64 = 0.45;
 const TICK_MARK_MM: f64 = 0.8;
 /// Points of a line that are nearer to the last one are left out, because they cannot be seen.
 const NEAR_MM: f64 = 0.15;
@@ -59,6 +65,7 @@ const FONT_UNITS: f64 = 1.24;
 
 const GRID: RGBColor = RGBColor(224, 224, 224);
 const FINE_GRID: RGBColor = RGBColor(240, 240, 240);
+const NOTE: RGBColor = RGBColor(90, 90, 90);
 const REFERENCE: RGBColor = RGBColor(110, 110, 110);
 
 type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -80,7 +87,7 @@ pub(crate) fn svg(chart: &Chart, heading: bool) -> Result<String, PlotError> {
 
 fn drawn(chart: &Chart, heading: bool) -> Result<String, Failure> {
     let legend = Legend::of(chart);
-    let frame = Frame::of(&legend, heading);
+    let frame = Frame::of(chart, &legend, heading);
     let mut text = String::new();
     {
         let size = (units(WIDTH_MM) as u32, units(frame.height_mm) as u32);
@@ -107,10 +114,16 @@ struct Frame {
 }
 
 impl Frame {
-    fn of(legend: &Legend, heading: bool) -> Self {
+    fn of(chart: &Chart, legend: &Legend, heading: bool) -> Self {
         let top_mm = if heading { EDGE_MM + TITLE_MM } else { EDGE_MM };
-        Self { top_mm, height_mm: top_mm + PLOT_HEIGHT_MM + X_LABELS_MM + legend.height_mm() + EDGE_MM }
+        let plot_mm = plot_height_mm(chart);
+        Self { top_mm, height_mm: top_mm + plot_mm + X_LABELS_MM + legend.height_mm() + EDGE_MM }
     }
+}
+
+/// Height of the data area.
+fn plot_height_mm(chart: &Chart) -> f64 {
+    if chart.layout.is_square { SQUARE_MM } else { PLOT_HEIGHT_MM }
 }
 
 /// The drawing with its size in mm, and with a title and a description for screen readers.
@@ -137,13 +150,15 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, frame: &Frame) -> Result<(), Fa
     let y = chart.y.settled(shown().flat_map(ends));
     let widest = y.major.iter().map(|tick| width_em(&tick.text)).fold(0.0, f64::max) * TICK_SIZE_MM;
     let left_mm = LABEL_SIZE_MM * 1.5 + widest + 2.0 * TICK_MARK_MM + 1.0;
-    thin_out(&mut x, WIDTH_MM - EDGE_MM - left_mm - RIGHT_MM);
-    let below_mm = frame.height_mm - frame.top_mm - PLOT_HEIGHT_MM - X_LABELS_MM;
+    let full_mm = WIDTH_MM - EDGE_MM - left_mm - RIGHT_MM;
+    let aside_mm = if chart.layout.is_square { (full_mm - SQUARE_MM) / 2.0 } else { 0.0 };
+    thin_out(&mut x, full_mm - 2.0 * aside_mm);
+    let below_mm = frame.height_mm - frame.top_mm - plot_height_mm(chart) - X_LABELS_MM;
     let mut context = ChartBuilder::on(canvas)
         .margin_top(units(frame.top_mm))
         .margin_bottom(units(below_mm))
-        .margin_left(units(EDGE_MM))
-        .margin_right(units(RIGHT_MM))
+        .margin_left(units(EDGE_MM + aside_mm))
+        .margin_right(units(RIGHT_MM + aside_mm))
         .x_label_area_size(units(X_LABELS_MM))
         .y_label_area_size(units(left_mm))
         .build_cartesian_2d(x, y)?;
@@ -162,6 +177,11 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, frame: &Frame) -> Result<(), Fa
     outline(canvas, (across.start, down.start), (across.end - 1, down.end - 1))?;
     let asides = asides_mm(chart);
     let aside = |series: &Series| units(asides.get(&series.style).copied().unwrap_or(0.0));
+    for note in &chart.layout.notes {
+        let style = font(LABEL_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center)).color(&NOTE);
+        let at = context.plotting_area().map_coordinate(&(note.x, note.y));
+        canvas.draw_text(&printable(&note.text), &style, at)?;
+    }
     // References are drawn first, below the data.
     let is_reference = |series: &&Series| series.style == SeriesStyle::Reference;
     for series in chart.series.iter().filter(is_reference) {
@@ -196,6 +216,12 @@ fn draw_series(
 ) -> Result<(), Failure> {
     let place = |x: f64, y: f64| context.plotting_area().map_coordinate(&(x, y));
     let pen = Pen::of(series.style);
+    if series.marks == Marks::Discs {
+        for point in series.points.iter().filter(|point| chart.shows(point)) {
+            pen.disc(canvas, place(point.x, point.y), point.area)?;
+        }
+        return Ok(());
+    }
     if series.marks != Marks::Points {
         for run in series.points.split(|point| !chart.shows(point)) {
             let path: Vec<Px> = run.iter().map(|point| place(point.x, point.y)).collect();
@@ -294,6 +320,11 @@ impl Pen {
         Ok(())
     }
 
+    fn disc(&self, canvas: &Canvas<'_>, at: Px, area: f64) -> Result<(), Failure> {
+        let radius = units((DISC_MM * area.max(0.0).sqrt()).max(LEAST_DISC_MM));
+        canvas.draw(&Circle::new(at, radius, self.color.mix(DISC_OPACITY).filled()))
+    }
+
     fn marker(&self, canvas: &Canvas<'_>, (x, y): Px) -> Result<(), Failure> {
         let size = units(MARKER_MM);
         let fill = if self.marker.is_open() { WHITE } else { self.color };
@@ -375,10 +406,13 @@ impl Legend {
                 if let Some((style, marks)) = style {
                     let pen = Pen::of(*style);
                     let (from, to) = (units(left), units(left + LEGEND_LINE_MM - 2.0));
-                    if *marks != Marks::Points {
+                    if *marks == Marks::Discs {
+                        pen.disc(canvas, (i32::midpoint(from, to), middle), 0.4)?;
+                    }
+                    if matches!(marks, Marks::Line | Marks::LineAndPoints) {
                         pen.line(canvas, &[(from, middle), (to, middle)])?;
                     }
-                    if *marks != Marks::Line {
+                    if matches!(marks, Marks::Points | Marks::LineAndPoints) {
                         pen.marker(canvas, (i32::midpoint(from, to), middle))?;
                     }
                 }

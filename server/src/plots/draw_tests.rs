@@ -1,5 +1,6 @@
 use super::*;
 use crate::plots::axis::Axis;
+use crate::plots::chart::Layout;
 
 fn svg(chart: &Chart) -> Result<String, PlotError> {
     super::svg(chart, true)
@@ -16,6 +17,7 @@ fn chart(series: Vec<Series>) -> Chart {
         x: Axis::linear("size in mm"),
         y: Axis::log("time in s"),
         series,
+        layout: Layout::default(),
         when_empty: "no run has ended".into(),
     }
 }
@@ -160,7 +162,7 @@ fn a_legend_grows_with_its_entries_to_a_bound_and_never_beyond_the_page() {
 
 #[test]
 fn error_bars_at_the_same_place_stand_side_by_side() {
-    let bar = |y: f64| vec![Point { x: 1.0, y, interval: Some([1.0, 5.0]) }];
+    let bar = |y: f64| vec![Point { interval: Some([1.0, 5.0]), ..Point::new(1.0, y) }];
     let series = |n| Series { label: None, ..Series::marked("", n, bar(2.0 + n as f64)) };
     let places = |series: Vec<Series>| {
         let drawn = svg(&chart(series)).unwrap();

@@ -1,17 +1,18 @@
-//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect.
+//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect; those of shapes are
+//! in [`super::shapes`].
 
 use std::io;
 
-use packstone_engine::Spheres;
 use packstone_engine::analysis::{self, RadialOptions, SizeRange, SizedGrain, Surface};
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::export::tables::{self, Column, GrainSource, Head};
 use packstone_engine::mix::GradedMix;
+use packstone_engine::packing::{Grains, GrainsRef};
 use packstone_engine::request::{Distance, GrainKind, Method, PackingRequest};
 
-use super::PlotError;
 use super::axis::{Axis, plain};
-use super::chart::{Chart, Marks, Point, Series, SeriesStyle};
+use super::chart::{Chart, Layout, Marks, Point, Series, SeriesStyle};
+use super::{PlotError, shapes};
 use crate::jobs::JobRequest;
 
 super::kinds! {
@@ -25,6 +26,10 @@ super::kinds! {
         Radial "radial",
         /// Volume fraction against depth from the walls.
         Profile "profile",
+        /// Elongation against flatness of each grain that is no sphere, with Zingg's classes.
+        Zingg "zingg",
+        /// Share of flaky mass by particle size fraction, of grains that are no spheres.
+        Flakiness "flakiness",
     }
 }
 
@@ -42,7 +47,7 @@ const MOST_CLASSES: usize = 6;
 /// Points of a profile, and its depth in largest diameters: the wall effect reaches two or three.
 const DEPTHS: usize = 240;
 const DEPTH_DIAMETERS: f64 = 4.0;
-const PERCENT: f64 = 100.0;
+pub(super) const PERCENT: f64 = 100.0;
 
 /// What a plot reads of a result.
 pub(crate) struct JobResult<'a> {
@@ -53,6 +58,9 @@ pub(crate) struct JobResult<'a> {
 /// Why no packing of a request can have a plot; `None` where it depends on the result, or every result has it.
 fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
     match (kind, request.distance) {
+        (JobPlot::Zingg | JobPlot::Flakiness, _) if request.mix.grain_kind() == GrainKind::Spheres => {
+            Some(shapes::OF_OTHERS_ALONE)
+        }
         (JobPlot::Profile, _) if request.specimen.is_periodic() => Some(
             "a periodic box has no walls to measure a depth from: a box with walls or a cylinder has a `profile`",
         ),
@@ -72,10 +80,6 @@ fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
 /// Why a packing without growth has no distance over time.
 const NOT_GROWN: &str = "random sequential addition inserts grains at their full size and distance: a packing that was \
                          grown by the method `edmd` has a `distance` over time";
-
-/// Why a packing of other grains than spheres does not have a plot.
-const OF_SPHERES_ALONE: &str =
-    "the plot is made of spheres alone: a packing of ellipsoids has the plot `grading`";
 
 /// Refuses a plot that no packing of a request can have.
 ///
@@ -97,20 +101,23 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     })?;
     let name = request.name.clone();
     let packing = request.packing();
-    let is_spherical = result.grains.kind() == GrainKind::Spheres;
-    if !is_spherical && matches!(kind, JobPlot::Radial | JobPlot::Profile) {
-        return Ok(Chart::without_points(OF_SPHERES_ALONE));
-    }
     Ok(match kind {
         JobPlot::Grading => grading(&packing, sized(result)?, name.as_deref()),
         JobPlot::Distance => distance(result.head, &packing, name.as_deref()),
-        JobPlot::Radial => radial(result.head, &packing, &all(result.grains)?, name.as_deref())?,
-        JobPlot::Profile => profile(result.head, &packing, &all(result.grains)?, name.as_deref()),
+        JobPlot::Radial => radial(result.head, &packing, &tables::load(result.grains)?, name.as_deref())?,
+        JobPlot::Zingg | JobPlot::Flakiness => {
+            match analysis::measured_grains(&tables::load(result.grains)?) {
+                None => Chart::without_points(shapes::OF_OTHERS_ALONE),
+                Some(grains) if kind == JobPlot::Zingg => shapes::zingg(&packing, &grains, name.as_deref()),
+                Some(grains) => shapes::flakiness(&packing, &grains, name.as_deref()),
+            }
+        }
+        JobPlot::Profile => profile(result.head, &packing, &tables::load(result.grains)?, name.as_deref()),
     })
 }
 
 /// The title of a plot: what it shows, and the name of the job.
-fn title(what: &str, name: Option<&str>) -> String {
+pub(super) fn title(what: &str, name: Option<&str>) -> String {
     name.map_or_else(|| what.to_owned(), |name| format!("{what}: {name}"))
 }
 
@@ -129,16 +136,6 @@ fn sized(result: &JobResult<'_>) -> io::Result<Vec<SizedGrain>> {
     }
     let sizes = column(result.grains, Column::Sieve)?;
     Ok(grains.zip(sizes).map(|(grain, size_mm)| SizedGrain { size_mm, ..grain }).collect())
-}
-
-fn all(spheres: &dyn GrainSource) -> io::Result<Spheres> {
-    Ok(Spheres {
-        x_mm: column(spheres, Column::X)?,
-        y_mm: column(spheres, Column::Y)?,
-        z_mm: column(spheres, Column::Z)?,
-        d_mm: column(spheres, Column::Diameter)?,
-        ..Spheres::default()
-    })
 }
 
 fn grading(request: &PackingRequest, grains: Vec<SizedGrain>, name: Option<&str>) -> Chart {
@@ -169,6 +166,7 @@ fn grading(request: &PackingRequest, grains: Vec<SizedGrain>, name: Option<&str>
                 points: found.sieves.iter().map(achieved).collect(),
             },
         ],
+        layout: Layout::default(),
         when_empty: "the packing has no grains".into(),
     }
 }
@@ -188,11 +186,12 @@ fn distance(head: &Head, request: &PackingRequest, name: Option<&str>) -> Chart 
         x: Axis::linear("packing time in s").with_zero(),
         y: Axis::linear("distance between grains in mm").with_zero(),
         series: vec![Series { label: None, ..Series::line("", 0, points) }],
+        layout: Layout::default(),
         when_empty: never(JobPlot::Distance, request).unwrap_or(NOT_GROWN).into(),
     }
 }
 
-fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> io::Result<Chart> {
+fn radial(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<&str>) -> io::Result<Chart> {
     let summary = &head.report.summary;
     let mut distance = request.distance;
     if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (distance, summary.distance_mm) {
@@ -200,18 +199,22 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
     }
     let rule = DistanceRule::new(&distance, &request.specimen);
     // Largest first, so the middle one is the median.
-    let median = spheres.d_mm.get(spheres.len() / 2).copied().unwrap_or(1.0);
+    let median = GrainsRef::from(grains).diameters_mm().nth(grains.len() / 2).unwrap_or(1.0);
     let nearest = head.report.check.min_gap_mm.unwrap_or(0.0);
+    let is_spherical = grains.spheres().is_some();
+    // Centres of other grains may be closer than those of spheres of equal volume.
+    let min_gap_mm = if is_spherical { 0.0 } else { -median };
     let upper: Vec<f64> = summary.classes.iter().map(|class| class.d_max_mm).collect();
     let upper = joined(&upper);
     let options = RadialOptions {
         upper_mm: &upper,
+        min_gap_mm,
         max_gap_mm: nearest + GAP_DIAMETERS * median,
-        bins: (spheres.len() / GRAINS_PER_BIN).clamp(*BINS.start(), *BINS.end()),
+        bins: (grains.len() / GRAINS_PER_BIN).clamp(*BINS.start(), *BINS.end()),
         max_references: MAX_REFERENCES,
     };
-    let found = analysis::radial(spheres, &request.specimen, &rule, &options).map_err(io::Error::from)?;
-    let mut series = vec![Series::reference("random positions", 1.0, 0.0, options.max_gap_mm)];
+    let found = analysis::radial(grains, &request.specimen, &rule, &options).map_err(io::Error::from)?;
+    let mut series = vec![Series::reference("random positions", 1.0, min_gap_mm, options.max_gap_mm)];
     for (number, class) in found.iter().enumerate() {
         let values = class.gap_mm.iter().zip(&class.correlation).zip(&class.expected);
         let points = values
@@ -220,33 +223,46 @@ fn radial(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option
                 _ => Point::new(gap, f64::NAN),
             })
             .collect();
-        series.push(Series::line(class_label(class.class, &upper, summary.d_min_mm), number, points));
+        let label = class_label(class.class, &upper, summary.d_min_mm);
+        let what = if is_spherical { "grains of" } else { "equivalent diameters of" };
+        series.push(Series::line(format!("{what} {label}"), number, points));
     }
+    let (quantity, label) = if is_spherical {
+        ("a gap", "gap between grains in mm")
+    } else {
+        (
+            "a distance of the centres, less the mean equivalent diameter,",
+            "centre distance less mean equivalent diameter in mm",
+        )
+    };
     Ok(Chart {
         title: title("Pair correlation function by size class", name),
         description: format!(
-            "Frequency of a gap between a grain of a class and a grain of any size, over its frequency for grains at \
-             random positions; {} classes.",
+            "Frequency of {quantity} between a grain of a class and a grain of any size, over its frequency for grains \
+             at random positions; {} classes.",
             found.len()
         ),
-        x: Axis::linear("gap between grains in mm").between(0.0, options.max_gap_mm),
+        x: Axis::linear(label).between(min_gap_mm, options.max_gap_mm),
         y: Axis::linear("pair correlation function g").with_zero(),
         series,
+        layout: Layout::default(),
         when_empty: "too few grains, or all of them too near the walls, for a pair correlation function: a packing of \
                      more grains has a `radial`"
             .into(),
     })
 }
 
-/// Name of a class: its bounds, or its only diameter.
+/// The diameters of a class: its bounds, or its only one.
 fn class_label(found: SizeRange, upper_mm: &[f64], finest_mm: f64) -> String {
     if found.d_min_mm == found.d_max_mm {
-        return format!("grains of {} mm", rounded(found.d_min_mm));
+        return format!("{} mm", rounded(found.d_min_mm));
     }
+    // Equivalent diameters may lie above all sieves: such grains are in the coarsest class.
     let class = upper_mm.iter().position(|upper| found.d_max_mm <= *upper);
     let high = class.map_or(found.d_max_mm, |class| upper_mm[class]);
+    let class = class.or(upper_mm.len().checked_sub(1));
     let low = class.filter(|class| *class > 0).map_or(finest_mm, |class| upper_mm[class - 1]);
-    format!("grains of {} to {} mm", rounded(low), rounded(high))
+    format!("{} to {} mm", rounded(low), rounded(high))
 }
 
 /// Upper bounds of at most [`MOST_CLASSES`] classes, of which each joins neighbours.
@@ -258,10 +274,10 @@ fn joined(upper_mm: &[f64]) -> Vec<f64> {
     bounds
 }
 
-fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Option<&str>) -> Chart {
+fn profile(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<&str>) -> Chart {
     let summary = &head.report.summary;
     let depth_mm = DEPTH_DIAMETERS * summary.d_max_mm;
-    let found = analysis::depth_profiles(spheres, &request.specimen, depth_mm, DEPTHS);
+    let found = analysis::depth_profiles(grains, &request.specimen, depth_mm, DEPTHS);
     let mean = PERCENT * summary.volume_fraction_effective;
     let deepest = found.iter().filter_map(|p| p.depth_mm.last()).copied().fold(0.0, f64::max);
     // Near the axis a single grain determines the volume fraction of a coaxial surface.
@@ -291,6 +307,7 @@ fn profile(head: &Head, request: &PackingRequest, spheres: &Spheres, name: Optio
         x: Axis::linear("depth from the wall in mm").between(0.0, if deepest > 0.0 { deepest } else { 1.0 }),
         y: Axis::linear("volume fraction in %").with_zero(),
         series,
+        layout: Layout::default(),
         when_empty: never(JobPlot::Profile, request).unwrap_or("the packing has no grains").into(),
     }
 }

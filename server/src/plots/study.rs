@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use serde_json::Value;
 
 use super::axis::Axis;
-use super::chart::{Chart, Point, Series};
+use super::chart::{Chart, Layout, Point, Series};
 use super::names::{column_label, value_label};
 use crate::studies::table::{Cells, Row, Table};
 
@@ -127,6 +127,7 @@ pub(crate) fn chart(
         x: if log_x { Axis::log(x.label) } else { x },
         y: figure.axis,
         series,
+        layout: Layout::default(),
         when_empty: figure.when_empty.into(),
     })
 }
@@ -220,7 +221,7 @@ fn series(table: &Table, x: &str, figure: &Figure) -> Vec<Series> {
         let Some(at) = (if x == GRAINS { row.cells.grains } else { number_in(row, x) }) else { continue };
         // A row without the figure interrupts the line.
         let (y, interval) = (figure.read)(&row.cells).unwrap_or((f64::NAN, None));
-        series[number].points.push(Point { x: at, y, interval });
+        series[number].points.push(Point { interval, ..Point::new(at, y) });
     }
     for series in &mut series {
         series.points.sort_by(|a, b| a.x.total_cmp(&b.x));
@@ -254,6 +255,7 @@ fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &Stud
         x: if options.log_x.unwrap_or(true) { Axis::log(label) } else { Axis::linear(label).with_zero() },
         y: Axis::linear("distance between grains in mm").with_zero(),
         series,
+        layout: Layout::default(),
         when_empty: "no first replicate of a point has a distance over time: runs that are grown by the method `edmd` with \
                      a constant or the largest distance have one"
             .into(),

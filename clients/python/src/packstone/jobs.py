@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-JobPlotKind = Literal["grading", "distance", "radial", "profile"]
+JobPlotKind = Literal["grading", "distance", "radial", "profile", "zingg", "flakiness"]
 JOB_PLOT_KINDS: tuple[JobPlotKind, ...] = get_args(JobPlotKind)
 
 
@@ -129,7 +129,8 @@ class Job(Resource):
         """Returns a plot of the packing, and saves it if there is a `path`.
 
         ``grading``: the target curve and the actual one; ``distance``: the distance of grown grains against
-        time; ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth.
+        time; ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth;
+        ``zingg`` and ``flakiness``: the forms of grains that are no spheres, and their flakiness index by size.
         ``title=False`` leaves the title out. A plot for which the packing has no data is refused.
         """
         response = self._transport.request(

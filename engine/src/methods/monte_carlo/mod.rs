@@ -37,6 +37,7 @@ use crate::mix::sphere_volume;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::{Stream, stream};
+use crate::segregation::Preference;
 use crate::shape::Pose;
 pub use planes::MAX_GRAINS;
 use run::Run;
@@ -80,6 +81,8 @@ pub struct MonteCarlo<'a, S> {
     pub orientation: &'a Orientation<'a>,
     /// What decides all else.
     pub seed: u64,
+    /// Which positions grains prefer, in the start and in swaps; `None` without a gradient.
+    pub(crate) preference: Option<&'a Preference>,
     /// Keeps a checkpoint when the control wants one: it is handed what writes the body.
     pub keep_checkpoint: Option<&'a KeepCheckpoint<'a>>,
 }
@@ -237,7 +240,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 attempts_per_grain: Some(START_ATTEMPTS),
                 orientation: self.orientation,
             };
-            let outcome = rsa.run(&mut rng, &control);
+            let outcome = rsa.run_with(self.preference, &mut rng, &control);
             statistics.attempts += outcome.statistics.attempts;
             statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
             statistics.voxels_tested += outcome.statistics.voxels_tested;

@@ -13,33 +13,43 @@ use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
 use crate::gap::grain::ConvexShape;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::{Families, SwapPairs};
+use crate::rng::uniform;
+use crate::segregation::Preference;
 
 /// Share of the skin that a larger grain may take.
 const SKIN_SHARE: f64 = 0.5;
 /// Pairs that are drawn ahead.
 const AHEAD: usize = 8;
 
-/// Tries so many swaps. Shapes and their equivalent diameters are given by rank.
+/// What swaps know of the grains, by rank.
+pub(super) struct SwapGrains<'a, S> {
+    pub(super) families: &'a Families,
+    pub(super) shapes: &'a [S],
+    /// Equivalent diameters.
+    pub(super) diameters: &'a [f64],
+    pub(super) preference: Option<&'a Preference>,
+}
+
+/// Tries so many swaps. With a preference they are as Metropolis and others (1953) have it: those that go against it
+/// happen the more rarely the more they do, so that a gradient is kept and not levelled.
 ///
 /// # Errors
 /// When the system refuses memory.
 pub(super) fn sweep<S: ConvexShape>(
     pairs: &mut SwapPairs,
-    families: &Families,
+    grains: &SwapGrains<'_, S>,
     system: &mut System<S>,
-    shapes: &[S],
-    diameters: &[f64],
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
 ) -> Result<(), OutOfMemory> {
     if system.len() < 2 {
         return Ok(());
     }
-    pairs.prepare(families, &system.rank, diameters)?;
+    pairs.prepare(grains.families, &system.rank, grains.diameters)?;
     let cpu = system.cpu;
     let (tried, accepted) = with_instruction_set!(cpu, set => set.call(
         #[inline(always)]
-        || try_pairs(set, pairs, families, system, shapes, tries, rng)
+        || try_pairs(set, pairs, grains, system, tries, rng)
     ));
     pairs.count(tried, accepted);
     Ok(())
@@ -50,12 +60,12 @@ pub(super) fn sweep<S: ConvexShape>(
 fn try_pairs<I: InstructionSet, S: ConvexShape>(
     set: I,
     pairs: &mut SwapPairs,
-    families: &Families,
+    grains: &SwapGrains<'_, S>,
     system: &mut System<S>,
-    shapes: &[S],
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
 ) -> (u64, u64) {
+    let SwapGrains { families, shapes, .. } = grains;
     let (mut tried, mut accepted) = (0, 0);
     let mut left = tries;
     while left > 0 {
@@ -82,7 +92,14 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
                 continue;
             }
             tried += 1;
-            if swap(set, system, pairs.site(larger), pairs.site(smaller)) {
+            let sites = [larger, smaller].map(|place| pairs.site(place));
+            let is_preferred = grains.preference.is_none_or(|preference| {
+                let ranks = [larger, smaller].map(|place| families.rank(place));
+                // The specimen is larger than requested by the stretch while the grains have their size.
+                let centers = sites.map(|site| system.hot[site].center.map(|x| x / system.stretch));
+                uniform(rng).ln() <= preference.log_acceptance_ratio(ranks, centers)
+            });
+            if is_preferred && swap(set, system, sites[0], sites[1]) {
                 pairs.exchange([larger, smaller]);
                 accepted += 1;
             }

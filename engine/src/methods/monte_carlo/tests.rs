@@ -51,6 +51,7 @@ fn packing<'a>(
         limits: Limits::default(),
         orientation: &uniform_orientation,
         seed: 3,
+        preference: None,
         keep_checkpoint: None,
     }
 }

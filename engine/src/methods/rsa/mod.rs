@@ -14,7 +14,6 @@
 #![allow(clippy::inline_always)]
 
 mod cells;
-mod choice;
 mod free_space;
 mod saturation;
 
@@ -24,6 +23,7 @@ use crate::control::{Control, Phase, Progress};
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
 use crate::memory::{OutOfMemory, collected, reserved};
+use crate::methods::choice::{Choice, MOST_DRAWS};
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -31,7 +31,6 @@ use crate::segregation::Preference;
 use crate::specimen::Region;
 pub(crate) use cells::MAX_PLACED;
 use cells::{Cells, Placed};
-use choice::{Choice, MOST_DRAWS};
 use free_space::{Draw, FreeSpace, Served};
 pub(crate) use saturation::saturation;
 

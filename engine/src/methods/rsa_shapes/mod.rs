@@ -10,6 +10,9 @@
 //! by a geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no
 //! voxel is left, saturation is proven.
 //!
+//! With a gradient ([`crate::segregation`]) a grain does not get the first pose but one of several that are possible, by
+//! the weights of their centres.
+//!
 //! `grid` has the inserted grains by cell, `voxels` what is left for centres. A stage is a range of grains of similar
 //! size, for which both are built.
 
@@ -30,10 +33,12 @@ use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
 use crate::memory::{OutOfMemory, reserved};
+use crate::methods::choice::{self, Choice};
 use crate::methods::rsa::End;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::uniform;
+use crate::segregation::Preference;
 use crate::shape::Pose;
 use crate::specimen::Region;
 use grid::{Grid, Inserted, Placed};
@@ -113,11 +118,14 @@ enum Found<T> {
 
 struct Run<'a, S: ConvexShape> {
     rsa: &'a ShapeRsa<'a, S>,
+    preference: Option<&'a Preference>,
     control: &'a dyn Control,
     poses: Vec<Pose>,
     inserted: Vec<Inserted<S::Turned>>,
     statistics: RsaStatistics,
     draws: u64,
+    /// Draws for further poses beside the first of a grain.
+    further_draws: u64,
     /// Draws per grain of the last stage.
     draws_per_grain: u64,
 }
@@ -135,6 +143,16 @@ pub(crate) struct Stage {
 impl<S: ConvexShape> ShapeRsa<'_, S> {
     /// Inserts the grains.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+        self.run_with(None, rng, control)
+    }
+
+    /// Inserts the grains; of several poses that are possible each prefers one.
+    pub(crate) fn run_with(
+        &self,
+        preference: Option<&Preference>,
+        rng: &mut Xoshiro256PlusPlus,
+        control: &dyn Control,
+    ) -> Outcome {
         let count = self.shapes.len();
         let (poses, inserted) = match reserved(count).and_then(|poses| Ok((poses, reserved(count)?))) {
             Ok(both) => both,
@@ -144,7 +162,17 @@ impl<S: ConvexShape> ShapeRsa<'_, S> {
             }
         };
         let statistics = RsaStatistics::default();
-        let mut run = Run { rsa: self, control, poses, inserted, statistics, draws: 0, draws_per_grain: 0 };
+        let mut run = Run {
+            rsa: self,
+            preference,
+            control,
+            poses,
+            inserted,
+            statistics,
+            draws: 0,
+            further_draws: 0,
+            draws_per_grain: 0,
+        };
         let end = run.insert_all(rng);
         run.report();
         Outcome { poses: run.poses, statistics: run.statistics, end }
@@ -205,7 +233,7 @@ impl<S: ConvexShape> Run<'_, S> {
         };
         let tested = &mut self.statistics.voxels_tested;
         let mut voxels = Voxels::new(region, level, &grid, &self.inserted, tested)?;
-        let (count, draws_before) = (grains.len() as u64, self.draws);
+        let (count, draws_before) = (grains.len() as u64, self.draws - self.further_draws);
         for grain in grains {
             let shape = &rsa.shapes[grain];
             let d_mm = shape.equivalent_diameter_mm();
@@ -223,9 +251,13 @@ impl<S: ConvexShape> Run<'_, S> {
                 limit: rsa.attempts_per_grain,
             };
             let found = loop {
-                match self.try_once(&mut search, &mut voxels, &grid, rng)? {
-                    Found::NotYet => {}
-                    found => break found,
+                match (self.try_once(&mut search, &mut voxels, &grid, rng)?, self.preference) {
+                    (Found::NotYet, _) => {}
+                    (Found::Pose(pose, body), Some(preference)) => {
+                        let first = (pose, body);
+                        break self.choose(first, preference, &mut search, &mut voxels, &grid, rng)?;
+                    }
+                    (found, _) => break found,
                 }
             };
             self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
@@ -244,8 +276,44 @@ impl<S: ConvexShape> Run<'_, S> {
                 Found::Stopped | Found::NotYet => return Err(End::Stopped),
             }
         }
-        self.draws_per_grain = (self.draws - draws_before) / count;
+        self.draws_per_grain = (self.draws - self.further_draws - draws_before) / count;
         Ok(())
+    }
+
+    /// Looks for further poses beside the first until one is taken for the weight of its centre, or chooses among those
+    /// found, as random sequential addition of spheres does.
+    fn choose(
+        &mut self,
+        first: (Pose, Placed<S::Turned>),
+        preference: &Preference,
+        search: &mut Search,
+        voxels: &mut Voxels,
+        grid: &Grid,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Result<Found<S::Turned>, OutOfMemory> {
+        let mut choice = Choice::new();
+        // Only what was needed for the first pose says that poses are rare.
+        let (failed, draws_before) = (search.failed, self.draws);
+        let mut found = Found::Pose(first.0, first.1);
+        for _ in 0..choice::MOST_DRAWS {
+            match found {
+                Found::Pose(pose, body) => {
+                    let log_weight = preference.log_weight_at(search.grain, pose.center_mm.into());
+                    choice.offer((pose, body), log_weight, rng);
+                    if choice.is_made() {
+                        break;
+                    }
+                }
+                Found::NotYet => {}
+                // A pose is known: nothing is proven, and what is spent is spent.
+                Found::Nothing { .. } => break,
+                Found::Stopped => return Ok(Found::Stopped),
+            }
+            found = self.try_once(search, voxels, grid, rng)?;
+        }
+        search.failed = failed;
+        self.further_draws += self.draws - draws_before;
+        Ok(choice.chosen().map_or(Found::NotYet, |(pose, body)| Found::Pose(pose, body)))
     }
 
     #[inline(always)]

@@ -254,7 +254,9 @@ impl<S: ConvexShape> Run<S> {
         if of.swap {
             let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
             let Self { swaps, families, system, diameters, .. } = self;
-            swap::sweep(swaps, families, system, of.shapes, diameters, tries, &mut rng)?;
+            let grains =
+                swap::SwapGrains { families, shapes: of.shapes, diameters, preference: of.preference };
+            swap::sweep(swaps, &grains, system, tries, &mut rng)?;
         }
         if control.should_stop() {
             return Ok(false);

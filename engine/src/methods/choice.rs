@@ -7,7 +7,7 @@ use crate::rng::uniform;
 /// Places that are chosen among where none was taken before.
 const CANDIDATES: u32 = 128;
 /// Draws after which those found so far must do.
-pub(super) const MOST_DRAWS: u32 = 1000;
+pub(crate) const MOST_DRAWS: u32 = 1000;
 
 /// One of the places offered, with probabilities proportional to their weights.
 ///
@@ -16,18 +16,18 @@ pub(super) const MOST_DRAWS: u32 = 1000;
 /// each gets the logarithm of its weight and a number of Gumbel's distribution, and the largest sum is chosen, which
 /// has their law as far as so many can have it (Gumbel 1954). Neither needs the places to be kept.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Choice<T> {
+pub(crate) struct Choice<T> {
     chosen: Option<T>,
     most: f64,
     offered: u32,
 }
 
 impl<T> Choice<T> {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { chosen: None, most: f64::NEG_INFINITY, offered: 0 }
     }
 
-    pub(super) fn offer(&mut self, place: T, log_weight: f64, rng: &mut Xoshiro256PlusPlus) {
+    pub(crate) fn offer(&mut self, place: T, log_weight: f64, rng: &mut Xoshiro256PlusPlus) {
         self.offered += 1;
         // Of 1 - u, for u may be 0 and may not be 1.
         if (-uniform(rng)).ln_1p() < log_weight {
@@ -41,11 +41,11 @@ impl<T> Choice<T> {
     }
 
     /// Whether further places would change nothing, or are not to be looked for.
-    pub(super) fn is_made(&self) -> bool {
+    pub(crate) fn is_made(&self) -> bool {
         self.most == f64::INFINITY || self.offered >= CANDIDATES
     }
 
-    pub(super) fn chosen(self) -> Option<T> {
+    pub(crate) fn chosen(self) -> Option<T> {
         self.chosen
     }
 }

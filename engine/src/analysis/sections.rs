@@ -1,0 +1,273 @@
+//! Volumes of grains that are no spheres below planes across an axis, and their chords along z.
+//!
+//! An ellipsoid is the affine image of a ball, so that its volume below a plane is the same share of its own as that of
+//! a ball: `(2 + 3 u - u³) / 4` at the height `u` over the reach of the grain, from -1 to 1.
+//!
+//! The volume of a polyhedron below the plane `z = t` is the integral of `(z - t) n_z` over the part of its surface below
+//! the plane, by the divergence theorem, because the field `(0, 0, z - t)` has the divergence 1 and vanishes on the
+//! section. A triangle of the area `A` contributes `-A n_z E[(t - z)+]`, the mean over its points, which is a cubic of `t`
+//! between its heights and `t` less their mean above them.
+//!
+//! The surface of a rounded polyhedron is replaced by triangles within it ([`Surface`]), and volumes are scaled to that of
+//! the grain. With the volume `V` of the grain and `V_in` within the triangles, the volume of the grain below any plane
+//! lies between `V_in(t)` and `V_in(t) + V - V_in`, and so does `V_in(t) V / V_in`: no volume is wrong by more than
+//! `V - V_in`. Of all templates that were looked at it is less than 0.5 % of the volume at a rounding of 0.05 of the
+//! equivalent diameter, and 1.5 % at 0.2.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::rounded::{Surface, planes_around};
+use crate::packing::{GrainsRef, Solids};
+use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
+
+/// Lines along each side of the square by which the volume between the planes around a rounded template is measured.
+const LINES: u32 = 100;
+
+/// A template with its surface as triangles, in units of its scale.
+pub(super) struct CutTemplate {
+    surface: Surface,
+    /// Area of each triangle along its outward normal.
+    areas: Vec<Vector3<f64>>,
+    /// Volume of the template over that within the triangles.
+    volume_ratio: f64,
+    /// Outward normals of planes around the body and their heights.
+    planes: Vec<(Vector3<f64>, f64)>,
+    /// Volume of the template over that between the planes.
+    chord_ratio: f64,
+    outer_radius: f64,
+}
+
+impl CutTemplate {
+    fn new(template: &Polyhedron) -> Self {
+        let surface = Surface::new(template);
+        let volume_ratio = template.volume() / surface.volume();
+        let areas = surface.triangles.iter().map(|triangle| surface.area(triangle)).collect();
+        let mut chords = Chords::Polyhedron { planes: planes_around(template), factor: 1.0 };
+        let outer_radius = template.outer_radius();
+        let chord_ratio = if template.rounding() > 0.0 {
+            let reach = 1.1 * outer_radius;
+            let step = 2.0 * reach / f64::from(LINES);
+            let at = |i: u32| (f64::from(i) + 0.5) * step - reach;
+            let lines = (0..LINES).flat_map(|i| (0..LINES).map(move |j| (at(i), at(j))));
+            template.volume() / (lines.map(|(x, y)| chords.length_mm(x, y)).sum::<f64>() * step * step)
+        } else {
+            1.0
+        };
+        let planes = match &mut chords {
+            Chords::Polyhedron { planes, .. } => std::mem::take(planes),
+            Chords::Ellipsoid(_) => Vec::new(),
+        };
+        Self { surface, areas, volume_ratio, planes, chord_ratio, outer_radius }
+    }
+}
+
+/// The grains of a packing that are no spheres, ready to be cut.
+pub(super) struct Sections<'a> {
+    grains: &'a Solids,
+    templates: Vec<CutTemplate>,
+}
+
+impl<'a> Sections<'a> {
+    /// The grains of a packing; `None` where all are spheres.
+    pub(super) fn new(grains: GrainsRef<'a>) -> Option<Self> {
+        let GrainsRef::Solids(grains) = grains else { return None };
+        Some(Self { grains, templates: grains.templates.iter().map(CutTemplate::new).collect() })
+    }
+
+    /// Number of grains.
+    pub(super) fn len(&self) -> usize {
+        self.grains.len()
+    }
+
+    pub(super) fn center_mm(&self, grain: usize) -> Vector3<f64> {
+        self.grains.poses[grain].center_mm
+    }
+
+    /// The volume of a grain below planes across an axis.
+    pub(super) fn volume_below(&self, grain: usize, axis: usize) -> VolumeBelow<'_> {
+        let (shape, pose) = (&self.grains.shapes[grain], &self.grains.poses[grain]);
+        let direction = pose.rotation().row(axis).transpose();
+        match *shape {
+            Solid::Ellipsoid(shape) => {
+                let reach = shape.semi_axes_mm().component_mul(&direction).norm();
+                VolumeBelow { reach_mm: [reach; 2], volume_mm3: shape.volume_mm3(), polyhedron: None }
+            }
+            Solid::Polyhedron { template, d_mm } => {
+                let volume_mm3 = self.grains.shape(grain).volume_mm3();
+                let template = &self.templates[template as usize];
+                let along = direction * d_mm;
+                let heights_mm: Vec<f64> =
+                    template.surface.vertices.iter().map(|vertex| vertex.dot(&along)).collect();
+                let low = heights_mm.iter().copied().fold(f64::INFINITY, f64::min);
+                let high = heights_mm.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                VolumeBelow {
+                    reach_mm: [-low, high],
+                    volume_mm3,
+                    polyhedron: Some(PolyhedronBelow {
+                        template,
+                        heights_mm,
+                        areas_along: direction * d_mm.powi(2) * template.volume_ratio,
+                    }),
+                }
+            }
+        }
+    }
+
+    /// Radius of a sphere about the centre that holds the grain.
+    pub(super) fn outer_radius_mm(&self, grain: usize) -> f64 {
+        match self.grains.shapes[grain] {
+            Solid::Ellipsoid(shape) => shape.semi_axes_mm().x,
+            Solid::Polyhedron { template, d_mm } => d_mm * self.templates[template as usize].outer_radius,
+        }
+    }
+
+    /// The lines along z in a grain.
+    pub(super) fn chords(&self, grain: usize) -> Chords {
+        let pose = &self.grains.poses[grain];
+        match &self.grains.shapes[grain] {
+            Solid::Ellipsoid(shape) => Chords::Ellipsoid(inverse_matrix(shape, pose)),
+            Solid::Polyhedron { template, d_mm } => {
+                let (rotation, template) = (pose.rotation(), &self.templates[*template as usize]);
+                let turned = |(normal, height): &(Vector3<f64>, f64)| (rotation * normal, height * d_mm);
+                let planes = template.planes.iter().map(turned).collect();
+                Chords::Polyhedron { planes, factor: template.chord_ratio }
+            }
+        }
+    }
+}
+
+/// The volume of a grain below planes across an axis.
+pub(super) struct VolumeBelow<'a> {
+    /// How far the grain reaches below and above its centre; where it is rounded it may reach a little farther.
+    pub(super) reach_mm: [f64; 2],
+    volume_mm3: f64,
+    /// `None` of an ellipsoid.
+    polyhedron: Option<PolyhedronBelow<'a>>,
+}
+
+struct PolyhedronBelow<'a> {
+    template: &'a CutTemplate,
+    /// Of the vertices, above the centre.
+    heights_mm: Vec<f64>,
+    /// Its product with the area of a triangle is the area across the axis in mm², times the volume of the grain over
+    /// that within the triangles.
+    areas_along: Vector3<f64>,
+}
+
+impl VolumeBelow<'_> {
+    /// Volumes in mm³ below planes at equal steps upwards, by their heights above the centre in mm.
+    pub(super) fn at(&self, first_mm: f64, step_mm: f64, count: usize) -> Vec<f64> {
+        let [below, above] = self.reach_mm;
+        let height = |k: usize| first_mm + step_mm * k as f64;
+        let mut volumes = match &self.polyhedron {
+            None => (0..count)
+                .map(|k| {
+                    let u = height(k) / above;
+                    self.volume_mm3 * (2.0 + u * (3.0 - u * u)) / 4.0
+                })
+                .collect(),
+            Some(heights) => heights.volumes(first_mm, step_mm, count),
+        };
+        for (k, volume) in volumes.iter_mut().enumerate() {
+            if height(k) <= -below {
+                *volume = 0.0;
+            } else if height(k) >= above {
+                *volume = self.volume_mm3;
+            }
+        }
+        volumes
+    }
+}
+
+impl PolyhedronBelow<'_> {
+    fn volumes(&self, first_mm: f64, step_mm: f64, count: usize) -> Vec<f64> {
+        let mut volumes = vec![0.0; count];
+        // Of the triangles that lie below each plane, but not below the one before: area, and area times mean height.
+        let mut whole = vec![[0.0; 2]; count + 1];
+        let first_above = |height: f64| (((height - first_mm) / step_mm).ceil().max(0.0) as usize).min(count);
+        for (corners, area) in self.template.surface.triangles.iter().zip(&self.template.areas) {
+            let mut heights = corners.map(|corner| self.heights_mm[corner]);
+            heights.sort_unstable_by(f64::total_cmp);
+            let area = area.dot(&self.areas_along);
+            let above = first_above(heights[2]);
+            for (k, volume) in volumes.iter_mut().enumerate().take(above).skip(first_above(heights[0])) {
+                *volume -= area * mean_depth(heights, first_mm + step_mm * k as f64);
+            }
+            whole[above][0] += area;
+            whole[above][1] += area * heights.iter().sum::<f64>() / 3.0;
+        }
+        let [mut area, mut moment] = [0.0; 2];
+        for (k, volume) in volumes.iter_mut().enumerate() {
+            area += whole[k][0];
+            moment += whole[k][1];
+            *volume += moment - area * (first_mm + step_mm * k as f64);
+        }
+        volumes
+    }
+}
+
+/// `E[(t - z)+]` over the points of a triangle, by the heights of its corners from the lowest up and a `t` between.
+fn mean_depth([low, middle, high]: [f64; 3], t: f64) -> f64 {
+    if t <= low {
+        0.0
+    } else if t < middle {
+        let x = t - low;
+        x / 3.0 * (x / (middle - low)) * (x / (high - low))
+    } else {
+        let mean = (low + middle + high) / 3.0;
+        let x = high - t;
+        // The plane lies above the triangle, or cuts its highest corner.
+        let corner = if x > 0.0 { x / 3.0 * (x / (high - low)) * (x / (high - middle)) } else { 0.0 };
+        t - mean + corner
+    }
+}
+
+/// Lengths of the lines along z in a grain.
+pub(super) enum Chords {
+    /// `A` with `x · A x <= 1` in the ellipsoid about its centre.
+    Ellipsoid(Matrix3<f64>),
+    /// The planes of a polyhedron about its centre, and by what lengths are multiplied, so that their integral is the
+    /// volume of the grain.
+    Polyhedron { planes: Vec<(Vector3<f64>, f64)>, factor: f64 },
+}
+
+impl Chords {
+    /// Length in mm of the line at an x and y from the centre.
+    pub(super) fn length_mm(&self, x: f64, y: f64) -> f64 {
+        match self {
+            Self::Ellipsoid(a) => {
+                let half_linear = a.m13 * x + a.m23 * y;
+                let constant = a.m11 * x * x + 2.0 * a.m12 * x * y + a.m22 * y * y - 1.0;
+                2.0 * (half_linear * half_linear - a.m33 * constant).max(0.0).sqrt() / a.m33
+            }
+            Self::Polyhedron { planes, factor } => {
+                let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+                for (normal, height) in planes {
+                    let rest = height - normal.x * x - normal.y * y;
+                    if normal.z > 0.0 {
+                        high = high.min(rest / normal.z);
+                    } else if normal.z < 0.0 {
+                        low = low.max(rest / normal.z);
+                    } else if rest < 0.0 {
+                        return 0.0;
+                    }
+                    if low >= high {
+                        return 0.0;
+                    }
+                }
+                factor * (high - low)
+            }
+        }
+    }
+}
+
+fn inverse_matrix(shape: &Ellipsoid, pose: &Pose) -> Matrix3<f64> {
+    let rotation = pose.rotation();
+    let inverse = shape.semi_axes_mm().map(|axis| 1.0 / (axis * axis));
+    rotation * Matrix3::from_diagonal(&inverse) * rotation.transpose()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "sections_tests.rs"]
+mod tests;
