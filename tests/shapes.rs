@@ -57,7 +57,10 @@ async fn ellipsoids_come_back_in_every_table_and_export_that_has_them() {
         let slice = get("exports/slice?format=json").send().await.expect(200).json();
         assert!(slice["ellipses"]["rows"].as_array().unwrap().len() > 10, "{slice:#}");
         assert!(!get("exports/mesh?format=msh&segments=8").send().await.expect(200).body.is_empty());
-        assert!(get("plots/grading").send().await.expect(200).body.starts_with(b"<svg"));
+        for plot in ["grading", "radial", "profile", "zingg", "flakiness"] {
+            let drawn = get(&format!("plots/{plot}")).send().await;
+            assert!(drawn.expect(200).body.starts_with(b"<svg"), "{plot}");
+        }
     }
     server.stop().await;
 }
@@ -109,7 +112,10 @@ async fn polyhedra_come_back_in_every_table_and_export_that_has_them() {
         assert!(slice["polygons"]["rows"].as_array().unwrap().len() > 10, "{slice:#}");
         assert!(!get("exports/mesh?format=msh&segments=8").send().await.expect(200).body.is_empty());
         assert!(get("exports/ldpm?format=tets").send().await.expect(200).body.len() > 48 * rows.len());
-        assert!(get("plots/grading").send().await.expect(200).body.starts_with(b"<svg"));
+        for plot in ["grading", "radial", "profile", "zingg", "flakiness"] {
+            let drawn = get(&format!("plots/{plot}")).send().await;
+            assert!(drawn.expect(200).body.starts_with(b"<svg"), "{plot}");
+        }
         let picture = get("exports/slice?format=png").send().await.expect(200).body.clone();
         assert!(picture.starts_with(b"\x89PNG"));
     }
@@ -123,6 +129,14 @@ async fn polyhedra_have_plans() {
     let client = server.client();
     let capabilities = client.get("/v1/capabilities").send().await.expect(200).json();
     assert!(capabilities["shapes"].as_array().unwrap().contains(&json!("polyhedron")), "{capabilities:#}");
+    for preset in capabilities["shape_presets"].as_array().unwrap() {
+        assert!(preset["source"].as_str().unwrap().len() > 20, "{preset:#}");
+        let by_name = json!({"type": "preset", "name": preset["name"]});
+        let roomy = jobs::with(jobs::quick(1), "/specimen/size_mm", json!([60, 60, 60]));
+        let loose = jobs::with(roomy, "/mix/volume_fraction", json!(0.2));
+        let job = client.succeed(&jobs::with(loose, "/mix/shape", by_name)).await;
+        assert_eq!(client.request_of(id_of(&job)).await["mix"]["shape"], preset["shape"]);
+    }
     let plan = async |job: Value| client.post("/v1/plans").json(&job).send().await.expect(200).json();
     let spheres = plan(jobs::quick(1)).await;
     for fields in [

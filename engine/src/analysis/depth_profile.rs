@@ -29,8 +29,9 @@ pub struct DepthProfile {
     pub surface: Surface,
     /// Depths in mm, at equal steps from half a step on.
     pub depth_mm: Vec<f64>,
-    /// Share of the surface at that depth which grains cover, averaged over all walls of the kind. For grains that are no
-    /// spheres and walls that are plane it is the share of the volume of the slab, one step thick, around that depth.
+    /// Share of the surface at that depth which grains cover, averaged over all walls of the kind. For grains that are
+    /// no spheres and walls that are plane it is the share of the volume of the slab, one step thick, around that
+    /// depth.
     pub volume_fraction: Vec<f64>,
 }
 

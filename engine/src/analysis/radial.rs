@@ -7,8 +7,8 @@
 //! the reference grain being where it is. What is expected follows from the volumes of shells in closed
 //! form, so that nothing is lost to the widths of bins or classes.
 //!
-//! Grains that are no spheres are seen by their centres: the abscissa is the distance of the centres less the mean of the
-//! two equivalent diameters, which is below 0 where flat sides face one another, and a partner may lie wherever the
+//! Grains that are no spheres are seen by their centres: the abscissa is the distance of the centres less the mean of
+//! the two equivalent diameters, which is below 0 where flat sides face one another, and a partner may lie wherever the
 //! walls let the centre of a sphere within it.
 //!
 //! Edges: in a periodic box distances to the nearest image are exact up to half of the shortest edge.
@@ -30,8 +30,8 @@ use crate::request::Specimen;
 pub struct RadialOptions<'a> {
     /// Upper bounds of the size classes, from fine to coarse.
     pub upper_mm: &'a [f64],
-    /// Smallest clear distance that is counted: 0 for spheres; below 0 for other grains, whose centres may be closer than
-    /// those of spheres of equal volume.
+    /// Smallest clear distance that is counted: 0 for spheres; below 0 for other grains, whose centres may be closer
+    /// than those of spheres of equal volume.
     pub min_gap_mm: f64,
     /// Largest clear distance that is counted.
     pub max_gap_mm: f64,
@@ -115,8 +115,8 @@ struct Class {
     /// Largest radius, and largest radius with its distance to the walls.
     radius: f64,
     clearance: f64,
-    /// Sums over the grains of `r^k / V`, `k` from 0 to 3, with the volume `V` open to its centre: up to each grain, from
-    /// the largest down.
+    /// Sums over the grains of `r^k / V`, `k` from 0 to 3, with the volume `V` open to its centre: up to each grain,
+    /// from the largest down.
     moments: Vec<[f64; 4]>,
     specimen: Specimen,
     rule: DistanceRule,

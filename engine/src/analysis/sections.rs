@@ -3,16 +3,16 @@
 //! An ellipsoid is the affine image of a ball, so that its volume below a plane is the same share of its own as that of
 //! a ball: `(2 + 3 u - u³) / 4` at the height `u` over the reach of the grain, from -1 to 1.
 //!
-//! The volume of a polyhedron below the plane `z = t` is the integral of `(z - t) n_z` over the part of its surface below
-//! the plane, by the divergence theorem, because the field `(0, 0, z - t)` has the divergence 1 and vanishes on the
-//! section. A triangle of the area `A` contributes `-A n_z E[(t - z)+]`, the mean over its points, which is a cubic of `t`
-//! between its heights and `t` less their mean above them.
+//! The volume of a polyhedron below the plane `z = t` is the integral of `(z - t) n_z` over the part of its surface
+//! below the plane, by the divergence theorem, because the field `(0, 0, z - t)` has the divergence 1 and vanishes on
+//! the section. A triangle of the area `A` contributes `-A n_z E[(t - z)+]`, the mean over its points, which is a cubic
+//! of `t` between its heights and `t` less their mean above them.
 //!
-//! The surface of a rounded polyhedron is replaced by triangles within it ([`Surface`]), and volumes are scaled to that of
-//! the grain. With the volume `V` of the grain and `V_in` within the triangles, the volume of the grain below any plane
-//! lies between `V_in(t)` and `V_in(t) + V - V_in`, and so does `V_in(t) V / V_in`: no volume is wrong by more than
-//! `V - V_in`. Of all templates that were looked at it is less than 0.5 % of the volume at a rounding of 0.05 of the
-//! equivalent diameter, and 1.5 % at 0.2.
+//! The surface of a rounded polyhedron is replaced by triangles within it ([`Surface`]), and volumes are scaled to that
+//! of the grain. With the volume `V` of the grain and `V_in` within the triangles, the volume of the grain below any
+//! plane lies between `V_in(t)` and `V_in(t) + V - V_in`, and so does `V_in(t) V / V_in`: no volume is wrong by more
+//! than `V - V_in`. Of all templates that were looked at it is less than 0.5 % of the volume at a rounding of 0.05 of
+//! the equivalent diameter, and 1.5 % at 0.2.
 
 use nalgebra::{Matrix3, Vector3};
 

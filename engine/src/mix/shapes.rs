@@ -111,7 +111,7 @@ impl ShapeSampler {
                         *number += templates.len() as u32;
                         Forms::Polyhedra { templates, first }
                     }
-                    (PlainShape::Ellipsoid { ratios }, _) => {
+                    (PlainShape::Ellipsoid { ratios, .. }, _) => {
                         Forms::Ellipsoids(RatioSampler::of_valid(ratios, size, &passing))
                     }
                     _ => Forms::Spheres,

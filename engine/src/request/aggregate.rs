@@ -45,7 +45,10 @@ pub struct Aggregate {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
     /// The shape of all its grains; spheres when absent.
-    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, value_type = Option<super::schema::GrainShapeInput>)
+    )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape: Option<GrainShape>,
     /// The shapes by size, in place of `shape`.

@@ -11,6 +11,7 @@ pub mod edmd;
 mod grading;
 mod mix;
 pub mod monte_carlo;
+pub mod presets;
 pub mod proportions;
 mod read;
 #[cfg(feature = "openapi")]
@@ -154,7 +155,10 @@ pub struct Mix {
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_coarse: bool,
     /// The shape of all grains; spheres when absent.
-    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, value_type = Option<schema::GrainShapeInput>)
+    )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape: Option<GrainShape>,
     /// The shapes by size, in place of `shape`.

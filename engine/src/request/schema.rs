@@ -4,7 +4,7 @@ use serde_json::json;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, ObjectBuilder, Schema, Type};
 
-use super::{MAX_LENGTH_MM, MIN_LENGTH_MM};
+use super::{GrainShape, MAX_LENGTH_MM, MIN_LENGTH_MM, PlainShape};
 use crate::shape::AxisRatios;
 
 /// A length in mm.
@@ -77,4 +77,63 @@ pub(crate) enum ConstantByAxes {
         #[schema(minimum = 0.1, maximum = 1)]
         c_over_a: f64,
     },
+}
+
+/// The shape of grains, or the name of one.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub(crate) enum GrainShapeInput {
+    /// As results have it.
+    Shape(GrainShape),
+    /// By name.
+    Preset(PresetShape),
+}
+
+/// A shape that is no mixture, or the name of one.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub(crate) enum PlainShapeInput {
+    /// As results have it.
+    Shape(PlainShape),
+    /// By name.
+    Preset(PresetShape),
+}
+
+/// A shape by its name; results have the law of its axis ratios.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[allow(dead_code)]
+pub(crate) enum PresetShape {
+    /// A shape that `GET /v1/capabilities` lists with its source.
+    Preset {
+        /// Its name.
+        name: ShapePresetName,
+    },
+}
+
+/// The presets of shapes, which `GET /v1/capabilities` lists with their sources.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code)]
+pub(crate) enum ShapePresetName {
+    /// EN 12620, flakiness index 15 %.
+    Fi15,
+    /// EN 12620, flakiness index 20 %.
+    Fi20,
+    /// EN 12620, flakiness index 35 %.
+    Fi35,
+    /// EN 12620, flakiness index 50 %.
+    Fi50,
+    /// EN 12620, shape index 15 %.
+    Si15,
+    /// EN 12620, shape index 20 %.
+    Si20,
+    /// EN 12620, shape index 40 %.
+    Si40,
+    /// EN 12620, shape index 55 %.
+    Si55,
+    /// Rock fragments of impact experiments.
+    ImpactFragments,
 }

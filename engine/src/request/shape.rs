@@ -5,6 +5,7 @@
 use serde::Serialize;
 
 use super::decode::{At, Bound, Items, Object};
+use super::presets::ShapePreset;
 use super::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix};
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::{
@@ -77,6 +78,7 @@ pub struct MixturePart {
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0, maximum = 1))]
     pub share: f64,
     /// The shape.
+    #[cfg_attr(feature = "openapi", schema(value_type = super::schema::PlainShapeInput))]
     pub shape: PlainShape,
 }
 
@@ -92,6 +94,13 @@ pub enum PlainShape {
         /// How the ratios of the axes are distributed.
         #[cfg_attr(feature = "openapi", schema(value_type = super::schema::AxisRatiosInput))]
         ratios: AxisRatios,
+        /// The preset that these ratios are of, where the request named one.
+        #[cfg_attr(
+            feature = "openapi",
+            schema(required = false, nullable, value_type = super::schema::ShapePresetName)
+        )]
+        #[serde(skip_serializing_if = "Option::is_none")]
+        preset: Option<&'static str>,
     },
     /// Angular grains: convex polyhedra. Each grain is one of some templates, in its own size.
     Polyhedron {
@@ -179,6 +188,7 @@ pub struct ShapeClass {
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1e6))]
     pub above_mm: f64,
     /// The shape.
+    #[cfg_attr(feature = "openapi", schema(value_type = super::schema::GrainShapeInput))]
     pub shape: GrainShape,
 }
 
@@ -339,16 +349,21 @@ enum Kind {
     Sphere,
     Ellipsoid,
     Polyhedron,
+    Preset,
     Mixture,
 }
 
-const PLAIN: [(&str, Kind); 3] =
-    [("sphere", Kind::Sphere), ("ellipsoid", Kind::Ellipsoid), ("polyhedron", Kind::Polyhedron)];
+const PLAIN: [(&str, Kind); 4] = [
+    ("sphere", Kind::Sphere),
+    ("ellipsoid", Kind::Ellipsoid),
+    ("polyhedron", Kind::Polyhedron),
+    ("preset", Kind::Preset),
+];
 
 fn read_shape(at: &At<'_>) -> Option<GrainShape> {
     let mut object = at.object()?;
-    let [sphere, ellipsoid, polyhedron] = PLAIN;
-    let shape = match object.variant(&[sphere, ellipsoid, polyhedron, ("mixture", Kind::Mixture)])? {
+    let [sphere, ellipsoid, polyhedron, preset] = PLAIN;
+    let shape = match object.variant(&[sphere, ellipsoid, polyhedron, preset, ("mixture", Kind::Mixture)])? {
         Kind::Mixture => object
             .required("of")
             .and_then(|at| read_mixture(&at))
@@ -369,13 +384,33 @@ fn read_plain(at: &At<'_>) -> Option<PlainShape> {
 
 fn read_plain_fields(kind: Kind, object: &mut Object<'_>) -> Option<PlainShape> {
     match kind {
-        Kind::Ellipsoid => object
-            .required("ratios")
-            .and_then(|at| read_ratios(&at))
-            .map(|ratios| PlainShape::Ellipsoid { ratios }),
+        Kind::Ellipsoid => read_ellipsoid(object),
         Kind::Polyhedron => read_polyhedron(object),
+        Kind::Preset => object.required("name").and_then(|at| read_preset(&at)).map(ShapePreset::shape),
         Kind::Sphere | Kind::Mixture => Some(PlainShape::Sphere {}),
     }
+}
+
+/// Reads an ellipsoid, with the preset that a stored request names beside its law.
+fn read_ellipsoid(object: &mut Object<'_>) -> Option<PlainShape> {
+    let ratios = object.required("ratios").and_then(|at| read_ratios(&at));
+    let preset_at = object.optional("preset");
+    let preset = match &preset_at {
+        Some(at) => read_preset(at).map(Some),
+        None => Some(None),
+    };
+    let (ratios, preset) = (ratios?, preset?);
+    if let (Some(at), Some(preset)) = (&preset_at, preset)
+        && preset.ratios() != ratios
+    {
+        at.fault(format!("the ratios are not those of the preset {:?}: leave it out", preset.name));
+        return None;
+    }
+    Some(PlainShape::Ellipsoid { ratios, preset: preset.map(|preset| preset.name) })
+}
+
+fn read_preset(at: &At<'_>) -> Option<&'static ShapePreset> {
+    at.choice(&ShapePreset::ALL.map(|preset| (preset.name, preset.name))).and_then(ShapePreset::of_name)
 }
 
 fn read_polyhedron(object: &mut Object<'_>) -> Option<PlainShape> {

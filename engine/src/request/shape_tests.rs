@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
+use crate::request::presets::ShapePreset;
 use crate::request::{GrainKind, PackingRequest, SizeMeasure};
 
 fn request(fields: &Value) -> Value {
@@ -114,12 +115,12 @@ fn every_fault_names_its_place_the_value_and_the_bound() {
         (
             json!({"shape": {"type": "cube"}}),
             "/mix/shape/type: \"cube\" is unknown: must be one of \"sphere\", \"ellipsoid\", \"polyhedron\", \
-             \"mixture\"",
+             \"preset\", \"mixture\"",
         ),
         (
             json!({"shape": {"type": "mixture", "of": [{"share": 1, "shape": {"type": "mixture"}}]}}),
             "/mix/shape/of/0/shape/type: \"mixture\" is unknown: must be one of \"sphere\", \"ellipsoid\", \
-             \"polyhedron\"",
+             \"polyhedron\", \"preset\"",
         ),
         (
             json!({"shape": {"type": "mixture", "of": [{"share": 0.5, "shape": sphere}, {"share": 0.4, "shape": sphere}]}}),
@@ -376,5 +377,56 @@ proptest! {
             let text = serde_json::to_value(&first).unwrap();
             prop_assert_eq!(PackingRequest::from_json(&text, 2).unwrap(), first);
         }
+    }
+}
+
+#[test]
+fn presets_are_resolved_on_reading_and_keep_their_names() {
+    let preset = |name: &str| json!({"type": "preset", "name": name});
+    let elongation = json!({"type": "uniform", "min": 0.5, "max": 0.9});
+    let flaky = json!({"type": "flakiness", "index": 0.2, "elongation": elongation});
+    let resolved = json!({"type": "ellipsoid", "ratios": flaky, "preset": "fi20"});
+    assert_eq!(written(&json!({"shape": preset("fi20")}))["shape"], resolved);
+    // What was stored is read again, and a preset stands wherever a shape does.
+    assert_eq!(written(&json!({"shape": resolved}))["shape"], resolved);
+    let everywhere = written(&json!({"shapes": [
+        {"above_mm": 8, "shape": preset("impact_fragments")},
+        {"above_mm": 0, "shape": {"type": "mixture", "of": [
+            {"share": 0.5, "shape": {"type": "sphere"}}, {"share": 0.5, "shape": preset("fi20")}
+        ]}}
+    ]}));
+    assert_eq!(everywhere["shapes"][1]["shape"]["of"][1]["shape"], resolved);
+    let ratios = &everywhere["shapes"][0]["shape"]["ratios"];
+    let root = std::f64::consts::FRAC_1_SQRT_2;
+    assert_eq!(*ratios, json!({"type": "constant", "elongation": root, "flatness": root}));
+    // A law without a name is written without one.
+    assert_eq!(written(&json!({"shape": ellipsoid(&flaky)}))["shape"], ellipsoid(&flaky));
+}
+
+#[test]
+fn presets_that_do_not_exist_and_laws_that_are_not_theirs_are_refused() {
+    let found = faults(&json!({"shape": {"type": "preset", "name": "river_gravel"}}));
+    assert!(found[0].starts_with("/mix/shape/name: ") && found[0].contains("\"fi15\""), "{found:?}");
+    let found = faults(&json!({"shape": {"type": "preset"}}));
+    assert_eq!(found, ["/mix/shape/name: is missing: the field is required"]);
+    let found = faults(&json!({"shape": {"type": "preset", "name": "fi15", "index": 0.2}}));
+    assert!(found[0].starts_with("/mix/shape/index: "), "{found:?}");
+    let other = json!({"type": "ellipsoid", "ratios": {"type": "triangle", "k": 0.5}, "preset": "fi15"});
+    assert_eq!(
+        faults(&json!({"shape": other})),
+        ["/mix/shape/preset: the ratios are not those of the preset \"fi15\": leave it out"]
+    );
+}
+
+#[test]
+fn every_preset_names_its_source_and_can_be_drawn() {
+    for preset in ShapePreset::ALL {
+        assert!(
+            !preset.about.is_empty() && preset.source.contains(|c: char| c.is_ascii_digit()),
+            "{preset:?}"
+        );
+        assert_eq!(ShapePreset::of_name(preset.name), Some(&preset));
+        let mix = written(&json!({"shape": {"type": "preset", "name": preset.name}}));
+        assert_eq!(mix["shape"], serde_json::to_value(preset.shape()).unwrap());
     }
 }

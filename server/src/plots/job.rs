@@ -1,5 +1,5 @@
-//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect; those of shapes are
-//! in [`super::shapes`].
+//! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect; those of shapes
+//! are in [`super::shapes`].
 
 use std::io;
 

@@ -189,7 +189,7 @@ fn requested(request: &PackingRequest) -> Vec<(f64, f64, f64)> {
 /// is flaky.
 fn requested_of(shape: &GrainShape) -> Option<f64> {
     let index_of = |shape: &PlainShape| match shape {
-        PlainShape::Ellipsoid { ratios: AxisRatios::Flakiness { index, .. } } => Some(*index),
+        PlainShape::Ellipsoid { ratios: AxisRatios::Flakiness { index, .. }, .. } => Some(*index),
         PlainShape::Sphere {} => Some(0.0),
         PlainShape::Ellipsoid { .. } | PlainShape::Polyhedron { .. } => None,
     };

@@ -237,6 +237,11 @@ class Shape(_Fields):
         )
 
     @classmethod
+    def preset(cls, name: str) -> Shape:
+        """A shape by its name, of those that the service lists as ``shape_presets`` in its capabilities."""
+        return cls(type="preset", name=name)
+
+    @classmethod
     def mixture(cls, parts: Sequence[tuple[float, Shape]]) -> Shape:
         """Grains of several shapes: pairs of the share of the volume and the shape."""
         return cls(type="mixture", of=[{"share": share, "shape": shape} for share, shape in parts])

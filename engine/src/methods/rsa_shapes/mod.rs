@@ -10,8 +10,8 @@
 //! by a geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no
 //! voxel is left, saturation is proven.
 //!
-//! With a gradient ([`crate::segregation`]) a grain does not get the first pose but one of several that are possible, by
-//! the weights of their centres.
+//! With a gradient ([`crate::segregation`]) a grain does not get the first pose but one of several that are possible,
+//! by the weights of their centres.
 //!
 //! `grid` has the inserted grains by cell, `voxels` what is left for centres. A stage is a range of grains of similar
 //! size, for which both are built.

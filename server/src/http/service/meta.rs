@@ -7,8 +7,9 @@ use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use packstone_engine::export::ExportType;
 use packstone_engine::export::tables::{EngineInfo, Format};
+use packstone_engine::request::presets::ShapePreset;
 use packstone_engine::request::standard;
-use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, StandardCurve};
+use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, PlainShape, StandardCurve};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -41,6 +42,8 @@ pub(crate) struct Capabilities {
     distances: Vec<&'static str>,
     /// Shapes of grains.
     shapes: Vec<&'static str>,
+    /// Shapes of grains by name, with their sources.
+    shape_presets: Vec<PresetInfo>,
     /// Methods.
     methods: Vec<&'static str>,
     /// Formats of results.
@@ -58,6 +61,29 @@ pub(crate) struct Curve {
     name: &'static str,
     /// `[sieve in mm, mass fraction passing]`, from fine to coarse.
     points: &'static [[f64; 2]],
+}
+
+/// A shape of grains that a name stands for.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct PresetInfo {
+    /// Its name.
+    name: &'static str,
+    /// What it is.
+    about: &'static str,
+    /// The publication that it is from.
+    source: &'static str,
+    /// DOI of the publication, where it has one.
+    #[schema(required)]
+    doi: Option<&'static str>,
+    /// The shape, as requests and results have it.
+    shape: PlainShape,
+}
+
+impl PresetInfo {
+    fn of(preset: &ShapePreset) -> Self {
+        let ShapePreset { name, about, source, doi, .. } = *preset;
+        Self { name, about, source, doi, shape: preset.shape() }
+    }
 }
 
 /// A format of results.
@@ -165,7 +191,8 @@ pub(crate) async fn capabilities(
             .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
             .collect(),
         distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
-        shapes: vec!["sphere", "ellipsoid", "polyhedron", "mixture"],
+        shapes: vec!["sphere", "ellipsoid", "polyhedron", "preset", "mixture"],
+        shape_presets: ShapePreset::ALL.iter().map(PresetInfo::of).collect(),
         methods: vec!["auto", "rsa", "edmd", "monte_carlo"],
         formats: Format::ALL
             .into_iter()
