@@ -362,8 +362,8 @@ impl<S: ConvexShape> System<S> {
         self.displace(i, scaled(n, -by), [0.0; 3]);
     }
 
-    /// Pushes a grain and its neighbour apart, beyond their gap by a share of the smaller diameter, and lays their planes
-    /// anew.
+    /// Pushes a grain and its neighbour apart, beyond their gap by a share of the smaller diameter, and lays their
+    /// planes anew.
     fn push_apart(&mut self, i: usize, group: usize, lane: usize, contact: &PushContact, beyond_d: f64) {
         let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (a, b) = (self.hot[i], self.hot[j]);

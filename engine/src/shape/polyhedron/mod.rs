@@ -3,8 +3,8 @@
 //! A polyhedron has vertices and faces, the core, and a radius of rounding `r`: the body is the set of all points
 //! within `r` of the core. Angular grains refer to a template, a polyhedron of any unit of length, by a scale in mm.
 //!
-//! `draw` makes random templates, `platonic` the Platonic solids, `hull` finds vertices and faces, `measures` has volumes, widths and inertia,
-//! `principal` what packing reads, `axes` the form, `sieve` the sieve size.
+//! `draw` makes random templates, `platonic` the Platonic solids, `hull` finds vertices and faces, `measures` has
+//! volumes, widths and inertia, `principal` what packing reads, `axes` the form, `sieve` the sieve size.
 
 mod axes;
 mod draw;
