@@ -1,8 +1,8 @@
 //! Packings of ellipsoids of fixed seeds keep their bits from commit to commit.
 //!
-//! The sums are those of commit 14806ae: CRC-32 of the little-endian bytes of centres, orientations and semi-axes. A
-//! change that alters one bit of a packing alters what a published seed means, and fails here. The sums hold where
-//! they were recorded, as those of spheres do.
+//! The sums of random addition are those of commit 14806ae, the others those of the commit that lets pushes open gaps:
+//! CRC-32 of the little-endian bytes of centres, orientations and semi-axes. A change that alters one bit of a packing
+//! alters what a published seed means, and fails here. The sums hold where they were recorded, as those of spheres do.
 
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
@@ -41,14 +41,14 @@ fn packings_of_fixed_seeds_keep_their_bits() {
             json!({"type": "smaller_diameter", "factor": 0.1, "wall_gap_mm": 0.2}),
             "dc0782c5",
         ),
-        ("monte_carlo", cube("walls"), 0.6, &triangle, none.clone(), "536926df"),
+        ("monte_carlo", cube("walls"), 0.6, &triangle, none.clone(), "ca2637fb"),
         (
             "monte_carlo",
             cube("periodic"),
             0.58,
             &triangle,
             json!({"type": "constant", "gap_mm": 0.05}),
-            "dede157f",
+            "b5774d06",
         ),
         (
             "monte_carlo",
@@ -56,7 +56,7 @@ fn packings_of_fixed_seeds_keep_their_bits() {
             0.55,
             &flat,
             json!({"type": "proportional", "factor": 0.02}),
-            "d8c2ca51",
+            "b459c8a6",
         ),
         (
             "monte_carlo",
@@ -64,10 +64,10 @@ fn packings_of_fixed_seeds_keep_their_bits() {
             0.5,
             &triangle,
             json!({"type": "smaller_diameter", "factor": 0.06, "wall_gap_mm": 0.1}),
-            "bdb221b8",
+            "8c3dfae2",
         ),
-        ("maximize", cube("walls"), 0.45, &triangle, json!({"type": "maximize"}), "90def826"),
-        ("maximize", cube("periodic"), 0.45, &flat, json!({"type": "maximize"}), "8a859052"),
+        ("maximize", cube("walls"), 0.45, &triangle, json!({"type": "maximize"}), "9ff859d9"),
+        ("maximize", cube("periodic"), 0.45, &flat, json!({"type": "maximize"}), "f6db5066"),
     ];
     let mut changed = Vec::new();
     for (number, (method, specimen, fraction, shape, distance, expected)) in cases.iter().enumerate() {

@@ -17,6 +17,7 @@ mod fingerprints;
 mod gradient;
 mod lattice;
 mod layers;
+mod literature;
 mod meshes;
 mod packing;
 mod polyhedra;

@@ -42,6 +42,7 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
     assert Shape.polyhedron() == {"type": "polyhedron"}
     assert Shape.preset("fi15") == {"type": "preset", "name": "fi15"}
     assert Shape.polyhedron("voronoi", rounding=0.1) == {"type": "polyhedron", "template": "voronoi", "rounding": 0.1}
+    assert Shape.polyhedron("octahedron") == {"type": "polyhedron", "template": "octahedron"}
     assert json.loads(json.dumps(Grading.classes([(2, 4, 0.5)])))["classes"][0]["mass_fraction"] == 0.5
     assert repr(Method.auto()) == "Method({'type': 'auto'})"
     assert pickle.loads(pickle.dumps(Box(1))) == Box(1)

@@ -6,7 +6,7 @@
 
 use crate::request::{PlainShape, TemplateShape};
 use crate::rng::{Stream, stream};
-use crate::shape::polyhedron::{DrawnTemplates, TemplateKind, draw_template};
+use crate::shape::polyhedron::{DrawnTemplates, PlatonicSolid, TemplateKind, draw_template};
 use crate::shape::{AxisRatios, Polyhedron, RatioSampler, SizeMeasure};
 
 /// Templates with their sizes.
@@ -38,6 +38,11 @@ impl Templates {
             TemplateShape::Cuts => TemplateKind::Cuts(faces.unwrap_or_default()),
             TemplateShape::DeformedCuboid => TemplateKind::Cuboid(displacement.unwrap_or_default()),
             TemplateShape::Voronoi => TemplateKind::Voronoi,
+            TemplateShape::Tetrahedron => TemplateKind::Platonic(PlatonicSolid::Tetrahedron),
+            TemplateShape::Cube => TemplateKind::Platonic(PlatonicSolid::Cube),
+            TemplateShape::Octahedron => TemplateKind::Platonic(PlatonicSolid::Octahedron),
+            TemplateShape::Dodecahedron => TemplateKind::Platonic(PlatonicSolid::Dodecahedron),
+            TemplateShape::Icosahedron => TemplateKind::Platonic(PlatonicSolid::Icosahedron),
         };
         let bodies = drawn.get_or_draw(|| draw(kind, ratios, *rounding, *template_count, *template_seed));
         let ratio = |body: &Polyhedron| match measure {

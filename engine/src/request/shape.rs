@@ -127,8 +127,8 @@ pub enum PlainShape {
         /// Radius by which edges and corners are rounded, over the equivalent diameter of the grain.
         #[cfg_attr(feature = "openapi", schema(default = 0, required = false, minimum = 0, maximum = 0.4))]
         rounding: f64,
-        /// Number of templates. All shapes of a mix have 128 at most.
-        #[cfg_attr(feature = "openapi", schema(default = 32, required = false, minimum = 1, maximum = 128))]
+        /// Number of templates; when absent 32, and 1 of a Platonic solid. All shapes of a mix have 128 at most.
+        #[cfg_attr(feature = "openapi", schema(required = false, minimum = 1, maximum = 128))]
         template_count: u32,
         /// Seed of the templates, which do not depend on the seed of the job.
         #[cfg_attr(
@@ -154,6 +154,24 @@ pub enum TemplateShape {
     DeformedCuboid,
     /// A cell of a Poisson-Voronoi tessellation.
     Voronoi,
+    /// The Platonic solid of four triangles.
+    Tetrahedron,
+    /// The Platonic solid of six squares.
+    Cube,
+    /// The Platonic solid of eight triangles.
+    Octahedron,
+    /// The Platonic solid of twelve pentagons.
+    Dodecahedron,
+    /// The Platonic solid of twenty triangles.
+    Icosahedron,
+}
+
+impl TemplateShape {
+    /// Whether every draw is the same body, but for the ratios by which it is stretched.
+    #[must_use]
+    pub fn is_platonic(self) -> bool {
+        !matches!(self, Self::Cuts | Self::DeformedCuboid | Self::Voronoi)
+    }
 }
 
 /// What the grains of a mix are.
@@ -420,6 +438,11 @@ fn read_polyhedron(object: &mut Object<'_>) -> Option<PlainShape> {
             ("cuts", TemplateShape::Cuts),
             ("deformed_cuboid", TemplateShape::DeformedCuboid),
             ("voronoi", TemplateShape::Voronoi),
+            ("tetrahedron", TemplateShape::Tetrahedron),
+            ("cube", TemplateShape::Cube),
+            ("octahedron", TemplateShape::Octahedron),
+            ("dodecahedron", TemplateShape::Dodecahedron),
+            ("icosahedron", TemplateShape::Icosahedron),
         ]),
     };
     let only_of = |at: &At<'_>, name: &str| -> Option<()> {
@@ -451,6 +474,7 @@ fn read_polyhedron(object: &mut Object<'_>) -> Option<PlainShape> {
     };
     let count = match object.optional("template_count") {
         Some(at) => at.integer(1, MAX_TEMPLATES.into()).map(|count| count as u32),
+        None if template.is_some_and(TemplateShape::is_platonic) => Some(1),
         None => Some(DEFAULT_TEMPLATES),
     };
     let seed = match object.optional("template_seed") {

@@ -222,6 +222,11 @@ fn a_polyhedron_is_written_with_its_defaults() {
             json!({"template": "voronoi", "template_count": 128}),
             with(json!({"template": "voronoi", "template_count": 128})),
         ),
+        (json!({"template": "tetrahedron"}), with(json!({"template": "tetrahedron", "template_count": 1}))),
+        (
+            json!({"template": "icosahedron", "template_count": 4, "ratios": triangle}),
+            with(json!({"template": "icosahedron", "template_count": 4, "ratios": triangle})),
+        ),
     ] {
         let mut shape = given;
         shape["type"] = json!("polyhedron");
@@ -249,7 +254,8 @@ fn every_fault_of_polyhedra_names_its_place_the_value_and_the_bound() {
     let cases = [
         (
             shape(json!({"template": "stars"})),
-            "/mix/shape/template: \"stars\" is unknown: must be one of \"cuts\", \"deformed_cuboid\", \"voronoi\""
+            "/mix/shape/template: \"stars\" is unknown: must be one of \"cuts\", \"deformed_cuboid\", \"voronoi\", \
+             \"tetrahedron\", \"cube\", \"octahedron\", \"dodecahedron\", \"icosahedron\""
                 .to_owned(),
         ),
         (
@@ -258,6 +264,10 @@ fn every_fault_of_polyhedra_names_its_place_the_value_and_the_bound() {
         ),
         (
             shape(json!({"template": "voronoi", "faces": 12})),
+            "/mix/shape/faces: is a field of the template \"cuts\" alone: leave it out".to_owned(),
+        ),
+        (
+            shape(json!({"template": "cube", "faces": 6})),
             "/mix/shape/faces: is a field of the template \"cuts\" alone: leave it out".to_owned(),
         ),
         (
@@ -360,7 +370,7 @@ proptest! {
 
     #[test]
     fn polyhedra_that_are_accepted_are_written_as_they_are_read(
-        template in prop::sample::select(vec!["cuts", "deformed_cuboid", "voronoi", "cube"]),
+        template in prop::sample::select(vec!["cuts", "deformed_cuboid", "voronoi", "cube", "octahedron", "ball"]),
         faces in prop::option::of(0_i64..80), displacement in prop::option::of(-0.1..0.6_f64),
         ratios in prop::option::of(ratios()), rounding in prop::option::of(-0.1..0.6_f64),
         count in prop::option::of(-1_i64..200), seed in prop::option::of(any::<u64>()),

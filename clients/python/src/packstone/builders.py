@@ -210,7 +210,17 @@ class Shape(_Fields):
     @classmethod
     def polyhedron(
         cls,
-        template: Literal["cuts", "deformed_cuboid", "voronoi"] | None = None,
+        template: Literal[
+            "cuts",
+            "deformed_cuboid",
+            "voronoi",
+            "tetrahedron",
+            "cube",
+            "octahedron",
+            "dodecahedron",
+            "icosahedron",
+        ]
+        | None = None,
         *,
         faces: int | None = None,
         displacement: float | None = None,
@@ -223,7 +233,8 @@ class Shape(_Fields):
 
         `faces` is the number of ``cuts``, `displacement` how far the corners of a ``deformed_cuboid`` are moved, as a
         share of its edge. Templates are stretched by `ratios` and rounded by a radius of `rounding` times the
-        equivalent diameter. They depend on `template_seed` alone, not on the seed of the job.
+        equivalent diameter. They depend on `template_seed` alone, not on the seed of the job. A Platonic solid has one
+        template where `template_count` is left out.
         """
         return cls(
             type="polyhedron",

@@ -15,7 +15,11 @@ use crate::memory::{OutOfMemory, refill};
 
 /// Overlaps are pushed apart by this share of their depth,
 const BEYOND: f64 = 1.05;
-/// and by this share of the diameter.
+/// and by this share of the diameter in the first sweep of a cycle, times the factor in each further one, down to the
+/// least share. Grains that were pushed until they just touch have no room for a move, and the next growth makes them
+/// all overlap again: equal ellipsoids stalled at a volume fraction of 0.63 with the least share from the first sweep.
+const FIRST_BEYOND_D: f64 = 0.02;
+const BEYOND_D_PER_SWEEP: f64 = 0.8;
 const BEYOND_D: f64 = 1e-9;
 /// Margin by which the specimen is widened to end the overlaps that are left.
 const MARGIN: f64 = 1e-12;
@@ -52,6 +56,8 @@ pub(super) struct Pusher {
     saved_more: f64,
     active: Vec<bool>,
     next: Vec<bool>,
+    /// How far beyond its gap a pair is pushed, over the diameter of the smaller grain.
+    beyond_d: f64,
 }
 
 impl Pusher {
@@ -93,6 +99,7 @@ impl Pusher {
     ) -> Pushed {
         let held = system.held;
         let mut pushed = Pushed { sweeps: 0, is_held: false, is_clear: false, pushes: 0 };
+        self.beyond_d = FIRST_BEYOND_D;
         for sweep in 1..=most {
             pushed.sweeps = sweep;
             let mut pushes = 0;
@@ -109,6 +116,7 @@ impl Pusher {
             }
             std::mem::swap(&mut self.active, &mut self.next);
             self.next.fill(false);
+            self.beyond_d = (self.beyond_d * BEYOND_D_PER_SWEEP).max(BEYOND_D);
         }
         pushed
     }
@@ -148,7 +156,7 @@ impl Pusher {
                         Err(contact) => {
                             let (j, _) = unpack(neighbor);
                             if i != j {
-                                system.push_apart(i, group, lane, &contact);
+                                system.push_apart(i, group, lane, &contact, self.beyond_d);
                                 self.next[j] = true;
                             }
                             self.next[i] = true;
@@ -354,15 +362,16 @@ impl<S: ConvexShape> System<S> {
         self.displace(i, scaled(n, -by), [0.0; 3]);
     }
 
-    /// Pushes a grain and its neighbour apart, and lays their planes anew.
-    fn push_apart(&mut self, i: usize, group: usize, lane: usize, contact: &PushContact) {
+    /// Pushes a grain and its neighbour apart, beyond their gap by a share of the smaller diameter, and lays their
+    /// planes anew.
+    fn push_apart(&mut self, i: usize, group: usize, lane: usize, contact: &PushContact, beyond_d: f64) {
         let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (a, b) = (self.hot[i], self.hot[j]);
         let r = minus(sum(b.center, self.shift(image)), a.center);
         let gap = self.gap(a.d, b.d);
         let (n, [h_a, h_b], [arm_a, arm_b]) = (contact.normal, contact.supports_mm, contact.arms_mm);
         let lacks = gap + h_a + h_b - dot(r, n);
-        let by = BEYOND * lacks + BEYOND_D * a.d.min(b.d);
+        let by = BEYOND * lacks + beyond_d * a.d.min(b.d);
         let (pushed_a, pushed_b) = (self.inertia(i, &a, arm_a, n), self.inertia(j, &b, arm_b, n));
         let share = by / (pushed_a.weight + pushed_b.weight);
         self.displace(i, scaled(n, -share * pushed_a.per_mass), scaled(pushed_a.turn, -share));

@@ -2,7 +2,7 @@
 //! others 1953, DOI 10.1063/1.1699114).
 //!
 //! A move displaces and turns one grain by uniform random amounts. Each grain has its own largest step, which grows
-//! with success and falls with failure, until about two in five moves succeed.
+//! with success and falls with failure, until about one in four moves succeeds.
 
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -14,7 +14,7 @@ use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::Vector;
 
 /// Factors on the step after a move that was made, and after one that was not.
-const WIDER: f64 = 1.05;
+const WIDER: f64 = 1.1;
 const NARROWER: f64 = 0.97;
 /// Factor after a move that would have used up too much of the skin.
 const SKIN_NARROWER: f64 = 0.99;

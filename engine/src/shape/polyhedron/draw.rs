@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Vector3;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::{Polyhedron, hull::intersection};
+use super::{PlatonicSolid, Polyhedron, hull::intersection};
 use crate::rng::uniform;
 use crate::shape::Form;
 
@@ -59,6 +59,8 @@ pub enum TemplateKind {
     Cuboid(f64),
     /// The cell of a point among random points (Poisson-Voronoi).
     Voronoi,
+    /// A Platonic solid, which nothing is drawn of.
+    Platonic(PlatonicSolid),
 }
 
 /// Draws a template of a kind and stretches it to the ratios of its axes along x, y and z; `None` for numbers that make
@@ -71,6 +73,7 @@ pub fn draw_template(kind: TemplateKind, form: Form, rng: &mut Xoshiro256PlusPlu
         TemplateKind::Cuts(cuts) => Polyhedron::of_half_spaces(&half_spaces(cuts, rng)),
         TemplateKind::Cuboid(displacement) => Polyhedron::hull_of(&corners(displacement, rng)),
         TemplateKind::Voronoi => voronoi_cell(rng),
+        TemplateKind::Platonic(solid) => solid.body(),
     };
     let is_compact = |body: &Polyhedron| body.outer_radius() <= SLENDEREST * body.inner_radius();
     let body = (0..ATTEMPTS).find_map(|_| draw(rng).filter(is_compact))?;

@@ -3,14 +3,15 @@
 //! A polyhedron has vertices and faces, the core, and a radius of rounding `r`: the body is the set of all points
 //! within `r` of the core. Angular grains refer to a template, a polyhedron of any unit of length, by a scale in mm.
 //!
-//! `draw` makes random templates, `hull` finds vertices and faces, `measures` has volumes, widths and inertia,
-//! `principal` what packing reads, `axes` the form, `sieve` the sieve size.
+//! `draw` makes random templates, `platonic` the Platonic solids, `hull` finds vertices and faces, `measures` has
+//! volumes, widths and inertia, `principal` what packing reads, `axes` the form, `sieve` the sieve size.
 
 mod axes;
 mod draw;
 mod hull;
 mod measures;
 mod minimax;
+mod platonic;
 mod principal;
 #[cfg(test)]
 pub(crate) mod samples;
@@ -28,6 +29,7 @@ use super::Pose;
 pub use draw::{DrawnTemplates, TemplateKind, draw_template};
 use hull::{hull, intersection};
 pub use measures::Edge;
+pub use platonic::PlatonicSolid;
 pub(crate) use principal::Principal;
 use sieve::SieveSize;
 

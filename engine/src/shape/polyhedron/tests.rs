@@ -133,6 +133,48 @@ fn templates_are_sound_and_the_same_for_the_same_seed() {
 }
 
 #[test]
+fn platonic_solids_have_their_faces_volumes_and_sieve_sizes() {
+    // Faces, corners, edges, and the volume of the solid of edge 1 (Euclid, book XIII).
+    let root = 5.0_f64.sqrt();
+    let known = [
+        (4, 4, 6, 1.0 / (6.0 * 2.0_f64.sqrt())),
+        (6, 8, 12, 1.0),
+        (8, 6, 12, 2.0_f64.sqrt() / 3.0),
+        (12, 20, 30, (15.0 + 7.0 * root) / 4.0),
+        (20, 12, 30, 5.0 * (3.0 + root) / 12.0),
+    ];
+    for (solid, (faces, corners, edges, volume)) in PlatonicSolid::ALL.into_iter().zip(known) {
+        let body = draw_template(TemplateKind::Platonic(solid), Form::SPHERE, &mut stream(1, Stream::Shape))
+            .unwrap();
+        assert_sound(&body);
+        let found = body.edges();
+        assert_eq!(
+            (body.faces().len(), body.vertices().len(), found.len()),
+            (faces, corners, edges),
+            "{solid:?}"
+        );
+        let lengths = found.iter().map(|edge| {
+            let [p, q] = edge.ends.map(|end| body.vertices()[end as usize]);
+            (p - q).norm()
+        });
+        let lengths: Vec<f64> = lengths.collect();
+        for length in &lengths {
+            close(*length, lengths[0], 1e-12);
+        }
+        close(body.volume() / lengths[0].powi(3), volume, 1e-12);
+        close(body.form().elongation, 1.0, 1e-9);
+        close(body.form().flatness, 1.0, 1e-9);
+        // A cube passes an opening of its own size, a tetrahedron one of its edge over the root of two, across the
+        // axis through the middles of two edges that do not meet.
+        match solid {
+            PlatonicSolid::Cube => close(body.sieve_size() / lengths[0], 1.0, 1e-6),
+            PlatonicSolid::Tetrahedron => close(body.sieve_size() / lengths[0], 0.5_f64.sqrt(), 1e-6),
+            _ => assert!(body.sieve_size() >= body.thickness()),
+        }
+    }
+}
+
+#[test]
 fn no_template_is_a_needle() {
     let mut rng = stream(11, Stream::Shape);
     for kind in

@@ -41,10 +41,11 @@ const PUSH_SWEEPS: u32 = 16;
 /// Largest and smallest growth of a cycle, relative: the smallest keeps the grains shaking.
 const MOST_RATE: f64 = 0.005;
 const LEAST_RATE: f64 = 1e-6;
-/// Factors on the rate: where few sweeps of pushes sufficed; where most, and where little of the growth was kept; and
-/// where nothing was.
+/// Factors on the rate: where few sweeps of pushes sufficed, and where more did; where most, and where little of the
+/// growth was kept; and where nothing was.
 const EASY_SWEEPS: u32 = 6;
 const EASY: f64 = 1.3;
+const CLEAR: f64 = 1.1;
 const MOST_KEPT: (f64, f64) = (0.6, 1.2);
 const LITTLE_KEPT: (f64, f64) = (0.3, 0.7);
 const NOTHING_KEPT: f64 = 0.5;
@@ -284,9 +285,7 @@ impl<S: ConvexShape> Run<S> {
         let pushed = self.pusher.push(&mut self.system, by, most_sweeps)?;
         self.statistics.pushes += pushed.pushes;
         if pushed.is_clear {
-            if pushed.sweeps < EASY_SWEEPS {
-                self.rate *= EASY;
-            }
+            self.rate *= if pushed.sweeps < EASY_SWEEPS { EASY } else { CLEAR };
         } else if self.pusher.keep_what_is_valid(&mut self.system, by) {
             let kept = match by {
                 Tighten::Shrink(factor) => (stretch - self.system.stretch) / (stretch * (1.0 - factor)),
