@@ -184,8 +184,9 @@ fn plans_of_polyhedra_have_their_own_numbers() {
     assert!(loose.extrapolations.iter().any(|beyond| beyond.contains("polyhedra of 21 faces")), "{loose:?}");
     let ellipsoid = plan(&request(CUBE_80, &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
     let dense = at(0.6).unwrap();
-    assert!(dense.methods.growth.time_s > 10.0 * ellipsoid.methods.growth.time_s, "{dense:?}");
-    assert!(at(0.75).unwrap().warnings[0].contains("reaches about 0.65"), "{:?}", at(0.75));
+    let ratio = dense.methods.growth.time_s / ellipsoid.methods.growth.time_s;
+    assert!(ratio > 4.0 && ratio < 6.0, "{dense:?}");
+    assert!(at(0.75).unwrap().warnings[0].contains("reaches about 0.68"), "{:?}", at(0.75));
     // Some polyhedra fill space, so that only more than all of it is impossible.
     let Err(PlanError::Infeasible(fault)) = plan(&with_gap(1.0, &fuller(0.9, &shape))) else {
         panic!("accepted")
