@@ -172,15 +172,15 @@ impl Mix {
         (!shapes.iter().all(|(_, shape)| shape.is_sphere())).then_some(shapes)
     }
 
-    /// What the grains are: polyhedra are never mixed with other shapes, spheres count as ellipsoids among them.
+    /// What the grains are; spheres count as ellipsoids among other shapes.
     pub fn grain_kind(&self) -> GrainKind {
         let Some(shapes) = self.grain_shapes() else { return GrainKind::Spheres };
-        let of_polyhedra =
-            |shape: &GrainShape| shape.parts().iter().any(|(_, shape)| shape.kind() == GrainKind::Polyhedra);
-        if shapes.iter().any(|(_, shape)| of_polyhedra(shape)) {
-            GrainKind::Polyhedra
-        } else {
-            GrainKind::Ellipsoids
+        let is_polyhedron = |(_, shape): &(f64, &PlainShape)| shape.kind() == GrainKind::Polyhedra;
+        let parts = || shapes.iter().flat_map(|(_, shape)| shape.parts());
+        match (parts().any(|part| is_polyhedron(&part)), parts().all(|part| is_polyhedron(&part))) {
+            (_, true) => GrainKind::Polyhedra,
+            (true, false) => GrainKind::Mixed,
+            (false, false) => GrainKind::Ellipsoids,
         }
     }
 

@@ -156,6 +156,8 @@ pub enum GrainKind {
     Ellipsoids,
     /// Convex polyhedra, sharp or rounded.
     Polyhedra,
+    /// Ellipsoids, spheres among them, and convex polyhedra.
+    Mixed,
 }
 
 impl GrainKind {
@@ -166,6 +168,7 @@ impl GrainKind {
             Self::Spheres => "spheres",
             Self::Ellipsoids => "ellipsoids",
             Self::Polyhedra => "polyhedra",
+            Self::Mixed => "ellipsoids and polyhedra",
         }
     }
 }
@@ -289,7 +292,7 @@ pub(super) fn read_shapes(mix: &mut Object<'_>) -> Option<ShapeFields> {
     let (shapes, orientation) = (shapes?, orientation?);
     let all_shapes = || shape.iter().chain(shapes.iter().map(|class| &class.shape));
     if let Some(at) = shape_at.as_ref().or(shapes_at.as_ref()) {
-        judge_polyhedra(at, all_shapes())?;
+        judge_templates(at, all_shapes())?;
     }
     let are_spheres = shape.as_ref().is_none_or(GrainShape::is_sphere)
         && shapes.iter().all(|class| class.shape.is_sphere());
@@ -324,19 +327,9 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
     Some(classes)
 }
 
-/// Judges what the polyhedra among the shapes of a mix need of one another.
-fn judge_polyhedra<'a>(at: &At<'_>, shapes: impl Iterator<Item = &'a GrainShape>) -> Option<()> {
-    let plain: Vec<&PlainShape> = shapes.flat_map(GrainShape::parts).map(|(_, shape)| shape).collect();
-    let is_polyhedron = |shape: &&PlainShape| shape.kind() == GrainKind::Polyhedra;
-    let polyhedra = plain.iter().copied().filter(is_polyhedron).count();
-    if polyhedra > 0 && polyhedra < plain.len() {
-        at.fault(
-            "polyhedra and spheres or ellipsoids cannot be mixed yet: every shape must be of the type \"polyhedron\", \
-             or none",
-        );
-        return None;
-    }
-    let templates: u32 = plain.iter().map(|shape| shape.templates()).sum();
+/// Judges the number of templates of all shapes of a mix.
+fn judge_templates<'a>(at: &At<'_>, shapes: impl Iterator<Item = &'a GrainShape>) -> Option<()> {
+    let templates: u32 = shapes.flat_map(GrainShape::parts).map(|(_, shape)| shape.templates()).sum();
     if templates > MAX_TEMPLATES {
         at.fault(format!(
             "the shapes have {templates} templates together: must have at most {MAX_TEMPLATES}; lower template_count"

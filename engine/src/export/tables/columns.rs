@@ -2,7 +2,8 @@
 //!
 //! Spheres have four columns: the centre and the diameter. Ellipsoids have these four, whose diameter is that of the
 //! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes. Convex polyhedra
-//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`).
+//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`). A result
+//! with grains of both kinds has the semi-axes, 0 of polyhedra, and then the template, -1 of ellipsoids.
 
 use std::io;
 
@@ -40,7 +41,7 @@ pub enum Column {
     B,
     /// Smallest semi-axis in mm.
     C,
-    /// Index of the template, from 0.
+    /// Index of the template, from 0; -1 of an ellipsoid.
     Template,
 }
 
@@ -78,6 +79,24 @@ impl Column {
         Self::Template,
     ];
 
+    /// The columns of ellipsoids and convex polyhedra in one result, in the order of storage. Of an ellipsoid the
+    /// template is -1, of a polyhedron the semi-axes are 0.
+    pub const OF_BOTH: &'static [Self] = &[
+        Self::X,
+        Self::Y,
+        Self::Z,
+        Self::Diameter,
+        Self::Sieve,
+        Self::Qw,
+        Self::Qx,
+        Self::Qy,
+        Self::Qz,
+        Self::A,
+        Self::B,
+        Self::C,
+        Self::Template,
+    ];
+
     /// Its name in tables.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -104,7 +123,7 @@ impl Column {
         let has_names = |columns: &[Self]| {
             columns.iter().map(|column| column.name()).eq(names.iter().map(String::as_str))
         };
-        let kinds = [Self::OF_SPHERES, Self::OF_ELLIPSOIDS, Self::OF_POLYHEDRA];
+        let kinds = [Self::OF_SPHERES, Self::OF_ELLIPSOIDS, Self::OF_POLYHEDRA, Self::OF_BOTH];
         kinds.into_iter().find(|columns| has_names(columns))
     }
 }
@@ -124,8 +143,8 @@ pub trait GrainSource {
         self.len() == 0
     }
 
-    /// Its columns in the order of storage: [`Column::OF_SPHERES`], [`Column::OF_ELLIPSOIDS`] or
-    /// [`Column::OF_POLYHEDRA`].
+    /// Its columns in the order of storage: [`Column::OF_SPHERES`], [`Column::OF_ELLIPSOIDS`],
+    /// [`Column::OF_POLYHEDRA`] or [`Column::OF_BOTH`].
     fn columns(&self) -> &'static [Column];
 
     /// What the column of templates refers to: polyhedra with an equivalent diameter of 1; none of other grains.
@@ -175,6 +194,7 @@ impl GrainSource for Solids {
     fn columns(&self) -> &'static [Column] {
         match self.kind() {
             GrainKind::Polyhedra => Column::OF_POLYHEDRA,
+            GrainKind::Mixed => Column::OF_BOTH,
             GrainKind::Spheres | GrainKind::Ellipsoids => Column::OF_ELLIPSOIDS,
         }
     }
@@ -184,11 +204,15 @@ impl GrainSource for Solids {
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        let absent = || no_column(column);
+        // Where grains of the other kind have a column, these have a number in it too.
+        let absent = |number: f64| {
+            if self.kind() == GrainKind::Mixed { Ok(number) } else { Err(no_column(column)) }
+        };
         for (value, row) in block.iter_mut().zip(start..) {
             let (shape, pose) = (&self.shapes[row], &self.poses[row]);
             let q = pose.orientation.quaternion();
-            let semi_axis = |k: usize| shape.ellipsoid().map(|of| of.semi_axes_mm()[k]).ok_or_else(absent);
+            let semi_axis =
+                |k: usize| shape.ellipsoid().map_or_else(|| absent(0.0), |of| Ok(of.semi_axes_mm()[k]));
             *value = match column {
                 Column::X => pose.center_mm.x,
                 Column::Y => pose.center_mm.y,
@@ -202,7 +226,9 @@ impl GrainSource for Solids {
                 Column::A => semi_axis(0)?,
                 Column::B => semi_axis(1)?,
                 Column::C => semi_axis(2)?,
-                Column::Template => shape.template().map(f64::from).ok_or_else(absent)?,
+                Column::Template => {
+                    shape.template().map_or_else(|| absent(OF_ELLIPSOID), |template| Ok(template.into()))?
+                }
             };
         }
         Ok(())
@@ -331,8 +357,12 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
             d_mm: column(Column::Diameter)?,
         }));
     }
-    let is_polyhedra = source.columns() == Column::OF_POLYHEDRA;
-    if is_polyhedra { load_polyhedra(source) } else { load_ellipsoids(source) }.map(Grains::Solids)
+    let grains = if source.columns() == Column::OF_ELLIPSOIDS {
+        load_ellipsoids(source)
+    } else {
+        load_polyhedra(source)
+    };
+    grains.map(Grains::Solids)
 }
 
 /// Reads ellipsoids.
@@ -359,18 +389,26 @@ fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
     }
 }
 
-/// Reads polyhedra; the numbers of the source stay as they are.
+/// Reads polyhedra, and ellipsoids among them; the numbers of the source stay as they are.
 fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     let rows = source.len();
     let templates = source.templates().to_vec();
     let mut grains = Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)? };
     let templates = grains.templates.len();
-    for_each_block(source, POLYHEDRON_ROW, |columns| {
+    for_each_rows(source, angular_row(source), |columns| {
         for row in 0..columns[0].len() {
-            let [x, y, z, d, w, i, j, k, template] = columns.map(|column| column[row]);
+            let [x, y, z, d, w, i, j, k, template] = std::array::from_fn(|column| columns[column][row]);
             let grain = grains.len();
             let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
-            if !(template >= 0.0 && template.fract() == 0.0 && template < templates as f64) {
+            let semi_axes = columns.get(POLYHEDRON_ROW.len()..).filter(|axes| axes.len() == 3);
+            let semi_axes = semi_axes.filter(|_| template == OF_ELLIPSOID);
+            let ellipsoid = match semi_axes.map(|axes| Ellipsoid::new([0, 1, 2].map(|k| axes[k][row]))) {
+                Some(None) => return fault("has semi-axes that are not positive numbers".into()),
+                Some(found) => found,
+                None => None,
+            };
+            let is_template = template >= 0.0 && template.fract() == 0.0 && template < templates as f64;
+            if !is_template && ellipsoid.is_none() {
                 return fault(format!(
                     "has the template {template}, and there are {templates}, counted from 0"
                 ));
@@ -387,7 +425,8 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
                 ));
             }
             let orientation = UnitQuaternion::new_unchecked(quaternion);
-            grains.shapes.push(Solid::Polyhedron { template: template as u32, d_mm: d });
+            let polyhedron = || Solid::Polyhedron { template: template as u32, d_mm: d };
+            grains.shapes.push(ellipsoid.map_or_else(polyhedron, Solid::Ellipsoid));
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())
@@ -415,6 +454,28 @@ pub(super) const POLYHEDRON_ROW: [Column; 9] = [
     Column::Qz,
     Column::Template,
 ];
+
+/// The template of an ellipsoid among polyhedra.
+pub(super) const OF_ELLIPSOID: f64 = -1.0;
+
+/// What a grain of a result with polyhedra is read from: the semi-axes come last, where there are ellipsoids too.
+pub(super) fn angular_row(source: &dyn GrainSource) -> &'static [Column] {
+    const BOTH: [Column; 12] = [
+        Column::X,
+        Column::Y,
+        Column::Z,
+        Column::Diameter,
+        Column::Qw,
+        Column::Qx,
+        Column::Qy,
+        Column::Qz,
+        Column::Template,
+        Column::A,
+        Column::B,
+        Column::C,
+    ];
+    if source.columns() == Column::OF_BOTH { &BOTH } else { &POLYHEDRON_ROW }
+}
 
 /// What an ellipsoid is read from.
 const ELLIPSOID_ROW: [Column; 10] = [

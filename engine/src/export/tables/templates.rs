@@ -76,7 +76,7 @@ impl TemplateRecord {
 
 /// The templates of polyhedra; none of other grains.
 pub(super) fn records(grains: &dyn GrainSource) -> Option<Vec<TemplateRecord>> {
-    let has_templates = grains.columns() == Column::OF_POLYHEDRA;
+    let has_templates = grains.columns().contains(&Column::Template);
     has_templates.then(|| grains.templates().iter().map(TemplateRecord::from).collect())
 }
 
@@ -90,7 +90,7 @@ pub fn read(
     columns: &'static [Column],
     templates: Option<Vec<TemplateRecord>>,
 ) -> io::Result<Vec<Polyhedron>> {
-    if columns != Column::OF_POLYHEDRA {
+    if !columns.contains(&Column::Template) {
         return Ok(Vec::new());
     }
     let templates = templates.ok_or_else(|| invalid("polyhedra without their `templates`".into()))?;

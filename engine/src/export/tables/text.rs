@@ -71,6 +71,7 @@ impl utoipa::PartialSchema for GrainTable<'_> {
                 .item(table("Spheres.", Column::OF_SPHERES))
                 .item(table("Ellipsoids: centre, diameter of the sphere of equal volume, sieve size, orientation, semi-axes.", Column::OF_ELLIPSOIDS))
                 .item(table("Convex polyhedra: centre, diameter of the sphere of equal volume, sieve size, orientation, index of the template.", Column::OF_POLYHEDRA))
+                .item(table("Ellipsoids and convex polyhedra: centre, diameter of the sphere of equal volume, sieve size, orientation, semi-axes (0 of polyhedra), index of the template (-1 of ellipsoids).", Column::OF_BOTH))
                 .description(Some("The grains of a result, largest first; the row number is the grain's id."))
                 .build(),
         )
