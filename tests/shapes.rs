@@ -122,6 +122,108 @@ async fn polyhedra_come_back_in_every_table_and_export_that_has_them() {
     server.stop().await;
 }
 
+/// Spheres below 4 mm, ellipsoids and polyhedra above.
+fn mixed() -> Value {
+    let polyhedron = json!({"type": "polyhedron", "rounding": 0.05, "template_count": 5});
+    let ratios = json!({"type": "triangle", "k": 0.4});
+    jobs::with(
+        jobs::quick(3),
+        "/mix/shapes",
+        json!([
+            {"above_mm": 4, "shape": {"type": "mixture", "of": [
+                {"share": 0.5, "shape": polyhedron},
+                {"share": 0.5, "shape": {"type": "ellipsoid", "ratios": ratios}}]}},
+            {"above_mm": 0, "shape": {"type": "sphere"}}
+        ]),
+    )
+}
+
+#[tokio::test]
+async fn spheres_ellipsoids_and_polyhedra_are_packed_together() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(2).start().await;
+    let client = server.client();
+    let dense = jobs::with(
+        jobs::with(mixed(), "/mix/volume_fraction", json!(0.5)),
+        "/method",
+        json!({"type": "monte_carlo"}),
+    );
+    for (job, method) in [(mixed(), "rsa"), (dense, "monte_carlo")] {
+        let planned = client.post("/v1/plans").json(&job).send().await.expect(200).json();
+        assert!(planned["estimated_time_s"].as_f64() > Some(0.0), "{planned:#}");
+        let finished = client.succeed(&job).await;
+        let id = id_of(&finished);
+        let result = client.result(id).await;
+        assert_eq!(result["summary"]["method_used"], method);
+        let columns = json!([
+            "x_mm", "y_mm", "z_mm", "d_mm", "sieve_mm", "qw", "qx", "qy", "qz", "a_mm", "b_mm", "c_mm",
+            "template"
+        ]);
+        assert_eq!(result["grains"]["columns"], columns);
+        let rows = result["grains"]["rows"].as_array().unwrap();
+        assert_eq!(result["summary"]["grains"], rows.len());
+        assert_eq!(result["templates"].as_array().unwrap().len(), 5);
+        let (mut spheres, mut ellipsoids, mut polyhedra) = (0, 0, 0);
+        for row in rows {
+            let row: Vec<f64> = row.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+            let [d, sieve, a, b, c, template] = [3, 4, 9, 10, 11, 12].map(|i| row[i]);
+            if template >= 0.0 {
+                polyhedra += 1;
+                assert!(template < 5.0 && template.fract() == 0.0 && [a, b, c] == [0.0; 3], "{row:?}");
+                assert!(sieve > 4.0, "{row:?}");
+                continue;
+            }
+            assert_eq!(template, -1.0, "{row:?}");
+            assert!((d.powi(3) / (8.0 * a * b * c) - 1.0).abs() < 1e-12 && a >= b && b >= c, "{row:?}");
+            if sieve <= 4.0 {
+                spheres += 1;
+                assert!(a == c, "{row:?}");
+            } else {
+                ellipsoids += 1;
+            }
+        }
+        assert!(spheres > 50 && ellipsoids > 5 && polyhedra > 5, "{spheres} {ellipsoids} {polyhedra}");
+        assert!(result["check"]["min_gap_mm"].as_f64().unwrap() >= 0.2, "{:#}", result["check"]);
+        let shapes = &result["shapes"];
+        assert!(
+            shapes["sphericity_mean"].as_f64() < Some(1.0) && shapes["surface_mm2"].as_f64() > Some(1e4),
+            "{shapes:#}"
+        );
+        let get = |path: &str| client.get(&format!("/v1/jobs/{id}/{path}"));
+        let csv = String::from_utf8(get("result?format=csv").send().await.expect(200).body.to_vec()).unwrap();
+        assert_eq!(csv.lines().count(), rows.len() + 1);
+        let npy = get("result?format=npy").send().await.expect(200).body.len();
+        assert_eq!((npy - 128) / (8 * 13), rows.len());
+        for format in ["vtk", "vtp"] {
+            // Each sphere and ellipsoid has 162 points.
+            let length = get(&format!("result?format={format}")).send().await.expect(200).body.len();
+            assert!(length > 24 * 162 * (spheres + ellipsoids), "{format}: {length}");
+        }
+        let voxels =
+            get("exports/voxels?format=raw&cells=40&label=grain").send().await.expect(200).body.clone();
+        let labelled = voxels.chunks(4).filter(|label| **label != [0; 4]).count() as f64 / 64_000.0;
+        let fraction = result["summary"]["volume_fraction_effective"].as_f64().unwrap();
+        assert!((labelled / fraction - 1.0).abs() < 0.03, "{labelled} {fraction}");
+        let slice = get("exports/slice?format=json").send().await.expect(200).json();
+        for (table, count) in [("ellipses", "ellipse_count"), ("polygons", "polygon_count")] {
+            let found = slice[table]["rows"].as_array().unwrap().len();
+            assert!(found > 3 && slice[count] == found, "{slice:#}");
+        }
+        for format in ["svg", "png", "geo"] {
+            assert!(!get(&format!("exports/slice?format={format}")).send().await.expect(200).body.is_empty());
+        }
+        for format in ["msh", "stl"] {
+            let path = format!("exports/mesh?format={format}&segments=8");
+            assert!(!get(&path).send().await.expect(200).body.is_empty());
+        }
+        let refused = get("exports/mesh?format=geo").send().await.expect(422).json();
+        assert_eq!(refused["type"], "/problems/format-not-available", "{refused:#}");
+        assert!(get("exports/ldpm?format=tets").send().await.expect(200).body.len() > 48 * rows.len());
+        assert!(get("plots/grading").send().await.expect(200).body.starts_with(b"<svg"));
+    }
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn polyhedra_have_plans() {
     let data_dir = DataDir::new();
@@ -181,15 +283,6 @@ async fn what_cannot_be_packed_is_refused_with_its_place() {
         (polyhedra(json!({"rounding": 0.6})), "/mix/shape/rounding"),
         (polyhedra(json!({"template_count": 1000})), "/mix/shape/template_count"),
         (polyhedra(json!({"ratios": {"type": "shape_index", "index": 0.2}})), "/mix/shape/ratios/type"),
-        (
-            jobs::with(
-                jobs::quick(1),
-                "/mix/shape",
-                json!({"type": "mixture", "of": [
-                    {"share": 0.5, "shape": {"type": "polyhedron"}}, {"share": 0.5, "shape": {"type": "sphere"}}]}),
-            ),
-            "/mix/shape",
-        ),
         (jobs::with(polyhedra(json!({})), "/method", json!({"type": "edmd"})), "/method/type"),
         (jobs::with(jobs::quick(1), "/mix/shape", json!({"type": "cube"})), "/mix/shape/type"),
         (

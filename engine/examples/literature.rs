@@ -39,6 +39,7 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, seed: u64) -> Option<Outcome>
         limits: Limits { time_s: None, sweeps: Some(MOST_SWEEPS) },
         orientation: &uniform_orientation,
         seed,
+        preference: None,
         keep_checkpoint: None,
     };
     growth.run(None, &Unattended).ok()

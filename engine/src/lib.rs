@@ -40,7 +40,7 @@ pub mod plan;
 pub mod request;
 mod rng;
 mod run;
-mod segregation;
+pub mod segregation;
 pub mod shape;
 pub mod specimen;
 

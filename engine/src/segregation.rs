@@ -35,7 +35,7 @@ pub(crate) fn share_of_field(field: GradientField, region: &Region, p: [f64; 3])
 
 /// The gradient of a request and the grains it sorts.
 #[derive(Clone, Debug)]
-pub(crate) struct Preference {
+pub struct Preference {
     field: GradientField,
     strength: f64,
     specimen: Specimen,
@@ -55,7 +55,7 @@ impl Preference {
     /// That of a request for grains of these equivalent diameters, from the largest down; `None` where it has none.
     ///
     /// Equal grains have quantiles of their own: asked for at one share of the field they would crowd there.
-    pub(crate) fn new(request: &PackingRequest, diameters_mm: &[f64]) -> Option<Self> {
+    pub fn new(request: &PackingRequest, diameters_mm: &[f64]) -> Option<Self> {
         let Segregation::Gradient { field, strength } = request.segregation else { return None };
         if strength <= 0.0 {
             return None;

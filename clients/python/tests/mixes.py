@@ -25,6 +25,14 @@ def ellipsoids(seed: int = 1) -> Json:
     return job
 
 
+def mixed(seed: int = 1) -> Json:
+    """Some hundred polyhedra and spheres of A16 in a 40 mm cube."""
+    job = quick(seed)
+    parts = [{"type": "polyhedron", "template_count": 3}, {"type": "sphere"}]
+    job["mix"]["shape"] = {"type": "mixture", "of": [{"share": 0.5, "shape": part} for part in parts]}
+    return job
+
+
 def endless() -> Json:
     """Grows until it is stopped, as far as a test is concerned."""
     return {

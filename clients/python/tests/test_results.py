@@ -10,7 +10,7 @@ import numpy as np
 import packstone
 import pytest
 from faulty_proxy import CutAfter, FaultyProxy
-from packstone.results import FileFormat
+from packstone.results import MIXED_COLUMNS, FileFormat
 
 
 @pytest.fixture
@@ -96,6 +96,17 @@ def test_ellipsoids_have_axes_and_surfaces(client: packstone.Client) -> None:
     volume = (np.pi / 6 * grains[:, 3] ** 3).sum()
     assert surfaces.volume == pytest.approx(volume, rel=0.05) and surfaces.volume < volume
     assert surfaces.bounds[0] >= 0 and surfaces.bounds[5] <= 40
+
+
+def test_ellipsoids_and_polyhedra_have_columns_of_both(client: packstone.Client) -> None:
+    result = client.submit(mixes.mixed()).result()
+    table = result.to_dataframe()
+    assert tuple(table.columns) == MIXED_COLUMNS
+    of_template = table["template"] >= 0
+    assert 0 < of_template.sum() < len(table) and len(result.templates()) == 3
+    assert (table["a_mm"][of_template] == 0).all() and (table["template"][~of_template] == -1).all()
+    surfaces = result.to_pyvista(spheres=True)
+    assert set(surfaces.cell_data["id"]) == set(range(len(table)))
 
 
 def test_notebooks_show_a_cross_section(result: packstone.Result, client: packstone.Client) -> None:

@@ -5,6 +5,8 @@
 //! rounding costs at most 46 units (`2^-53`) of `a |n|`: 20 of each column, 4 of the products, times `sqrt 3` for three
 //! axes, and 3 of the norm. The form `sqrt(n . A n)` would lose the square of the ratio of the axes.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Matrix3, Quaternion, Vector3};
 
 use super::double_double::{DoubleDouble, Vector, dot};
@@ -52,10 +54,21 @@ impl Body {
         })
     }
 
+    /// Volume in mm³.
+    pub(super) fn volume(&self) -> f64 {
+        let [a, b, c]: [f64; 3] = self.semi_axes.into();
+        4.0 / 3.0 * PI * a * b * c
+    }
+
     /// `v` of the module's head, whose length is the support function.
     #[inline(always)]
     pub(super) fn scaled(&self, n: &Vector3<f64>) -> Vector3<f64> {
         self.axes * n
+    }
+
+    /// A vector from the centre in the frame in which the ellipsoid is the unit ball.
+    pub(super) fn unstretched(&self, p: &Vector3<f64>) -> Vector3<f64> {
+        (self.axes * p).component_div(&self.semi_axes.component_mul(&self.semi_axes))
     }
 
     /// Support function `h(n)`.

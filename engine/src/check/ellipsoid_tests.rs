@@ -75,8 +75,9 @@ fn request_for(specimen: &Value, distance: &Value, grains: &[Grain]) -> PackingR
 }
 
 fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {
-    let (shapes, poses): (Vec<_>, Vec<_>) = grains.iter().copied().unzip();
-    check_ellipsoids(&shapes, &poses, request, SizeMeasure::Equivalent, &Unattended)
+    let (shapes, poses): (Vec<SolidRef<'_>>, Vec<_>) =
+        grains.iter().map(|&(shape, pose)| (SolidRef::from(shape), pose)).unzip();
+    check_shapes(&shapes, &poses, request, SizeMeasure::Equivalent, &Unattended)
 }
 
 /// Largest `s(n)` over a grid of directions, refined around the best: the oracle of the search for directions.
@@ -487,8 +488,9 @@ fn every_certificate_can_be_evaluated_again() {
                 grains.pop();
             }
         }
-        let (shapes, poses): (Vec<_>, Vec<_>) = grains.iter().copied().unzip();
-        let list = certify_ellipsoids(&shapes, &poses, &request(&grains), 1.5, &Unattended).unwrap();
+        let (shapes, poses): (Vec<SolidRef<'_>>, Vec<_>) =
+            grains.iter().map(|&(shape, pose)| (SolidRef::from(shape), pose)).unzip();
+        let list = certify_shapes(&shapes, &poses, &request(&grains), 1.5, &Unattended).unwrap();
         assert!(list.len() > 100, "{}", list.len());
         for c in &list {
             let n = Vector3::from(c.normal).normalize();
@@ -548,8 +550,9 @@ fn the_norm_of_a_quaternion_changes_nothing() {
         grains[3].1.orientation = UnitQuaternion::new_unchecked(broken);
         assert_eq!(checked(&grains, &request), Err(Fault::NotABody { grain: 3 }));
     }
-    let (shapes, poses): (Vec<_>, Vec<_>) = grains.iter().copied().unzip();
-    let verdict = check_ellipsoids(&shapes[1..], &poses, &request, SizeMeasure::Sieve, &Unattended);
+    let (shapes, poses): (Vec<SolidRef<'_>>, Vec<_>) =
+        grains.iter().map(|&(shape, pose)| (SolidRef::from(shape), pose)).unzip();
+    let verdict = check_shapes(&shapes[1..], &poses, &request, SizeMeasure::Sieve, &Unattended);
     assert_eq!(verdict, Err(Fault::Columns));
 }
 
@@ -559,13 +562,13 @@ fn the_grading_counts_the_mass_of_bodies_by_the_sieve_that_they_pass() {
     let b = 7.0_f64.sqrt();
     let shape = Ellipsoid::new([2.0 * b, b, 1.0]).unwrap();
     let at = |x: f64| Pose::at(Vector3::new(16.0, 16.0, x));
-    let (shapes, poses) = (vec![shape; 6], [3.0, 6.0, 9.0, 12.0, 15.0, 18.0].map(at));
+    let (shapes, poses) = (vec![SolidRef::from(shape); 6], [3.0, 6.0, 9.0, 12.0, 15.0, 18.0].map(at));
     let fraction = 5.5 * shape.volume_mm3() / (30.0 * 32.0 * 34.0);
     let value = json!({"specimen": specimen(0), "mix": {"grading": {"type": "monodisperse", "diameter_mm": 4},
         "volume_fraction": fraction, "allow_coarse": true}});
     let request = PackingRequest::from_json(&value, 1).unwrap();
     let verdict =
-        |size, rows: usize| check_ellipsoids(&shapes[..rows], &poses[..rows], &request, size, &Unattended);
+        |size, rows: usize| check_shapes(&shapes[..rows], &poses[..rows], &request, size, &Unattended);
     let found = verdict(SizeMeasure::Sieve, 6).unwrap();
     assert_eq!(found.classes[0].grains, 6);
     assert!((found.classes[0].volume_mm3 - 6.0 * shape.volume_mm3()).abs() < 1e-9);
@@ -573,9 +576,8 @@ fn the_grading_counts_the_mass_of_bodies_by_the_sieve_that_they_pass() {
     assert!(matches!(verdict(SizeMeasure::Equivalent, 6), Err(Fault::Grading(_))));
     let value = json!({"specimen": specimen(0), "mix": {"grading": {"type": "diameters", "diameters_mm": [4, 4, 4]}}});
     let list = PackingRequest::from_json(&value, 1).unwrap();
-    let verdict = |rows: usize| {
-        check_ellipsoids(&shapes[..rows], &poses[..rows], &list, SizeMeasure::Sieve, &Unattended)
-    };
+    let verdict =
+        |rows: usize| check_shapes(&shapes[..rows], &poses[..rows], &list, SizeMeasure::Sieve, &Unattended);
     assert_eq!(verdict(3).unwrap().found.max_class_mass_error, 0.0);
     assert!(matches!(verdict(4), Err(Fault::Grading(_))));
 }

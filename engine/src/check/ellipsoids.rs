@@ -8,7 +8,6 @@ use super::bodies::{Convex, Image, Verdict};
 use super::ellipsoid::Body;
 use super::ellipsoid_walls::wall_gap;
 use super::separation::Pair;
-use crate::memory::{OutOfMemory, collected};
 use crate::request::Specimen;
 use crate::shape::{Ellipsoid, SizeMeasure};
 
@@ -35,15 +34,13 @@ impl Convex for Body {
     }
 }
 
-/// Size and volume of ellipsoids.
-pub(super) fn sizes(shapes: &[Ellipsoid], size: SizeMeasure) -> Result<Vec<(f64, f64)>, OutOfMemory> {
-    collected(shapes.iter().map(|shape| {
-        let [a, b, c]: [f64; 3] = shape.semi_axes_mm().into();
-        let size = match size {
-            // The narrowest passage is along the longest axis, the ellipse (b, c) turned by 45 degrees in the square.
-            SizeMeasure::Sieve => (2.0 * (b * b + c * c)).sqrt(),
-            SizeMeasure::Equivalent => 2.0 * (a * b * c).cbrt(),
-        };
-        (size, 4.0 / 3.0 * PI * a * b * c)
-    }))
+/// Size and volume of an ellipsoid.
+pub(super) fn size(shape: &Ellipsoid, size: SizeMeasure) -> (f64, f64) {
+    let [a, b, c]: [f64; 3] = shape.semi_axes_mm().into();
+    let size = match size {
+        // The narrowest passage is along the longest axis, the ellipse (b, c) turned by 45 degrees in the square.
+        SizeMeasure::Sieve => (2.0 * (b * b + c * c)).sqrt(),
+        SizeMeasure::Equivalent => 2.0 * (a * b * c).cbrt(),
+    };
+    (size, 4.0 / 3.0 * PI * a * b * c)
 }

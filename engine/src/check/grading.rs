@@ -32,7 +32,7 @@ pub(super) const SIEVE_ERROR: f64 = 1.0e-5;
 const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
 
 /// Sizes and volumes of the grains of a packing.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub(super) enum Grains<'a> {
     /// Spheres by their diameters.
     Spheres(&'a [f64]),
@@ -41,8 +41,8 @@ pub(super) enum Grains<'a> {
     Bodies {
         /// Size and volume of each.
         sizes: &'a [(f64, f64)],
-        /// Largest relative error of the sizes.
-        error: f64,
+        /// Largest relative error of the size of each.
+        error: &'a dyn Fn(usize) -> f64,
     },
 }
 
@@ -62,11 +62,11 @@ impl Grains<'_> {
         }
     }
 
-    /// Largest relative error of the sizes.
-    fn size_error(&self) -> f64 {
+    /// Largest relative error of the size.
+    fn size_error(&self, row: usize) -> f64 {
         match self {
             Self::Spheres(_) => 0.0,
-            Self::Bodies { error, .. } => *error,
+            Self::Bodies { error, .. } => error(row),
         }
     }
 }
@@ -160,7 +160,6 @@ fn judge(
     (mut classes, list): (Vec<ClassReport>, Option<Vec<f64>>),
 ) -> Result<Judged, String> {
     let (d_min, d_max) = bounds_mm(&classes);
-    let error = grains.size_error();
     // Largest grain that a class may hold: the overshoot of the last one.
     let mut largest: Vec<f64> = match grains {
         Grains::Spheres(_) => classes.iter().map(|class| volume_mm3(class.d_max_mm)).collect(),
@@ -169,7 +168,7 @@ fn judge(
     // Volume of the grains of finer classes that may belong to this one or to a coarser one.
     let mut doubtful_mm3 = vec![0.0; classes.len()];
     for &row in rows {
-        let (d, volume_mm3) = grains.get(row);
+        let ((d, volume_mm3), error) = (grains.get(row), grains.size_error(row));
         if d < d_min * (1.0 - error) || d > d_max * (1.0 + error) {
             return Err(format!("grain {row} of {d} mm lies outside {d_min}..{d_max} mm"));
         }
@@ -235,7 +234,7 @@ fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport>
     let mut classes: Vec<ClassReport> = pairs.filter(|class| class.target_volume_mm3 > 0.0).collect();
     for row in 0..grains.len() {
         let (d, volume_mm3) = grains.get(row);
-        if let Some(index) = class_of(&classes, d * (1.0 - grains.size_error())) {
+        if let Some(index) = class_of(&classes, d * (1.0 - grains.size_error(row))) {
             classes[index].grains += 1;
             classes[index].volume_mm3 += volume_mm3;
         }
@@ -349,14 +348,14 @@ fn between_sieves((low, high): (f64, f64)) -> impl Iterator<Item = (f64, f64)> {
 }
 
 fn check_list(grains: Grains<'_>, list: &[f64]) -> Result<(), String> {
-    let mut found: Vec<f64> = (0..grains.len()).map(|row| grains.get(row).0).collect();
-    found.sort_unstable_by(|a, b| b.total_cmp(a));
+    let mut found: Vec<(f64, f64)> =
+        (0..grains.len()).map(|row| (grains.get(row).0, grains.size_error(row))).collect();
+    found.sort_unstable_by(|(a, _), (b, _)| b.total_cmp(a));
     if found.len() != list.len() {
         return Err(format!("{} grains instead of {}", found.len(), list.len()));
     }
-    let error = grains.size_error();
-    match found.iter().zip(list).find(|&(a, b)| (a - b).abs() > error * b) {
-        Some((a, b)) => Err(format!("a grain of {a} mm instead of {b} mm")),
+    match found.iter().zip(list).find(|&((a, error), b)| (a - b).abs() > error * b) {
+        Some(((a, _), b)) => Err(format!("a grain of {a} mm instead of {b} mm")),
         None => Ok(()),
     }
 }
@@ -406,8 +405,9 @@ mod tests {
         // 200 mm³ on each side of 8 mm.
         let sieves = json!({"type": "sieves", "points": [[4.0, 0.0], [8.0, 0.5], [16.0, 1.0]]});
         let request = request(10.0, &json!({"grading": sieves, "volume_fraction": 0.4}));
-        let accepted =
-            |sizes: &[(f64, f64)], error: f64| check(Grains::Bodies { sizes, error }, &[], &request).is_ok();
+        let accepted = |sizes: &[(f64, f64)], error: f64| {
+            check(Grains::Bodies { sizes, error: &|_| error }, &[], &request).is_ok()
+        };
         for (size, exactly, roughly) in
             [(8.000_04, true, true), (7.999_96, false, true), (7.999, false, false), (8.001, true, true)]
         {
@@ -438,8 +438,9 @@ mod tests {
                 .map(|shape| (shape.d_mm(), shape.template().unwrap()))
                 .map(|(d, template)| (sieves[template as usize] * d, volume_mm3(d)))
                 .collect();
-            let judge =
-                |sizes: &[(f64, f64)]| check(Grains::Bodies { sizes, error: SIEVE_ERROR }, &[], &request);
+            let judge = |sizes: &[(f64, f64)]| {
+                check(Grains::Bodies { sizes, error: &|_| SIEVE_ERROR }, &[], &request)
+            };
             let classes = judge(&found).unwrap().classes;
             assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);
             assert!(judge(&found[5..]).unwrap_err().contains("more than the curve asks for"));

@@ -7,9 +7,9 @@
 //! nothing of the packing methods, their distance rule or their specimen geometry; `tests/layers.rs` holds that. A
 //! packing that fails here is never returned. Costs O(N).
 //!
-//! Of bodies that are not spheres, [`check_ellipsoids`] requires that their surfaces keep the gap of the diameters of
-//! equal volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`), which
-//! [`certify_ellipsoids`] returns for anyone to evaluate again.
+//! Of bodies that are not spheres, [`check_solids`] requires that their surfaces keep the gap of the diameters of
+//! equal volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`,
+//! `polyhedron_separation`, `mixed_separation`), which [`certify_shapes`] returns for anyone to evaluate again.
 //!
 //! ```
 //! use packstone_engine::{PackingRequest, Spheres, check::check};
@@ -38,12 +38,14 @@ mod ellipsoid;
 mod ellipsoid_walls;
 mod ellipsoids;
 mod grading;
+mod mixed_separation;
 mod polyhedra;
 mod polyhedron;
 mod polyhedron_separation;
 mod required;
 mod separation;
 mod sieve;
+mod solid;
 mod table;
 
 use std::collections::BTreeMap;
@@ -55,10 +57,11 @@ use crate::cpu::Cpu;
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::packing::{AggregateReport, CheckReport, ClassReport, GrainsRef, Solids, Spheres};
 use crate::request::{Distance, PackingRequest, Specimen};
-use crate::shape::{self, Ellipsoid, Pose, ScaledPolyhedron, SizeMeasure, SolidRef};
+use crate::shape::{self, Ellipsoid, Pose, SizeMeasure, SolidRef};
 use bodies::{Convex, Packing};
 use grading::{Grains, SIEVE_ERROR, SIZE_ERROR};
 use required::Required;
+use solid::Body;
 use table::{Grain, Table};
 
 /// What a check found in a valid packing.
@@ -163,14 +166,83 @@ pub fn check_solids(
     request: &PackingRequest,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    let size = request.mix.size;
-    let parts = &solids.aggregate;
-    let (ellipsoids, polyhedra) = kinds(solids)?;
-    if polyhedra.is_empty() {
-        judge_ellipsoids(&ellipsoids, &solids.poses, parts, request, size, control)
-    } else {
-        judge_polyhedra(&polyhedra, &solids.poses, parts, request, size, control)
+    let shapes = shapes_of(solids)?;
+    judge_shapes((&shapes, &solids.poses, &solids.aggregate), request, request.mix.size, control)
+}
+
+fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
+    let mut shapes = reserved(solids.len())?;
+    for (grain, shape) in solids.shapes.iter().enumerate() {
+        shapes.push(shape.of(&solids.templates).ok_or(Fault::NotABody { grain })?);
     }
+    Ok(shapes)
+}
+
+/// Checks a packing of ellipsoids and convex polyhedra against its request. Shape and pose of a grain have the same
+/// index.
+///
+/// `size` is what the grading measures. The sieve size of each template is measured once, by a search of the check's
+/// own that finds it to 1e-5; grains share a template where they refer to the same one.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_shapes(
+    shapes: &[SolidRef<'_>],
+    poses: &[Pose],
+    request: &PackingRequest,
+    size: SizeMeasure,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    judge_shapes((shapes, poses, &[]), request, size, control)
+}
+
+/// Checks shapes at their poses with the aggregate of each, none where the mix names none.
+fn judge_shapes(
+    (shapes, poses, aggregate): (&[SolidRef<'_>], &[Pose], &[u16]),
+    request: &PackingRequest,
+    size: SizeMeasure,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let region = (request.distance, request.specimen);
+    // Pairs of ellipsoids are worth a loop of their own.
+    if let Some(ellipsoids) = ellipsoids_of(shapes)? {
+        let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
+        let sizes = collected(ellipsoids.iter().map(|shape| ellipsoids::size(shape, size)))?;
+        let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
+        return check_bodies(&packing, grains, aggregate, request, control);
+    }
+    let packing = bodies(shapes, poses, region)?;
+    let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
+    let sizes = packing.bodies().iter().zip(shapes).map(|(body, shape)| match (shape, size) {
+        (SolidRef::Ellipsoid(ellipsoid), _) => ellipsoids::size(ellipsoid, size),
+        (SolidRef::Polyhedron(_), SizeMeasure::Equivalent) => (body.equivalent_diameter(), body.volume()),
+        (SolidRef::Polyhedron(shape), SizeMeasure::Sieve) => {
+            let template: *const _ = shape.template;
+            let of_template = *sieves.entry(template).or_insert_with(|| sieve::sieve_size(shape.template));
+            (of_template * shape.scale_mm, body.volume())
+        }
+    });
+    let sizes = collected(sizes)?;
+    let error = |grain: usize| match (&shapes[grain], size) {
+        (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => SIEVE_ERROR,
+        _ => SIZE_ERROR,
+    };
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: &error }, aggregate, request, control)
+}
+
+/// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
+/// than `closer_than_mm`, in the order of their rows.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`]. The grading is not looked at.
+pub fn certify_shapes(
+    shapes: &[SolidRef<'_>],
+    poses: &[Pose],
+    request: &PackingRequest,
+    closer_than_mm: f64,
+    control: &dyn Control,
+) -> Result<Vec<SeparationCertificate>, Fault> {
+    certificates(shapes, poses, (request.distance, request.specimen), closer_than_mm, control)
 }
 
 /// Checks that no two grains overlap, and returns a direction for each pair whose gap is less than `closer_than_mm`, in
@@ -185,7 +257,7 @@ pub fn certify(
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
     let region = (Distance::None { wall_gap_mm: None }, *specimen);
-    let solids = match grains {
+    match grains {
         GrainsRef::Spheres(spheres) => {
             let body = |i: usize| {
                 let shape = Ellipsoid::new([spheres.d_mm[i] / 2.0; 3])?;
@@ -193,150 +265,39 @@ pub fn certify(
             };
             let packing = Packing::new(spheres.len(), body, region)?;
             packing.check_walls()?;
-            return packing.certificates(closer_than_mm, control);
+            packing.certificates(closer_than_mm, control)
         }
-        GrainsRef::Solids(solids) => solids,
-    };
-    let (ellipsoids, polyhedra) = kinds(solids)?;
-    if polyhedra.is_empty() {
-        let packing = ellipsoid_bodies(&ellipsoids, &solids.poses, region)?;
-        packing.check_walls()?;
-        packing.certificates(closer_than_mm, control)
-    } else {
-        let packing = polyhedron_bodies(&polyhedra, &solids.poses, region)?;
-        packing.check_walls()?;
-        packing.certificates(closer_than_mm, control)
-    }
-}
-
-/// The shapes of grains by their kinds.
-fn kinds(solids: &Solids) -> Result<(Vec<Ellipsoid>, Vec<ScaledPolyhedron<'_>>), Fault> {
-    let mut ellipsoids = reserved(solids.len())?;
-    let mut polyhedra = reserved(solids.len())?;
-    for (grain, shape) in solids.shapes.iter().enumerate() {
-        match shape.of(&solids.templates).ok_or(Fault::NotABody { grain })? {
-            SolidRef::Ellipsoid(ellipsoid) => ellipsoids.push(ellipsoid),
-            SolidRef::Polyhedron(polyhedron) => polyhedra.push(polyhedron),
+        GrainsRef::Solids(solids) => {
+            certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, control)
         }
     }
-    Ok((ellipsoids, polyhedra))
 }
 
-/// Checks a packing of ellipsoids against its request. Shape and pose of a grain have the same index.
-///
-/// # Errors
-/// The first fault found, or [`Fault::Stopped`].
-pub fn check_ellipsoids(
-    shapes: &[Ellipsoid],
-    poses: &[Pose],
-    request: &PackingRequest,
-    size: SizeMeasure,
-    control: &dyn Control,
-) -> Result<Check, Fault> {
-    judge_ellipsoids(shapes, poses, &[], request, size, control)
-}
-
-/// Checks ellipsoids with the aggregate of each, none where the mix names none.
-fn judge_ellipsoids(
-    shapes: &[Ellipsoid],
-    poses: &[Pose],
-    aggregate: &[u16],
-    request: &PackingRequest,
-    size: SizeMeasure,
-    control: &dyn Control,
-) -> Result<Check, Fault> {
-    let packing = ellipsoid_bodies(shapes, poses, (request.distance, request.specimen))?;
-    let sizes = ellipsoids::sizes(shapes, size)?;
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: SIZE_ERROR }, aggregate, request, control)
-}
-
-/// Checks all pairs of a packing of ellipsoids and returns a direction for each whose gap is less than
-/// `closer_than_mm`, in the order of their rows.
-///
-/// # Errors
-/// The first fault found, or [`Fault::Stopped`]. The grading is not looked at.
-pub fn certify_ellipsoids(
-    shapes: &[Ellipsoid],
-    poses: &[Pose],
-    request: &PackingRequest,
-    closer_than_mm: f64,
-    control: &dyn Control,
-) -> Result<Vec<SeparationCertificate>, Fault> {
-    let packing = ellipsoid_bodies(shapes, poses, (request.distance, request.specimen))?;
-    packing.check_walls()?;
-    packing.certificates(closer_than_mm, control)
-}
-
-/// Checks a packing of convex polyhedra against its request. Shape and pose of a grain have the same index.
-///
-/// `size` is what the grading measures. The sieve size of each template is measured once, by a search of the check's
-/// own that finds it to 1e-5; grains share a template where they refer to the same one.
-///
-/// # Errors
-/// The first fault found, or [`Fault::Stopped`].
-pub fn check_polyhedra(
-    shapes: &[ScaledPolyhedron<'_>],
-    poses: &[Pose],
-    request: &PackingRequest,
-    size: SizeMeasure,
-    control: &dyn Control,
-) -> Result<Check, Fault> {
-    judge_polyhedra(shapes, poses, &[], request, size, control)
-}
-
-/// Checks polyhedra with the aggregate of each, none where the mix names none.
-fn judge_polyhedra(
-    shapes: &[ScaledPolyhedron<'_>],
-    poses: &[Pose],
-    aggregate: &[u16],
-    request: &PackingRequest,
-    size: SizeMeasure,
-    control: &dyn Control,
-) -> Result<Check, Fault> {
-    let packing = polyhedron_bodies(shapes, poses, (request.distance, request.specimen))?;
-    let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
-    let sizes = packing.bodies().iter().zip(shapes).map(|(body, shape)| match size {
-        SizeMeasure::Equivalent => (body.equivalent_diameter(), body.volume),
-        SizeMeasure::Sieve => {
-            let template: *const _ = shape.template;
-            let of_template = *sieves.entry(template).or_insert_with(|| sieve::sieve_size(shape.template));
-            (of_template * shape.scale_mm, body.volume)
-        }
-    });
-    let sizes = collected(sizes)?;
-    let error = match size {
-        SizeMeasure::Equivalent => SIZE_ERROR,
-        SizeMeasure::Sieve => SIEVE_ERROR,
-    };
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error }, aggregate, request, control)
-}
-
-/// Checks all pairs of a packing of convex polyhedra and returns a direction for each whose gap is less than
-/// `closer_than_mm`, in the order of their rows.
-///
-/// # Errors
-/// The first fault found, or [`Fault::Stopped`]. The grading is not looked at.
-pub fn certify_polyhedra(
-    shapes: &[ScaledPolyhedron<'_>],
-    poses: &[Pose],
-    request: &PackingRequest,
-    closer_than_mm: f64,
-    control: &dyn Control,
-) -> Result<Vec<SeparationCertificate>, Fault> {
-    let packing = polyhedron_bodies(shapes, poses, (request.distance, request.specimen))?;
-    packing.check_walls()?;
-    packing.certificates(closer_than_mm, control)
-}
-
-fn polyhedron_bodies(
-    shapes: &[ScaledPolyhedron<'_>],
+fn certificates(
+    shapes: &[SolidRef<'_>],
     poses: &[Pose],
     region: (Distance, Specimen),
-) -> Result<Packing<polyhedron::Polyhedron>, Fault> {
-    if shapes.len() != poses.len() {
-        return Err(Fault::Columns);
+    closer_than_mm: f64,
+    control: &dyn Control,
+) -> Result<Vec<SeparationCertificate>, Fault> {
+    if let Some(ellipsoids) = ellipsoids_of(shapes)? {
+        let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
+        packing.check_walls()?;
+        return packing.certificates(closer_than_mm, control);
     }
-    Packing::new(shapes.len(), |i| polyhedron::Polyhedron::new(&shapes[i], &poses[i]), region)
+    let packing = bodies(shapes, poses, region)?;
+    packing.check_walls()?;
+    packing.certificates(closer_than_mm, control)
+}
+
+/// The ellipsoids, where all are.
+fn ellipsoids_of(shapes: &[SolidRef<'_>]) -> Result<Option<Vec<Ellipsoid>>, OutOfMemory> {
+    if shapes.iter().any(|shape| shape.ellipsoid().is_none()) {
+        return Ok(None);
+    }
+    let mut ellipsoids = reserved(shapes.len())?;
+    ellipsoids.extend(shapes.iter().filter_map(SolidRef::ellipsoid));
+    Ok(Some(ellipsoids))
 }
 
 fn ellipsoid_bodies(
@@ -348,6 +309,17 @@ fn ellipsoid_bodies(
         return Err(Fault::Columns);
     }
     Packing::new(shapes.len(), |i| ellipsoid::Body::new(&shapes[i], &poses[i]), region)
+}
+
+fn bodies(
+    shapes: &[SolidRef<'_>],
+    poses: &[Pose],
+    region: (Distance, Specimen),
+) -> Result<Packing<Body>, Fault> {
+    if shapes.len() != poses.len() {
+        return Err(Fault::Columns);
+    }
+    Packing::new(shapes.len(), |i| Body::new(&shapes[i], &poses[i]), region)
 }
 
 /// Checks the walls, all pairs, and the grading of grains.
@@ -561,6 +533,8 @@ fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
 
 #[cfg(test)]
 mod ellipsoid_tests;
+#[cfg(test)]
+mod mixed_tests;
 #[cfg(test)]
 mod polyhedron_tests;
 #[cfg(test)]

@@ -12,8 +12,8 @@ use super::*;
 use crate::Unattended;
 use crate::gap::polyhedra::Body;
 use crate::rng::{Stream, stream, uniform};
-use crate::shape::Polyhedron;
 use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
+use crate::shape::{Polyhedron, ScaledPolyhedron};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
@@ -108,9 +108,9 @@ fn request_for(specimen: &Value, distance: &Value, grains: &[Grain]) -> PackingR
 }
 
 fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {
-    let shapes: Vec<_> = grains.iter().map(Grain::shape).collect();
+    let shapes: Vec<_> = grains.iter().map(|grain| grain.shape().into()).collect();
     let poses: Vec<_> = grains.iter().map(|grain| grain.pose).collect();
-    check_polyhedra(&shapes, &poses, request, SizeMeasure::Equivalent, &Unattended)
+    check_shapes(&shapes, &poses, request, SizeMeasure::Equivalent, &Unattended)
 }
 
 fn gap_of(grains: &[Grain], request: &PackingRequest) -> f64 {
@@ -357,9 +357,9 @@ fn every_certificate_of_polyhedra_can_be_evaluated_again() {
             }
         }
         let request = request_for(&specimen(kind), &rule(1), &grains);
-        let shapes: Vec<_> = grains.iter().map(Grain::shape).collect();
+        let shapes: Vec<_> = grains.iter().map(|grain| grain.shape().into()).collect();
         let poses: Vec<_> = grains.iter().map(|grain| grain.pose).collect();
-        let list = certify_polyhedra(&shapes, &poses, &request, 1.5, &Unattended).unwrap();
+        let list = certify_shapes(&shapes, &poses, &request, 1.5, &Unattended).unwrap();
         assert!(list.len() > 50, "{}", list.len());
         for c in &list {
             let n = V::from(c.normal).normalize();

@@ -1,8 +1,14 @@
-//! Bodies of either kind: gaps of any two grains that are no spheres.
+//! Bodies of either kind: gaps of any two grains that are no spheres, and both kinds as grains of packing methods.
+//!
+//! A pair of one kind is decided as [`super::ellipsoids`] and [`super::polyhedra`] do. For an ellipsoid and a polyhedron
+//! the direction comes from the algorithm of Gilbert, Johnson and Keerthi on differences of a vertex and a point of the
+//! ellipsoid; its steps converge to the direction of the gap instead of ending there. What counts is `s(n) >= g`, as for
+//! all pairs: a pair that is undecided after the last step is too close.
 
 use super::ellipsoids::{self, Gap};
-use super::linear::Vector;
-use super::polyhedra::{self, Contact, Core, Pair};
+use super::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
+use super::linear::{Symmetric, Vector, norm, scaled};
+use super::polyhedra::{self, Contact, Core, Pair, TurnedPolyhedron};
 use super::walls;
 use crate::request::Specimen;
 use crate::shape::{Pose, SolidRef};
@@ -97,7 +103,215 @@ impl<'a> Body<'a> {
 fn of_both<'a>(
     a: &'a ellipsoids::Body,
     b: &'a polyhedra::Body<'a>,
-) -> Pair<'a, super::linear::Symmetric, polyhedra::TurnedPolyhedron<'a>> {
+) -> Pair<'a, Symmetric, TurnedPolyhedron<'a>> {
     let r = b.center_mm - nalgebra::Vector3::from(a.center_mm);
     Pair { a: &a.matrix_mm2, b: &b.turned, r }
 }
+
+/// A grain of either kind, turned.
+#[derive(Clone, Copy, Debug)]
+pub enum TurnedSolid<'a> {
+    /// An ellipsoid by its shape matrix.
+    Ellipsoid(Symmetric),
+    /// A polyhedron.
+    Polyhedron(TurnedPolyhedron<'a>),
+}
+
+/// Dispatches to the shape of either kind.
+macro_rules! of_shape {
+    ($of:expr, $shape:ident => $value:expr) => {
+        match $of {
+            SolidRef::Ellipsoid($shape) => $value,
+            SolidRef::Polyhedron($shape) => $value,
+        }
+    };
+}
+
+/// Dispatches to the turned shape of either kind.
+macro_rules! of_turned {
+    ($of:expr, $turned:ident => $value:expr) => {
+        match $of {
+            TurnedSolid::Ellipsoid($turned) => $value,
+            TurnedSolid::Polyhedron($turned) => $value,
+        }
+    };
+}
+
+impl<'a> ConvexShape for SolidRef<'a> {
+    type Turned = TurnedSolid<'a>;
+
+    fn volume_mm3(&self) -> f64 {
+        self.volume_mm3()
+    }
+
+    fn equivalent_diameter_mm(&self) -> f64 {
+        self.equivalent_diameter_mm()
+    }
+
+    fn scaled(&self, factor: f64) -> Option<Self> {
+        match self {
+            Self::Ellipsoid(shape) => shape.scaled(factor).map(Self::Ellipsoid),
+            Self::Polyhedron(shape) => shape.scaled(factor).map(Self::Polyhedron),
+        }
+    }
+
+    #[inline(always)]
+    fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Ellipsoid(one), Self::Ellipsoid(other)) => one.is_same(other),
+            (Self::Polyhedron(one), Self::Polyhedron(other)) => one.is_same(other),
+            _ => false,
+        }
+    }
+
+    #[inline(always)]
+    fn is_similar(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Ellipsoid(one), Self::Ellipsoid(other)) => one.is_similar(other),
+            (Self::Polyhedron(one), Self::Polyhedron(other)) => one.is_similar(other),
+            _ => false,
+        }
+    }
+
+    #[inline(always)]
+    fn outer_mm(&self) -> f64 {
+        of_shape!(self, shape => shape.outer_mm())
+    }
+
+    #[inline(always)]
+    fn inner_mm(&self) -> f64 {
+        of_shape!(self, shape => shape.inner_mm())
+    }
+
+    #[inline(always)]
+    fn inside_mm(&self) -> Vector {
+        of_shape!(self, shape => shape.inside_mm())
+    }
+
+    #[inline(always)]
+    fn around_mm(&self) -> Vector {
+        of_shape!(self, shape => shape.around_mm())
+    }
+
+    #[inline(always)]
+    fn change_mm(&self, angle: f64) -> f64 {
+        of_shape!(self, shape => shape.change_mm(angle))
+    }
+
+    #[inline(always)]
+    fn per_inertia(&self, per_mass: f64) -> Vector {
+        of_shape!(self, shape => shape.per_inertia(per_mass))
+    }
+
+    #[inline(always)]
+    fn rows(&self, pose: &Pose) -> [Vector; 3] {
+        of_shape!(self, shape => shape.rows(pose))
+    }
+
+    fn to_principal(&self, orientation: Orientation) -> Orientation {
+        of_shape!(self, shape => shape.to_principal(orientation))
+    }
+
+    fn of_principal(&self, orientation: Orientation) -> Orientation {
+        of_shape!(self, shape => shape.of_principal(orientation))
+    }
+
+    #[inline(always)]
+    fn turned(&self, rows: &[Vector; 3]) -> TurnedSolid<'a> {
+        match self {
+            Self::Ellipsoid(shape) => TurnedSolid::Ellipsoid(shape.turned(rows)),
+            Self::Polyhedron(shape) => TurnedSolid::Polyhedron(shape.turned(rows)),
+        }
+    }
+}
+
+impl Turned for TurnedSolid<'_> {
+    const IS_ELLIPSOID: bool = false;
+
+    #[inline(always)]
+    fn around(&self) -> &Symmetric {
+        of_turned!(self, turned => turned.around())
+    }
+
+    #[inline(always)]
+    fn support_mm(&self, n: Vector) -> f64 {
+        of_turned!(self, turned => turned.support_mm(n))
+    }
+
+    #[inline(always)]
+    fn support_back_mm(&self, n: Vector) -> f64 {
+        of_turned!(self, turned => turned.support_back_mm(n))
+    }
+
+    fn decide(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector) -> Decision {
+        match (self, other) {
+            (Self::Polyhedron(a), Self::Polyhedron(b)) => a.decide(b, r, gap_mm, normal),
+            (Self::Ellipsoid(a), Self::Ellipsoid(b)) => a.decide(b, r, gap_mm, normal),
+            (Self::Ellipsoid(a), Self::Polyhedron(b)) => decide_both(a, b, r, gap_mm, normal),
+            (Self::Polyhedron(a), Self::Ellipsoid(b)) => {
+                let found = decide_both(b, a, opposite(r), gap_mm, opposite(normal));
+                Decision { normal: opposite(found.normal), ..found }
+            }
+        }
+    }
+
+    /// That of the ellipsoids around the two.
+    #[inline(always)]
+    fn first_direction(&self, other: &Self, r: Vector) -> Vector {
+        let (a, b) = (self.around(), other.around());
+        let (h_a, h_b) = (a.quadratic(r).sqrt(), b.quadratic(r).sqrt());
+        Symmetric::blend(a, b, h_a / (h_a + h_b)).solve(r)
+    }
+
+    fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector, turns: u32) -> PushContact {
+        match (self, other) {
+            (Self::Polyhedron(a), Self::Polyhedron(b)) => a.contact(b, r, gap_mm, normal, turns),
+            (Self::Ellipsoid(a), Self::Ellipsoid(b)) => {
+                let n = a.decide(b, r, gap_mm, normal).normal;
+                a.contact(b, r, gap_mm, scaled(n, 1.0 / norm(n)), turns)
+            }
+            (Self::Ellipsoid(a), Self::Polyhedron(b)) => contact_both(a, b, r, gap_mm, normal, turns),
+            (Self::Polyhedron(a), Self::Ellipsoid(b)) => {
+                let found = contact_both(b, a, opposite(r), gap_mm, opposite(normal), turns);
+                let ([h_b, h_a], [arm_b, arm_a]) = (found.supports_mm, found.arms_mm);
+                PushContact {
+                    normal: opposite(found.normal),
+                    supports_mm: [h_a, h_b],
+                    arms_mm: [arm_a, arm_b],
+                }
+            }
+        }
+    }
+
+    fn reach_across_mm(&self, from_axis_mm: [f64; 2]) -> (f64, Vector) {
+        of_turned!(self, turned => turned.reach_across_mm(from_axis_mm))
+    }
+}
+
+#[inline(always)]
+fn opposite(n: Vector) -> Vector {
+    [-n[0], -n[1], -n[2]]
+}
+
+/// Whether an ellipsoid and a polyhedron keep a gap.
+fn decide_both(a: &Symmetric, b: &TurnedPolyhedron<'_>, r: Vector, gap_mm: f64, normal: Vector) -> Decision {
+    let found = Pair { a, b, r: r.into() }.decide_from(gap_mm, &normal.into());
+    Decision { is_apart: found.is_apart, normal: found.normal.into() }
+}
+
+/// Where an ellipsoid and a polyhedron push each other.
+fn contact_both(
+    a: &Symmetric,
+    b: &TurnedPolyhedron<'_>,
+    r: Vector,
+    gap_mm: f64,
+    normal: Vector,
+    turns: u32,
+) -> PushContact {
+    Pair { a, b, r: r.into() }.push_contact(gap_mm, normal, turns)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "solids_tests.rs"]
+mod tests;

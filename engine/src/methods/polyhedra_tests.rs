@@ -1,4 +1,4 @@
-//! Both methods with polyhedra: packings that are checked pair by pair, laws, runs that are repeated and continued.
+//! Both methods with polyhedra, alone and among ellipsoids: packings that are checked pair by pair, laws, runs that are repeated and continued.
 
 use std::io::{self, Write};
 use std::sync::Mutex;
@@ -12,17 +12,18 @@ use serde_json::json;
 use super::monte_carlo::{self, Limits, MonteCarlo, Statistics};
 use super::rsa::End;
 use super::rsa_shapes::ShapeRsa;
-use crate::check::certify_polyhedra;
+use crate::check::certify_shapes;
 use crate::control::{Control, Progress, Unattended};
 use crate::cpu::tests::on_baseline;
 use crate::distance::DistanceRule;
+use crate::gap::grain::ConvexShape;
 use crate::gap::polyhedra::Body;
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance, PackingRequest, Specimen};
 use crate::rng::uniform;
 use crate::shape::polyhedron::samples::cuboid;
 use crate::shape::polyhedron::{TemplateKind, draw_template};
-use crate::shape::{Form, Polyhedron, Pose, ScaledPolyhedron};
+use crate::shape::{Ellipsoid, Form, Polyhedron, Pose, ScaledPolyhedron, SolidRef};
 
 const BOX: Specimen = Specimen::Box { size_mm: [30.0, 25.0, 20.0], boundary: Boundary::Walls };
 const NONE: Distance = Distance::None { wall_gap_mm: None };
@@ -44,16 +45,33 @@ fn shapes<'a>(
     specimen: &Specimen,
     fraction: f64,
     d_max: f64,
-) -> Vec<ScaledPolyhedron<'a>> {
-    let of = |count: usize| -> Vec<ScaledPolyhedron<'a>> {
+) -> Vec<SolidRef<'a>> {
+    let of = |count: usize| -> Vec<SolidRef<'a>> {
         let scale_mm = |i: usize| d_max * 0.25_f64.powf(i as f64 / count as f64);
         let template = |i: usize| &templates[i % templates.len()];
-        (0..count).map(|i| ScaledPolyhedron { template: template(i), scale_mm: scale_mm(i) }).collect()
+        (0..count).map(|i| polyhedron(template(i), scale_mm(i))).collect()
     };
-    let volume =
-        |shapes: &[ScaledPolyhedron<'_>]| shapes.iter().map(ScaledPolyhedron::volume_mm3).sum::<f64>();
+    let volume = |shapes: &[SolidRef<'_>]| shapes.iter().map(SolidRef::volume_mm3).sum::<f64>();
     let count = (10..10_000).find(|&count| volume(&of(count)) >= fraction * specimen.volume_mm3());
     of(count.unwrap() - 1)
+}
+
+fn polyhedron(template: &Polyhedron, scale_mm: f64) -> SolidRef<'_> {
+    ScaledPolyhedron { template, scale_mm }.into()
+}
+
+/// The same sizes; of three grains in turn one stays a polyhedron, one becomes an ellipsoid and one a sphere.
+fn with_ellipsoids(shapes: Vec<SolidRef<'_>>) -> Vec<SolidRef<'_>> {
+    let forms = [None, Some(Form { elongation: 0.7, flatness: 0.6 }), Some(Form::SPHERE)];
+    let other = |(i, shape): (usize, &SolidRef<'_>)| {
+        let form = forms[i % 3]?;
+        Some(Ellipsoid::with_equivalent_diameter(shape.equivalent_diameter_mm(), form).unwrap().into())
+    };
+    let others: Vec<Option<SolidRef<'_>>> = shapes.iter().enumerate().map(other).collect();
+    let mut mixed: Vec<SolidRef<'_>> =
+        shapes.into_iter().zip(others).map(|(shape, other)| other.unwrap_or(shape)).collect();
+    mixed.sort_by(|p, q| q.equivalent_diameter_mm().total_cmp(&p.equivalent_diameter_mm()));
+    mixed
 }
 
 fn rule(distance: &Distance, specimen: &Specimen) -> DistanceRule {
@@ -61,10 +79,10 @@ fn rule(distance: &Distance, specimen: &Specimen) -> DistanceRule {
 }
 
 fn rsa<'a>(
-    shapes: &'a [ScaledPolyhedron<'a>],
+    shapes: &'a [SolidRef<'a>],
     specimen: &'a Specimen,
     distance: &Distance,
-) -> ShapeRsa<'a, ScaledPolyhedron<'a>> {
+) -> ShapeRsa<'a, SolidRef<'a>> {
     ShapeRsa {
         shapes,
         specimen,
@@ -75,10 +93,10 @@ fn rsa<'a>(
 }
 
 fn growth<'a>(
-    shapes: &'a [ScaledPolyhedron<'a>],
+    shapes: &'a [SolidRef<'a>],
     specimen: &'a Specimen,
     distance: &Distance,
-) -> MonteCarlo<'a, ScaledPolyhedron<'a>> {
+) -> MonteCarlo<'a, SolidRef<'a>> {
     let maximize = match *distance {
         Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
         _ => None,
@@ -99,7 +117,7 @@ fn growth<'a>(
 }
 
 /// Fails unless all gaps are kept, by the check, which shares nothing with the methods.
-fn assert_valid(specimen: &Specimen, distance: &Distance, shapes: &[ScaledPolyhedron<'_>], poses: &[Pose]) {
+fn assert_valid(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>], poses: &[Pose]) {
     let any = json!({
         "specimen": {"type": "box", "size_mm": [30, 30, 30]},
         "mix": {"grading": {"type": "diameters", "diameters_mm": [1]}},
@@ -107,7 +125,7 @@ fn assert_valid(specimen: &Specimen, distance: &Distance, shapes: &[ScaledPolyhe
     let mut request = PackingRequest::from_json(&any, 1).unwrap();
     (request.specimen, request.distance) = (*specimen, *distance);
     assert_eq!(shapes.len(), poses.len());
-    let certified = certify_polyhedra(shapes, poses, &request, 0.0, &Unattended);
+    let certified = certify_shapes(shapes, poses, &request, 0.0, &Unattended);
     assert!(certified.is_ok(), "{specimen:?} {distance:?}: {certified:?}");
 }
 
@@ -130,10 +148,12 @@ fn distances() -> [Distance; 4] {
 
 #[test]
 fn added_grains_keep_all_gaps_in_all_specimens() {
-    for templates in [cuts(0.0), cuts(0.1)] {
+    for (rounding, is_mixed) in [(0.0, false), (0.1, false), (0.0, true), (0.1, true)] {
+        let templates = cuts(rounding);
         for specimen in &specimens() {
             for distance in &distances() {
                 let shapes = shapes(&templates, specimen, 0.3, 7.0);
+                let shapes = if is_mixed { with_ellipsoids(shapes) } else { shapes };
                 let rsa = rsa(&shapes, specimen, distance);
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
                 let outcome = run();
@@ -147,11 +167,13 @@ fn added_grains_keep_all_gaps_in_all_specimens() {
 
 #[test]
 fn grown_grains_keep_all_gaps_in_all_specimens() {
-    for templates in [cuts(0.0), cuts(0.1)] {
+    for (rounding, is_mixed) in [(0.0, false), (0.1, false), (0.0, true), (0.1, true)] {
+        let templates = cuts(rounding);
         for specimen in &specimens() {
             for distance in &distances() {
                 let fraction = if *distance == NONE { 0.48 } else { 0.38 };
                 let shapes = shapes(&templates, specimen, fraction, 7.0);
+                let shapes = if is_mixed { with_ellipsoids(shapes) } else { shapes };
                 let outcome = growth(&shapes, specimen, distance).run(None, &Unattended).unwrap();
                 assert_eq!((outcome.end, outcome.scale), (monte_carlo::End::Target, 1.0), "{distance:?}");
                 assert_valid(specimen, distance, &shapes, &outcome.poses);
@@ -167,7 +189,7 @@ proptest! {
     #[test]
     fn random_templates_are_packed_without_violation(
         seed in 0_u64..1_000_000, kind in 0..3_usize, elongation in 0.3..1.0_f64, flatness in 0.4..1.0_f64,
-        rounding in prop_oneof![Just(0.0), 0.001..0.25_f64], specimen in 0..3_usize, grows: bool,
+        rounding in prop_oneof![Just(0.0), 0.001..0.25_f64], specimen in 0..3_usize, grows: bool, is_mixed: bool,
     ) {
         let kind =
             [TemplateKind::Cuts(8 + (seed % 20) as u32), TemplateKind::Cuboid(0.2), TemplateKind::Voronoi][kind];
@@ -175,6 +197,7 @@ proptest! {
         let specimen = specimens()[specimen];
         let distance = distances()[(seed % 4) as usize];
         let shapes = shapes(&templates, &specimen, if grows { 0.3 } else { 0.2 }, 6.0);
+        let shapes = if is_mixed { with_ellipsoids(shapes) } else { shapes };
         let poses = if grows {
             let method = MonteCarlo { seed, ..growth(&shapes, &specimen, &distance) };
             method.run(None, &Unattended).unwrap().poses
@@ -195,15 +218,16 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
     let specimen = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Walls };
     let templates = cuts(0.0);
     let sizes = [4.4, 4.2, 4.0, 3.9, 3.8, 3.6];
-    let shapes: Vec<_> = sizes
+    let polyhedra: Vec<_> = sizes
         .iter()
         .zip(&templates)
         .map(|(&scale_mm, template)| ScaledPolyhedron { template, scale_mm })
         .collect();
+    let shapes: Vec<SolidRef<'_>> = polyhedra.iter().map(|&shape| shape.into()).collect();
     let rsa = rsa(&shapes, &specimen, &NONE);
     let textbook = |rng: &mut Xoshiro256PlusPlus| {
         let (mut poses, mut attempts): (Vec<Pose>, u64) = (Vec::new(), 0);
-        for (i, shape) in shapes.iter().enumerate() {
+        for (i, shape) in polyhedra.iter().enumerate() {
             let inner = shape.template.inner_radius() * shape.scale_mm;
             loop {
                 attempts += 1;
@@ -212,7 +236,7 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
                 let is_inside = |v: Vector3<f64>| v.iter().all(|x| (0.0..=10.0).contains(x));
                 let body = Body::new(shape.template, shape.scale_mm, &pose);
                 let is_clear = |j: usize| {
-                    let other = Body::new(shapes[j].template, shapes[j].scale_mm, &poses[j]);
+                    let other = Body::new(polyhedra[j].template, polyhedra[j].scale_mm, &poses[j]);
                     body.with(&other).decide(0.0).is_apart
                 };
                 let mut corners = shape.template.world_vertices_mm(shape.scale_mm, &pose);
@@ -259,7 +283,7 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
     let cube = cuboid([0.5; 3], 0.0);
     let along = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
     let run = |scales: [f64; 2], attempts_per_grain| {
-        let shapes = scales.map(|scale_mm| ScaledPolyhedron { template: &cube, scale_mm });
+        let shapes = scales.map(|scale_mm| polyhedron(&cube, scale_mm));
         let rsa = ShapeRsa { attempts_per_grain, orientation: &along, ..rsa(&shapes, &specimen, &NONE) };
         rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended).end
     };
@@ -278,8 +302,8 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
 fn a_long_grain_keeps_clear_of_its_own_images() {
     let specimen = Specimen::Box { size_mm: [9.0, 10.0, 9.5], boundary: Boundary::Periodic };
     let (beam, cube) = (cuboid([6.0, 1.2, 1.0], 0.0), cuboid([1.0; 3], 0.2));
-    let mut shapes = vec![ScaledPolyhedron { template: &beam, scale_mm: 1.0 }];
-    shapes.extend(vec![ScaledPolyhedron { template: &cube, scale_mm: 1.0 }; 18]);
+    let mut shapes = vec![polyhedron(&beam, 1.0)];
+    shapes.extend(vec![polyhedron(&cube, 1.0); 18]);
     let outcome = growth(&shapes, &specimen, &NONE).run(None, &Unattended).unwrap();
     assert_eq!(outcome.end, monte_carlo::End::Target);
     assert_valid(&specimen, &NONE, &shapes, &outcome.poses);
@@ -309,16 +333,14 @@ fn a_dense_packing_prefers_no_direction() {
 #[test]
 fn every_cycle_ends_valid_at_its_scale() {
     let templates = cuts(0.05);
-    let shapes = shapes(&templates, &BOX, 0.55, 6.0);
-    for sweeps in [5, 40, 120] {
+    let polyhedra = shapes(&templates, &BOX, 0.55, 6.0);
+    for (sweeps, is_mixed) in [(5, false), (40, false), (120, false), (5, true), (120, true)] {
+        let shapes = if is_mixed { with_ellipsoids(polyhedra.clone()) } else { polyhedra.clone() };
         let mut method = growth(&shapes, &BOX, &NONE);
         method.limits.sweeps = Some(sweeps);
         let outcome = method.run(None, &Unattended).unwrap();
         let scale = outcome.scale * (1.0 - 1e-12);
-        let present: Vec<_> = shapes
-            .iter()
-            .map(|shape| ScaledPolyhedron { scale_mm: shape.scale_mm * scale, ..*shape })
-            .collect();
+        let present: Vec<_> = shapes.iter().map(|shape| shape.scaled(scale).unwrap()).collect();
         assert_valid(&BOX, &NONE, &present, &outcome.poses);
     }
 }
@@ -326,14 +348,16 @@ fn every_cycle_ends_valid_at_its_scale() {
 #[test]
 fn runs_are_the_same_again_and_on_every_processor() {
     let templates = cuts(0.02);
-    let shapes = shapes(&templates, &BOX, 0.5, 6.0);
+    let polyhedra = shapes(&templates, &BOX, 0.5, 6.0);
     let distance = Distance::Proportional { factor: 0.02, wall_gap_mm: None };
-    let run = || growth(&shapes, &BOX, &distance).run(None, &Unattended).unwrap().poses;
-    let poses = run();
-    assert_eq!(poses, run());
-    assert_eq!(poses, on_baseline(run));
-    let other = MonteCarlo { seed: 4, ..growth(&shapes, &BOX, &distance) };
-    assert_ne!(poses, other.run(None, &Unattended).unwrap().poses);
+    for shapes in [polyhedra.clone(), with_ellipsoids(polyhedra)] {
+        let run = || growth(&shapes, &BOX, &distance).run(None, &Unattended).unwrap().poses;
+        let poses = run();
+        assert_eq!(poses, run());
+        assert_eq!(poses, on_baseline(run));
+        let other = MonteCarlo { seed: 4, ..growth(&shapes, &BOX, &distance) };
+        assert_ne!(poses, other.run(None, &Unattended).unwrap().poses);
+    }
 }
 
 /// Wants every checkpoint that it is offered.
@@ -352,8 +376,10 @@ impl Control for Wants {
 #[test]
 fn a_run_goes_on_from_any_checkpoint_as_if_it_had_never_stopped() {
     let templates = cuts(0.03);
-    for distance in [NONE, Distance::Maximize { wall_gap_mm: None }] {
+    let largest = Distance::Maximize { wall_gap_mm: None };
+    for (distance, is_mixed) in [(NONE, false), (largest, false), (NONE, true), (largest, true)] {
         let shapes = shapes(&templates, &BOX, 0.45, 6.0);
+        let shapes = if is_mixed { with_ellipsoids(shapes) } else { shapes };
         let bodies: Mutex<Vec<Vec<u8>>> = Mutex::default();
         let keep = |write: &dyn Fn(&mut dyn Write) -> io::Result<()>| {
             let mut body = Vec::new();

@@ -165,6 +165,37 @@ fn a_mixture_has_its_shares_of_the_volume() {
     assert!((of_first / total - 0.2).abs() < 0.02, "{}", of_first / total);
 }
 
+/// Spheres, ellipsoids and polyhedra have their shares of the volume, and every class its own.
+#[test]
+fn a_mixture_of_all_kinds_has_its_shares_of_the_volume() {
+    let triangle = json!({"type": "triangle", "k": 0.4});
+    let shape = json!({"type": "mixture", "of": [
+        {"share": 0.2, "shape": {"type": "sphere"}},
+        {"share": 0.3, "shape": {"type": "ellipsoid", "ratios": triangle}},
+        {"share": 0.5, "shape": {"type": "polyhedron", "template_count": 6}}]});
+    let (mix, drawn) = drawn(&request(120.0, a16(0.6, shape)), 1);
+    let grains = &drawn.grains;
+    assert_eq!((mix.kind(), grains.kind(), grains.templates.len()), (GrainKind::Mixed, GrainKind::Mixed, 6));
+    let share = |counts: &dyn Fn(&Solid) -> bool| {
+        let volume = |shape: &Solid| sphere_volume(shape.d_mm());
+        let all: f64 = grains.shapes.iter().map(volume).sum();
+        grains.shapes.iter().filter(|shape| counts(shape)).map(volume).sum::<f64>() / all
+    };
+    let is_sphere =
+        |shape: &Solid| shape.ellipsoid().is_some_and(|of| of.elongation() * of.flatness() == 1.0);
+    let polyhedra = share(&|shape| shape.template().is_some());
+    assert!((polyhedra - 0.5).abs() < 0.02 && (share(&is_sphere) - 0.2).abs() < 0.02, "{polyhedra}");
+    assert!(diameters(&drawn).is_sorted_by(|p, q| p >= q));
+    // By size, and a largest grain of which one shape may fit.
+    let by_size = json!({"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.3, "shapes": [
+        {"above_mm": 4, "shape": {"type": "polyhedron", "template_count": 3}}, {"above_mm": 0, "shape": {"type": "sphere"}}]});
+    let (_, drawn) = self::drawn(&request(60.0, by_size), 2);
+    for (shape, size_mm) in drawn.grains.shapes.iter().zip(&drawn.sizes_mm) {
+        assert_eq!(shape.template().is_some(), *size_mm > 4.0);
+        assert!(shape.template().is_some() || (shape.d_mm() - size_mm).abs() < 1e-12 * size_mm);
+    }
+}
+
 #[test]
 fn an_explicit_list_has_a_grain_of_every_size() {
     let mix = json!({"grading": {"type": "diameters", "diameters_mm": [3, 12, 5, 8]},

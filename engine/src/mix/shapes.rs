@@ -176,19 +176,20 @@ impl ShapeSampler {
         ellipsoid: impl Fn(&Ellipsoid) -> bool,
         polyhedron: impl Fn(&ScaledPolyhedron<'_>) -> bool,
     ) -> bool {
-        if self.kind == GrainKind::Polyhedra {
-            let parts = self.of_size(part, size_mm).map_or(&[][..], |shapes| &shapes.parts);
-            return parts.iter().any(|part| match &part.forms {
-                Forms::Polyhedra { templates, .. } => {
-                    templates.bodies().iter().zip(&templates.equivalent_over_size).any(|(template, ratio)| {
-                        polyhedron(&ScaledPolyhedron { template, scale_mm: size_mm * ratio })
-                    })
-                }
-                Forms::Spheres | Forms::Ellipsoids(_) => false,
-            });
-        }
-        let mut rng = crate::rng::stream(0, crate::rng::Stream::Shape);
-        (0..TRIALS).any(|_| self.draw(part, size_mm, &mut rng).ellipsoid().is_some_and(&ellipsoid))
+        let parts = self.of_size(part, size_mm).map_or(&[][..], |shapes| &shapes.parts);
+        parts.iter().any(|part| match &part.forms {
+            Forms::Polyhedra { templates, .. } => {
+                templates.bodies().iter().zip(&templates.equivalent_over_size).any(|(template, ratio)| {
+                    polyhedron(&ScaledPolyhedron { template, scale_mm: size_mm * ratio })
+                })
+            }
+            Forms::Spheres => ellipsoid(&self.measure.ellipsoid(size_mm, Form::SPHERE)),
+            Forms::Ellipsoids(ratios) => {
+                let mut rng = crate::rng::stream(0, crate::rng::Stream::Shape);
+                let mut draw = || self.measure.ellipsoid(size_mm, ratios.draw(&mut rng));
+                (0..TRIALS).any(|_| ellipsoid(&draw()))
+            }
+        })
     }
 
     /// What the sizes are.

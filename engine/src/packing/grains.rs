@@ -100,10 +100,11 @@ impl Solids {
     #[must_use]
     pub fn kind(&self) -> GrainKind {
         let is_polyhedron = |shape: &Solid| shape.template().is_some();
-        if self.shapes.iter().any(is_polyhedron) || (self.is_empty() && !self.templates.is_empty()) {
-            GrainKind::Polyhedra
-        } else {
-            GrainKind::Ellipsoids
+        match (self.shapes.iter().any(is_polyhedron), self.shapes.iter().all(is_polyhedron)) {
+            (true, true) => GrainKind::Polyhedra,
+            (true, false) => GrainKind::Mixed,
+            (false, true) if !self.templates.is_empty() => GrainKind::Polyhedra,
+            (false, _) => GrainKind::Ellipsoids,
         }
     }
 

@@ -187,8 +187,9 @@ fn shapes() -> BoxedStrategy<Value> {
         1 => (polyhedra(), any::<bool>()).prop_map(|(shape, by_volume)| {
             json!({"shape": shape, "size": if by_volume { "equivalent" } else { "sieve" }})
         }),
-        1 => (polyhedra(), polyhedra(), magnitude()).prop_map(|(coarse, fine, above)| json!({"shapes": [
-            {"above_mm": above, "shape": coarse}, {"above_mm": 0, "shape": fine}]})),
+        1 => (polyhedra(), prop_oneof![polyhedra(), shape()], magnitude()).prop_map(|(coarse, fine, above)| {
+            json!({"shapes": [{"above_mm": above, "shape": coarse}, {"above_mm": 0, "shape": fine}]})
+        }),
     ]
     .boxed()
 }

@@ -339,6 +339,7 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
         GrainKind::Spheres => (EQUAL_SPHERES, "spheres"),
         GrainKind::Ellipsoids => (shapes::EQUAL_ELLIPSOIDS, "ellipsoids"),
         GrainKind::Polyhedra => (shapes::EQUAL_POLYHEDRA, "polyhedra"),
+        GrainKind::Mixed => (shapes::EQUAL_POLYHEDRA, "ellipsoids and polyhedra"),
     };
     let mut densest = 1.0 - (1.0 - equal) * ratio.powf(VOIDS_EXPONENT);
     if are_spheres && case.mix.list.is_none() && ratio > NEARLY_EQUAL {

@@ -68,7 +68,11 @@ const POLYHEDRA: Known = Known {
 
 /// What is known of the shapes of a mix.
 pub(super) fn known(shapes: &ShapeSampler) -> &'static Known {
-    if shapes.kind() == GrainKind::Polyhedra { &POLYHEDRA } else { &ELLIPSOIDS }
+    match shapes.kind() {
+        GrainKind::Spheres | GrainKind::Ellipsoids => &ELLIPSOIDS,
+        // As slow and as loose as their polyhedra.
+        GrainKind::Polyhedra | GrainKind::Mixed => &POLYHEDRA,
+    }
 }
 
 /// Memory per grain, in bytes.

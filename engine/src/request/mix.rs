@@ -4,7 +4,7 @@ use super::aggregate::{Aggregate, mean_density_kg_m3, read_aggregates};
 use super::decode::{At, Bound, Object};
 use super::grading::{check_d_min, read_d_min, read_grading};
 use super::proportions::{MixProportions, read_proportions};
-use super::shape::{MixShapes, judge_shapes, read_mix_shapes, read_orientation};
+use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
 use super::{DEFAULT_D_MIN_MM, Grading, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFractionOf};
 
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
@@ -88,7 +88,7 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         orientation: orientation?,
     };
     if let Some(at) = &shape_at {
-        judge_shapes(at, &mix)?;
+        judge_templates(at, &mix)?;
     }
     if let (false, false, Some(at)) = (mix.has_shapes(), mix.orientation.is_uniform(), &orientation_at) {
         at.fault("spheres have no orientation: must be \"uniform\", or the mix must have a shape");

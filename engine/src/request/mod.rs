@@ -181,17 +181,22 @@ impl Mix {
         self.grain_kind() != GrainKind::Spheres
     }
 
-    /// What the grains are: polyhedra are never mixed with other shapes, spheres count as ellipsoids among them.
+    /// What the grains are; spheres count as ellipsoids among other shapes.
     pub fn grain_kind(&self) -> GrainKind {
         let parts = self.parts();
-        let shapes = parts.iter().filter_map(MixPart::grain_shapes).flatten();
-        shapes.flat_map(|(_, shape)| shape.parts()).fold(GrainKind::Spheres, |kind, (_, shape)| {
-            match (kind, shape.kind()) {
-                (GrainKind::Polyhedra, _) | (_, GrainKind::Polyhedra) => GrainKind::Polyhedra,
-                // Shapes are given where some grains are no spheres.
-                _ => GrainKind::Ellipsoids,
-            }
-        })
+        let is_polyhedron = |shape: &GrainShape, wanted: bool| {
+            shape.parts().iter().any(|(_, shape)| (shape.kind() == GrainKind::Polyhedra) == wanted)
+        };
+        let shapes = || parts.iter().filter_map(MixPart::grain_shapes).flatten();
+        let has_polyhedra = shapes().any(|(_, shape)| is_polyhedron(shape, true));
+        let has_others = shapes().any(|(_, shape)| is_polyhedron(shape, false))
+            || parts.iter().any(|part| part.grain_shapes().is_none());
+        match (has_polyhedra, has_others) {
+            (true, true) => GrainKind::Mixed,
+            (true, false) => GrainKind::Polyhedra,
+            (false, _) if shapes().next().is_some() => GrainKind::Ellipsoids,
+            (false, _) => GrainKind::Spheres,
+        }
     }
 
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;

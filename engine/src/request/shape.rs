@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::decode::{At, Bound, Items, Object};
 use super::presets::ShapePreset;
-use super::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix};
+use super::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix, MixPart};
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::{
     AxisRatios, DEFAULT_TARGET_ELONGATION, MAX_MEASURED_GRAINS, MAX_TABLE_VALUES, MIN_RATIO,
@@ -183,6 +183,8 @@ pub enum GrainKind {
     Ellipsoids,
     /// Convex polyhedra, sharp or rounded.
     Polyhedra,
+    /// Ellipsoids, spheres among them, and convex polyhedra.
+    Mixed,
 }
 
 impl GrainKind {
@@ -193,6 +195,7 @@ impl GrainKind {
             Self::Spheres => "spheres",
             Self::Ellipsoids => "ellipsoids",
             Self::Polyhedra => "polyhedra",
+            Self::Mixed => "ellipsoids and polyhedra",
         }
     }
 }
@@ -335,23 +338,12 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
     Some(classes)
 }
 
-/// Judges what the shapes of a mix need of one another.
-pub(super) fn judge_shapes(at: &At<'_>, mix: &Mix) -> Option<()> {
+/// Judges the number of templates of all shapes of a mix.
+pub(super) fn judge_templates(at: &At<'_>, mix: &Mix) -> Option<()> {
     let parts = mix.parts();
-    let shapes = parts.iter().flat_map(|part| part.grain_shapes().unwrap_or_default());
-    let plain: Vec<&PlainShape> =
-        shapes.flat_map(|(_, shape)| shape.parts()).map(|(_, plain)| plain).collect();
-    let is_polyhedron = |shape: &&PlainShape| shape.kind() == GrainKind::Polyhedra;
-    let polyhedra = plain.iter().copied().filter(is_polyhedron).count();
-    let has_spheres = parts.iter().any(|part| part.grain_shapes().is_none());
-    if polyhedra > 0 && (polyhedra < plain.len() || has_spheres) {
-        at.fault(
-            "polyhedra and spheres or ellipsoids cannot be mixed yet: every shape must be of the type \"polyhedron\", \
-             or none",
-        );
-        return None;
-    }
-    let templates: u32 = plain.iter().map(|shape| shape.templates()).sum();
+    let shapes = parts.iter().filter_map(MixPart::grain_shapes).flatten();
+    let templates: u32 =
+        shapes.flat_map(|(_, shape)| shape.parts()).map(|(_, shape)| shape.templates()).sum();
     if templates > MAX_TEMPLATES {
         at.fault(format!(
             "the shapes have {templates} templates together: must have at most {MAX_TEMPLATES}; lower template_count"

@@ -239,6 +239,14 @@ fn a_polyhedron_is_written_with_its_defaults() {
     assert_eq!(read(&mixed), GrainKind::Polyhedra);
     assert_eq!(read(&json!({"shape": ellipsoid(&triangle)})), GrainKind::Ellipsoids);
     assert_eq!(read(&json!({"shape": {"type": "sphere"}})), GrainKind::Spheres);
+    // Spheres and ellipsoids may be mixed with polyhedra, in one class of size or in several.
+    for other in [json!({"type": "sphere"}), ellipsoid(&triangle)] {
+        let of = json!([half, {"share": 0.5, "shape": other}]);
+        assert_eq!(read(&json!({"shape": {"type": "mixture", "of": of}})), GrainKind::Mixed);
+        let by_size =
+            json!([{"above_mm": 8, "shape": {"type": "polyhedron"}}, {"above_mm": 0, "shape": other}]);
+        assert_eq!(read(&json!({"shapes": by_size})), GrainKind::Mixed);
+    }
 }
 
 #[test]
@@ -248,9 +256,7 @@ fn every_fault_of_polyhedra_names_its_place_the_value_and_the_bound() {
         shape["type"] = json!("polyhedron");
         json!({"shape": shape})
     };
-    let (sphere, polyhedron) = (json!({"type": "sphere"}), json!({"type": "polyhedron"}));
-    let mixed = "polyhedra and spheres or ellipsoids cannot be mixed yet: every shape must be of the type \
-                 \"polyhedron\", or none";
+    let polyhedron = json!({"type": "polyhedron"});
     let cases = [
         (
             shape(json!({"template": "stars"})),
@@ -303,13 +309,11 @@ fn every_fault_of_polyhedra_names_its_place_the_value_and_the_bound() {
             "/mix/shape/ratios/k: 0.05 is out of range: must be at least 0.1 and at most 1".to_owned(),
         ),
         (
-            json!({"shape": {"type": "mixture", "of": [
-                {"share": 0.5, "shape": sphere}, {"share": 0.5, "shape": polyhedron}]}}),
-            format!("/mix/shape: {mixed}"),
-        ),
-        (
-            json!({"shapes": [{"above_mm": 8, "shape": polyhedron}, {"above_mm": 0, "shape": sphere}]}),
-            format!("/mix/shapes: {mixed}"),
+            json!({"shapes": [{"above_mm": 8, "shape": {"type": "polyhedron", "template_count": 100}},
+                {"above_mm": 0, "shape": {"type": "mixture", "of": [
+                    {"share": 0.5, "shape": {"type": "sphere"}},
+                    {"share": 0.5, "shape": {"type": "polyhedron", "template_count": 100}}]}}]}),
+            "/mix/shapes: the shapes have 200 templates together: must have at most 128; lower template_count".to_owned(),
         ),
         (
             json!({"shape": {"type": "mixture", "of": [

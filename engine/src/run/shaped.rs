@@ -9,17 +9,17 @@ use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::gap::grain::ConvexShape;
-use crate::memory::{self, copied, make_room};
+use crate::memory::{collected, copied, reserved};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::ShapeRsa;
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Solids, Statistics};
 use crate::plan::Plan;
-use crate::request::{Distance, Method, MonteCarloStop, PackingRequest};
+use crate::request::{Distance, GrainKind, Method, MonteCarloStop, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
-use crate::shape::{Pose, Solid, SolidRef};
+use crate::shape::{Pose, Solid};
 
 /// A run whose shapes are drawn.
 struct Job<'a, S> {
@@ -69,19 +69,14 @@ pub(super) fn place(
         Ok(Grains::Solids(Solids { templates, shapes, poses, aggregate }))
     };
     let grains = &grains;
-    let (mut ellipsoids, mut polyhedra) = (Vec::new(), Vec::new());
-    make_room(&mut ellipsoids, solids.shapes.iter().filter_map(Solid::ellipsoid).count())?;
-    make_room(&mut polyhedra, solids.shapes.iter().filter_map(Solid::template).count())?;
-    for grain in 0..solids.len() {
-        match solids.shape(grain) {
-            SolidRef::Ellipsoid(ellipsoid) => ellipsoids.push(ellipsoid),
-            SolidRef::Polyhedron(polyhedron) => polyhedra.push(polyhedron),
-        }
-    }
-    if polyhedra.is_empty() {
+    // Ellipsoids alone are worth a method of their own, which has no kinds to tell apart.
+    if solids.kind() == GrainKind::Ellipsoids {
+        let mut ellipsoids = reserved(solids.len())?;
+        ellipsoids.extend(solids.shapes.iter().filter_map(Solid::ellipsoid).copied());
         return place_shapes(&Job { request, mix, shapes: &ellipsoids, grains }, plan, resume, control);
     }
-    place_shapes(&Job { request, mix, shapes: &polyhedra, grains }, plan, resume, control)
+    let shapes = collected((0..solids.len()).map(|grain| solids.shape(grain)))?;
+    place_shapes(&Job { request, mix, shapes: &shapes, grains }, plan, resume, control)
 }
 
 fn place_shapes<S: ConvexShape>(
@@ -125,7 +120,7 @@ impl<S: ConvexShape> Job<'_, S> {
         if self.request.segregation.is_none() {
             return Ok(None);
         }
-        let diameters = memory::collected(self.shapes.iter().map(ConvexShape::equivalent_diameter_mm))?;
+        let diameters = collected(self.shapes.iter().map(ConvexShape::equivalent_diameter_mm))?;
         Ok(Preference::new(self.request, &diameters))
     }
 

@@ -8,7 +8,7 @@ use super::engine::gap::polyhedra::Body;
 use super::engine::packing::Solids;
 use super::engine::request::Specimen;
 use super::engine::shape::polyhedron::{TemplateKind, draw_template};
-use super::engine::shape::{Form, Polyhedron, Pose, Solid};
+use super::engine::shape::{Ellipsoid, Form, Polyhedron, Pose, Solid};
 
 /// Templates of all kinds with that rounding, a share of the equivalent diameter.
 pub(crate) fn templates(rounding: f64) -> Vec<Polyhedron> {
@@ -71,6 +71,27 @@ pub(crate) fn packed(
         packed.shapes.push(Solid::Polyhedron { template: which as u32, d_mm: d });
         packed.poses.push(pose);
     }
+    packed
+}
+
+/// The same with an ellipsoid in place of every second polyhedron, which lies inside of it.
+#[allow(dead_code)]
+pub(crate) fn mixed(
+    specimen: &Specimen,
+    grains: usize,
+    d_mm: [f64; 2],
+    gap_mm: f64,
+    rounding: f64,
+) -> Solids {
+    let mut packed = packed(specimen, grains, d_mm, gap_mm, rounding);
+    let mut rows: Vec<(Solid, Pose)> =
+        packed.shapes.iter().copied().zip(packed.poses.iter().copied()).collect();
+    for (shape, _) in rows.iter_mut().step_by(2) {
+        let radius = packed.templates[shape.template().unwrap() as usize].inner_radius() * shape.d_mm();
+        *shape = Ellipsoid::new([radius, 0.8 * radius, 0.6 * radius]).unwrap().into();
+    }
+    rows.sort_by(|p, q| q.0.d_mm().total_cmp(&p.0.d_mm()));
+    (packed.shapes, packed.poses) = rows.into_iter().unzip();
     packed
 }
 

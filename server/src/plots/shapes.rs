@@ -46,6 +46,9 @@ pub(super) fn zingg(request: &PackingRequest, grains: &[MeasuredGrain], name: Op
     };
     let (of_grain, shared) = match request.mix.grain_kind() {
         GrainKind::Polyhedra => ("grains of a template", " of the ellipsoid of equal inertia"),
+        GrainKind::Mixed => {
+            ("grains of a template", " (of polyhedra that of the ellipsoid of equal inertia)")
+        }
         GrainKind::Ellipsoids | GrainKind::Spheres => ("grain", ""),
     };
     Chart {

@@ -12,9 +12,9 @@
 use std::process::ExitCode;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use packstone_engine::gap::{ellipsoids, polyhedra};
+use packstone_engine::gap::{ellipsoids, polyhedra, solids};
 use packstone_engine::shape::polyhedron::{TemplateKind, draw_template};
-use packstone_engine::shape::{Ellipsoid, Form, Polyhedron, Pose};
+use packstone_engine::shape::{Ellipsoid, Form, Polyhedron, Pose, ScaledPolyhedron, SolidRef};
 use parry3d_f64::math::{Pose as ParryPose, Vector};
 use parry3d_f64::query::contact::contact_support_map_support_map;
 use parry3d_f64::shape::SupportMap;
@@ -196,12 +196,48 @@ fn of_ellipsoids(pairs: u64, rng: &mut Xoshiro256PlusPlus) -> Tally {
     tally
 }
 
+/// Pairs of an ellipsoid and a polyhedron, in turn the one or the other first.
+fn of_both(pairs: u64, rng: &mut Xoshiro256PlusPlus) -> Tally {
+    let templates: Vec<Polyhedron> = (0..60_u32)
+        .filter_map(|i| {
+            let form = Form { elongation: between(rng, 0.4, 1.0), flatness: between(rng, 0.4, 1.0) };
+            let kind = if i % 2 == 0 { TemplateKind::Cuts(6 + i / 2) } else { TemplateKind::Cuboid(0.25) };
+            draw_template(kind, form, rng).map(|template| template.normalized())
+        })
+        .collect();
+    let mut tally = Tally::default();
+    for pair in 0..pairs {
+        let template = &templates[(uniform(rng) * templates.len() as f64) as usize];
+        let polyhedron = ScaledPolyhedron { template, scale_mm: between(rng, 0.5, 4.0) };
+        let axes: [f64; 3] = std::array::from_fn(|_| between(rng, 0.3, 3.0));
+        let Some(ellipsoid) = Ellipsoid::new(axes) else { continue };
+        let mut poses = [pose(rng), pose(rng)];
+        let round = Body::Ellipsoid(ellipsoid.matrix_mm2(&poses[0]));
+        let angular = Body::Points(template.world_vertices_mm(polyhedron.scale_mm, &poses[1]).collect());
+        let mut shapes = [SolidRef::from(ellipsoid), polyhedron.into()];
+        let mut bodies = [&round, &angular];
+        if pair % 2 == 1 {
+            (shapes.swap(0, 1), bodies.swap(0, 1), poses.swap(0, 1));
+        }
+        let r = placed(rng, bodies);
+        if r.norm() == 0.0 {
+            continue;
+        }
+        poses[1].center_mm = r;
+        let [one, other] = [0, 1].map(|i| solids::Body::new(shapes[i], &poses[i]));
+        tally.count(r, bodies, one.contact(&other).gap_mm, false);
+    }
+    tally
+}
+
 fn main() -> ExitCode {
-    let pairs = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(PAIRS) / 2;
+    let pairs = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(PAIRS) / 3;
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
     let polyhedra = of_polyhedra(pairs, &mut rng);
     polyhedra.print("polyhedra");
     let ellipsoids = of_ellipsoids(pairs, &mut rng);
     ellipsoids.print("ellipsoids");
-    if polyhedra.engine_errs + ellipsoids.engine_errs == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    let both = of_both(pairs, &mut rng);
+    both.print("ellipsoids and polyhedra");
+    if polyhedra.engine_errs + ellipsoids.engine_errs + both.engine_errs == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

@@ -36,7 +36,12 @@ POLYHEDRON_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "template")
 """Columns of polyhedra: those of the sphere of equal volume, sieve size, orientation quaternion, index of the template.
 """
 
-_COLUMNS_OF_WIDTH = {len(names): names for names in (COLUMNS, ELLIPSOID_COLUMNS, POLYHEDRON_COLUMNS)}
+MIXED_COLUMNS = (*ELLIPSOID_COLUMNS, "template")
+"""Columns of ellipsoids and polyhedra in one packing: polyhedra have the semi-axes 0, ellipsoids the template -1."""
+
+_COLUMNS_OF_WIDTH = {
+    len(names): names for names in (COLUMNS, ELLIPSOID_COLUMNS, POLYHEDRON_COLUMNS, MIXED_COLUMNS)
+}
 
 
 class Result:
@@ -60,8 +65,8 @@ class Result:
     def to_numpy(self) -> NDArray[np.float64]:
         """Returns the grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
 
-        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``. Of a mix of several
-        aggregates the last column is ``aggregate``, their index from 0.
+        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``, packings of both
+        ``MIXED_COLUMNS``. Of a mix of several aggregates the last column is ``aggregate``, their index from 0.
         """
         grains: NDArray[np.float64] = np.load(io.BytesIO(self.read("npy")), allow_pickle=False)
         return grains
@@ -69,8 +74,8 @@ class Result:
     def to_dataframe(self) -> pd.DataFrame:
         """Returns the grains as a table with the columns x_mm, y_mm, z_mm and d_mm. Needs pandas.
 
-        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``. Of a mix of several
-        aggregates the last column is ``aggregate``, their index from 0.
+        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``, packings of both
+        ``MIXED_COLUMNS``. Of a mix of several aggregates the last column is ``aggregate``, their index from 0.
         """
         import pandas as pd
 
@@ -89,8 +94,8 @@ class Result:
     def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
         """Returns the centres with the point data ``diameter_mm``, as PyVista's points. Needs pyvista.
 
-        With `spheres` it returns the surfaces of the grains, each of `resolution` segments, ellipsoids too; polyhedra
-        have their faces as polygons, with cell data in place of point data:
+        With `spheres` it returns the surfaces of the grains, each of `resolution` segments, ellipsoids too; packings
+        with polyhedra have faces as polygons, with cell data in place of point data:
         ``to_pyvista(spheres=True).plot()``.
         """
         import pyvista
@@ -101,7 +106,7 @@ class Result:
         points.set_active_scalars("diameter_mm")
         if not spheres:
             return points
-        if grains.shape[1] == len(POLYHEDRON_COLUMNS):
+        if grains.shape[1] in (len(POLYHEDRON_COLUMNS), len(MIXED_COLUMNS)):
             return _polyhedra(self.read("vtp"))
         sphere = pyvista.Sphere(radius=0.5, theta_resolution=resolution, phi_resolution=resolution)
         if grains.shape[1] == len(ELLIPSOID_COLUMNS):
@@ -192,7 +197,7 @@ def _ellipsoids(grains: NDArray[np.float64], sphere: pyvista.PolyData) -> pyvist
 
 
 def _polyhedra(vtp: bytes) -> pyvista.PolyData:
-    """The surfaces of polyhedra as the server writes them."""
+    """The surfaces of a packing with polyhedra as the server writes them."""
     import pyvista
 
     with tempfile.TemporaryDirectory() as folder:

@@ -5,7 +5,7 @@
 use super::tests::{CUBE, CYLINDER, assert_closed_sphere, smallest_angle};
 use super::*;
 use crate::export::convex::{Convex, Place};
-use crate::export::polyhedra_samples::packed;
+use crate::export::polyhedra_samples::{mixed, packed};
 use crate::gap::polyhedra::Body;
 use crate::packing::Solids;
 
@@ -140,6 +140,43 @@ fn rounded_polyhedra_have_their_volume_where_there_is_room() {
         let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
         assert!((report.aggregate_volume_mm3 / exact - 1.0).abs() < 1e-12, "{report:?}");
         assert_eq!(report.grains_short_of_volume, 0);
+    }
+}
+
+/// Ellipsoids and polyhedra in one mesh: closed surfaces that have the volumes of the grains and keep clear of each
+/// other, and an estimate that holds.
+#[test]
+fn ellipsoids_and_polyhedra_are_meshed_together() {
+    for (specimen, rounding) in [(CUBE, 0.0), (CYLINDER, 0.05)] {
+        let grains = mixed(&specimen, 24, [5.0, 2.0], 0.2, rounding);
+        let options = SurfaceOptions::default().with_segments(12);
+        let (mesh, report) = mesh(&specimen, &grains, &options);
+        let mut volume = 0.0;
+        for row in 0..grains.len() {
+            let (points, triangles) = mesh.grain(row);
+            assert_closed_sphere(points.len(), triangles);
+            let center: [f64; 3] = grains.poses[row].center_mm.into();
+            for corners in triangles {
+                let [a, b, c] = corners.map(|p| [0, 1, 2].map(|k| points[p as usize][k] - center[k]));
+                volume += surface::dot(a, surface::cross(b, c)) / 6.0;
+            }
+            for other in (0..grains.len()).filter(|other| *other != row) {
+                let body = crate::gap::solids::Body::new(grains.shape(other), &grains.poses[other]);
+                for p in points {
+                    let at_point = crate::shape::Ellipsoid::sphere(0.02).unwrap();
+                    let at_point =
+                        crate::gap::solids::Body::new(at_point.into(), &crate::shape::Pose::at((*p).into()));
+                    assert!(at_point.is_apart(&body, 0.0), "a vertex of {row} lies at {other}");
+                }
+            }
+        }
+        assert!((volume / report.aggregate_volume_mm3 - 1.0).abs() < 1e-9, "{report:?}");
+        let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
+        assert!((volume / exact - 1.0).abs() < 5e-3, "{report:?}");
+        let model = Model::new(&specimen, &grains);
+        let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+        let ratio = guess.triangles as f64 / report.triangles as f64;
+        assert!((1.0 / 1.1..1.1).contains(&ratio), "{ratio} of {}", report.triangles);
     }
 }
 

@@ -81,7 +81,8 @@ pub struct Cut {
     pub periodic: bool,
     /// Whether edges of a rectangular outline along u are part of a cylinder's lateral surface.
     pub lateral: bool,
-    /// What the grains are: spheres, whose sections are circles, ellipsoids with ellipses, or polyhedra with polygons.
+    /// What the grains are: spheres, whose sections are circles, ellipsoids with ellipses, polyhedra with polygons, or
+    /// both.
     pub kind: GrainKind,
     /// The sections, in the order of their grains.
     pub sections: Vec<Section>,
@@ -172,6 +173,7 @@ impl Cut {
             GrainKind::Spheres => "circles",
             GrainKind::Ellipsoids => "ellipses",
             GrainKind::Polyhedra => "polygons",
+            GrainKind::Mixed => "ellipses and polygons",
         }
     }
 
@@ -182,16 +184,22 @@ impl Cut {
 
     pub(super) fn report(&self) -> SliceReport {
         let (area_mm2, aggregate_area_mm2) = (self.outline.area_mm2(), self.aggregate_area_mm2());
-        let count = |kind: GrainKind| (self.kind == kind).then_some(self.sections.len() as u64);
+        let count = |kind: GrainKind, of: fn(&Figure) -> bool| {
+            let is_of_kind =
+                self.kind == kind || (self.kind == GrainKind::Mixed && kind != GrainKind::Spheres);
+            let found = || self.sections.iter().filter(|section| of(&section.figure)).count() as u64;
+            is_of_kind.then(found)
+        };
         SliceReport {
             axis: self.axis,
             at_mm: self.at_mm,
             plane: self.axis.plane(),
             outline: self.outline,
             area_mm2,
-            circle_count: count(GrainKind::Spheres).unwrap_or(0),
-            ellipse_count: count(GrainKind::Ellipsoids),
-            polygon_count: count(GrainKind::Polyhedra),
+            circle_count: count(GrainKind::Spheres, |figure| matches!(figure, Figure::Circle { .. }))
+                .unwrap_or(0),
+            ellipse_count: count(GrainKind::Ellipsoids, |figure| matches!(figure, Figure::Ellipse(_))),
+            polygon_count: count(GrainKind::Polyhedra, |figure| matches!(figure, Figure::Polygon(_))),
             aggregate_area_mm2,
             area_fraction: aggregate_area_mm2 / area_mm2,
             image: None,

@@ -75,7 +75,7 @@ pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         noun = cut.noun(),
         size = long / ELEMENTS_PER_EDGE,
     )?;
-    if cut.kind == GrainKind::Ellipsoids {
+    if matches!(cut.kind, GrainKind::Ellipsoids | GrainKind::Mixed) {
         out.write_all(ELLIPSE_AS_POLYGON.as_bytes())?;
     }
     if cut.kind == GrainKind::Polyhedra {
@@ -167,7 +167,7 @@ fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let (last_grain, last_circle) = (FIRST_GRAIN + n - 1, FIRST_CIRCLE + n - 1);
     let itz = match cut.kind {
         GrainKind::Spheres => format!("{FIRST_CIRCLE}:{last_circle}"),
-        GrainKind::Ellipsoids | GrainKind::Polyhedra => "itz()".to_owned(),
+        GrainKind::Ellipsoids | GrainKind::Polyhedra | GrainKind::Mixed => "itz()".to_owned(),
     };
     writeln!(
         out,

@@ -16,8 +16,7 @@ const ELLIPSE: [&str; 8] = ["u_mm", "v_mm", "a_mm", "b_mm", "angle_deg", "grain"
 const POLYGON: [&str; 6] = ["u_mm", "v_mm", "grain", "diameter_mm", "area_mm2", "corners_mm"];
 
 /// A slice as one JSON object: the fields of its report, then the table `circles` of a packing of spheres, `ellipses`
-/// of
-/// one of ellipsoids, or `polygons` of one of polyhedra.
+/// of one of ellipsoids, `polygons` of one of polyhedra, or both of these.
 #[derive(Clone, Copy, Debug)]
 pub struct SliceDocument<'a> {
     /// The figures of the cut.
@@ -36,14 +35,31 @@ impl SliceDocument<'_> {
         // The object is opened again for the table, whose rows are written as they come.
         head.pop();
         out.write_all(&head)?;
-        let columns = match self.cut.kind {
-            GrainKind::Spheres => CIRCLE.as_slice(),
-            GrainKind::Ellipsoids => ELLIPSE.as_slice(),
-            GrainKind::Polyhedra => POLYGON.as_slice(),
-        };
-        write!(out, ",\"{}\":{{\"columns\":{},\"rows\":[", self.cut.noun(), serde_json::to_string(columns)?)?;
+        let kind = self.cut.kind;
+        if kind == GrainKind::Spheres {
+            self.write_table("circles", &CIRCLE, |figure| matches!(figure, Figure::Circle { .. }), out)?;
+        }
+        if matches!(kind, GrainKind::Ellipsoids | GrainKind::Mixed) {
+            self.write_table("ellipses", &ELLIPSE, |figure| matches!(figure, Figure::Ellipse(_)), out)?;
+        }
+        if matches!(kind, GrainKind::Polyhedra | GrainKind::Mixed) {
+            self.write_table("polygons", &POLYGON, |figure| matches!(figure, Figure::Polygon(_)), out)?;
+        }
+        out.write_all(b"}\n")
+    }
+
+    /// Writes the table of the sections of a kind.
+    fn write_table(
+        self,
+        name: &str,
+        columns: &[&str],
+        is_of_table: fn(&Figure) -> bool,
+        out: &mut dyn Write,
+    ) -> io::Result<()> {
+        write!(out, ",\"{name}\":{{\"columns\":{},\"rows\":[", serde_json::to_string(columns)?)?;
         let mut digits = zmij::Buffer::new();
-        for (i, section) in self.cut.sections.iter().enumerate() {
+        let sections = self.cut.sections.iter().filter(|section| is_of_table(&section.figure));
+        for (i, section) in sections.enumerate() {
             out.write_all(if i == 0 { b"\n[" } else { b",\n[" })?;
             let [u, v] = section.center_mm;
             match &section.figure {
@@ -66,7 +82,7 @@ impl SliceDocument<'_> {
             }
             out.write_all(b"]")?;
         }
-        out.write_all(b"\n]}}\n")
+        out.write_all(b"\n]}")
     }
 }
 
@@ -83,7 +99,7 @@ fn numbers(out: &mut dyn Write, digits: &mut zmij::Buffer, all: &[f64]) -> io::R
 impl utoipa::PartialSchema for SliceDocument<'_> {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
         use utoipa::ToSchema;
-        use utoipa::openapi::schema::{AllOfBuilder, ObjectBuilder, OneOfBuilder, Ref, Schema, Type};
+        use utoipa::openapi::schema::{AllOfBuilder, AnyOfBuilder, ObjectBuilder, Ref, Schema, Type};
 
         let with = |name: &str, description: &str, columns: &[&str], row: &str| {
             let table = crate::export::schema::table(description, columns, row);
@@ -111,7 +127,7 @@ impl utoipa::PartialSchema for SliceDocument<'_> {
             .build();
         let document = AllOfBuilder::new()
             .item(Ref::from_schema_name(SliceReport::name()))
-            .item(Schema::from(OneOfBuilder::new().item(circles).item(ellipses).item(polygons).build()))
+            .item(Schema::from(AnyOfBuilder::new().item(circles).item(ellipses).item(polygons).build()))
             .description(Some("A slice in JSON."));
         Schema::from(document.build()).into()
     }

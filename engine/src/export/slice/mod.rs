@@ -225,6 +225,7 @@ pub(super) fn expected_bytes(
         GrainKind::Spheres => per_circle,
         GrainKind::Ellipsoids => per_ellipse,
         GrainKind::Polyhedra => per_polygon,
+        GrainKind::Mixed => f64::midpoint(per_ellipse, per_polygon),
     };
     (frame + per_section * sections) as u64
 }

@@ -137,6 +137,33 @@ fn cuts_of_polyhedra_add_up_to_the_volume() {
     }
 }
 
+/// The same of ellipsoids and polyhedra; in JSON each kind has its own table.
+#[test]
+fn cuts_of_ellipsoids_and_polyhedra_add_up_to_the_volume() {
+    for specimen in specimens() {
+        let grains = crate::export::polyhedra_samples::mixed(&specimen, 30, [5.0, 2.0], 0.1, 0.0);
+        let model = Model::new(&specimen, &grains);
+        let volume: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
+        let step = specimen.bounds_mm()[2] / 400.0;
+        let area =
+            |i: i32| Cut::new(&model, Axis::Z, (f64::from(i) + 0.5) * step).unwrap().aggregate_area_mm2();
+        let error = (0..400).map(|i| area(i) * step).sum::<f64>() / volume - 1.0;
+        assert!(error.abs() < 5e-4, "{specimen:?}: {error}");
+        let (report, bytes) = written(&specimen, &grains, &json!({"format": "json"}));
+        let value: Value = serde_json::from_slice(&bytes).unwrap();
+        let tables = [("ellipses", report.ellipse_count, 7), ("polygons", report.polygon_count, 4)];
+        for (table, count, area) in tables {
+            let rows = value[table]["rows"].as_array().unwrap();
+            assert_eq!(Some(rows.len() as u64), count);
+            assert!(rows.iter().all(|row| row[area].as_f64() > Some(0.0)), "{rows:?}");
+        }
+        assert_eq!((report.circle_count, value.get("circles")), (0, None));
+        for format in ["svg", "geo"] {
+            assert!(!written(&specimen, &grains, &json!({"format": format})).1.is_empty());
+        }
+    }
+}
+
 #[test]
 fn the_grey_of_a_picture_of_polygons_is_their_area_fraction() {
     for specimen in specimens() {

@@ -2,8 +2,9 @@
 //!
 //! Spheres have four columns: the centre and the diameter. Ellipsoids have these four, whose diameter is that of the
 //! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes. Convex polyhedra
-//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`). Where a mix
-//! has several aggregates, the last column is the index of that of the grain.
+//! have the index of their template in place of the semi-axes; the templates are stated once (`templates`). A result
+//! with grains of both kinds has the semi-axes, 0 of polyhedra, and then the template, -1 of ellipsoids. Where a mix has
+//! several aggregates, the last column is the index of that of the grain.
 
 use std::io;
 
@@ -41,7 +42,7 @@ pub enum Column {
     B,
     /// Smallest semi-axis in mm.
     C,
-    /// Index of the template, from 0.
+    /// Index of the template, from 0; -1 of an ellipsoid.
     Template,
     /// Index of the aggregate, from 0.
     Aggregate,
@@ -57,11 +58,16 @@ impl Column {
     /// The columns of convex polyhedra, in the order of storage.
     pub const OF_POLYHEDRA: &'static [Self] = &POLYHEDRA;
 
+    /// The columns of ellipsoids and convex polyhedra in one result, in the order of storage. Of an ellipsoid the
+    /// template is -1, of a polyhedron the semi-axes are 0.
+    pub const OF_BOTH: &'static [Self] = &BOTH;
+
     /// The columns of all kinds of grains, without and with that of the aggregate.
-    const OF_KINDS: [(GrainKind, &'static [Self], &'static [Self]); 3] = [
+    const OF_KINDS: [(GrainKind, &'static [Self], &'static [Self]); 4] = [
         (GrainKind::Spheres, Self::OF_SPHERES, &and_aggregate::<4, 5>(SPHERES)),
         (GrainKind::Ellipsoids, Self::OF_ELLIPSOIDS, &and_aggregate::<12, 13>(ELLIPSOIDS)),
         (GrainKind::Polyhedra, Self::OF_POLYHEDRA, &and_aggregate::<10, 11>(POLYHEDRA)),
+        (GrainKind::Mixed, Self::OF_BOTH, &and_aggregate::<13, 14>(BOTH)),
     ];
 
     /// The columns of a kind of grains, in the order of storage; of a mix of several aggregates that of the aggregate
@@ -141,6 +147,22 @@ const POLYHEDRA: [Column; 10] = [
     Column::Template,
 ];
 
+const BOTH: [Column; 13] = [
+    Column::X,
+    Column::Y,
+    Column::Z,
+    Column::Diameter,
+    Column::Sieve,
+    Column::Qw,
+    Column::Qx,
+    Column::Qy,
+    Column::Qz,
+    Column::A,
+    Column::B,
+    Column::C,
+    Column::Template,
+];
+
 /// `M - 1` columns and that of the aggregate.
 const fn and_aggregate<const N: usize, const M: usize>(columns: [Column; N]) -> [Column; M] {
     let mut all = [Column::Aggregate; M];
@@ -173,12 +195,11 @@ pub trait GrainSource {
     /// What the grains are.
     fn kind(&self) -> GrainKind {
         let columns = self.columns();
-        if columns.contains(&Column::Template) {
-            GrainKind::Polyhedra
-        } else if columns.contains(&Column::A) {
-            GrainKind::Ellipsoids
-        } else {
-            GrainKind::Spheres
+        match (columns.contains(&Column::Template), columns.contains(&Column::A)) {
+            (true, true) => GrainKind::Mixed,
+            (true, false) => GrainKind::Polyhedra,
+            (false, true) => GrainKind::Ellipsoids,
+            (false, false) => GrainKind::Spheres,
         }
     }
 
@@ -253,11 +274,15 @@ impl GrainSource for Solids {
         if column == Column::Aggregate {
             return read_aggregate(&self.aggregate, start, block);
         }
-        let absent = || no_column(column);
+        let of_kind = matches!(column, Column::A | Column::B | Column::C | Column::Template);
+        let is_mixed = of_kind && Self::kind(self) == GrainKind::Mixed;
+        // Where grains of the other kind have a column, these have a number in it too.
+        let absent = |number: f64| if is_mixed { Ok(number) } else { Err(no_column(column)) };
         for (value, row) in block.iter_mut().zip(start..) {
             let (shape, pose) = (&self.shapes[row], &self.poses[row]);
             let q = pose.orientation.quaternion();
-            let semi_axis = |k: usize| shape.ellipsoid().map(|of| of.semi_axes_mm()[k]).ok_or_else(absent);
+            let semi_axis =
+                |k: usize| shape.ellipsoid().map_or_else(|| absent(0.0), |of| Ok(of.semi_axes_mm()[k]));
             *value = match column {
                 Column::X => pose.center_mm.x,
                 Column::Y => pose.center_mm.y,
@@ -271,8 +296,10 @@ impl GrainSource for Solids {
                 Column::A => semi_axis(0)?,
                 Column::B => semi_axis(1)?,
                 Column::C => semi_axis(2)?,
-                Column::Template => shape.template().map(f64::from).ok_or_else(absent)?,
-                Column::Aggregate => return Err(absent()),
+                Column::Template => {
+                    shape.template().map_or_else(|| absent(OF_ELLIPSOID), |template| Ok(template.into()))?
+                }
+                Column::Aggregate => return Err(no_column(column)),
             };
         }
         Ok(())
@@ -376,7 +403,9 @@ impl GrainSource for Table {
 pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
     let bytes = match source.kind() {
         GrainKind::Spheres => 4 * size_of::<f64>(),
-        GrainKind::Ellipsoids | GrainKind::Polyhedra => size_of::<Solid>() + size_of::<Pose>(),
+        GrainKind::Ellipsoids | GrainKind::Polyhedra | GrainKind::Mixed => {
+            size_of::<Solid>() + size_of::<Pose>()
+        }
     };
     let bytes = if source.has_aggregates() { bytes + size_of::<u16>() } else { bytes };
     (source.len() as u64).saturating_mul(bytes as u64)
@@ -405,7 +434,7 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
             }));
         }
         GrainKind::Ellipsoids => load_ellipsoids(source)?,
-        GrainKind::Polyhedra => load_polyhedra(source)?,
+        GrainKind::Polyhedra | GrainKind::Mixed => load_polyhedra(source)?,
     };
     Ok(Grains::Solids(Solids { aggregate, ..solids }))
 }
@@ -452,19 +481,27 @@ fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
     }
 }
 
-/// Reads polyhedra; the numbers of the source stay as they are.
+/// Reads polyhedra, and ellipsoids among them; the numbers of the source stay as they are.
 fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     let rows = source.len();
     let templates = source.templates().to_vec();
     let mut grains =
         Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)?, aggregate: Vec::new() };
     let templates = grains.templates.len();
-    for_each_block(source, POLYHEDRON_ROW, |columns| {
+    for_each_rows(source, angular_row(source), |columns| {
         for row in 0..columns[0].len() {
-            let [x, y, z, d, w, i, j, k, template] = columns.map(|column| column[row]);
+            let [x, y, z, d, w, i, j, k, template] = std::array::from_fn(|column| columns[column][row]);
             let grain = grains.len();
             let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
-            if !(template >= 0.0 && template.fract() == 0.0 && template < templates as f64) {
+            let semi_axes = columns.get(POLYHEDRON_ROW.len()..).filter(|axes| axes.len() == 3);
+            let semi_axes = semi_axes.filter(|_| template == OF_ELLIPSOID);
+            let ellipsoid = match semi_axes.map(|axes| Ellipsoid::new([0, 1, 2].map(|k| axes[k][row]))) {
+                Some(None) => return fault("has semi-axes that are not positive numbers".into()),
+                Some(found) => found,
+                None => None,
+            };
+            let is_template = template >= 0.0 && template.fract() == 0.0 && template < templates as f64;
+            if !is_template && ellipsoid.is_none() {
                 return fault(format!(
                     "has the template {template}, and there are {templates}, counted from 0"
                 ));
@@ -481,7 +518,8 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
                 ));
             }
             let orientation = UnitQuaternion::new_unchecked(quaternion);
-            grains.shapes.push(Solid::Polyhedron { template: template as u32, d_mm: d });
+            let polyhedron = || Solid::Polyhedron { template: template as u32, d_mm: d };
+            grains.shapes.push(ellipsoid.map_or_else(polyhedron, Solid::Ellipsoid));
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())
@@ -509,6 +547,28 @@ pub(super) const POLYHEDRON_ROW: [Column; 9] = [
     Column::Qz,
     Column::Template,
 ];
+
+/// The template of an ellipsoid among polyhedra.
+pub(super) const OF_ELLIPSOID: f64 = -1.0;
+
+/// What a grain of a result with polyhedra is read from: the semi-axes come last, where there are ellipsoids too.
+pub(super) fn angular_row(source: &dyn GrainSource) -> &'static [Column] {
+    const MIXED_ROW: [Column; 12] = [
+        Column::X,
+        Column::Y,
+        Column::Z,
+        Column::Diameter,
+        Column::Qw,
+        Column::Qx,
+        Column::Qy,
+        Column::Qz,
+        Column::Template,
+        Column::A,
+        Column::B,
+        Column::C,
+    ];
+    if source.kind() == GrainKind::Mixed { &MIXED_ROW } else { &POLYHEDRON_ROW }
+}
 
 /// What an ellipsoid is read from.
 const ELLIPSOID_ROW: [Column; 10] = [

@@ -36,9 +36,9 @@ pub enum Format {
     Json,
     /// The columns under a header line: `x_mm,y_mm,z_mm,d_mm` for spheres.
     Csv,
-    /// Legacy VTK polydata, binary; of polyhedra their surfaces.
+    /// Legacy VTK polydata, binary; the surfaces of all grains where there are polyhedra.
     Vtk,
-    /// VTK XML polydata, raw appended binary; of polyhedra their surfaces.
+    /// VTK XML polydata, raw appended binary; the surfaces of all grains where there are polyhedra.
     Vtp,
     /// NumPy array of float64, N x 4 for spheres.
     Npy,
@@ -118,12 +118,17 @@ pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dy
     match format {
         Format::Json => text::write_json(head, GrainTable(grains), out),
         Format::Csv => text::write_csv(grains, out),
-        Format::Vtk if grains.kind() == GrainKind::Polyhedra => surfaces::write_legacy(head, grains, out),
-        Format::Vtp if grains.kind() == GrainKind::Polyhedra => surfaces::write_xml(head, grains, out),
+        Format::Vtk if has_polyhedra(grains) => surfaces::write_legacy(head, grains, out),
+        Format::Vtp if has_polyhedra(grains) => surfaces::write_xml(head, grains, out),
         Format::Vtk => vtk::write_legacy(head, grains, out),
         Format::Vtp => vtk::write_xml(head, grains, out),
         Format::Npy => npy::write(grains, out),
     }
+}
+
+/// Whether there are polyhedra among the grains, which are written as surfaces.
+fn has_polyhedra(grains: &dyn GrainSource) -> bool {
+    grains.columns().contains(&Column::Template)
 }
 
 /// The column whose value the grading curve classifies: the diameter of spheres; of other grains the sieve size, unless
@@ -142,7 +147,7 @@ pub fn length(format: Format, head: &Head, grains: &dyn GrainSource) -> io::Resu
     match format {
         Format::Json | Format::Csv => write(format, head, grains, &mut counter)?,
         // That of polyhedra as surfaces depends on the templates of the grains.
-        Format::Vtk | Format::Vtp if grains.kind() == GrainKind::Polyhedra => {
+        Format::Vtk | Format::Vtp if has_polyhedra(grains) => {
             write(format, head, grains, &mut counter)?;
         }
         // The length of the binary forms does not depend on the values.

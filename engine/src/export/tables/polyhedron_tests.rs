@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::stored::Layout;
 use super::tests::{appended, result};
 use super::*;
-use crate::export::polyhedra_samples::packed;
+use crate::export::polyhedra_samples::{mixed, packed};
 use crate::packing::{Grains, Solids};
 use crate::request::{Boundary, Specimen};
 
@@ -227,4 +227,70 @@ fn vtp_has_the_surfaces_of_the_grains() {
             assert_eq!(point(0), first);
         }
     }
+}
+
+#[test]
+fn ellipsoids_and_polyhedra_are_stored_with_the_columns_of_both() {
+    let (head, _) = result();
+    let specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
+    let grains = mixed(&specimen, 12, [6.0, 2.0], 0.1, 0.05);
+    let bytes = stored_bytes(&head, &grains);
+    let layout = Layout::read(&mut &bytes[..]).unwrap();
+    assert_eq!((layout.rows, layout.columns, layout.templates.len()), (12, Column::OF_BOTH, 4));
+    assert_eq!(read_back(&bytes).unwrap(), Grains::Solids(grains.clone()));
+    let mut csv = Vec::new();
+    write(Format::Csv, &head, &grains, &mut csv).unwrap();
+    let csv = String::from_utf8(csv).unwrap();
+    let (names, rows) = csv.split_once('\n').unwrap();
+    assert!(names.ends_with("qz,a_mm,b_mm,c_mm,template"), "{names}");
+    for (row, shape) in rows.lines().zip(&grains.shapes) {
+        let numbers: Vec<f64> = row.split(',').map(|x| x.parse().unwrap()).collect();
+        let expected = match shape.ellipsoid() {
+            Some(shape) => [shape.semi_axes_mm().x, shape.semi_axes_mm().y, shape.semi_axes_mm().z, -1.0],
+            None => [0.0, 0.0, 0.0, shape.template().unwrap().into()],
+        };
+        assert_eq!((numbers[3], &numbers[9..]), (shape.d_mm(), &expected[..]));
+    }
+    let ellipsoids = grains.shapes.iter().filter(|shape| shape.ellipsoid().is_some()).count();
+    assert_eq!(ellipsoids, 6);
+    for format in [Format::Vtp, Format::Vtk] {
+        let mut file = Vec::new();
+        write(format, &head, &grains, &mut file).unwrap();
+        assert_eq!(length(format, &head, &grains).unwrap(), file.len() as u64);
+        assert!(file.len() > ellipsoids * (162 * 24 + 320 * 16), "{}", file.len());
+    }
+    // Neither an ellipsoid nor a polyhedron.
+    for (column, value) in [(Column::A, -2.0), (Column::Template, 4.0), (Column::Template, -2.0)] {
+        let mut broken = bytes.clone();
+        let row = grains.shapes.iter().position(|shape| shape.ellipsoid().is_some()).unwrap();
+        let at = layout.offset(column, row as u64).unwrap() as usize;
+        broken[at..at + 8].copy_from_slice(&f64::to_le_bytes(value));
+        let refused = read_back(&broken).unwrap_err().to_string();
+        assert!(refused.contains(&format!("grain {row}")), "{refused}");
+    }
+}
+
+/// The surface of an ellipsoid among polyhedra is closed, turned outwards, and inscribed.
+#[test]
+fn surfaces_of_ellipsoids_are_closed() {
+    let ball = surfaces::ball();
+    let mut edges = std::collections::BTreeSet::new();
+    for corners in &ball.1 {
+        assert_eq!(corners.len(), 3);
+        for i in 0..3 {
+            assert!(edges.insert([corners[i], corners[(i + 1) % 3]]));
+        }
+    }
+    assert!(edges.iter().all(|[a, b]| edges.contains(&[*b, *a])));
+    let volume: f64 = ball
+        .1
+        .iter()
+        .map(|c| {
+            let [a, b, c] = [c[0], c[1], c[2]].map(|i| ball.0[i as usize]);
+            a.dot(&b.cross(&c)) / 6.0
+        })
+        .sum();
+    let of_ball = 4.0 / 3.0 * std::f64::consts::PI;
+    assert!(volume < of_ball && volume > 0.96 * of_ball, "{volume}");
+    assert_eq!((ball.0.len(), ball.1.len()), (162, 320));
 }

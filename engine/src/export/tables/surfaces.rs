@@ -1,38 +1,130 @@
-//! Polyhedra in the VTK forms: the surfaces of the grains as polygons, which a viewer shows as they are.
+//! Results with polyhedra in the VTK forms: the surfaces of the grains as polygons, which a viewer shows as they are.
 //!
 //! A sharp grain has the faces of its template. A rounded one has its plane faces, rectangles around its edges and
-//! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. Points are not shared by grains.
-//! Arrays of the polygons: `diameter` (float64, mm; of the sphere of equal volume), `sieve` (float64, mm),
-//! `sieve_class`, `id` and `aggregate` as in the other forms, `template` (int32).
+//! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid among polyhedra has 320
+//! triangles with their corners on it. Points are not shared by grains. Arrays of the polygons: `diameter` (float64, mm;
+//! of the sphere of equal volume), `sieve` (float64, mm), `sieve_class`, `id` and `aggregate` as in the other forms,
+//! `template` (int32; -1 of ellipsoids).
 
+use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_4;
 use std::io::{self, Write};
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::columns::{POLYHEDRON_ROW, for_each_block, invalid};
+use super::columns::{OF_ELLIPSOID, angular_row, for_each_block, for_each_rows, invalid};
 use super::vtk::{classifier, provenance_file, title};
 use super::{Column, GrainSource, Head, nominal_size};
 use crate::export::ExportError;
-use crate::export::convex::{Convex, Skin};
+use crate::export::convex::{Convex, Skin, SkinPoint};
 use crate::export::vtk_xml::Sink;
+use crate::request::GrainKind;
 use crate::shape::{Polyhedron, Pose};
 
+/// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 320.
+const BALL_DIVISIONS: u32 = 2;
 /// Largest angle between neighbours on an arc.
 const MOST_ANGLE: f64 = FRAC_PI_4 + 1e-9;
 
-/// A template with its surface.
+/// The surface of a form of grains.
 struct Surface<'a> {
-    template: &'a Polyhedron,
-    skin: Skin,
+    points: Points<'a>,
+    polygons: Vec<Vec<u32>>,
     /// Corners of all polygons.
     corners: usize,
+}
+
+/// Where the points of a surface lie.
+enum Points<'a> {
+    /// On a template.
+    Template(&'a Polyhedron, Vec<SkinPoint>),
+    /// On the unit sphere that an ellipsoid is an image of.
+    Ball(Vec<Vector3<f64>>),
+}
+
+impl<'a> Surface<'a> {
+    fn new(points: Points<'a>, polygons: Vec<Vec<u32>>) -> Self {
+        let corners = polygons.iter().map(Vec::len).sum();
+        Self { points, polygons, corners }
+    }
+
+    fn of_template(template: &'a Polyhedron) -> Self {
+        let skin = Skin::new(&Convex::new(template), MOST_ANGLE);
+        let polygons = skin.polygons.into_iter().map(|(_, corners)| corners).collect();
+        Self::new(Points::Template(template, skin.points), polygons)
+    }
+
+    fn len(&self) -> usize {
+        match &self.points {
+            Points::Template(_, points) => points.len(),
+            Points::Ball(points) => points.len(),
+        }
+    }
+
+    /// Calls `visit` with the points of a grain with this surface.
+    fn for_each_point(
+        &self,
+        pose: &Pose,
+        d_mm: f64,
+        semi_axes_mm: &Vector3<f64>,
+        mut visit: impl FnMut([f64; 3]) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let rotation = pose.rotation();
+        match &self.points {
+            Points::Ball(points) => {
+                for point in points {
+                    visit((pose.center_mm + rotation * point.component_mul(semi_axes_mm)).into())?;
+                }
+            }
+            Points::Template(template, points) => {
+                let vertices: Vec<Vector3<f64>> = template.world_vertices_mm(d_mm, pose).collect();
+                let radius = d_mm * template.rounding();
+                for point in points {
+                    let vertex = vertices[point.vertex as usize];
+                    let p = if radius > 0.0 { vertex + rotation * point.normal * radius } else { vertex };
+                    visit(p.into())?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The unit sphere by points and triangles, counter-clockwise as seen from outside: an icosahedron whose triangles are
+/// divided into four.
+pub(super) fn ball() -> (Vec<Vector3<f64>>, Vec<Vec<u32>>) {
+    let g = f64::midpoint(1.0, 5.0_f64.sqrt());
+    let signs = [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]];
+    let corners = signs.iter().flat_map(|[p, q]| {
+        let (x, y) = (*p, q * g);
+        [[0.0, x, y], [x, y, 0.0], [y, 0.0, x]].map(|corner| Vector3::from(corner).normalize())
+    });
+    let Some(hull) = Polyhedron::hull_of(&corners.collect::<Vec<_>>()) else { return Default::default() };
+    let mut points: Vec<Vector3<f64>> = hull.vertices().iter().map(Vector3::normalize).collect();
+    let mut triangles = hull.faces().to_vec();
+    for _ in 0..BALL_DIVISIONS {
+        let mut middles: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                points.push((points[a as usize] + points[b as usize]).normalize());
+                points.len() as u32 - 1
+            })
+        };
+        let mut divided = |corners: &Vec<u32>| {
+            let [a, b, c] = [corners[0], corners[1], corners[2]];
+            let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+            [vec![a, ab, ca], vec![b, bc, ab], vec![c, ca, bc], vec![ab, bc, ca]]
+        };
+        triangles = triangles.iter().flat_map(&mut divided).collect();
+    }
+    (points, triangles)
 }
 
 /// The surfaces of all grains.
 struct Surfaces<'a> {
     grains: &'a dyn GrainSource,
     templates: Vec<Surface<'a>>,
+    ball: Surface<'a>,
     points: usize,
     polygons: usize,
     corners: usize,
@@ -40,17 +132,14 @@ struct Surfaces<'a> {
 
 impl<'a> Surfaces<'a> {
     fn new(grains: &'a dyn GrainSource) -> io::Result<Self> {
-        let surface = |template: &'a Polyhedron| {
-            let skin = Skin::new(&Convex::new(template), MOST_ANGLE);
-            let corners = skin.polygons.iter().map(|(_, corners)| corners.len()).sum();
-            Surface { template, skin, corners }
-        };
-        let templates = grains.templates().iter().map(surface).collect();
-        let mut surfaces = Self { grains, templates, points: 0, polygons: 0, corners: 0 };
+        let templates = grains.templates().iter().map(Surface::of_template).collect();
+        let (points, triangles) = ball();
+        let ball = Surface::new(Points::Ball(points), triangles);
+        let mut surfaces = Self { grains, templates, ball, points: 0, polygons: 0, corners: 0 };
         let (mut points, mut polygons, mut corners) = (0, 0, 0);
-        surfaces.for_each(|surface, _| {
-            points += surface.skin.points.len();
-            polygons += surface.skin.polygons.len();
+        surfaces.for_each(|surface| {
+            points += surface.len();
+            polygons += surface.polygons.len();
             corners += surface.corners;
             Ok(())
         })?;
@@ -58,33 +147,32 @@ impl<'a> Surfaces<'a> {
         Ok(surfaces)
     }
 
-    /// Calls `visit` with the surface and the template of each grain.
-    fn for_each(&self, mut visit: impl FnMut(&Surface<'a>, usize) -> io::Result<()>) -> io::Result<()> {
+    /// The surface of grains with this template.
+    fn of(&self, template: f64) -> io::Result<&Surface<'a>> {
+        let found = if template == OF_ELLIPSOID && self.grains.kind() == GrainKind::Mixed {
+            Some(&self.ball)
+        } else {
+            self.templates.get(template as usize).filter(|_| template >= 0.0)
+        };
+        found.ok_or_else(|| invalid(format!("there is no template {template}")))
+    }
+
+    /// Calls `visit` with the surface of each grain.
+    fn for_each(&self, mut visit: impl FnMut(&Surface<'a>) -> io::Result<()>) -> io::Result<()> {
         for_each_block(self.grains, [Column::Template], |[templates]| {
-            for &template in templates {
-                let found = self.templates.get(template as usize).filter(|_| template >= 0.0);
-                let surface = found.ok_or_else(|| invalid(format!("there is no template {template}")))?;
-                visit(surface, template as usize)?;
-            }
-            Ok(())
+            templates.iter().try_for_each(|&template| visit(self.of(template)?))
         })
     }
 
     /// Calls `visit` with each point of each grain.
     fn for_each_point(&self, mut visit: impl FnMut([f64; 3]) -> io::Result<()>) -> io::Result<()> {
-        for_each_block(self.grains, POLYHEDRON_ROW, |columns| {
+        for_each_rows(self.grains, angular_row(self.grains), |columns| {
             for row in 0..columns[0].len() {
-                let [x, y, z, d, w, i, j, k, template] = columns.map(|column| column[row]);
-                let Surface { template, skin, .. } = &self.templates[template as usize];
+                let [x, y, z, d, w, i, j, k, template] = std::array::from_fn(|column| columns[column][row]);
+                let semi_axes = Vector3::from_fn(|k, _| columns.get(9 + k).map_or(0.0, |axis| axis[row]));
                 let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
                 let pose = Pose { center_mm: Vector3::new(x, y, z), orientation };
-                let vertices: Vec<Vector3<f64>> = template.world_vertices_mm(d, &pose).collect();
-                let (rotation, radius) = (pose.rotation(), d * template.rounding());
-                for point in &skin.points {
-                    let vertex = vertices[point.vertex as usize];
-                    let p = if radius > 0.0 { vertex + rotation * point.normal * radius } else { vertex };
-                    visit(p.into())?;
-                }
+                self.of(template)?.for_each_point(&pose, d, &semi_axes, &mut visit)?;
             }
             Ok(())
         })
@@ -98,7 +186,7 @@ impl<'a> Surfaces<'a> {
     ) -> io::Result<()> {
         for_each_block(self.grains, [column, Column::Template], |[values, templates]| {
             for (&value, &template) in values.iter().zip(templates) {
-                for _ in &self.templates[template as usize].skin.polygons {
+                for _ in &self.of(template)?.polygons {
                     visit(value)?;
                 }
             }
@@ -109,11 +197,11 @@ impl<'a> Surfaces<'a> {
     /// Calls `visit` with the corners of each polygon, and the number of the first point of its grain.
     fn for_each_corners(&self, mut visit: impl FnMut(&[u32], usize) -> io::Result<()>) -> io::Result<()> {
         let mut first = 0;
-        self.for_each(|surface, _| {
-            for (_, corners) in &surface.skin.polygons {
+        self.for_each(|surface| {
+            for corners in &surface.polygons {
                 visit(corners, first)?;
             }
-            first += surface.skin.points.len();
+            first += surface.len();
             Ok(())
         })
     }
@@ -121,8 +209,8 @@ impl<'a> Surfaces<'a> {
     /// Calls `visit` with the number of the grain of each polygon.
     fn for_each_id(&self, mut visit: impl FnMut(i32) -> io::Result<()>) -> io::Result<()> {
         let mut id = 0;
-        self.for_each(|surface, _| {
-            for _ in &surface.skin.polygons {
+        self.for_each(|surface| {
+            for _ in &surface.polygons {
                 visit(id)?;
             }
             id += 1;

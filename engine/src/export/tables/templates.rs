@@ -7,7 +7,6 @@
 
 use std::io;
 
-use crate::request::GrainKind;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -77,7 +76,7 @@ impl TemplateRecord {
 
 /// The templates of polyhedra; none of other grains.
 pub(super) fn records(grains: &dyn GrainSource) -> Option<Vec<TemplateRecord>> {
-    let has_templates = grains.kind() == GrainKind::Polyhedra;
+    let has_templates = grains.columns().contains(&Column::Template);
     has_templates.then(|| grains.templates().iter().map(TemplateRecord::from).collect())
 }
 

@@ -72,6 +72,13 @@ impl utoipa::PartialSchema for GrainTable<'_> {
             ("Spheres.".to_owned(), GrainKind::Spheres),
             (format!("Ellipsoids: {SHAPED}, semi-axes."), GrainKind::Ellipsoids),
             (format!("Convex polyhedra: {SHAPED}, index of the template."), GrainKind::Polyhedra),
+            (
+                format!(
+                    "Ellipsoids and convex polyhedra: {SHAPED}, semi-axes (0 of polyhedra), index of the template (-1 \
+                     of ellipsoids)."
+                ),
+                GrainKind::Mixed,
+            ),
         ] {
             let table = |about: &str, has_aggregates| {
                 let columns = names(Column::of(kind, has_aggregates));

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::tests::written;
 use super::*;
 use crate::export::convex::{Convex, Place};
-use crate::export::polyhedra_samples::packed;
+use crate::export::polyhedra_samples::{mixed, packed};
 use crate::request::Boundary;
 
 /// Voxels have the label of the grain that their centre lies in, and the volume is that of Steiner's formula.
@@ -62,6 +62,25 @@ fn voxels_of_polyhedra_are_those_whose_centres_lie_inside() {
             written(&model, VoxelFormat::Vti, &json!({"cells": 40, "fractions": true, "samples": 4}));
         let error = report.volume_fraction_samples / report.volume_fraction - 1.0;
         assert!(error.abs() < 1e-3, "{error}");
+        assert_eq!(report.grains_without_voxel, 0);
+    }
+}
+
+/// Ellipsoids and polyhedra have their exact volume, and shares of voxels that add up to it.
+#[test]
+fn voxels_of_ellipsoids_and_polyhedra_have_their_volume() {
+    for specimen in [
+        Specimen::Box { size_mm: [14.0, 15.0, 14.0], boundary: Boundary::Periodic },
+        Specimen::Cylinder { diameter_mm: 18.0, height_mm: 16.0 },
+    ] {
+        let grains = mixed(&specimen, 24, [5.0, 2.0], 0.1, 0.05);
+        let model = Model::new(&specimen, &grains);
+        let (report, _) =
+            written(&model, VoxelFormat::Vti, &json!({"cells": 40, "fractions": true, "samples": 4}));
+        let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
+        assert!((report.volume_fraction - exact / specimen.volume_mm3()).abs() < 1e-12);
+        let error = report.volume_fraction_samples / report.volume_fraction - 1.0;
+        assert!(error.abs() < 2e-3, "{error}");
         assert_eq!(report.grains_without_voxel, 0);
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::{Pair, TurnedPolyhedron};
+use super::{Core, Pair, TurnedPolyhedron};
 use crate::cpu::Cpu;
 use crate::gap::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
 use crate::gap::linear::{Symmetric, Vector, norm, scaled};
@@ -102,6 +102,25 @@ fn product([w, i, j, k]: Orientation, by: UnitQuaternion<f64>) -> Orientation {
     [product.w, product.i, product.j, product.k]
 }
 
+impl<A: Core + Turned, B: Core + Turned> Pair<'_, A, B> {
+    /// Where the two, which are too close along a unit vector, push each other.
+    pub(in crate::gap) fn push_contact(&self, gap_mm: f64, normal: Vector, turns: u32) -> PushContact {
+        Cpu::detect().call(
+            #[inline(always)]
+            || {
+                let (n, points) = self.widening_from(&normal.into(), gap_mm, turns);
+                let arms_mm = [points[0] + n * self.a.rounding_mm(), points[1] - n * self.b.rounding_mm()];
+                let normal = n.into();
+                PushContact {
+                    normal,
+                    supports_mm: [self.a.support_mm(normal), self.b.support_back_mm(normal)],
+                    arms_mm: arms_mm.map(Vector::from),
+                }
+            },
+        )
+    }
+}
+
 impl Turned for TurnedPolyhedron<'_> {
     const IS_ELLIPSOID: bool = false;
 
@@ -135,20 +154,7 @@ impl Turned for TurnedPolyhedron<'_> {
     }
 
     fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector, turns: u32) -> PushContact {
-        Cpu::detect().call(
-            #[inline(always)]
-            || {
-                let pair = Pair { a: self, b: other, r: r.into() };
-                let (n, points) = pair.widening_from(&normal.into(), gap_mm, turns);
-                let arms_mm = [points[0] + n * self.rounding_mm, points[1] - n * other.rounding_mm];
-                let normal = n.into();
-                PushContact {
-                    normal,
-                    supports_mm: [self.support_mm(normal), other.support_back_mm(normal)],
-                    arms_mm: arms_mm.map(Vector::from),
-                }
-            },
-        )
+        Pair { a: self, b: other, r: r.into() }.push_contact(gap_mm, normal, turns)
     }
 
     fn reach_across_mm(&self, [x, y]: [f64; 2]) -> (f64, Vector) {

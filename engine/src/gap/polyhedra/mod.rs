@@ -46,6 +46,9 @@ pub struct TurnedPolyhedron<'a> {
 
 /// What a pair reads of a turned body: the core, to which the rounding is added.
 pub trait Core: Copy {
+    /// Whether one point alone attains the support function along any direction.
+    const IS_SMOOTH: bool;
+
     /// Support function of the core in mm for a unit vector, and a point that attains it, relative to the centre.
     fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>);
 
@@ -63,6 +66,8 @@ pub trait Core: Copy {
 }
 
 impl Core for TurnedPolyhedron<'_> {
+    const IS_SMOOTH: bool = false;
+
     /// The point is a vertex.
     #[inline(always)]
     fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
@@ -114,6 +119,8 @@ impl Core for TurnedPolyhedron<'_> {
 
 /// An ellipsoid by its shape matrix, which is its own core.
 impl Core for Symmetric {
+    const IS_SMOOTH: bool = true;
+
     #[inline(always)]
     fn core_support(&self, n: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let of_n = self.times([n.x, n.y, n.z]);
@@ -325,7 +332,7 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
     pub fn contact_from(&self, normal: &Vector3<f64>) -> Contact {
         let (best, end) = self.search(normal, f64::INFINITY, 0.0);
         let (normal, points) = match end {
-            End::Near(simplex) if best.0 > 0.0 => (best.1, simplex.points()),
+            End::Near(simplex) if best.0 > 0.0 => (best.1, self.nearest_points(&best.1, &simplex)),
             End::Near(simplex) | End::Overlap(simplex) => {
                 let deepest = penetration::least_depth(self, &simplex).unwrap_or(best.1);
                 let n = if self.core_separation(&deepest).0 >= best.0 { deepest } else { best.1 };
@@ -367,7 +374,7 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
             if s <= 0.0 || factor.is_nan() || factor <= 0.0 {
                 break;
             }
-            points = Some(simplex.points());
+            points = Some(wider.nearest_points(&next, &simplex));
             let has_gained = factor < best * LEAST_GAIN;
             if factor < best {
                 (best, n) = (factor, next);
@@ -394,6 +401,20 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
 
     fn rounding_mm(&self) -> f64 {
         self.a.rounding_mm() + self.b.rounding_mm()
+    }
+
+    /// The points of the cores that are nearest to each other, by the direction between them and the simplex that gave
+    /// it. Where corners of the simplex lie close together, as they do on a smooth body, the direction is the more
+    /// exact.
+    #[inline(always)]
+    fn nearest_points(&self, n: &Vector3<f64>, simplex: &Simplex) -> [Vector3<f64>; 2] {
+        if A::IS_SMOOTH || B::IS_SMOOTH {
+            let (s, Difference { of_a, of_b, .. }) = self.core_separation(n);
+            let across = n * s - self.r;
+            if A::IS_SMOOTH { [of_a, of_a + across] } else { [of_b - across, of_b] }
+        } else {
+            simplex.points()
+        }
     }
 
     /// Points of the cores that attain the support functions along `n`, as near to each other across `n` as they come.

@@ -82,7 +82,7 @@ pub struct MonteCarlo<'a, S> {
     /// What decides all else.
     pub seed: u64,
     /// Which positions grains prefer, in the start and in swaps; `None` without a gradient.
-    pub(crate) preference: Option<&'a Preference>,
+    pub preference: Option<&'a Preference>,
     /// Keeps a checkpoint when the control wants one: it is handed what writes the body.
     pub keep_checkpoint: Option<&'a KeepCheckpoint<'a>>,
 }

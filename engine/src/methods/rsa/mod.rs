@@ -64,7 +64,7 @@ pub struct Rsa<'a> {
     /// Attempts for one grain after which the run has failed; `None` searches exhaustively.
     pub attempts_per_grain: Option<u64>,
     /// Which of several free places a grain prefers; `None` takes the first.
-    pub(crate) preference: Option<&'a Preference>,
+    pub preference: Option<&'a Preference>,
 }
 
 /// How a run ended.

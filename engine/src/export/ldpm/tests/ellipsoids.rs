@@ -213,3 +213,29 @@ fn lattices_of_polyhedra_pass_their_checks() {
         }
     }
 }
+
+/// Ellipsoids and polyhedra in one lattice.
+#[test]
+fn lattices_of_ellipsoids_and_polyhedra_pass_their_checks() {
+    for specimen in [
+        Specimen::Box { size_mm: [30.0, 28.0, 26.0], boundary: crate::request::Boundary::Walls },
+        Specimen::Cylinder { diameter_mm: 30.0, height_mm: 26.0 },
+    ] {
+        let grains = crate::export::polyhedra_samples::mixed(&specimen, 100, [7.0, 3.0], 0.2, 0.05);
+        let model = Model::new(&specimen, &grains);
+        let lattice =
+            Lattice::make(&model, &LatticeOptions::default(), &Limits::default(), &Unattended).unwrap();
+        let checks = &lattice.report().checks;
+        assert_eq!((checks.overlapping_grains, checks.grains_outside, checks.overlapping_edges), (0, 0, 0));
+        assert_eq!(checks.crowded_nodes, 0);
+        // Two grains in one place overlap, of whichever kind.
+        let mut overlapping = grains.clone();
+        let kind = |grain: usize| overlapping.shapes[grain].template().is_some();
+        let [one, other] =
+            [false, true].map(|of| (0..grains.len()).find(|&grain| kind(grain) == of).unwrap());
+        overlapping.poses[other].center_mm = overlapping.poses[one].center_mm;
+        let model = Model::new(&specimen, &overlapping);
+        let grains = Grains::new(&model).unwrap();
+        assert!(grains.overlap([one, other], 1e-6) && grains.overlap([other, one], 1e-6));
+    }
+}
