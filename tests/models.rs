@@ -416,7 +416,7 @@ async fn capabilities_and_metrics_tell_of_models() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 14);
+    assert_eq!(seen, 16);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
     let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 3";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");

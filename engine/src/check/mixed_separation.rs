@@ -10,10 +10,10 @@
 //! - to a line, the same in the plane across the line, with the shadow of the ellipsoid;
 //! - to a plane, its normal.
 //!
-//! The search begins with the corners that are nearest where the ellipsoid is stretched to a ball. It knows the distance
-//! of the hull of up to four corners, and adds the corner that the polyhedron reaches farthest with along `-n`, until
-//! there is none farther. Before a pair is refused, all corners, edges and faces are tried: bodies that are apart are
-//! apart along the direction of one of these.
+//! The search begins with the corners that are nearest where the ellipsoid is stretched to a ball. It knows the
+//! distance of the hull of up to four corners, and adds the corner that the polyhedron reaches farthest with along
+//! `-n`, until there is none farther. Before a pair is refused, all corners, edges and faces are tried: bodies that are
+//! apart are apart along the direction of one of these.
 //!
 //! Decision: floating point where `s` is clear of the requirement by [`ERROR`] times the lengths involved, else
 //! double-double arithmetic, in which `n` is computed from the corners of the face again, or turned across the edge.
@@ -161,8 +161,8 @@ impl<'a> Pair<'a> {
         best
     }
 
-    /// Of the hull of the corners of a feature and another one, the part that is nearest to the ellipsoid, the direction
-    /// to it and its distance; where the hull meets the ellipsoid, one of a small depth.
+    /// Of the hull of the corners of a feature and another one, the part that is nearest to the ellipsoid, the
+    /// direction to it and its distance; where the hull meets the ellipsoid, one of a small depth.
     fn nearest_with(&self, at: &Feature, corner: usize) -> Option<(Feature, Vector3<f64>, f64)> {
         let mut all = [corner; 4];
         all[..at.len].copy_from_slice(at.corners());
@@ -345,8 +345,8 @@ fn nearest_of(points: &[Vector3<f64>], feature: &Feature) -> Option<Vector3<f64>
 }
 
 /// The direction from an ellipsoid in its axes, by the squares of its semi-axes, to a point: `u_k / (a_k² + t)` with
-/// the root `t >= 0` of `|v| = 1`, `v_k = a_k u_k / (a_k² + t)`; that of the scaled ellipsoid through the point where it
-/// lies inside.
+/// the root `t >= 0` of `|v| = 1`, `v_k = a_k u_k / (a_k² + t)`; that of the scaled ellipsoid through the point where
+/// it lies inside.
 ///
 /// `1 / |v|` is nearly linear in `t` and concave, so that Newton's method for `1 / |v| = 1` comes to the root from
 /// below.

@@ -1,5 +1,5 @@
-//! What packing methods ask of a shape, whatever its kind: static dispatch to [`super::ellipsoids`] and
-//! [`super::polyhedra`].
+//! What packing methods ask of a shape, whatever its kind: static dispatch to [`super::ellipsoids`], and to
+//! [`super::solids`] for polyhedra, alone or among ellipsoids.
 //!
 //! A grain turns about its centre with its principal axes, the longest first. [`ConvexShape`] is the grain as it lies
 //! in these axes, [`Turned`] what pair tests read once it is turned.

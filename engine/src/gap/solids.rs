@@ -1,9 +1,9 @@
 //! Bodies of either kind: gaps of any two grains that are no spheres, and both kinds as grains of packing methods.
 //!
-//! A pair of one kind is decided as [`super::ellipsoids`] and [`super::polyhedra`] do. For an ellipsoid and a polyhedron
-//! the direction comes from the algorithm of Gilbert, Johnson and Keerthi on differences of a vertex and a point of the
-//! ellipsoid; its steps converge to the direction of the gap instead of ending there. What counts is `s(n) >= g`, as for
-//! all pairs: a pair that is undecided after the last step is too close.
+//! A pair of one kind is decided as [`super::ellipsoids`] and [`super::polyhedra`] do. For an ellipsoid and a
+//! polyhedron the direction comes from the algorithm of Gilbert, Johnson and Keerthi on differences of a vertex and a
+//! point of the ellipsoid; its steps converge to the direction of the gap instead of ending there. What counts is
+//! `s(n) >= g`, as for all pairs: a pair that is undecided after the last step is too close.
 
 use super::ellipsoids::{self, Gap};
 use super::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};

@@ -1,4 +1,5 @@
-//! Both methods with polyhedra, alone and among ellipsoids: packings that are checked pair by pair, laws, runs that are repeated and continued.
+//! Both methods with polyhedra, alone and among ellipsoids: packings that are checked pair by pair, laws, runs that are
+//! repeated and continued.
 
 use std::io::{self, Write};
 use std::sync::Mutex;

@@ -3,8 +3,8 @@
 //! Spheres have four columns: the centre and the diameter. Ellipsoids have these four, whose diameter is that of the
 //! sphere of equal volume, then the sieve size, the orientation as a quaternion, and the semi-axes. Convex polyhedra
 //! have the index of their template in place of the semi-axes; the templates are stated once (`templates`). A result
-//! with grains of both kinds has the semi-axes, 0 of polyhedra, and then the template, -1 of ellipsoids. Where a mix has
-//! several aggregates, the last column is the index of that of the grain.
+//! with grains of both kinds has the semi-axes, 0 of polyhedra, and then the template, -1 of ellipsoids. Where a mix
+//! has several aggregates, the last column is the index of that of the grain.
 
 use std::io;
 

@@ -2,9 +2,9 @@
 //!
 //! A sharp grain has the faces of its template. A rounded one has its plane faces, rectangles around its edges and
 //! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid among polyhedra has 320
-//! triangles with their corners on it. Points are not shared by grains. Arrays of the polygons: `diameter` (float64, mm;
-//! of the sphere of equal volume), `sieve` (float64, mm), `sieve_class`, `id` and `aggregate` as in the other forms,
-//! `template` (int32; -1 of ellipsoids).
+//! triangles with their corners on it. Points are not shared by grains. Arrays of the polygons: `diameter` (float64,
+//! mm; of the sphere of equal volume), `sieve` (float64, mm), `sieve_class`, `id` and `aggregate` as in the other
+//! forms, `template` (int32; -1 of ellipsoids).
 
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_4;
