@@ -55,7 +55,7 @@ impl Body {
     }
 
     /// Volume in mm³.
-    pub(super) fn volume(&self) -> f64 {
+    pub(super) fn own_volume(&self) -> f64 {
         let [a, b, c]: [f64; 3] = self.semi_axes.into();
         4.0 / 3.0 * PI * a * b * c
     }

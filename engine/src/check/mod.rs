@@ -215,11 +215,11 @@ fn judge_shapes(
     let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
     let sizes = packing.bodies().iter().zip(shapes).map(|(body, shape)| match (shape, size) {
         (SolidRef::Ellipsoid(ellipsoid), _) => ellipsoids::size(ellipsoid, size),
-        (SolidRef::Polyhedron(_), SizeMeasure::Equivalent) => (body.equivalent_diameter(), body.volume()),
+        (SolidRef::Polyhedron(_), SizeMeasure::Equivalent) => (body.equivalent_diameter(), body.own_volume()),
         (SolidRef::Polyhedron(shape), SizeMeasure::Sieve) => {
             let template: *const _ = shape.template;
             let of_template = *sieves.entry(template).or_insert_with(|| sieve::sieve_size(shape.template));
-            (of_template * shape.scale_mm, body.volume())
+            (of_template * shape.scale_mm, body.own_volume())
         }
     });
     let sizes = collected(sizes)?;

@@ -26,10 +26,10 @@ impl Body {
         }
     }
 
-    /// Volume in mm³.
-    pub(super) fn volume(&self) -> f64 {
+    /// Volume in mm³, by a formula of the check.
+    pub(super) fn own_volume(&self) -> f64 {
         match self {
-            Self::Ellipsoid(body) => body.volume(),
+            Self::Ellipsoid(body) => body.own_volume(),
             Self::Polyhedron(body) => body.volume,
         }
     }
