@@ -26,8 +26,8 @@ use crate::shape::{Ellipsoid, Solid};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
 const PACKING_SHARE: f64 = 0.98;
-/// Memory that the statistics of a gradient take for a grain, in bytes.
-const SEPARATION_BYTES_PER_GRAIN: usize = 64;
+/// Memory that the statistics of a gradient take for a grain, in bytes; the spheres in place of other grains too.
+const SEPARATION_BYTES_PER_GRAIN: usize = 96;
 
 /// Computes a packing.
 ///
