@@ -5,7 +5,7 @@
 //! is followed by coaxial cylinders, whose cut is an integral of arcs over the height of the grain.
 //!
 //! Of grains that are no spheres the volume in each slab between two planes is exact, but for rounded polyhedra
-//! ([`super::sections`]); what they cover of a coaxial cylinder is an integral of chords along z over the angle.
+//! (`sections`); what they cover of a coaxial cylinder is an integral of chords along z over the angle.
 
 use std::f64::consts::PI;
 
