@@ -1,15 +1,13 @@
 //! What engineers look for in a packing beyond its check: the grading it came out with, how close grains
 //! stand, how a wall thins them out, and how far sizes are apart.
 //!
-//! Pure functions over [`Spheres`](crate::packing::Spheres) and a [`Specimen`](crate::request::Specimen),
-//! for whoever draws or tabulates them. They judge nothing: whether a packing is valid is
-//! [`crate::check`]'s question. They must never know how a packing was computed, nor how a curve is drawn.
+//! Pure functions over the grains of a packing and a [`Specimen`](crate::request::Specimen), for whoever draws or
+//! tabulates them. They judge nothing: whether a packing is valid is [`crate::check`]'s question. They must never know how a packing was computed, nor how a curve is drawn.
 
 pub mod depth_profile;
 pub mod grading;
 mod neighbors;
 pub mod radial;
-mod rounded;
 mod sections;
 mod separation;
 mod shapes;

@@ -4,7 +4,6 @@
 
 pub mod catalog;
 pub mod certificates;
-mod convex;
 pub mod ldpm;
 pub mod mesh;
 pub mod picture;

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::convex::{Convex, Place};
+use crate::geometry::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
 use crate::packing::{GrainsRef, Solids, Spheres};
 use crate::shape::{Ellipsoid, Pose, Solid};

@@ -1,4 +1,5 @@
-//! Geometry of points: cell grids, tetrahedra and exact predicates.
+//! Geometry: cell grids, tetrahedra and exact predicates of points, and rounded polyhedra.
 
 pub mod cells;
+pub(crate) mod convex;
 pub mod delaunay;

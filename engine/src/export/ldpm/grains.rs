@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::export::convex::{Convex, Place};
 use crate::export::{ExportError, Model};
 use crate::gap::linear::Symmetric;
 use crate::gap::solids::Body;
 use crate::gap::{ellipsoids, polyhedra};
+use crate::geometry::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
 use crate::packing::{GrainsRef, Solids, Spheres};
 use crate::request::Specimen;

@@ -16,8 +16,8 @@ use super::bodies::PlacedPolyhedron;
 use super::rounded::Facets;
 use super::size::Facing;
 use super::surface::{Shape, Surface, cross, distance2, dot};
-use crate::export::convex::directed_edges;
 use crate::gap::linear::{Vector, minus, norm, scaled, sum};
+use crate::geometry::convex::directed_edges;
 use crate::shape::Pose;
 
 /// Edges in multiples of those asked for, from step to step: what is coarse is put in order before it is divided.

@@ -4,9 +4,9 @@
 
 use super::tests::{CUBE, CYLINDER, assert_closed_sphere, smallest_angle};
 use super::*;
-use crate::export::convex::{Convex, Place};
 use crate::export::polyhedra_samples::{mixed, packed};
 use crate::gap::polyhedra::Body;
+use crate::geometry::convex::{Convex, Place};
 use crate::packing::Solids;
 
 fn mesh(specimen: &Specimen, grains: &Solids, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::export::convex::{Convex, directed_edges};
+use crate::geometry::convex::{Convex, directed_edges};
 
 /// Shortest edges that a cut may make, in edges asked for where nothing is close.
 const LEAST_EDGE: f64 = 0.15;

@@ -5,7 +5,7 @@
 //! never know triangles.
 
 use super::surface::{distance2, dot};
-use crate::export::convex::{Convex, Place};
+use crate::geometry::convex::{Convex, Place};
 
 /// Most steps to the distance of an ellipsoid, which few of them find to rounding.
 const MOST_STEPS: u32 = 30;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::export::Model;
-use crate::export::convex::{Convex, Place};
 use crate::export::solids::{Sectioned, quadratic};
+use crate::geometry::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, reserved};
 use crate::packing::GrainsRef;
 use crate::request::Specimen;

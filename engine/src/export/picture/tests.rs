@@ -198,14 +198,14 @@ fn polyhedra_are_rendered_and_the_bytes_do_not_depend_on_the_threads() {
         // Points of rays that hit grains lie on their surfaces, and normals point towards the eye.
         let scene = Scene::new(&model).unwrap();
         let view = View::framing(&specimen, 200);
-        let templates = crate::export::convex::Convex::all(&grains.templates);
+        let templates = crate::geometry::convex::Convex::all(&grains.templates);
         let mut hits = 0;
         for y in 0..view.pixels[1] {
             for x in 0..view.pixels[0] {
                 let hit = scene.trace(view.unproject([f64::from(x) + 0.5, f64::from(y) + 0.5]));
                 if let Hit::Grain { grain, at, .. } = hit {
                     let row = scene.grain(grain).number as usize;
-                    let place = crate::export::convex::Place::of(&grains, row);
+                    let place = crate::geometry::convex::Place::of(&grains, row);
                     let template = &templates[grains.shapes[row].template().unwrap() as usize];
                     assert!(template.distance(&place.local(&at)).abs() < 1e-9);
                     assert!(scene.grain(grain).normal(&at).dot(&view.eye) > -1e-9);

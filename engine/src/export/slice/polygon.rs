@@ -12,7 +12,7 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 use nalgebra::Vector3;
 
 use super::figure::Span;
-use crate::export::convex::{Convex, Place, directed_edges};
+use crate::geometry::convex::{Convex, Place, directed_edges};
 
 /// How far the boundary of a rounded grain may lie outside of the polygon, in equivalent diameters.
 pub const TOLERANCE: f64 = 1.0e-4;

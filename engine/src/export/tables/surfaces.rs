@@ -16,8 +16,8 @@ use super::columns::{OF_ELLIPSOID, angular_row, for_each_block, for_each_rows, i
 use super::vtk::{classifier, provenance_file, title};
 use super::{Column, GrainSource, Head, nominal_size};
 use crate::export::ExportError;
-use crate::export::convex::{Convex, Skin, SkinPoint};
 use crate::export::vtk_xml::Sink;
+use crate::geometry::convex::{Convex, Skin, SkinPoint};
 use crate::request::GrainKind;
 use crate::shape::{Polyhedron, Pose};
 

@@ -7,8 +7,8 @@ use serde_json::json;
 
 use super::tests::written;
 use super::*;
-use crate::export::convex::{Convex, Place};
 use crate::export::polyhedra_samples::{mixed, packed};
+use crate::geometry::convex::{Convex, Place};
 use crate::request::Boundary;
 
 /// Voxels have the label of the grain that their centre lies in, and the volume is that of Steiner's formula.

@@ -29,7 +29,7 @@ use simplex::{Difference, Simplex};
 const MOST_STEPS: usize = 100;
 /// How much wider than known to suffice each turn of the search for the least widening looks, and the factor of a gain
 /// that is worth another.
-const WIDER: f64 = 1.1;
+pub(super) const WIDER: f64 = 1.1;
 const LEAST_GAIN: f64 = 1.0 - 1e-4;
 
 /// A polyhedron, turned.
@@ -436,7 +436,7 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
             let next = differences.iter().min_by(|p, q| p.w.dot(&v).total_cmp(&q.w.dot(&v)));
             let Some(next) = next.filter(|next| !simplex.has(next)) else { break };
             let mut larger = simplex;
-            match larger.add(*next) {
+            match larger.add(*next, false) {
                 Some((nearer, _)) if nearer.norm() < nearest => (v, nearest) = (nearer, nearer.norm()),
                 _ => break,
             }
@@ -475,7 +475,11 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
             if nearest - best.0 <= rounding || simplex.has(&difference) {
                 return (best, End::Near(simplex));
             }
-            let Some((v, normal)) = simplex.add(difference) else { return (best, End::Overlap(simplex)) };
+            // Where a direction parts the bodies, rounding alone can put the origin into a simplex.
+            let is_outside = best.0 > rounding;
+            let Some((v, normal)) = simplex.add(difference, is_outside) else {
+                return (best, End::Overlap(simplex));
+            };
             let distance = v.norm();
             if distance < least || distance >= nearest {
                 return (best, End::Near(simplex));

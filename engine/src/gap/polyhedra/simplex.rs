@@ -39,8 +39,12 @@ impl Simplex {
 
     /// Adds a corner and keeps those that span the nearest point. Returns the point and the unit vector towards it,
     /// which is `None` where the point is the origin and no triangle has a normal; returns nothing where the simplex
-    /// holds the origin inside.
-    pub(super) fn add(&mut self, difference: Difference) -> Option<(Vector3<f64>, Option<Vector3<f64>>)> {
+    /// holds the origin inside, unless it is known to lie outside.
+    pub(super) fn add(
+        &mut self,
+        difference: Difference,
+        is_outside: bool,
+    ) -> Option<(Vector3<f64>, Option<Vector3<f64>>)> {
         self.corners[self.len] = difference;
         self.len += 1;
         let [a, b, c, d] = [self.corners[0].w, self.corners[1].w, self.corners[2].w, self.corners[3].w];
@@ -48,7 +52,7 @@ impl Simplex {
             1 => [1.0, 0.0, 0.0, 0.0],
             2 => segment(&a, &b),
             3 => triangle(&a, &b, &c),
-            _ => tetrahedron([a, b, c, d])?,
+            _ => tetrahedron([a, b, c, d], is_outside)?,
         };
         self.reduce();
         let corners = self.corners();
@@ -135,15 +139,23 @@ fn triangle(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Weights {
     [of_a / whole, of_b / whole, of_c / whole, 0.0]
 }
 
-/// `None` where the origin lies inside.
-fn tetrahedron(corners: [Vector3<f64>; 4]) -> Option<Weights> {
+/// `None` where the origin lies inside, as far as it is not known to lie outside: rounding may turn a tetrahedron over
+/// that is nearly flat.
+fn tetrahedron(corners: [Vector3<f64>; 4], is_outside: bool) -> Option<Weights> {
+    let nearest = nearest_face(&corners, false);
+    if nearest.is_none() && is_outside { nearest_face(&corners, true) } else { nearest }
+}
+
+/// Weights of the point nearest to the origin of the faces that the origin lies beyond, or of all.
+#[inline(always)]
+fn nearest_face(corners: &[Vector3<f64>; 4], of_all: bool) -> Option<Weights> {
     let mut best: Option<(f64, Weights)> = None;
     for [i, j, k, opposite] in [[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 3, 1], [1, 2, 3, 0]] {
         let (a, b, c) = (&corners[i], &corners[j], &corners[k]);
         let normal = (b - a).cross(&(c - a));
         let (of_opposite, of_origin) = (normal.dot(&(corners[opposite] - a)), -normal.dot(a));
         // The origin lies beyond this face, or the tetrahedron is flat.
-        if of_opposite * of_origin <= 0.0 {
+        if of_all || of_opposite * of_origin <= 0.0 {
             let [u, v, w, _] = triangle(a, b, c);
             let distance2 = (a * u + b * v + c * w).norm_squared();
             if best.is_none_or(|(least, _)| distance2 < least) {

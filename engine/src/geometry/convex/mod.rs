@@ -1,11 +1,13 @@
-//! Templates of polyhedra as exports see them: planes, edges, distances, chords, and the skin of the rounded body.
+//! Templates of polyhedra with what is computed of them once: planes, edges, distances, chords, and the surface of the
+//! rounded body as polygons ([`Skin`]).
 //!
 //! All is done in the axes and the unit of the template; a grain of the diameter `d`, the rotation `R` and the centre
-//! `x`
-//! is seen at `Rᵀ (p - x) / d`. The body of a core that is rounded by the radius `r` is the union of the core, the
+//! `x` is seen at `Rᵀ (p - x) / d`. The body of a core that is rounded by the radius `r` is the union of the core, the
 //! prisms of the height `r` on its faces, the cylinders of the radius `r` about its edges and the spheres of that
-//! radius about its vertices. Each of these is convex and lies inside, and so does the body: a line enters it where it
-//! first meets one of them, and leaves it where it leaves the last.
+//! radius about its vertices. The body is convex: a line enters it where it first meets one of these, and leaves it
+//! where it leaves the last.
+
+mod skin;
 
 use std::collections::BTreeMap;
 
@@ -13,64 +15,65 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::packing::Solids;
 use crate::shape::{Polyhedron, Pose};
+pub(crate) use skin::{Skin, SkinPoint};
 
 /// A template with what is computed of it once.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Convex {
-    pub(super) vertices: Vec<Vector3<f64>>,
+pub(crate) struct Convex {
+    pub(crate) vertices: Vec<Vector3<f64>>,
     /// Faces by their vertices, counter-clockwise as seen from outside.
-    pub(super) faces: Vec<Vec<u32>>,
+    pub(crate) faces: Vec<Vec<u32>>,
     /// Outward unit normal of each face and its height above the origin.
-    pub(super) planes: Vec<(Vector3<f64>, f64)>,
-    pub(super) edges: Vec<ConvexEdge>,
+    pub(crate) planes: Vec<(Vector3<f64>, f64)>,
+    pub(crate) edges: Vec<ConvexEdge>,
     /// Radius of rounding.
-    pub(super) rounding: f64,
+    pub(crate) rounding: f64,
 }
 
 /// An edge of a template.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ConvexEdge {
-    pub(super) ends: [u32; 2],
+pub(crate) struct ConvexEdge {
+    pub(crate) ends: [u32; 2],
     /// The face where the first end comes before the second, and the other one.
-    pub(super) faces: [u32; 2],
+    pub(crate) faces: [u32; 2],
     /// From the first end to the second, a unit vector.
     axis: Vector3<f64>,
     length: f64,
     /// Angle between the normals of the faces.
-    pub(super) angle: f64,
+    pub(crate) angle: f64,
 }
 
 /// Where a grain is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Place {
-    pub(super) center: Vector3<f64>,
-    pub(super) rotation: Matrix3<f64>,
-    pub(super) scale: f64,
+pub(crate) struct Place {
+    pub(crate) center: Vector3<f64>,
+    pub(crate) rotation: Matrix3<f64>,
+    pub(crate) scale: f64,
 }
 
 impl Place {
-    pub(super) fn new(d_mm: f64, pose: &Pose) -> Self {
+    pub(crate) fn new(d_mm: f64, pose: &Pose) -> Self {
         Self { center: pose.center_mm, rotation: pose.rotation(), scale: d_mm }
     }
 
     /// Where a grain of a packing is.
-    pub(super) fn of(grains: &Solids, grain: usize) -> Self {
+    pub(crate) fn of(grains: &Solids, grain: usize) -> Self {
         Self::new(grains.shapes[grain].d_mm(), &grains.poses[grain])
     }
 
     /// A vector in the axes and the unit of the template.
-    pub(super) fn turned_back(&self, vector: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn turned_back(&self, vector: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.tr_mul(vector) / self.scale
     }
 
     /// A point in the axes and the unit of the template.
-    pub(super) fn local(&self, p: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn local(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.turned_back(&(p - self.center))
     }
 }
 
 impl Convex {
-    pub(super) fn new(template: &Polyhedron) -> Self {
+    pub(crate) fn new(template: &Polyhedron) -> Self {
         let vertices = template.vertices().to_vec();
         let faces = template.faces().to_vec();
         let planes: Vec<_> = (0..faces.len()).map(|face| template.plane(face)).collect();
@@ -95,7 +98,7 @@ impl Convex {
         Self { edges, vertices, faces, planes, rounding: template.rounding() }
     }
 
-    pub(super) fn all(templates: &[Polyhedron]) -> Vec<Self> {
+    pub(crate) fn all(templates: &[Polyhedron]) -> Vec<Self> {
         templates.iter().map(Self::new).collect()
     }
 
@@ -105,7 +108,7 @@ impl Convex {
 
     /// Height above the highest of the planes: a lower bound of the distance from the core, and minus the distance to
     /// its surface for points inside.
-    pub(super) fn height(&self, p: &Vector3<f64>) -> f64 {
+    pub(crate) fn height(&self, p: &Vector3<f64>) -> f64 {
         self.planes.iter().map(|(normal, height)| normal.dot(p) - height).fold(f64::NEG_INFINITY, f64::max)
     }
 
@@ -119,7 +122,7 @@ impl Convex {
     }
 
     /// The point of the core that is nearest to a point outside of it; none for points inside.
-    pub(super) fn nearest(&self, p: &Vector3<f64>) -> Option<Vector3<f64>> {
+    pub(crate) fn nearest(&self, p: &Vector3<f64>) -> Option<Vector3<f64>> {
         let mut is_outside = false;
         for (face, (normal, height)) in self.planes.iter().enumerate() {
             let above = normal.dot(p) - height;
@@ -143,13 +146,13 @@ impl Convex {
 
     /// Distance of a point from the body, negative inside: exact outside and near the surface of a rounded body, and
     /// within the core.
-    pub(super) fn distance(&self, p: &Vector3<f64>) -> f64 {
+    pub(crate) fn distance(&self, p: &Vector3<f64>) -> f64 {
         let to_core = self.nearest(p).map_or_else(|| self.height(p), |nearest| (p - nearest).norm());
         to_core - self.rounding
     }
 
     /// Outward normal at a point of the surface.
-    pub(super) fn normal(&self, p: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn normal(&self, p: &Vector3<f64>) -> Vector3<f64> {
         let from_core =
             || self.nearest(p).and_then(|nearest| (p - nearest).try_normalize(1e-9 * self.rounding));
         let rounded = if self.rounding > 0.0 { from_core() } else { None };
@@ -161,7 +164,7 @@ impl Convex {
     }
 
     /// Where the line `from + t direction` enters the body and leaves it, in multiples of the direction.
-    pub(super) fn chord(&self, from: &Vector3<f64>, direction: &Vector3<f64>) -> Option<[f64; 2]> {
+    pub(crate) fn chord(&self, from: &Vector3<f64>, direction: &Vector3<f64>) -> Option<[f64; 2]> {
         if self.rounding > 0.0 {
             self.rounded_chord(from, direction)
         } else {
@@ -236,126 +239,8 @@ impl Convex {
 }
 
 /// The directed edges of a face.
-pub(super) fn directed_edges(corners: &[u32]) -> impl Iterator<Item = [u32; 2]> {
+pub(crate) fn directed_edges(corners: &[u32]) -> impl Iterator<Item = [u32; 2]> {
     corners.iter().zip(corners.iter().cycle().skip(1)).map(|(&from, &to)| [from, to])
-}
-
-/// A point of a skin: a vertex of the core, and the unit normal along which it is moved by the radius of rounding.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SkinPoint {
-    pub(super) vertex: u32,
-    pub(super) normal: Vector3<f64>,
-}
-
-/// The surface of a body as convex polygons with their corners on it: of a sharp one its faces; of a rounded one its
-/// faces, rectangles around its edges and triangles around its vertices.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Skin {
-    pub(super) points: Vec<SkinPoint>,
-    /// The part of the body that each polygon belongs to, faces first, then edges, then vertices; and its corners,
-    /// counter-clockwise as seen from outside.
-    pub(super) polygons: Vec<(u32, Vec<u32>)>,
-}
-
-impl Skin {
-    /// The skin of a template, whose arcs are divided so that no part turns by more than an angle.
-    pub(super) fn new(form: &Convex, most_angle: f64) -> Self {
-        if form.rounding == 0.0 {
-            let points =
-                (0..form.vertices.len() as u32).map(|vertex| SkinPoint { vertex, normal: Vector3::zeros() });
-            return Self {
-                points: points.collect(),
-                polygons: (0..).zip(form.faces.iter().cloned()).collect(),
-            };
-        }
-        let mut skin = Self::default();
-        // The point of each face at each of its vertices.
-        let mut own = BTreeMap::new();
-        for (face, corners) in (0_u32..).zip(&form.faces) {
-            let normal = form.planes[face as usize].0;
-            let points: Vec<u32> = corners.iter().map(|&vertex| skin.point(vertex, normal)).collect();
-            own.extend(corners.iter().zip(&points).map(|(&vertex, &point)| ((face, vertex), point)));
-            skin.polygons.push((face, points));
-        }
-        // The points between the faces of an edge at each of its ends, from the first face to the second.
-        let mut arcs = BTreeMap::new();
-        for (i, edge) in (form.faces.len() as u32..).zip(&form.edges) {
-            let [from, to] = edge.ends.map(|vertex| {
-                let arc = skin.arc(form, edge, vertex, most_angle, &own);
-                let [first, second] = edge.faces;
-                arcs.insert((vertex, first, second), arc.clone());
-                arcs.insert((vertex, second, first), arc.iter().rev().copied().collect());
-                arc
-            });
-            for (a, b) in from.windows(2).zip(to.windows(2)) {
-                skin.polygons.push((i, vec![a[0], a[1], b[1], b[0]]));
-            }
-        }
-        let first = (form.faces.len() + form.edges.len()) as u32;
-        for vertex in 0..form.vertices.len() as u32 {
-            skin.cap(form, vertex, first + vertex, &arcs);
-        }
-        skin
-    }
-
-    fn point(&mut self, vertex: u32, normal: Vector3<f64>) -> u32 {
-        self.points.push(SkinPoint { vertex, normal });
-        self.points.len() as u32 - 1
-    }
-
-    fn arc(
-        &mut self,
-        form: &Convex,
-        edge: &ConvexEdge,
-        vertex: u32,
-        most_angle: f64,
-        own: &BTreeMap<(u32, u32), u32>,
-    ) -> Vec<u32> {
-        let [first, second] = edge.faces.map(|face| own[&(face, vertex)]);
-        let [m, n] = edge.faces.map(|face| form.planes[face as usize].0);
-        let parts = (edge.angle / most_angle - 1e-9).ceil().max(1.0);
-        let mut arc = vec![first];
-        for part in 1..parts as u32 {
-            let turned = edge.angle * f64::from(part) / parts;
-            let normal = m * (edge.angle - turned).sin() + n * turned.sin();
-            arc.push(self.point(vertex, normal.normalize()));
-        }
-        arc.push(second);
-        arc
-    }
-
-    /// The spherical polygon around a vertex as a fan about its middle.
-    fn cap(&mut self, form: &Convex, vertex: u32, part: u32, arcs: &BTreeMap<(u32, u32, u32), Vec<u32>>) {
-        // From each face around the vertex to the next, counter-clockwise: across the edge to the vertex before.
-        let mut next = BTreeMap::new();
-        for edge in form.edges.iter().filter(|edge| edge.ends.contains(&vertex)) {
-            let [first, second] = edge.faces;
-            if edge.ends[0] == vertex {
-                next.insert(second, first)
-            } else {
-                next.insert(first, second)
-            };
-        }
-        let Some(&start) = next.keys().next() else { return };
-        let mut around = Vec::new();
-        let mut face = start;
-        for _ in 0..next.len() {
-            let Some(&following) = next.get(&face) else { return };
-            if let Some(arc) = arcs.get(&(vertex, face, following)) {
-                around.extend_from_slice(&arc[..arc.len() - 1]);
-            }
-            face = following;
-        }
-        if around.len() == 3 {
-            self.polygons.push((part, around));
-            return;
-        }
-        let sum: Vector3<f64> = around.iter().map(|&point| self.points[point as usize].normal).sum();
-        let middle = self.point(vertex, sum.normalize());
-        for i in 0..around.len() {
-            self.polygons.push((part, vec![around[i], around[(i + 1) % around.len()], middle]));
-        }
-    }
 }
 
 #[cfg(test)]
