@@ -123,6 +123,19 @@ pub(super) fn dot(a: &Vector, b: &Vector) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+/// `a x b`.
+pub(super) fn cross(a: &Vector, b: &Vector) -> Vector {
+    std::array::from_fn(|k| {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        a[i] * b[j] - a[j] * b[i]
+    })
+}
+
+/// `a - b`.
+pub(super) fn minus(a: &Vector, b: &Vector) -> Vector {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
 /// The length of a vector.
 pub(super) fn norm(a: &Vector) -> DoubleDouble {
     dot(a, a).sqrt()

@@ -1,19 +1,58 @@
-//! Bodies of either kind in one packing, as the check sees them.
+//! What the check asks of a grain: all ellipsoids, or bodies of either kind.
 
 use nalgebra::Vector3;
 
-use super::bodies::{Convex, Direction, Image, Verdict};
-use super::ellipsoid;
-use super::mixed_separation;
-use super::polyhedron::Polyhedron;
-use super::{polyhedron_separation, separation};
+use super::body::{Ellipsoid, Polyhedron};
+use super::separation::{Direction, Image, Verdict, ellipsoids, mixed, polyhedra};
+use super::walls;
 use crate::request::Specimen;
 use crate::shape::{Pose, SolidRef};
+
+/// A convex body.
+pub(super) trait Convex {
+    fn center(&self) -> Vector3<f64>;
+
+    /// Radius of the sphere around the centre that holds the body.
+    fn radius(&self) -> f64;
+
+    /// Diameter of the sphere of equal volume.
+    fn equivalent_diameter(&self) -> f64;
+
+    /// Whether this body and an image of another keep a gap. A pair that is surely at least `enough` apart is clear.
+    fn judge(&self, other: &Self, image: &Image, required: f64, enough: f64) -> Verdict;
+
+    /// Gap between the body and the nearest wall, and whether it is at least `required`. Walls farther away than
+    /// `enough` may be left out of the gap.
+    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool);
+}
+
+impl Convex for Ellipsoid {
+    fn center(&self) -> Vector3<f64> {
+        self.center
+    }
+
+    fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    fn equivalent_diameter(&self) -> f64 {
+        self.equivalent_diameter
+    }
+
+    #[inline(always)]
+    fn judge(&self, other: &Self, image: &Image, required: f64, enough: f64) -> Verdict {
+        ellipsoids::Pair::new(self, other, *image).judge(required, enough)
+    }
+
+    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool) {
+        walls::ellipsoid::wall_gap(self, specimen, required, enough)
+    }
+}
 
 /// A grain with position and orientation.
 #[derive(Clone, Debug)]
 pub(super) enum Body {
-    Ellipsoid(ellipsoid::Body),
+    Ellipsoid(Ellipsoid),
     Polyhedron(Polyhedron),
 }
 
@@ -21,7 +60,7 @@ impl Body {
     /// `None` where the numbers describe no body in space.
     pub(super) fn new(shape: &SolidRef<'_>, pose: &Pose) -> Option<Self> {
         match shape {
-            SolidRef::Ellipsoid(shape) => ellipsoid::Body::new(shape, pose).map(Self::Ellipsoid),
+            SolidRef::Ellipsoid(shape) => Ellipsoid::new(shape, pose).map(Self::Ellipsoid),
             SolidRef::Polyhedron(shape) => Polyhedron::new(shape, pose).map(Self::Polyhedron),
         }
     }
@@ -61,19 +100,19 @@ impl Convex for Body {
     fn judge(&self, other: &Self, image: &Image, required: f64, enough: f64) -> Verdict {
         match (self, other) {
             (Self::Ellipsoid(a), Self::Ellipsoid(b)) => {
-                separation::Pair::new(a, b, *image).judge(required, enough)
+                ellipsoids::Pair::new(a, b, *image).judge(required, enough)
             }
             (Self::Polyhedron(a), Self::Polyhedron(b)) => {
-                polyhedron_separation::Pair::new(a, b, *image).judge(required, enough)
+                polyhedra::Pair::new(a, b, *image).judge(required, enough)
             }
             (Self::Ellipsoid(a), Self::Polyhedron(b)) => {
-                mixed_separation::Pair::new(a, b, *image).judge(required, enough)
+                mixed::Pair::new(a, b, *image).judge(required, enough)
             }
             (Self::Polyhedron(a), Self::Ellipsoid(b)) => {
                 // The polyhedron is the moved one then, by as much the other way.
                 let image = Image { steps: image.steps.map(|step| -step), ..*image };
                 let back = |of: Direction| Direction { normal: -of.normal, separation: of.separation };
-                match mixed_separation::Pair::new(b, a, image).judge(required, enough) {
+                match mixed::Pair::new(b, a, image).judge(required, enough) {
                     Verdict::Clear => Verdict::Clear,
                     Verdict::Keeps(direction) => Verdict::Keeps(back(direction)),
                     Verdict::TooClose(direction) => Verdict::TooClose(back(direction)),
@@ -85,7 +124,7 @@ impl Convex for Body {
     fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool) {
         match self {
             Self::Ellipsoid(body) => body.wall_gap(specimen, required, enough),
-            Self::Polyhedron(body) => body.wall_gap(specimen, required, enough),
+            Self::Polyhedron(body) => walls::polyhedron::wall_gap(body, specimen, required),
         }
     }
 }

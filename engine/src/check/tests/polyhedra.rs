@@ -7,13 +7,16 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
-use super::polyhedron::Polyhedron as Checked;
-use super::*;
 use crate::Unattended;
+use crate::check::body::Polyhedron as Checked;
+use crate::check::required::Required;
+use crate::check::*;
 use crate::gap::polyhedra::Body;
+use crate::request::PackingRequest;
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
 use crate::shape::{Polyhedron, ScaledPolyhedron};
+use crate::shape::{Pose, SizeMeasure};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;

@@ -16,14 +16,19 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::double_double::DoubleDouble;
-use super::ellipsoid::Body;
-use super::separation::{ERROR, EXACT_ERROR};
+use crate::check::body::Ellipsoid;
+use crate::check::double_double::DoubleDouble;
+use crate::check::separation::{ERROR, EXACT_ERROR};
 use crate::request::{Boundary, Specimen};
 
 /// Gap between an ellipsoid and the nearest wall, and whether it is at least `required`. Walls farther away than
 /// `enough` may be left out of the gap.
-pub(super) fn wall_gap(body: &Body, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool) {
+pub(in crate::check) fn wall_gap(
+    body: &Ellipsoid,
+    specimen: &Specimen,
+    required: f64,
+    enough: f64,
+) -> (f64, bool) {
     match *specimen {
         Specimen::Box { boundary: Boundary::Periodic, .. } => (f64::INFINITY, true),
         Specimen::Box { size_mm, boundary: Boundary::Walls } => {
@@ -42,7 +47,7 @@ fn both(a: (f64, bool), b: (f64, bool)) -> (f64, bool) {
 }
 
 /// Gap to the planes at 0 and at `length` across an axis.
-fn plane_gap(body: &Body, axis: usize, length: f64, required: f64) -> (f64, bool) {
+fn plane_gap(body: &Ellipsoid, axis: usize, length: f64, required: f64) -> (f64, bool) {
     let (x, h) = (body.center[axis], body.axes.column(axis).norm());
     let gap = (x - h).min((length - x) - h);
     let scale = length + x.abs() + body.radius + required;
@@ -51,7 +56,7 @@ fn plane_gap(body: &Body, axis: usize, length: f64, required: f64) -> (f64, bool
     (gap, keeps)
 }
 
-fn keeps_plane(body: &Body, axis: usize, length: f64, required: f64, scale: f64) -> bool {
+fn keeps_plane(body: &Ellipsoid, axis: usize, length: f64, required: f64, scale: f64) -> bool {
     let square = body.exact_axes().map(|row| row[axis] * row[axis]);
     let inset = (square[0] + square[1] + square[2]).sqrt() + required.into();
     let x = body.center[axis];
@@ -61,7 +66,7 @@ fn keeps_plane(body: &Body, axis: usize, length: f64, required: f64, scale: f64)
 
 /// Gap to the lateral surface of a cylinder whose axis is at `x = y = radius`; a bound on it that is larger than
 /// `enough`, if there is one.
-fn lateral_gap(body: &Body, radius: f64, required: f64, enough: f64) -> (f64, bool) {
+fn lateral_gap(body: &Ellipsoid, radius: f64, required: f64, enough: f64) -> (f64, bool) {
     let c = Vector2::new(body.center.x - radius, body.center.y - radius);
     let scale = radius + c.norm() + body.radius + required;
     let bound = radius - (c.norm() + body.radius);
@@ -116,7 +121,7 @@ impl Farthest {
 }
 
 /// `D(l) <= T^2`, `T = R - g`, as `T^2 det M >= l (det M + c^T adj(M) c)` with `M = l I - P` and `det M > 0`.
-fn keeps_lateral(body: &Body, radius: f64, required: f64, farthest: &Farthest) -> bool {
+fn keeps_lateral(body: &Ellipsoid, radius: f64, required: f64, farthest: &Farthest) -> bool {
     let center = [0, 1].map(|k| DoubleDouble::difference(body.center[k], radius));
     let axes = body.exact_axes();
     let entry =

@@ -12,10 +12,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::bodies::{Direction, Image, Verdict};
-use super::double_double::{DoubleDouble, Vector, dot, norm};
-use super::polyhedron::Polyhedron;
-use super::separation::{ERROR, EXACT_ERROR};
+use super::{Cornered, Direction, EXACT_ERROR, Image, Verdict, holds_either_way};
+use crate::check::body::Polyhedron;
+use crate::check::double_double::{DoubleDouble, Vector, cross, dot, minus, norm};
 
 /// A difference of corners by their indices.
 type Difference = [usize; 2];
@@ -25,7 +24,7 @@ const MOST_STEPS: usize = 100;
 
 /// Up to four differences whose weighted sum is the point of least norm found so far.
 #[derive(Clone, Copy, Debug)]
-struct Corral {
+pub(super) struct Corral {
     members: [Difference; 4],
     weights: [f64; 4],
     len: usize,
@@ -33,7 +32,7 @@ struct Corral {
 
 /// Two polyhedra, the second moved by whole periods.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair<'a> {
+pub(in crate::check) struct Pair<'a> {
     a: &'a Polyhedron,
     b: &'a Polyhedron,
     r: Vector3<f64>,
@@ -46,7 +45,7 @@ pub(super) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     #[inline(always)]
-    pub(super) fn new(a: &'a Polyhedron, b: &'a Polyhedron, image: Image) -> Self {
+    pub(in crate::check) fn new(a: &'a Polyhedron, b: &'a Polyhedron, image: Image) -> Self {
         let shift = image.shift();
         let r = (b.center - a.center) + shift;
         let rounding = a.rounding + b.rounding;
@@ -56,40 +55,8 @@ impl<'a> Pair<'a> {
 
     /// Whether the pair keeps a gap; clear if it is surely at least `enough` apart.
     #[inline(always)]
-    pub(super) fn judge(&self, required: f64, enough: f64) -> Verdict {
-        let error = ERROR * (self.scale + required);
-        let enough = enough.max(required + error);
-        let first = self.along(&self.r).0;
-        if first.separation >= enough {
-            return Verdict::Clear;
-        }
-        self.judge_from(first, required, enough, error)
-    }
-
-    fn judge_from(&self, first: Direction, required: f64, enough: f64, error: f64) -> Verdict {
-        let (best, corral) = self.search(first, enough);
-        if best.separation >= enough {
-            return Verdict::Clear;
-        }
-        let decide = |direction: &Direction, members: &[Difference]| {
-            let excess = direction.separation - required;
-            excess >= error || (excess >= -error && self.keeps_exactly(required, members, &direction.normal))
-        };
-        if decide(&best, corral.members()) {
-            return Verdict::Keeps(best);
-        }
-        let mut largest = best;
-        for members in self.axes() {
-            let Some(normal) = self.normal(&members) else { continue };
-            for normal in [normal, -normal] {
-                let direction = self.along(&normal).0;
-                if decide(&direction, &members) {
-                    return Verdict::Keeps(direction);
-                }
-                largest = largest.or(direction);
-            }
-        }
-        Verdict::TooClose(largest)
+    pub(in crate::check) fn judge(&self, required: f64, enough: f64) -> Verdict {
+        Cornered::judge(self, required, enough)
     }
 
     /// The direction of a vector, and the corners that attain `s`.
@@ -106,37 +73,6 @@ impl<'a> Pair<'a> {
     /// `q - p` of two corners.
     fn difference(&self, [p, q]: Difference) -> Vector3<f64> {
         (self.r + self.b.relative[q]) - self.a.relative[p]
-    }
-
-    /// A direction with `s(n) >= enough`, else the one with the largest `s` found and the differences that it is
-    /// across.
-    fn search(&self, first: Direction, enough: f64) -> (Direction, Corral) {
-        let mut best = first;
-        let mut direction = first.normal;
-        let mut corral = Corral { members: [[0; 2]; 4], weights: [0.0; 4], len: 0 };
-        let mut best_corral = corral;
-        let mut least = f64::INFINITY;
-        for _ in 0..MOST_STEPS {
-            let (found, difference) = self.along(&direction);
-            if found.separation > best.separation || best_corral.len == 0 {
-                (best, best_corral) = (found.or(best), corral);
-            }
-            if best.separation >= enough || corral.members().contains(&difference) {
-                break;
-            }
-            let Some(point) = self.extend(&mut corral, difference) else { break };
-            // The norm falls until it is the least, but for rounding.
-            if point.norm() >= least {
-                break;
-            }
-            least = point.norm();
-            let Some(normal) = self.normal(corral.members()) else { break };
-            direction = if normal.dot(&point) < 0.0 { -normal } else { normal };
-        }
-        if best_corral.len == 0 {
-            best_corral = corral;
-        }
-        (best, best_corral)
     }
 
     /// Adds a difference and moves the weights to the point of least norm; `None` where that is the origin.
@@ -201,11 +137,61 @@ impl<'a> Pair<'a> {
             .flat_map(|&[p, u]| self.b.edges.iter().map(move |&[q, v]| [[p, q], [u, q], [p, v]]));
         of_a.chain(of_b).chain(edges)
     }
+}
+
+impl Cornered for Pair<'_> {
+    type Feature = Corral;
+
+    fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    #[inline(always)]
+    fn between_centers(&self) -> Direction {
+        self.along(&self.r).0
+    }
+
+    /// A direction with `s(n) >= enough`, else the one with the largest `s` found and the differences that it is
+    /// across.
+    fn search(&self, first: Direction, enough: f64) -> (Direction, Corral) {
+        let mut best = first;
+        let mut direction = first.normal;
+        let mut corral = Corral { members: [[0; 2]; 4], weights: [0.0; 4], len: 0 };
+        let mut best_corral = corral;
+        let mut least = f64::INFINITY;
+        for _ in 0..MOST_STEPS {
+            let (found, difference) = self.along(&direction);
+            if found.separation > best.separation || best_corral.len == 0 {
+                (best, best_corral) = (found.or(best), corral);
+            }
+            if best.separation >= enough || corral.members().contains(&difference) {
+                break;
+            }
+            let Some(point) = self.extend(&mut corral, difference) else { break };
+            // The norm falls until it is the least, but for rounding.
+            if point.norm() >= least {
+                break;
+            }
+            least = point.norm();
+            let Some(normal) = self.normal(corral.members()) else { break };
+            direction = if normal.dot(&point) < 0.0 { -normal } else { normal };
+        }
+        if best_corral.len == 0 {
+            best_corral = corral;
+        }
+        (best, best_corral)
+    }
+
+    fn directions(&self) -> impl Iterator<Item = (Direction, Corral)> {
+        let normals = self.axes().filter_map(|members| Some((self.normal(&members)?, members)));
+        let both = normals.flat_map(|(normal, members)| [(normal, members), (-normal, members)]);
+        both.map(|(normal, members)| (self.along(&normal).0, Corral::across(members)))
+    }
 
     /// Decides `s(n) >= g` in double-double arithmetic for the direction that the differences give, on either side, and
     /// for one that is given.
     #[cold]
-    fn keeps_exactly(&self, required: f64, members: &[Difference], normal: &Vector3<f64>) -> bool {
+    fn keeps_exactly(&self, required: f64, corral: &Corral, normal: &Vector3<f64>) -> bool {
         // Corners relative to the first centre, without rounding.
         let points = |body: &Polyhedron, is_second: bool| -> Vec<Vector> {
             let relative = |p: &Vector3<f64>| {
@@ -217,9 +203,8 @@ impl<'a> Pair<'a> {
             body.points.iter().map(relative).collect()
         };
         let (of_a, of_b) = (points(self.a, false), points(self.b, true));
-        let minus = |a: &Vector, b: &Vector| -> Vector { std::array::from_fn(|k| a[k] - b[k]) };
         let w = |[p, q]: Difference| minus(&of_b[q], &of_a[p]);
-        let exact = match *members {
+        let exact = match *corral.members() {
             [a] => Some(w(a)),
             [a, b] => {
                 let (w, along) = (w(a), minus(&w(b), &w(a)));
@@ -227,11 +212,8 @@ impl<'a> Pair<'a> {
                 Some(std::array::from_fn(|k| w[k] - share * along[k]))
             }
             [a, b, c] => {
-                let (u, v) = (minus(&w(b), &w(a)), minus(&w(c), &w(a)));
-                Some(std::array::from_fn(|k| {
-                    let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-                    u[i] * v[j] - u[j] * v[i]
-                }))
+                let w = [a, b, c].map(w);
+                Some(cross(&minus(&w[1], &w[0]), &minus(&w[2], &w[0])))
             }
             _ => None,
         };
@@ -247,15 +229,16 @@ impl<'a> Pair<'a> {
             length.to_f64() > 0.0 && (apart - needed * length).to_f64() >= -tolerance * length.to_f64()
         };
         let given: Vector = std::array::from_fn(|k| normal[k].into());
-        keeps(&given)
-            || exact.is_some_and(|n| {
-                let reversed = n.map(|component| -component);
-                keeps(&n) || keeps(&reversed)
-            })
+        holds_either_way(&given, exact, keeps)
     }
 }
 
 impl Corral {
+    /// Three differences without weights.
+    fn across([a, b, c]: [Difference; 3]) -> Self {
+        Self { members: [a, b, c, [0; 2]], weights: [0.0; 4], len: 3 }
+    }
+
     fn members(&self) -> &[Difference] {
         &self.members[..self.len]
     }

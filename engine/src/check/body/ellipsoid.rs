@@ -9,29 +9,29 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Quaternion, Vector3};
 
-use super::double_double::{DoubleDouble, Vector, dot};
-use crate::shape::{Ellipsoid, Pose};
+use crate::check::double_double::{DoubleDouble, Vector, dot};
+use crate::shape::{self, Pose};
 
 /// An ellipsoid with position and orientation.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Body {
-    pub(super) center: Vector3<f64>,
+pub(in crate::check) struct Ellipsoid {
+    pub(in crate::check) center: Vector3<f64>,
     semi_axes: Vector3<f64>,
     /// Stored quaternion in the order w, x, y, z.
     quaternion: [f64; 4],
     /// Rows `a_k R_k`.
-    pub(super) axes: Matrix3<f64>,
+    pub(in crate::check) axes: Matrix3<f64>,
     /// Shape matrix `A`; it only helps to find directions.
-    pub(super) matrix: Matrix3<f64>,
+    pub(in crate::check) matrix: Matrix3<f64>,
     /// Largest semi-axis, the radius of the sphere around the body.
-    pub(super) radius: f64,
+    pub(in crate::check) radius: f64,
     /// Diameter of the sphere of equal volume.
-    pub(super) equivalent_diameter: f64,
+    pub(in crate::check) equivalent_diameter: f64,
 }
 
-impl Body {
+impl Ellipsoid {
     /// `None` where the numbers describe no ellipsoid in space.
-    pub(super) fn new(shape: &Ellipsoid, pose: &Pose) -> Option<Self> {
+    pub(in crate::check) fn new(shape: &shape::Ellipsoid, pose: &Pose) -> Option<Self> {
         let semi_axes = shape.semi_axes_mm();
         let &Quaternion { coords } = pose.orientation.quaternion();
         let quaternion = [coords.w, coords.x, coords.y, coords.z];
@@ -55,30 +55,30 @@ impl Body {
     }
 
     /// Volume in mm³.
-    pub(super) fn own_volume(&self) -> f64 {
+    pub(in crate::check) fn own_volume(&self) -> f64 {
         let [a, b, c]: [f64; 3] = self.semi_axes.into();
         4.0 / 3.0 * PI * a * b * c
     }
 
     /// `v` of the module's head, whose length is the support function.
     #[inline(always)]
-    pub(super) fn scaled(&self, n: &Vector3<f64>) -> Vector3<f64> {
+    pub(in crate::check) fn scaled(&self, n: &Vector3<f64>) -> Vector3<f64> {
         self.axes * n
     }
 
     /// A vector from the centre in the frame in which the ellipsoid is the unit ball.
-    pub(super) fn unstretched(&self, p: &Vector3<f64>) -> Vector3<f64> {
+    pub(in crate::check) fn unstretched(&self, p: &Vector3<f64>) -> Vector3<f64> {
         (self.axes * p).component_div(&self.semi_axes.component_mul(&self.semi_axes))
     }
 
     /// Support function `h(n)`.
     #[inline(always)]
-    pub(super) fn support(&self, n: &Vector3<f64>) -> f64 {
+    pub(in crate::check) fn support(&self, n: &Vector3<f64>) -> f64 {
         self.scaled(n).norm()
     }
 
     /// The rows `a_k R_k` in double-double arithmetic.
-    pub(super) fn exact_axes(&self) -> [Vector; 3] {
+    pub(in crate::check) fn exact_axes(&self) -> [Vector; 3] {
         let product = |i: usize, j: usize| DoubleDouble::product(self.quaternion[i], self.quaternion[j]);
         let [[ww, xx], [yy, zz]] = [[product(0, 0), product(1, 1)], [product(2, 2), product(3, 3)]];
         let [xy, xz, yz] = [product(1, 2), product(1, 3), product(2, 3)];
@@ -97,7 +97,7 @@ impl Body {
     }
 
     /// `v` of the module's head in double-double arithmetic.
-    pub(super) fn exact_scaled(axes: &[Vector; 3], n: &Vector) -> Vector {
+    pub(in crate::check) fn exact_scaled(axes: &[Vector; 3], n: &Vector) -> Vector {
         std::array::from_fn(|k| dot(&axes[k], n))
     }
 }

@@ -7,11 +7,14 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
-use super::bodies::Image;
-use super::ellipsoid::Body;
-use super::separation::Pair;
-use super::*;
+use crate::check::body::Ellipsoid as Body;
+use crate::check::required::Required;
+use crate::check::separation::Image;
+use crate::check::separation::ellipsoids::Pair;
+use crate::check::*;
+use crate::request::PackingRequest;
 use crate::rng::{Stream, stream, uniform};
+use crate::shape::{Ellipsoid, Pose, SizeMeasure, SolidRef};
 use crate::{Limits, Unattended, pack};
 
 type Rng = Xoshiro256PlusPlus;

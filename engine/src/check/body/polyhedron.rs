@@ -13,28 +13,28 @@ use crate::shape::{Pose, ScaledPolyhedron};
 
 /// A polyhedron with position and orientation.
 #[derive(Clone, Debug)]
-pub(super) struct Polyhedron {
-    pub(super) center: Vector3<f64>,
+pub(in crate::check) struct Polyhedron {
+    pub(in crate::check) center: Vector3<f64>,
     /// Corners of the core.
-    pub(super) points: Vec<Vector3<f64>>,
+    pub(in crate::check) points: Vec<Vector3<f64>>,
     /// The same relative to the centre, within rounding.
-    pub(super) relative: Vec<Vector3<f64>>,
+    pub(in crate::check) relative: Vec<Vector3<f64>>,
     /// Triangles that make up the faces, counter-clockwise seen from outside.
-    pub(super) triangles: Vec<[usize; 3]>,
-    pub(super) edges: Vec<[usize; 2]>,
+    pub(in crate::check) triangles: Vec<[usize; 3]>,
+    pub(in crate::check) edges: Vec<[usize; 2]>,
     /// Radius of rounding.
-    pub(super) rounding: f64,
+    pub(in crate::check) rounding: f64,
     /// Radius of the sphere around the centre that holds the body.
-    pub(super) radius: f64,
+    pub(in crate::check) radius: f64,
     /// Volume in mm³.
-    pub(super) volume: f64,
+    pub(in crate::check) volume: f64,
     /// Diameter of the sphere of equal volume.
-    pub(super) equivalent_diameter: f64,
+    pub(in crate::check) equivalent_diameter: f64,
 }
 
 impl Polyhedron {
     /// `None` where the numbers describe no body in space.
-    pub(super) fn new(shape: &ScaledPolyhedron<'_>, pose: &Pose) -> Option<Self> {
+    pub(in crate::check) fn new(shape: &ScaledPolyhedron<'_>, pose: &Pose) -> Option<Self> {
         let (template, scale, center) = (shape.template, shape.scale_mm, pose.center_mm);
         let &Quaternion { coords } = pose.orientation.quaternion();
         let (x, y, z, w) = (coords.x, coords.y, coords.z, coords.w);
@@ -109,13 +109,13 @@ impl Polyhedron {
 
     /// Radius of the sphere around the centre that holds the core.
     #[inline(always)]
-    pub(super) fn relative_radius(&self) -> f64 {
+    pub(in crate::check) fn relative_radius(&self) -> f64 {
         self.radius - self.rounding
     }
 
     /// Largest `n . p` of the core over the corners relative to the centre.
     #[inline(always)]
-    pub(super) fn support(&self, n: &Vector3<f64>) -> (f64, usize) {
+    pub(in crate::check) fn support(&self, n: &Vector3<f64>) -> (f64, usize) {
         let mut best = (f64::NEG_INFINITY, 0);
         for (index, p) in self.relative.iter().enumerate() {
             let height = n.x * p.x + n.y * p.y + n.z * p.z;

@@ -1,10 +1,17 @@
 #![allow(clippy::unwrap_used)]
 
+mod ellipsoids;
+mod mixed;
+mod polyhedra;
+
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::check::required::Required;
 use crate::distance::DistanceRule;
+use crate::packing::Spheres;
+use crate::request::PackingRequest;
 use crate::rng::{Stream, stream, uniform};
 use crate::{Limits, Unattended, pack};
 

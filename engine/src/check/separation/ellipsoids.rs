@@ -10,29 +10,20 @@
 //! is refused, the zero in `l` of `(1 - l) h_A - l h_B`, at which the scaled bodies touch, is found by bisection, and
 //! the Newton steps start from there: for disjoint bodies `s` is positive there, and `s` has one maximum.
 //!
-//! Decision: floating point where `s` is clear of `g` by [`ERROR`] times the lengths involved, else double-double
+//! Decision: floating point where `s` is clear of `g` by [`ERROR`](super::ERROR) times the lengths involved, else double-double
 //! arithmetic, in which `n` is improved too.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::bodies::{Direction, Image, Verdict};
-use super::double_double::{DoubleDouble, Vector, dot, norm};
-use super::ellipsoid::Body;
-
-/// Bound on the rounding error of `s(n) - g`, relative to `|r| + a_A + a_B + g` and the way around a periodic box: 25
-/// times the spacing of floats by the errors that the module `ellipsoid` names, 7 units for `r . n`, and sums.
-pub(super) const ERROR: f64 = 32.0 * f64::EPSILON;
-
-/// The same for double-double arithmetic, whose operations err by up to 15 times `2^-106`. What lies closer to the
-/// requirement cannot be decided and passes: bodies that touch exactly have no direction with `s(n) >= 0` that can
-/// be written down.
-pub(super) const EXACT_ERROR: f64 = 1.0 / (1_u128 << 96) as f64;
+use super::{Direction, ERROR, EXACT_ERROR, Image, Verdict};
+use crate::check::body::Ellipsoid;
+use crate::check::double_double::{DoubleDouble, Vector, dot, norm};
 
 /// Two ellipsoids, the second moved by whole periods.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair<'a> {
-    a: &'a Body,
-    b: &'a Body,
+pub(in crate::check) struct Pair<'a> {
+    a: &'a Ellipsoid,
+    b: &'a Ellipsoid,
     r: Vector3<f64>,
     image: Image,
     /// Sum of the lengths that rounding errors are relative to, but for the gap.
@@ -41,7 +32,7 @@ pub(super) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     #[inline(always)]
-    pub(super) fn new(a: &'a Body, b: &'a Body, image: Image) -> Self {
+    pub(in crate::check) fn new(a: &'a Ellipsoid, b: &'a Ellipsoid, image: Image) -> Self {
         let shift = image.shift();
         let r = (b.center - a.center) + shift;
         let scale = r.norm() + a.radius + b.radius + shift.abs().sum();
@@ -50,7 +41,7 @@ impl<'a> Pair<'a> {
 
     /// Whether the pair keeps a gap; clear if it is surely at least `enough` apart.
     #[inline(always)]
-    pub(super) fn judge(&self, required: f64, enough: f64) -> Verdict {
+    pub(in crate::check) fn judge(&self, required: f64, enough: f64) -> Verdict {
         let enough = enough.max(required + self.error(required));
         let mut direction = self.search(enough);
         if direction.separation >= enough {
@@ -73,7 +64,7 @@ impl<'a> Pair<'a> {
 
     /// A direction with `s(n) >= enough`, else the one with the largest `s` found.
     #[inline(always)]
-    pub(super) fn search(&self, enough: f64) -> Direction {
+    pub(in crate::check) fn search(&self, enough: f64) -> Direction {
         let mut best = self.along(&self.r);
         if best.separation >= enough {
             return best;
@@ -104,7 +95,7 @@ impl<'a> Pair<'a> {
 
     /// Whether the pair keeps a gap, as the direction shows, or one near it.
     #[inline(always)]
-    pub(super) fn keeps(&self, gap: f64, direction: &Direction) -> bool {
+    pub(in crate::check) fn keeps(&self, gap: f64, direction: &Direction) -> bool {
         let (excess, error) = (direction.separation - gap, self.error(gap));
         excess >= error || (excess >= -error && self.keeps_exactly(gap, direction.normal))
     }
@@ -186,7 +177,7 @@ impl<'a> Pair<'a> {
         let r: Vector = std::array::from_fn(|k| {
             DoubleDouble::difference(self.b.center[k], self.a.center[k]) + self.image.exact_shift(k)
         });
-        let axes = [self.a, self.b].map(Body::exact_axes);
+        let axes = [self.a, self.b].map(Ellipsoid::exact_axes);
         let tolerance = EXACT_ERROR * (self.scale + gap);
         let mut n: Vector = std::array::from_fn(|k| normal[k].into());
         for _ in 0..4 {
@@ -195,7 +186,7 @@ impl<'a> Pair<'a> {
             let mut excess = along - DoubleDouble::from(gap) * length;
             let mut gradient = r;
             for axes in &axes {
-                let v = Body::exact_scaled(axes, &n);
+                let v = Ellipsoid::exact_scaled(axes, &n);
                 let h = norm(&v);
                 excess = excess - h;
                 for (k, entry) in gradient.iter_mut().enumerate() {

@@ -7,12 +7,14 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
-use super::*;
 use crate::Unattended;
+use crate::check::*;
 use crate::gap::solids;
+use crate::request::PackingRequest;
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::polyhedron::samples::cuboid;
 use crate::shape::polyhedron::{TemplateKind, draw_template};
+use crate::shape::{Ellipsoid, Pose, SizeMeasure, SolidRef};
 use crate::shape::{Form, Polyhedron, ScaledPolyhedron};
 
 type Rng = Xoshiro256PlusPlus;

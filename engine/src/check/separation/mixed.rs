@@ -20,11 +20,9 @@
 
 use nalgebra::{Matrix2, Vector3};
 
-use super::bodies::{Direction, Image, Verdict};
-use super::double_double::{DoubleDouble, Vector, dot, norm};
-use super::ellipsoid::Body;
-use super::polyhedron::Polyhedron;
-use super::separation::{ERROR, EXACT_ERROR};
+use super::{Cornered, Direction, ERROR, EXACT_ERROR, Image, Verdict, holds_either_way};
+use crate::check::body::{Ellipsoid, Polyhedron};
+use crate::check::double_double::{DoubleDouble, Vector, cross, dot, minus, norm};
 
 /// Steps after which a search ends; it takes some two to five.
 const MOST_STEPS: usize = 30;
@@ -33,7 +31,7 @@ const MOST_NEWTON: usize = 60;
 
 /// One to three corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Feature {
+pub(super) struct Feature {
     corners: [usize; 3],
     len: usize,
 }
@@ -64,8 +62,8 @@ impl Feature {
 
 /// An ellipsoid and a polyhedron, which is moved by whole periods.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair<'a> {
-    a: &'a Body,
+pub(in crate::check) struct Pair<'a> {
+    a: &'a Ellipsoid,
     b: &'a Polyhedron,
     r: Vector3<f64>,
     image: Image,
@@ -75,7 +73,7 @@ pub(super) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     #[inline(always)]
-    pub(super) fn new(a: &'a Body, b: &'a Polyhedron, image: Image) -> Self {
+    pub(in crate::check) fn new(a: &'a Ellipsoid, b: &'a Polyhedron, image: Image) -> Self {
         let shift = image.shift();
         let r = (b.center - a.center) + shift;
         Self { a, b, r, image, scale: r.norm() + a.radius + b.radius + shift.abs().sum() }
@@ -83,38 +81,8 @@ impl<'a> Pair<'a> {
 
     /// Whether the pair keeps a gap; clear if it is surely at least `enough` apart.
     #[inline(always)]
-    pub(super) fn judge(&self, required: f64, enough: f64) -> Verdict {
-        let error = ERROR * (self.scale + required);
-        let enough = enough.max(required + error);
-        let first = self.along(&self.r).0;
-        if first.separation >= enough {
-            return Verdict::Clear;
-        }
-        self.judge_from(first, required, enough, error)
-    }
-
-    fn judge_from(&self, first: Direction, required: f64, enough: f64, error: f64) -> Verdict {
-        let (best, feature) = self.search(first, enough);
-        if best.separation >= enough {
-            return Verdict::Clear;
-        }
-        let decide = |direction: &Direction, feature: &Feature| {
-            let excess = direction.separation - required;
-            excess >= error || (excess >= -error && self.keeps_exactly(required, feature, &direction.normal))
-        };
-        if decide(&best, &feature) {
-            return Verdict::Keeps(best);
-        }
-        let mut largest = best;
-        for feature in self.features() {
-            for direction in self.directions(&feature) {
-                if decide(&direction, &feature) {
-                    return Verdict::Keeps(direction);
-                }
-                largest = largest.or(direction);
-            }
-        }
-        Verdict::TooClose(largest)
+    pub(in crate::check) fn judge(&self, required: f64, enough: f64) -> Verdict {
+        Cornered::judge(self, required, enough)
     }
 
     /// The direction of a vector, and the corner that attains `s`.
@@ -130,35 +98,6 @@ impl<'a> Pair<'a> {
     /// A corner seen from the centre of the ellipsoid.
     fn corner(&self, corner: usize) -> Vector3<f64> {
         self.r + self.b.relative[corner]
-    }
-
-    /// A direction with `s(n) >= enough`, else the one with the largest `s` found, and its feature.
-    ///
-    /// The distance of the hull of some corners is known from the directions of their features. The corner that the
-    /// polyhedron reaches farthest with along the opposite of that direction joins them, until it is none farther.
-    fn search(&self, first: Direction, enough: f64) -> (Direction, Feature) {
-        let mut best = (first, Feature::NONE);
-        let mut at = Feature::NONE;
-        let mut corner = self.along(&first.normal).1;
-        for &nearest in self.nearest_where_stretched().corners() {
-            if let Some((feature, ..)) = self.nearest_with(&at, nearest) {
-                at = feature;
-            }
-            corner = nearest;
-        }
-        for _ in 0..MOST_STEPS {
-            let Some((feature, normal, distance)) = self.nearest_with(&at, corner) else { break };
-            let (direction, farthest) = self.along(&normal);
-            if direction.separation > best.0.separation {
-                best = (direction, feature);
-            }
-            let is_found = direction.separation + self.b.rounding >= distance - ERROR * self.scale;
-            if best.0.separation >= enough || is_found || feature.corners().contains(&farthest) {
-                break;
-            }
-            (at, corner) = (feature, farthest);
-        }
-        best
     }
 
     /// Of the hull of the corners of a feature and another one, the part that is nearest to the ellipsoid, the
@@ -211,20 +150,7 @@ impl<'a> Pair<'a> {
         feature
     }
 
-    /// All corners, edges and faces.
-    fn features(&self) -> impl Iterator<Item = Feature> {
-        let corners = (0..self.b.relative.len()).map(|corner| Feature::new(&[corner]));
-        let edges = self.b.edges.iter().map(|edge| Feature::new(edge));
-        let faces = self.b.triangles.iter().map(|triangle| Feature::new(triangle));
-        faces.chain(corners).chain(edges)
-    }
-
-    /// The directions from the ellipsoid to the point, the line or the plane of a feature.
-    fn directions(&self, feature: &Feature) -> impl Iterator<Item = Direction> {
-        self.normals(feature).map(|normal| self.along(&normal).0)
-    }
-
-    /// The same as unit vectors.
+    /// Unit vectors from the ellipsoid to the point, the line or the plane of a feature.
     fn normals(&self, feature: &Feature) -> impl Iterator<Item = Vector3<f64>> + use<> {
         let normals = match *feature.corners() {
             [p] => [self.normal_to_point(&self.corner(p)), None],
@@ -263,6 +189,58 @@ impl<'a> Pair<'a> {
         let normal = outward(shadow.eigenvalues.into(), columns.map(|column| column.dot(p)))?;
         Some(columns[0] * normal[0] + columns[1] * normal[1])
     }
+}
+
+impl Cornered for Pair<'_> {
+    type Feature = Feature;
+
+    fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    #[inline(always)]
+    fn between_centers(&self) -> Direction {
+        self.along(&self.r).0
+    }
+
+    /// A direction with `s(n) >= enough`, else the one with the largest `s` found, and its feature.
+    ///
+    /// The distance of the hull of some corners is known from the directions of their features. The corner that the
+    /// polyhedron reaches farthest with along the opposite of that direction joins them, until it is none farther.
+    fn search(&self, first: Direction, enough: f64) -> (Direction, Feature) {
+        let mut best = (first, Feature::NONE);
+        let mut at = Feature::NONE;
+        let mut corner = self.along(&first.normal).1;
+        for &nearest in self.nearest_where_stretched().corners() {
+            if let Some((feature, ..)) = self.nearest_with(&at, nearest) {
+                at = feature;
+            }
+            corner = nearest;
+        }
+        for _ in 0..MOST_STEPS {
+            let Some((feature, normal, distance)) = self.nearest_with(&at, corner) else { break };
+            let (direction, farthest) = self.along(&normal);
+            if direction.separation > best.0.separation {
+                best = (direction, feature);
+            }
+            let is_found = direction.separation + self.b.rounding >= distance - ERROR * self.scale;
+            if best.0.separation >= enough || is_found || feature.corners().contains(&farthest) {
+                break;
+            }
+            (at, corner) = (feature, farthest);
+        }
+        best
+    }
+
+    fn directions(&self) -> impl Iterator<Item = (Direction, Feature)> {
+        let corners = (0..self.b.relative.len()).map(|corner| Feature::new(&[corner]));
+        let edges = self.b.edges.iter().map(|edge| Feature::new(edge));
+        let faces = self.b.triangles.iter().map(|triangle| Feature::new(triangle));
+        let features = faces.chain(corners).chain(edges);
+        features.flat_map(move |feature| {
+            self.normals(&feature).map(move |normal| (self.along(&normal).0, feature))
+        })
+    }
 
     /// Decides `s(n) >= g` in double-double arithmetic for a direction, and for the one that the corners of its feature
     /// give.
@@ -275,7 +253,6 @@ impl<'a> Pair<'a> {
             })
         };
         let points: Vec<Vector> = self.b.points.iter().map(relative).collect();
-        let minus = |a: &Vector, b: &Vector| -> Vector { std::array::from_fn(|k| a[k] - b[k]) };
         let given: Vector = std::array::from_fn(|k| normal[k].into());
         let exact = match *feature.corners() {
             [p, q] => {
@@ -283,13 +260,7 @@ impl<'a> Pair<'a> {
                 let share = dot(&along, &given) / dot(&along, &along);
                 Some(std::array::from_fn(|k| given[k] - share * along[k]))
             }
-            [p, q, s] => {
-                let (u, v) = (minus(&points[q], &points[p]), minus(&points[s], &points[p]));
-                Some(std::array::from_fn(|k| {
-                    let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-                    u[i] * v[j] - u[j] * v[i]
-                }))
-            }
+            [p, q, s] => Some(cross(&minus(&points[q], &points[p]), &minus(&points[s], &points[p]))),
             _ => None,
         };
         let axes = self.a.exact_axes();
@@ -300,14 +271,10 @@ impl<'a> Pair<'a> {
             let lowest = points.iter().map(|p| dot(p, n));
             let lowest =
                 lowest.reduce(|p, q| if (p - q).to_f64() <= 0.0 { p } else { q }).unwrap_or_default();
-            let apart = lowest - norm(&Body::exact_scaled(&axes, n));
+            let apart = lowest - norm(&Ellipsoid::exact_scaled(&axes, n));
             length.to_f64() > 0.0 && (apart - needed * length).to_f64() >= -tolerance * length.to_f64()
         };
-        keeps(&given)
-            || exact.is_some_and(|n: Vector| {
-                let reversed = n.map(|component| -component);
-                keeps(&n) || keeps(&reversed)
-            })
+        holds_either_way(&given, exact, keeps)
     }
 }
 

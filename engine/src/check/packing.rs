@@ -1,13 +1,13 @@
-//! The check of bodies that are not spheres: all pairs with all periodic images, all walls.
+//! The check of grains that are no spheres: all pairs with all periodic images, all walls.
 //!
-//! Pairs come from the table of the check, which sees the spheres around the bodies. What two bodies prove and what a
-//! wall asks for is said by the kind of the bodies ([`Convex`]). Required gaps are those of the diameters of equal
-//! volume.
+//! Pairs come from the table of the check, which sees the spheres around the grains. What two grains prove and what a
+//! wall asks for is said by their kind ([`Convex`]). Required gaps are those of the diameters of equal volume.
 
 use nalgebra::Vector3;
 
-use super::double_double::DoubleDouble;
+use super::convex::Convex;
 use super::required::Required;
+use super::separation::{Direction, Image, Verdict};
 use super::table::{Grain, Table};
 use super::{Fault, Pairs, SeparationCertificate, report};
 use crate::control::Control;
@@ -15,73 +15,6 @@ use crate::cpu::Cpu;
 use crate::memory::{OutOfMemory, push, reserved};
 use crate::packing::Spheres;
 use crate::request::{Distance, Specimen};
-
-/// A direction and what it shows.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Direction {
-    /// Of length 1 within rounding.
-    pub(super) normal: Vector3<f64>,
-    /// `s(n)`.
-    pub(super) separation: f64,
-}
-
-impl Direction {
-    /// The one that shows more.
-    #[inline(always)]
-    pub(super) fn or(self, other: Self) -> Self {
-        if self.separation >= other.separation { self } else { other }
-    }
-}
-
-/// What the search for a direction has shown of a pair.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Verdict {
-    /// The pair is farther apart than anything is asked about it.
-    Clear,
-    /// It keeps the required gap; the direction is that of the distance.
-    Keeps(Direction),
-    /// No direction shows the required gap.
-    TooClose(Direction),
-}
-
-/// A second body moved by whole periods.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Image {
-    /// Periods that it is moved by.
-    pub(super) steps: [f64; 3],
-    /// Their lengths.
-    pub(super) period: [f64; 3],
-}
-
-impl Image {
-    #[inline(always)]
-    pub(super) fn shift(&self) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| self.steps[k] * self.period[k])
-    }
-
-    /// A component of the shift without rounding.
-    pub(super) fn exact_shift(&self, k: usize) -> DoubleDouble {
-        DoubleDouble::product(self.steps[k], self.period[k])
-    }
-}
-
-/// A convex body.
-pub(super) trait Convex {
-    fn center(&self) -> Vector3<f64>;
-
-    /// Radius of the sphere around the centre that holds the body.
-    fn radius(&self) -> f64;
-
-    /// Diameter of the sphere of equal volume.
-    fn equivalent_diameter(&self) -> f64;
-
-    /// Whether this body and an image of another keep a gap. A pair that is surely at least `enough` apart is clear.
-    fn judge(&self, other: &Self, image: &Image, required: f64, enough: f64) -> Verdict;
-
-    /// Gap between the body and the nearest wall, and whether it is at least `required`. Walls farther away than
-    /// `enough` may be left out of the gap.
-    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool);
-}
 
 /// The bodies of a packing and what its request demands of them.
 #[derive(Debug)]

@@ -1,0 +1,168 @@
+//! The check of spheres.
+
+use nalgebra::Vector3;
+
+use super::grading::{self, Grains};
+use super::required::Required;
+use super::table::{Grain, Table};
+use super::{Check, Fault, Pairs, report};
+use crate::control::{Control, Unattended};
+use crate::cpu::Cpu;
+use crate::packing::Spheres;
+use crate::request::PackingRequest;
+
+/// Checks a packing against its request.
+///
+/// # Errors
+/// The first fault found.
+pub fn check(spheres: &Spheres, request: &PackingRequest) -> Result<Check, Fault> {
+    check_with(spheres, request, &Unattended)
+}
+
+/// [`check`] with progress, and with a way to stop it.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_with(
+    spheres: &Spheres,
+    request: &PackingRequest,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let n = spheres.len();
+    if [&spheres.x_mm, &spheres.y_mm, &spheres.z_mm].iter().any(|column| column.len() != n) {
+        return Err(Fault::Columns);
+    }
+    for grain in 0..n {
+        let finite = spheres.center(grain).iter().all(|x| x.is_finite());
+        let d = spheres.d_mm[grain];
+        if !(finite && d.is_finite() && d > 0.0) {
+            return Err(Fault::NotANumber { grain });
+        }
+    }
+    let required = Required::new(request.distance, request.specimen);
+    let min_wall_gap_mm = check_walls(spheres, &required)?;
+    let pairs = check_pairs(spheres, &required, control)?;
+    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request)
+        .map_err(Fault::Grading)?;
+    Ok(Check::new(min_wall_gap_mm, &pairs, graded))
+}
+
+/// Smallest gap to a wall; `None` where there are no walls or no grains. The centres in a periodic box must lie in it.
+fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<f64>, Fault> {
+    let mut least: Option<f64> = None;
+    for (grain, &d) in spheres.d_mm.iter().enumerate() {
+        let distance_mm = required.wall_distance_mm(spheres.center(grain));
+        if required.period_mm().is_some() {
+            if distance_mm < 0.0 {
+                return Err(Fault::Wall { grain, clearance_mm: distance_mm, required_mm: 0.0 });
+            }
+            continue;
+        }
+        let (clearance_mm, required_mm) = (distance_mm - 0.5 * d, required.wall_gap_mm(d));
+        // Compared as a distance of the centre: a grain that fits exactly is one that fits.
+        if distance_mm < 0.5 * d + required_mm {
+            return Err(Fault::Wall { grain, clearance_mm, required_mm });
+        }
+        least = Some(least.map_or(clearance_mm, |l| l.min(clearance_mm)));
+    }
+    Ok(least)
+}
+
+/// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it
+/// takes to know the smallest gap.
+fn check_pairs(spheres: &Spheres, required: &Required, control: &dyn Control) -> Result<Pairs, Fault> {
+    let period = required.period_mm();
+    let mut pairs = own_images(spheres, required)?;
+    let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
+    let bounds = required.bounds_mm();
+    let farthest = bounds.iter().map(|l| l * l).sum::<f64>().sqrt();
+    let surely_kept = required.gap_mm(d_least, d_least);
+    // A dense packing has many pairs closer than this; a loose one is looked at again, further out.
+    let mut look = 0.05 * d_least;
+    loop {
+        let table = Table::build(
+            spheres,
+            bounds,
+            period.is_some(),
+            #[inline(always)]
+            |d_i, d_j| required.gap_mm(d_i, d_j) + look,
+        )?;
+        let mut nearest = (f64::INFINITY, f64::INFINITY);
+        let mut fault = None;
+        let go_on = |done: usize| {
+            report(control, done, spheres.len());
+            !control.should_stop()
+        };
+        let walked = Cpu::detect().call(
+            #[inline(always)]
+            || {
+                table.for_each_pair(
+                    #[inline(always)]
+                    |i: usize, j: usize, a: &Grain, b: &Grain| {
+                        let mut separation = Vector3::from(a.center) - Vector3::from(b.center);
+                        if let Some(period) = period {
+                            for axis in 0..3 {
+                                separation[axis] -= period[axis] * (separation[axis] / period[axis]).round();
+                            }
+                        }
+                        // Far pairs are most pairs; the root is only taken of the others.
+                        let radii = 0.5 * (a.diameter + b.diameter);
+                        let required_mm = required.gap_mm(a.diameter, b.diameter);
+                        let reach = radii + required_mm + look;
+                        let distance2 = separation.norm_squared();
+                        if distance2 > reach * reach {
+                            return;
+                        }
+                        let distance = distance2.sqrt();
+                        let (clearance_mm, excess_mm) = (distance - radii, distance - (radii + required_mm));
+                        nearest = (nearest.0.min(clearance_mm), nearest.1.min(excess_mm));
+                        if excess_mm < 0.0 && fault.is_none() {
+                            fault = Some(Fault::Pair {
+                                first: i.min(j),
+                                second: i.max(j),
+                                clearance_mm,
+                                required_mm,
+                            });
+                        }
+                    },
+                    go_on,
+                )
+            },
+        );
+        pairs.checked += walked.ok_or(Fault::Stopped)?;
+        if let Some(fault) = fault {
+            return Err(fault);
+        }
+        let closer = |old: Option<f64>, new: f64| {
+            let least = old.map_or(new, |o| o.min(new));
+            least.is_finite().then_some(least)
+        };
+        let gap = closer(pairs.min_gap_mm, nearest.0);
+        let excess = closer(pairs.min_excess_gap_mm, nearest.1);
+        // Pairs not seen keep their rule's distance and `look` more.
+        let known = gap.is_some_and(|g| g <= surely_kept + look) && excess.is_some_and(|e| e <= look);
+        if known || look > farthest || spheres.len() < 2 {
+            pairs.min_gap_mm = gap;
+            pairs.min_excess_gap_mm = excess;
+            return Ok(pairs);
+        }
+        look *= 4.0;
+    }
+}
+
+/// In a periodic box a grain must also keep its distance from its own images.
+fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
+    let mut pairs = Pairs { min_gap_mm: None, min_excess_gap_mm: None, checked: 0 };
+    let Some(period) = required.period_mm() else { return Ok(pairs) };
+    let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
+    for (grain, &d) in spheres.d_mm.iter().enumerate() {
+        let (clearance_mm, required_mm) = (shortest - d, required.gap_mm(d, d));
+        let excess_mm = shortest - (d + required_mm);
+        if excess_mm < 0.0 {
+            return Err(Fault::Pair { first: grain, second: grain, clearance_mm, required_mm });
+        }
+        pairs.min_gap_mm = Some(pairs.min_gap_mm.map_or(clearance_mm, |c| c.min(clearance_mm)));
+        pairs.min_excess_gap_mm = Some(pairs.min_excess_gap_mm.map_or(excess_mm, |e| e.min(excess_mm)));
+    }
+    Ok(pairs)
+}

@@ -1,0 +1,4 @@
+//! Gaps between grains and walls.
+
+pub(super) mod ellipsoid;
+pub(super) mod polyhedron;

@@ -1,0 +1,62 @@
+//! Polyhedra and walls: the nearest corner, less the radius of rounding.
+
+use nalgebra::Vector3;
+
+use crate::check::body::Polyhedron;
+use crate::check::double_double::DoubleDouble;
+use crate::check::separation::{ERROR, EXACT_ERROR};
+use crate::request::{Boundary, Specimen};
+
+/// Gap between a polyhedron and the nearest wall, and whether it is at least `required`.
+pub(in crate::check) fn wall_gap(body: &Polyhedron, specimen: &Specimen, required: f64) -> (f64, bool) {
+    let (bounds, axis) = match *specimen {
+        Specimen::Box { boundary: Boundary::Periodic, .. } => return (f64::INFINITY, true),
+        Specimen::Box { size_mm, boundary: Boundary::Walls } => (size_mm.map(Some), None),
+        Specimen::Cylinder { diameter_mm, height_mm } => {
+            ([None, None, Some(height_mm)], Some(0.5 * diameter_mm))
+        }
+    };
+    let mut gap = f64::INFINITY;
+    let mut scale = body.radius + required;
+    for p in &body.points {
+        for k in 0..3 {
+            if let Some(length) = bounds[k] {
+                gap = gap.min(p[k]).min(length - p[k]);
+                scale = scale.max(body.radius + required + length + p[k].abs());
+            }
+        }
+        if let Some(axis) = axis {
+            gap = gap.min(axis - (p.x - axis).hypot(p.y - axis));
+            scale = scale.max(body.radius + required + axis + p.x.abs() + p.y.abs());
+        }
+    }
+    let gap = gap - body.rounding;
+    let (excess, error) = (gap - required, ERROR * scale);
+    if excess >= error || excess < -error {
+        return (gap, excess > 0.0);
+    }
+    let planes = (0..3).all(|k| {
+        let Some(length) = bounds[k] else { return true };
+        all_keep(body, required, scale, |p| p[k].into())
+            && all_keep(body, required, scale, |p| DoubleDouble::difference(length, p[k]))
+    });
+    let lateral = axis.is_none_or(|axis| {
+        all_keep(body, required, scale, |p| {
+            let [x, y] = [0, 1].map(|k| DoubleDouble::difference(p[k], axis));
+            DoubleDouble::from(axis) - (x * x + y * y).sqrt()
+        })
+    });
+    (gap, planes && lateral)
+}
+
+/// Whether a distance that a corner must keep, `of(p)`, is at least `required` and the radius of rounding more for
+/// all of them.
+fn all_keep(
+    body: &Polyhedron,
+    required: f64,
+    scale: f64,
+    of: impl Fn(&Vector3<f64>) -> DoubleDouble,
+) -> bool {
+    let inset = DoubleDouble::from(body.rounding) + required.into();
+    body.points.iter().all(|p| (of(p) - inset).to_f64() >= -EXACT_ERROR * scale)
+}
