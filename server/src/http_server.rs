@@ -27,6 +27,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::http::{OPEN_ROUTES, PROBLEM_JSON};
+use crate::tasks;
 
 /// Time that the head of a request may take, and that an idle connection is kept.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
@@ -74,18 +75,20 @@ pub(crate) async fn serve(
             // Beyond the bound of refusals, connections are closed without a word.
             if let Ok(turn) = Arc::clone(&refusals).try_acquire_owned() {
                 let router = router.clone();
-                tracker.spawn(async move {
+                let refused: tasks::Boxed<()> = Box::pin(async move {
                     refuse(stream, peer, router).await;
                     drop(turn);
                 });
+                tracker.spawn(refused);
             }
             continue;
         };
         let (router, shutdown, abort) = (router.clone(), shutdown.clone(), abort.clone());
-        tracker.spawn(async move {
+        let served: tasks::Boxed<()> = Box::pin(async move {
             connection(stream, peer, router, shutdown, abort).await;
             drop(permit);
         });
+        tracker.spawn(served);
     }
     drop(listener);
     tracker.close();

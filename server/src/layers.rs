@@ -18,6 +18,7 @@ const LAYERS: &[&[&str]] = &[
         "ids",
         "memory",
         "remaining_time",
+        "tasks",
         "telemetry",
     ],
     &["strict_json"],

@@ -30,6 +30,7 @@ mod service;
 mod storage;
 mod strict_json;
 mod studies;
+mod tasks;
 mod telemetry;
 
 /// Runs the command line of this process.

@@ -28,6 +28,7 @@ use crate::jobs::store::{Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
 use crate::storage::Storage;
+use crate::tasks;
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
 const LEASE: Duration = Duration::from_mins(1);
@@ -170,9 +171,9 @@ impl Service {
         let Self { app, runner, listener, connections, options, reload: _, _lock } = self;
         let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
         let router = http::router(app.clone());
-        let workers = tokio::spawn(work(runner, options.clone()));
+        let workers = tasks::spawn(work(runner, options.clone()));
         app.set_ready(true);
-        let stopped = tokio::spawn({
+        let stopped = tasks::spawn({
             let shutdown = shutdown.clone();
             async move {
                 shutdown.cancelled().await;
@@ -201,8 +202,9 @@ async fn work(runner: Runner, options: ServeOptions) {
     if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints, days).await {
         tracing::error!(%error, "the first sweep failed");
     }
-    let mut tasks = JoinSet::new();
-    tasks.spawn(sweeper::run(
+    let mut running: JoinSet<()> = JoinSet::new();
+    let mut run = |task: tasks::Boxed<()>| drop(running.spawn(task));
+    run(Box::pin(sweeper::run(
         runner.store.clone(),
         runner.artifacts.clone(),
         runner.checkpoints.clone(),
@@ -210,8 +212,8 @@ async fn work(runner: Runner, options: ServeOptions) {
         days,
         Arc::clone(&runner.metrics),
         runner.shutdown.clone(),
-    ));
-    tasks.spawn(keep_reserve(runner.store.clone(), runner.shutdown.clone()));
+    )));
+    run(Box::pin(keep_reserve(runner.store.clone(), runner.shutdown.clone())));
     let export_worker = ExportWorker {
         store: runner.store.clone(),
         artifacts: runner.artifacts.clone(),
@@ -223,13 +225,13 @@ async fn work(runner: Runner, options: ServeOptions) {
         cache_bytes: options.export_cache_bytes,
     };
     for _ in 0..options.export_workers {
-        tasks.spawn(export_worker.clone().work(false));
+        run(Box::pin(export_worker.clone().work(false)));
     }
-    tasks.spawn(export_worker.work(true));
+    run(Box::pin(export_worker.work(true)));
     for _ in 0..options.workers() {
-        tasks.spawn(runner.clone().work());
+        run(Box::pin(runner.clone().work()));
     }
-    while let Some(ended) = tasks.join_next().await {
+    while let Some(ended) = running.join_next().await {
         if let Err(error) = ended {
             tracing::error!(%error, "a worker ended by a defect of this program");
         }

@@ -17,6 +17,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc;
 
 use super::read::StoredResult;
+use crate::tasks;
 
 const BLOCK_BYTES: usize = 1 << 17;
 const BLOCKS_WAITING: usize = 2;
@@ -31,7 +32,7 @@ pub(crate) fn start(
     permit: OwnedSemaphorePermit,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
-    tokio::task::spawn_blocking(move || {
+    tasks::blocking(move || {
         let mut window = Window::new(range, Blocks { sender: sender.clone(), handle: Handle::current() });
         let written = tables::write(format, result.head(), &result, &mut window);
         if let Err(error) = window.finish(written) {
@@ -50,7 +51,7 @@ pub(crate) fn start_file(
     permit: OwnedSemaphorePermit,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
-    tokio::task::spawn_blocking(move || {
+    tasks::blocking(move || {
         let mut blocks = Blocks { sender: sender.clone(), handle: Handle::current() };
         let sent = send_file(&mut file, range, &mut blocks).or_else(reader_left);
         if let Err(error) = sent {

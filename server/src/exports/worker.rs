@@ -27,6 +27,7 @@ use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::remaining_time::RemainingTime;
 use crate::storage::{Bound, NoRoom, Storage, fits};
+use crate::tasks;
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -98,7 +99,7 @@ impl ExportWorker {
         let control = Arc::new(RunControl::default());
         // A store that cannot tell fails the export at its end at the latest.
         let room = self.storage.room(&record.owner).await.unwrap_or((u64::MAX, Bound::Disk));
-        let mut making = tokio::task::spawn_blocking({
+        let mut making = tasks::blocking({
             let (export_worker, control, span) =
                 (self.clone(), Arc::clone(&control), tracing::Span::current());
             move || span.in_scope(|| export_worker.make(&claimed, room, &control))

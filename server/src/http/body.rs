@@ -11,6 +11,7 @@ use tokio::time::{Instant, timeout, timeout_at};
 use crate::http::app::App;
 use crate::http::params::shown;
 use crate::problem::{Kind, Problem};
+use crate::tasks;
 
 /// Longest pause between two pieces of a body.
 const IDLE: Duration = Duration::from_secs(30);
@@ -139,7 +140,7 @@ async fn collect(mut body: Body, max_bytes: u64) -> Result<Bytes, Problem> {
 
 /// Takes in some more of a body that was refused, behind the answer's back.
 fn linger(mut body: Body) {
-    tokio::spawn(timeout(LINGER, async move {
+    tasks::spawn(timeout(LINGER, async move {
         let mut taken = 0;
         while taken < LINGER_BYTES
             && let Some(Ok(frame)) = body.frame().await

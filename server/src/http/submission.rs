@@ -10,6 +10,7 @@ use crate::failure::Failure;
 use crate::hex;
 use crate::http::app::App;
 use crate::problem::{Fault, Problem};
+use crate::tasks;
 
 /// Longest `Idempotency-Key`.
 const MAX_KEY_CHARS: usize = 255;
@@ -26,7 +27,7 @@ pub(crate) async fn read_apart<T: Send + 'static>(
     };
     let gone = CancellationToken::new();
     let _gone_with_this_future = gone.clone().drop_guard();
-    let reading = tokio::task::spawn_blocking(move || {
+    let reading = tasks::blocking(move || {
         let _place = place;
         read(&|| !gone.is_cancelled())
     });

@@ -12,7 +12,7 @@ use std::time::Duration;
 use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Plan, Progress};
 use tokio::sync::oneshot;
-use tokio::task::JoinHandle;
+
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
@@ -29,6 +29,7 @@ use crate::metrics::Metrics;
 use crate::remaining_time::RemainingTime;
 use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
+use crate::tasks::{self, Task};
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
@@ -106,13 +107,13 @@ impl Runner {
     /// Runs jobs until the server stops. While the result of one is written, which is waiting for the disk, the
     /// next is packed; one result at a time, so that a slow disk does not pile them up in memory.
     pub(crate) async fn work(self) {
-        let mut writing: Option<JoinHandle<()>> = None;
+        let mut writing: Option<Task<()>> = None;
         while !self.shutdown.is_cancelled() {
             match self.store.claim().await {
                 Ok(Some(claimed)) => {
                     let span = tracing::info_span!("job", job_id = %claimed.lease.id, attempt = claimed.lease.attempt);
                     let (packing, has_packed) = oneshot::channel();
-                    let run = tokio::spawn(self.clone().run(claimed, packing).instrument(span));
+                    let run = tasks::spawn(self.clone().run(claimed, packing).instrument(span));
                     // Nothing is ever sent: the sender goes when the engine is done, however it ends.
                     let _ = has_packed.await;
                     end_of(writing.replace(run)).await;
@@ -148,7 +149,7 @@ impl Runner {
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
         // A store that cannot tell fails the run at its end at the latest.
         let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
-        let mut running = tokio::task::spawn_blocking({
+        let mut running = tasks::blocking({
             let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
             move || span.in_scope(|| runner.pack_and_write(&claimed, room, &control, packing))
         });
@@ -407,8 +408,7 @@ impl Runner {
     /// may be lost, and the checkpoint is what is left of the work.
     async fn remove_checkpoints(&self, lease: Lease) {
         let checkpoints = self.checkpoints.clone();
-        let removed =
-            tokio::task::spawn_blocking(move || checkpoints.remove(&lease.id.to_string(), lease.attempt));
+        let removed = tasks::blocking(move || checkpoints.remove(&lease.id.to_string(), lease.attempt));
         if let Err(error) = removed.await {
             tracing::warn!(%error, "checkpoints are left to the sweeper");
         }
@@ -416,7 +416,7 @@ impl Runner {
 }
 
 /// Waits for the end of a run, if there is one.
-async fn end_of(run: Option<JoinHandle<()>>) {
+async fn end_of(run: Option<Task<()>>) {
     if let Some(run) = run
         && let Err(error) = run.await
     {

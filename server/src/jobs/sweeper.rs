@@ -18,6 +18,7 @@ use super::store::{Removed, Store, StoreError};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::metrics::Metrics;
+use crate::tasks;
 
 /// Files that deletions have left behind, looked at together.
 const REMOVALS_AT_ONCE: u32 = 1000;
@@ -82,7 +83,7 @@ pub(crate) async fn sweep(
     checkpoints: &Checkpoints,
     quarantine_days: u32,
 ) -> Result<Swept, SweepError> {
-    let kept = tokio::task::spawn_blocking({
+    let kept = tasks::blocking({
         let checkpoints = checkpoints.clone();
         move || checkpoints.kept()
     })
@@ -100,7 +101,7 @@ pub(crate) async fn sweep(
         swept.expired += removed.len();
         remove_all(artifacts, removed).await?;
     }
-    let settled = tokio::task::spawn_blocking({
+    let settled = tasks::blocking({
         let artifacts = artifacts.clone();
         move || artifacts.settled()
     })
@@ -148,7 +149,7 @@ async fn forget_removals(store: &Store, artifacts: &Artifacts) -> Result<(), Swe
 /// Removes the results of jobs that are gone, on a thread that may block: of a study they are many.
 async fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), SweepError> {
     let artifacts = artifacts.clone();
-    tokio::task::spawn_blocking(move || {
+    tasks::blocking(move || {
         let mut paths = jobs.into_iter().flat_map(|job| job.files);
         paths.try_for_each(|path| artifacts.remove(&path))
     })
@@ -159,7 +160,7 @@ async fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), Swe
 /// Removes the checkpoints of jobs that are finished or gone. Those of open jobs are left alone, of
 /// whatever attempt: the next one may go on from them.
 async fn sweep_checkpoints(store: &Store, checkpoints: &Checkpoints) -> Result<usize, SweepError> {
-    let found = tokio::task::spawn_blocking({
+    let found = tasks::blocking({
         let checkpoints = checkpoints.clone();
         move || checkpoints.list()
     })

@@ -21,6 +21,7 @@ use crate::http::storage::check_room;
 use crate::ids::JobId;
 use crate::jobs::{JobRecord, JobRequest};
 use crate::problem::{Kind, Problem};
+use crate::tasks;
 
 /// The job and the type that a path names.
 #[derive(Clone, Copy, Debug)]
@@ -148,7 +149,7 @@ impl Target {
             .check(&packed.specimen, packed.mix.grain_kind(), &app.shared.limits)
             .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
         let (export, limits) = (self.export.clone(), app.shared.limits);
-        let estimated = tokio::task::spawn_blocking(move || estimates::of_stored(&export, &request, &limits));
+        let estimated = tasks::blocking(move || estimates::of_stored(&export, &request, &limits));
         // Without an estimate the export worker decides, which has the packing.
         match estimated.await {
             Ok(Some(estimate)) => check_room(app, &self.job.owner, estimate.bytes).await,

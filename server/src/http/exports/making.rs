@@ -11,6 +11,7 @@ use crate::http::problems::refused;
 use crate::http::waiting;
 use crate::jobs::store::{Retention, StoreError};
 use crate::problem::{Kind, Problem};
+use crate::tasks;
 
 /// How often an export is requested anew whose file went away before it could be sent: dropped from the cache, or
 /// damaged on the disk.
@@ -75,7 +76,7 @@ async fn open(app: &App, record: &ExportRecord) -> Result<Option<(File, u64)>, P
     };
     let artifacts = app.shared.artifacts.clone();
     let (path, length) = (stored.path.clone(), stored.bytes);
-    let opened = tokio::task::spawn_blocking(move || artifacts.open_export(&stored)).await;
+    let opened = tasks::blocking(move || artifacts.open_export(&stored)).await;
     match opened.unwrap_or_else(|error| Err(io::Error::other(error))) {
         Ok(file) => Ok(Some((file, length))),
         Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidData) => {

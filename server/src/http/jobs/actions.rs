@@ -13,6 +13,7 @@ use crate::http::problems::sets::{ActionProblems, RetryProblems};
 use crate::jobs::store::Cancelled;
 use crate::jobs::{JobId, JobRecord};
 use crate::problem::Problem;
+use crate::tasks;
 
 /// Cancel a job
 ///
@@ -85,7 +86,7 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
     let Some(artifact) = job.and_then(|job| job.artifact) else { return Ok(None) };
     let artifacts = app.shared.artifacts.clone();
     let path = artifact.path.clone();
-    let damaged = tokio::task::spawn_blocking(move || artifacts.is_damaged(&artifact)).await;
+    let damaged = tasks::blocking(move || artifacts.is_damaged(&artifact)).await;
     Ok(damaged.unwrap_or(false).then_some(path))
 }
 
@@ -118,7 +119,7 @@ pub(crate) async fn delete(
 /// Files are removed on a thread that may block; what fails is logged there, and swept later.
 async fn remove_checkpoints(app: &App, id: JobId, until_attempt: i64) {
     let checkpoints = app.shared.checkpoints.clone();
-    let _ = tokio::task::spawn_blocking(move || checkpoints.remove(&id.to_string(), until_attempt)).await;
+    let _ = tasks::blocking(move || checkpoints.remove(&id.to_string(), until_attempt)).await;
 }
 
 async fn shown(app: &App, record: &JobRecord, status: StatusCode) -> Result<Response, Problem> {

@@ -13,6 +13,7 @@ use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::PlanProblems;
 use crate::jobs::JobRequest;
 use crate::problem::Problem;
+use crate::tasks;
 
 /// Plan a job
 ///
@@ -32,7 +33,7 @@ pub(crate) async fn plan(
 ) -> Result<Response, Problem> {
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let Submission { request, plan, .. } = read(&app, bytes, Proposal::Made).await?;
-    let estimated = tokio::task::spawn_blocking(move || {
+    let estimated = tasks::blocking(move || {
         let exports = planned(request.exports(), &request.packing(), &plan);
         JobPlan { plan, exports }
     });

@@ -32,6 +32,7 @@ use crate::http::results::document::ResultDocument;
 use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State as JobState};
 use crate::problem::{FailureDocument, Kind, Problem};
+use crate::tasks;
 
 /// A result without its request and its spheres.
 #[derive(Serialize, ToSchema)]
@@ -235,7 +236,7 @@ pub(crate) async fn blocking<T: Send + 'static>(
             "the stored result is missing or damaged; the server's log says how",
         )
     };
-    match tokio::task::spawn_blocking(read).await {
+    match tasks::blocking(read).await {
         Ok(Ok(value)) => Ok(value),
         Ok(Err(error)) if is_passing(&error) => {
             tracing::error!(%error, %what, "a stored result cannot be read at present");

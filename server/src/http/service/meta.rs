@@ -24,6 +24,7 @@ use crate::jobs::store::StoredKind;
 use crate::metrics::Gauges;
 use crate::problem::{Kind, Problem};
 use crate::studies;
+use crate::tasks;
 
 /// What this server can do, and how much of it.
 #[derive(Serialize, ToSchema)]
@@ -272,7 +273,7 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
         Err(error) => tracing::warn!(%error, "the free space of the data directory is not known"),
     }
     let trial = disk.clone();
-    if tokio::task::spawn_blocking(move || trial.is_short()).await.unwrap_or(true) {
+    if tasks::blocking(move || trial.is_short()).await.unwrap_or(true) {
         return Err(not_ready("a write failed because the disk is full, and it is still full"));
     }
     app.shared.store.check_writable().await.map_err(|error| {
@@ -285,7 +286,7 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
 /// Seconds since the newest checkpoint was written.
 async fn newest_checkpoint(app: &App) -> Option<f64> {
     let checkpoints = app.shared.checkpoints.clone();
-    let kept = tokio::task::spawn_blocking(move || checkpoints.kept()).await.ok()?.ok()?;
+    let kept = tasks::blocking(move || checkpoints.kept()).await.ok()?.ok()?;
     let newest = kept.iter().map(|kept| kept.at_us).max()?;
     Some((jiff::Timestamp::now().as_microsecond() - newest).max(0) as f64 / 1e6)
 }

@@ -15,6 +15,7 @@ use crate::http::problems::sets::{ActionProblems, StudyRetryProblems};
 use crate::http::studies::view::{self, Study};
 use crate::jobs::store::StudyState;
 use crate::problem::Problem;
+use crate::tasks;
 
 /// Cancel a study
 ///
@@ -111,7 +112,7 @@ pub(crate) async fn delete(
     remove_checkpoints(&app, removed.iter().map(|job| (job.id.to_string(), i64::MAX)).collect()).await;
     let artifacts = app.shared.artifacts.clone();
     // Nothing refers to them any more: should the server stop meanwhile, the rest is swept at the next start.
-    tokio::task::spawn_blocking(move || {
+    tasks::blocking(move || {
         for path in removed.into_iter().flat_map(|job| job.files) {
             if let Err(error) = artifacts.remove(&path) {
                 tracing::warn!(%error, path, "a file is left to the sweeper");
@@ -125,5 +126,5 @@ pub(crate) async fn delete(
 /// logged there, and swept later.
 async fn remove_checkpoints(app: &App, until_attempt: HashMap<String, i64>) {
     let checkpoints = app.shared.checkpoints.clone();
-    let _ = tokio::task::spawn_blocking(move || checkpoints.remove_all(&until_attempt)).await;
+    let _ = tasks::blocking(move || checkpoints.remove_all(&until_attempt)).await;
 }

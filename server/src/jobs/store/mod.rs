@@ -26,7 +26,6 @@ mod upkeep;
 mod writer;
 
 use std::path::Path;
-use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -40,6 +39,7 @@ use super::{JobId, JobRecord, Lease, State};
 use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
+use crate::tasks;
 use writer::{Durability, Writer, Writing};
 
 pub(crate) use exports::{ClaimedExport, Retention};
@@ -220,7 +220,7 @@ impl Store {
     /// The same for an export that may not start yet.
     fn wake_export_workers_after(&self, pause: Duration) {
         let store = self.clone();
-        tokio::spawn(async move {
+        tasks::spawn(async move {
             tokio::time::sleep(pause + CLOCKS_DIFFER).await;
             store.wake_export_workers();
         });
@@ -256,7 +256,7 @@ impl Store {
         }
         let reserve = self.shared.reserve.clone();
         // A panic in there is logged by the hook; the next call tries again.
-        let _ = tokio::task::spawn_blocking(move || reserve.refill()).await;
+        let _ = tasks::blocking(move || reserve.refill()).await;
     }
 
     /// Tells whether a write of the store, or of those who share this, failed for want of space.
@@ -299,14 +299,11 @@ impl Store {
     }
 
     /// Runs a write to its end whatever becomes of the caller.
-    ///
-    /// The future is boxed, so that the code of a task is built once for each type of answer and not for each write.
     async fn detached<T: Send + 'static>(
         &self,
         write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
     ) -> Result<T, StoreError> {
-        let write: Pin<Box<dyn Future<Output = _> + Send>> = Box::pin(write);
-        let ended = tokio::spawn(write).await?;
+        let ended = tasks::spawn(write).await?;
         if ended.as_ref().is_err_and(StoreError::is_full) {
             self.shared.shortage.note();
         }
@@ -362,7 +359,7 @@ impl Store {
     /// After a commit that put a job into the queue which may not start yet.
     fn wake_worker_after(&self, pause: Duration) {
         let store = self.clone();
-        tokio::spawn(async move {
+        tasks::spawn(async move {
             tokio::time::sleep(pause + CLOCKS_DIFFER).await;
             store.wake_worker();
         });

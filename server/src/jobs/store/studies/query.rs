@@ -11,6 +11,7 @@ use super::{StudyRecord, StudyState, runs};
 use crate::ids::StudyId;
 use crate::studies::table::Rest;
 use crate::studies::{Keys, Run, Table};
+use crate::tasks;
 
 /// Which studies a listing wants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -115,7 +116,7 @@ impl Store {
         tx.commit().await?;
         let key_columns = study.key_columns.clone();
         let replicates = u64::from(study.replicates);
-        let table = tokio::task::spawn_blocking(move || {
+        let table = tasks::blocking(move || {
             let runs = ended.iter().map(run).collect::<Result<Vec<_>, _>>()?;
             let mut keys = Keys { columns: key_columns, values: Vec::with_capacity(points.len()) };
             let mut rest = Vec::with_capacity(points.len());
