@@ -47,6 +47,7 @@ mod ranges;
 mod readme;
 mod scheduling;
 mod shapes;
+mod shards;
 mod shutdown;
 mod storage;
 mod streaming;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -56,6 +57,16 @@ impl Running {
         let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).expect("SigCgt in /proc");
         let mask = u64::from_str_radix(mask.trim(), 16).expect("a mask in hexadecimal");
         mask & (1 << (signal.as_raw() - 1)) != 0
+    }
+
+    /// The processor time that it has used, by Linux's table.
+    pub(crate) fn cpu_time(&self) -> Duration {
+        let path = format!("/proc/{}/stat", self.pid.as_raw_nonzero());
+        let stat = std::fs::read_to_string(path).expect("a process that was not waited for");
+        // Fields 14 and 15 of proc(5); the name of the command may hold anything.
+        let fields: Vec<&str> = stat.rsplit_once(')').expect("a name").1.split_whitespace().collect();
+        let ticks: u64 = fields[11..13].iter().map(|ticks| ticks.parse::<u64>().expect("ticks")).sum();
+        Duration::from_millis(ticks * 1000 / rustix::param::clock_ticks_per_second())
     }
 
     /// Sends it a signal.
