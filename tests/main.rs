@@ -49,6 +49,7 @@ mod scheduling;
 mod shapes;
 mod shards;
 mod shutdown;
+mod slurm;
 mod storage;
 mod streaming;
 mod studies;
