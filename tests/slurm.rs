@@ -210,7 +210,7 @@ async fn arrays_that_the_time_limit_cuts_end_with_the_bits_of_one_machine() {
             break;
         }
         assert_eq!(fs::read_dir(folder.join("out/checkpoints")).unwrap().count(), 2, "{said}");
-        assert!(arrays < 9, "{said}");
+        assert!(arrays < 30, "{said}");
     }
     assert!(arrays > 1, "nothing was cut");
     let one = within(PATIENCE, "one machine", async {

@@ -16,8 +16,8 @@ use crate::config::DEFAULT_CHECKPOINT_EVERY_S;
 use crate::studies::Study;
 use crate::studies::shards::{forecast_ms, longest_ms};
 
-/// The width is chosen so that a task has about so much work.
-const TASK_MS: u64 = 3_600_000;
+/// The width is chosen so that a task has about so much work for each core, in ms.
+const TASK_MS: u64 = 20 * 60_000;
 /// Widest array by default; by default Slurm allows 1000 tasks.
 const WIDEST: usize = 256;
 /// Time that is requested for a forecast of one hour, in hours: estimates err.
@@ -167,6 +167,15 @@ fn script(paths: &Paths, study: &Study, request: &Request, more: &str, titles: &
         0 => String::new(),
         n => format!("# The limit is shorter than that: about {} arrays are needed.\n", n + 1),
     };
+    let forecast = format!(
+        "Forecast: {points} points of {replicates} runs, {total} on one core, {longest} in the longest task, without \
+         stop rules."
+    );
+    let limits = format!(
+        "The time limit is {TIME_PER_FORECAST} times the longest task and {MORE_MINUTES} min, at most {} h; the memory \
+         is that of the plan.",
+        MOST_MINUTES / 60
+    );
     let limit = format!("{:02}:{:02}:00", minutes / 60, minutes % 60);
     format!(
         r#"#!/bin/bash
@@ -177,10 +186,8 @@ fn script(paths: &Paths, study: &Study, request: &Request, more: &str, titles: &
 #
 # Do the same again where an array was cut: the next one takes up what is left, of any width.
 #
-# Forecast: {points} points, runs of each: {replicates}. On one core {total} without stop rules, in the longest task
-# {longest}.
-# The time limit is {TIME_PER_FORECAST} times that and {MORE_MINUTES} min, at most {hours} h. The memory is that of
-# the plan.
+# {forecast}
+# {limits}
 {arrays}#SBATCH --job-name={name}
 #SBATCH --array=0-{last}
 #SBATCH --cpus-per-task={cpus}
@@ -206,7 +213,6 @@ merge=$(sbatch --parsable "$@" --array=0 --cpus-per-task=1 --time=00:10:00 \
     --dependency="afterany:$array" "$0" merge) || exit
 echo "array $array, then merge ${{merge%%;*}}"
 "#,
-        hours = MOST_MINUTES / 60,
     )
 }
 
