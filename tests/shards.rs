@@ -232,6 +232,11 @@ async fn survives(signal: Signal) {
     assert_eq!(said.contains("is taken over from process"), signal == Signal::KILL, "{said}");
     assert!(checkpoints(&out).is_empty());
     succeed(directory, "out", &["--merge"]).await;
+    let left: Vec<String> = fs::read_dir(out.join("shards"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    assert!(!left.iter().any(|name| name.contains("tmp") || name.contains("beat")), "{left:?}");
     succeed(directory, "one", &["--format", "npy"]).await;
     assert_equal(&directory.join("one"), &out);
 }

@@ -8,14 +8,12 @@ use std::collections::HashMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use uuid::Uuid;
-
 use super::super::exit::{Exit, Failure};
 use super::super::outputs::write_whole;
 use super::super::print;
 use super::run_log::{Folder, RunRecord, StudyRecord};
 use super::shards::claims::{self, PointLog, publish};
-use super::{Done, Log, Options, expand, limits_elsewhere, read_request, report};
+use super::{Done, Log, Options, discard_checkpoints, expand, limits_elsewhere, read_request, report};
 use crate::studies::{Outcome, Study, Table};
 
 /// Most points of which it is said what is missing.
@@ -49,7 +47,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let missing = missing(&done, &table, &logs);
     if missing.is_empty() {
-        // Nobody needs it any more, and it is not empty where a run that is over left something.
+        // What killed processes left is of no more use.
+        claims::tidy(&options.out)?;
+        discard_checkpoints(&options.checkpoints())?;
         let _ = std::fs::remove_dir(options.checkpoints());
         return Ok(());
     }
@@ -120,9 +120,7 @@ fn check_equal(first: &Told<'_>, second: &Told<'_>) -> Result<(), Failure> {
 
 /// Writes all files where no other merge writes, then moves them to their place. Returns their paths.
 fn write(options: &Options, study: &Study, done: &Done<'_>, table: &Table) -> Result<Vec<PathBuf>, Failure> {
-    let name = format!("merge.{}.tmp", Uuid::now_v7().simple());
-    let staging = options.out.join(claims::FOLDER).join(name);
-    std::fs::create_dir_all(&staging)?;
+    let staging = claims::merge_staging(&options.out)?;
     let written =
         report::write(&staging, study, table, &done.records, !options.no_plot_titles).and_then(|files| {
             let runs = staging.join(Folder(&options.out).runs().file_name().unwrap_or_default());

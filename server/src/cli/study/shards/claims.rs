@@ -20,15 +20,20 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
+use uuid::Uuid;
 
 use super::super::run_log::{RunRecord, SYNC_EVERY};
 use super::process::Process;
-use crate::atomic_file;
+use crate::atomic_file::{self, PARTIAL};
 use crate::studies::stop::Tally;
 use crate::studies::{Outcome, Study};
 
 /// Name of the folder of the claims, in that of the study.
 pub(in super::super) const FOLDER: &str = "shards";
+/// Ending of the file of a process's signs of life.
+const BEAT: &str = ".beat";
+/// What the name of the folder of a merge begins with.
+const MERGE: &str = "merge.";
 /// Interval of the signs of life.
 pub(super) const BEAT_EVERY: Duration = Duration::from_secs(10);
 /// A process of another machine that gave no sign of life for so long is dead.
@@ -297,7 +302,7 @@ impl<'a> Claims<'a> {
     }
 
     fn beat_path(&self, name: &str) -> PathBuf {
-        self.folder.join(format!("{name}.beat"))
+        self.folder.join(format!("{name}{BEAT}"))
     }
 
     /// Gives a sign of life if one is due. Returns the points that another process has taken over.
@@ -359,23 +364,43 @@ impl<'a> Claims<'a> {
         Ok(())
     }
 
-    /// The folder in which a run of this process makes its files, until they are complete. Those of earlier
-    /// generations are removed.
+    /// The folder in which a run of this process makes its files, until they are complete. Those of other generations
+    /// are left alone: their process may not be dead.
     pub(in super::super) fn staging(
         &self,
         point: usize,
         replicate: usize,
         generation: i64,
     ) -> io::Result<PathBuf> {
-        let of = |generation| self.folder.join(format!("{point}-{replicate}.{generation}.tmp"));
-        for earlier in 1..generation {
-            let _ = fs::remove_dir_all(of(earlier));
-        }
-        let folder = of(generation);
-        let _ = fs::remove_dir_all(&folder);
+        let folder = self.folder.join(format!("{point}-{replicate}.{generation}{PARTIAL}"));
         fs::create_dir_all(&folder).map_err(|error| named(&folder, "made", &error))?;
         Ok(folder)
     }
+}
+
+/// The folder in which a merge makes its files.
+pub(in super::super) fn merge_staging(out: &Path) -> io::Result<PathBuf> {
+    let name = format!("{MERGE}{}{PARTIAL}", Uuid::now_v7().simple());
+    let folder = out.join(FOLDER).join(name);
+    fs::create_dir_all(&folder).map_err(|error| named(&folder, "made", &error))?;
+    Ok(folder)
+}
+
+/// Removes what dead processes left of a study that is complete: signs of life and incomplete results.
+pub(in super::super) fn tidy(out: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(out.join(FOLDER))? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        // What fails was removed by another merge.
+        let _ = if name.ends_with(BEAT) {
+            fs::remove_file(entry.path())
+        } else if name.ends_with(PARTIAL) && !name.starts_with(MERGE) {
+            fs::remove_dir_all(entry.path())
+        } else {
+            Ok(())
+        };
+    }
+    Ok(())
 }
 
 impl Held {

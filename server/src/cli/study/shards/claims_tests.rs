@@ -145,7 +145,7 @@ fn files_are_moved_whole_and_leave_no_folder() {
     let abandoned = claims.staging(0, 1, 1).unwrap();
     fs::write(abandoned.join("0-1.npy"), "half").unwrap();
     let staging = claims.staging(0, 1, 2).unwrap();
-    assert!(!abandoned.exists());
+    assert!(abandoned.exists(), "its process may live");
     fs::write(staging.join("0-1.npy"), "whole").unwrap();
     let results = directory.path().join("results");
     publish(&staging, &results).unwrap();
@@ -154,4 +154,11 @@ fn files_are_moved_whole_and_leave_no_folder() {
     // Without files there is no folder of results.
     publish(&claims.staging(1, 0, 1).unwrap(), &directory.path().join("none")).unwrap();
     assert!(!directory.path().join("none").exists());
+
+    claims.claim(0).unwrap();
+    let merge = merge_staging(directory.path()).unwrap();
+    tidy(directory.path()).unwrap();
+    assert!(!abandoned.exists() && merge.exists());
+    let left = fs::read_dir(directory.path().join(FOLDER)).unwrap().count();
+    assert_eq!(left, 2, "the log and the folder of the merge");
 }
