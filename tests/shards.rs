@@ -383,3 +383,40 @@ async fn a_shard_that_does_not_exist_is_refused_with_the_range() {
     let idle = succeed(directory, "out", &["--shard", "7/8"]).await;
     assert!(idle.stdout.contains("shard 7/8 has no points: the study has 6"), "{idle:?}");
 }
+
+#[tokio::test]
+async fn kills_at_many_moments_cost_time_only() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
+    let mut study = study(4);
+    study["template"] = jobs::with(jobs::quick_growth(0), "/seed", Value::Null);
+    study["template"]["distance"] = json!({"type": "maximize"});
+    study["template"]["method"]["stop"] = json!({"events": 200_000});
+    study["grid"] = json!({"/mix/volume_fraction": [0.4, 0.45, 0.5]});
+    write(directory, &study);
+    succeed(directory, "one", &["--format", "npy"]).await;
+    let args = ["study", "study.json", "--out", "out", "--format", "npy", "--workers", "1"];
+    let mut claims = 0;
+    for ms in [10, 50, 150, 300, 500, 700] {
+        // Two arrays at once.
+        let mut running = Vec::new();
+        for shard in ["0/2", "1/2", "0/1"] {
+            let more = ["--checkpoint-every-s", "0", "--shard", shard];
+            running.push(Running::spawn(directory, &[&args[..], &more].concat()));
+        }
+        // The moment is what is tested.
+        tokio::time::sleep(Duration::from_millis(ms)).await;
+        for shard in running {
+            shard.signal(Signal::KILL);
+            shard.ended().await;
+        }
+        claims = files(&directory.join("out/shards")).keys().filter(|name| name.contains(".jsonl")).count();
+    }
+    assert!(claims > 3, "no claim of a killed process was taken over");
+    for shard in ["1/3", "2/3", "0/3"] {
+        succeed(directory, "out", &["--format", "npy", "--shard", shard]).await;
+    }
+    succeed(directory, "out", &["--merge"]).await;
+    assert_equal(&directory.join("one"), &directory.join("out"));
+    assert!(!directory.join("out/checkpoints").exists());
+}

@@ -40,14 +40,19 @@ pub(crate) struct Running {
 impl Running {
     /// Starts `packstone` with `args` in `directory`, and returns once it takes signals to end.
     pub(crate) async fn start(directory: &Path, args: &[&str]) -> Self {
+        let running = Self::spawn(directory, args);
+        eventually("a command to handle signals", || running.catches(Signal::TERM)).await;
+        running
+    }
+
+    /// Starts `packstone` with `args` in `directory`, which may end at once.
+    pub(crate) fn spawn(directory: &Path, args: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_packstone"));
         command.args(args).current_dir(directory);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let child = command.spawn().expect("the command starts");
         let pid = Pid::from_child(&child);
-        let running = Self { child: Some(child), pid };
-        eventually("a command to handle signals", || running.catches(Signal::TERM)).await;
-        running
+        Self { child: Some(child), pid }
     }
 
     /// Whether the process has a handler for a signal, by Linux's table of its signals.
