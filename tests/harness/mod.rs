@@ -10,6 +10,7 @@ mod process;
 mod raw;
 pub(crate) mod results;
 mod server;
+mod slurm;
 mod sse;
 
 pub(crate) use client::{Client, Reply, id_of};
@@ -17,4 +18,5 @@ pub(crate) use contract::{Contract, text as contract_text};
 pub(crate) use process::{Finished, Running, packstone, run};
 pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};
+pub(crate) use slurm::Slurm;
 pub(crate) use sse::Event;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -39,14 +40,19 @@ pub(crate) struct Running {
 impl Running {
     /// Starts `packstone` with `args` in `directory`, and returns once it takes signals to end.
     pub(crate) async fn start(directory: &Path, args: &[&str]) -> Self {
+        let running = Self::spawn(directory, args);
+        eventually("a command to handle signals", || running.catches(Signal::TERM)).await;
+        running
+    }
+
+    /// Starts `packstone` with `args` in `directory`, which may end at once.
+    pub(crate) fn spawn(directory: &Path, args: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_packstone"));
         command.args(args).current_dir(directory);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let child = command.spawn().expect("the command starts");
         let pid = Pid::from_child(&child);
-        let running = Self { child: Some(child), pid };
-        eventually("a command to handle signals", || running.catches(Signal::TERM)).await;
-        running
+        Self { child: Some(child), pid }
     }
 
     /// Whether the process has a handler for a signal, by Linux's table of its signals.
@@ -56,6 +62,16 @@ impl Running {
         let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).expect("SigCgt in /proc");
         let mask = u64::from_str_radix(mask.trim(), 16).expect("a mask in hexadecimal");
         mask & (1 << (signal.as_raw() - 1)) != 0
+    }
+
+    /// The processor time that it has used, by Linux's table.
+    pub(crate) fn cpu_time(&self) -> Duration {
+        let path = format!("/proc/{}/stat", self.pid.as_raw_nonzero());
+        let stat = std::fs::read_to_string(path).expect("a process that was not waited for");
+        // Fields 14 and 15 of proc(5); the name of the command may hold anything.
+        let fields: Vec<&str> = stat.rsplit_once(')').expect("a name").1.split_whitespace().collect();
+        let ticks: u64 = fields[11..13].iter().map(|ticks| ticks.parse::<u64>().expect("ticks")).sum();
+        Duration::from_millis(ticks * 1000 / rustix::param::clock_ticks_per_second())
     }
 
     /// Sends it a signal.

@@ -22,6 +22,7 @@ Exit codes:
   4    the method ended before its target: not every grain was placed, or growth stopped
   5    a packing or an export failed its check, which is a defect of Packstone
   6    a fault of the machine: no space, no memory, a disk that fails
+  7    a merged study is unfinished: runs are missing
   130  stopped by a signal";
 
 /// How a command fails.
@@ -37,6 +38,8 @@ pub(super) enum Exit {
     CheckFailed = 5,
     /// No space, no memory, a disk that fails.
     Machine = 6,
+    /// Runs of a merged study are missing.
+    Unfinished = 7,
     /// A signal.
     Interrupted = 130,
 }
@@ -155,6 +158,7 @@ mod tests {
             Exit::TargetNotReached,
             Exit::CheckFailed,
             Exit::Machine,
+            Exit::Unfinished,
             Exit::Interrupted,
         ] {
             let code = exit as u8;

@@ -13,6 +13,7 @@ mod pointer;
 mod request;
 mod schema;
 mod seeds;
+pub(crate) mod shards;
 pub(crate) mod stop;
 pub(crate) mod table;
 
@@ -70,6 +71,10 @@ pub(crate) struct Point {
     pub(crate) seeds: Vec<u64>,
     /// Warnings of the plan, which its jobs have in common.
     pub(crate) warnings: Vec<String>,
+    /// Time that the plan expects of one of its jobs, on one core.
+    pub(crate) forecast_s: f64,
+    /// Memory that the plan expects of one of its jobs.
+    pub(crate) memory_bytes: u64,
 }
 
 impl Point {

@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::EngineInfo;
@@ -23,7 +23,7 @@ const STUDY: &str = "study.json";
 const RUNS: &str = "runs.jsonl";
 /// Interval of synchronization: a power cut loses at most the runs of this time. A kill loses none, because the lines
 /// are in the page cache.
-const SYNC_EVERY: Duration = Duration::from_secs(2);
+pub(super) const SYNC_EVERY: Duration = Duration::from_secs(2);
 
 /// The content of `study.json`.
 #[derive(Serialize, Deserialize)]
@@ -77,6 +77,9 @@ pub(super) struct RunRecord {
     pub(super) seed: u64,
     pub(super) outcome: Outcome,
     pub(super) facts: Facts,
+    /// SHA-256 of what the run came to, without times: equal for equal runs on any machine.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) digest: Option<String>,
     /// Time in s and distance in mm, of a point's first replicate.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) distance_curve: Vec<[f64; 2]>,
@@ -86,6 +89,12 @@ impl RunRecord {
     /// The run as the table counts it.
     pub(super) fn run(&self) -> Run {
         Run { point: self.point, replicate: self.replicate, outcome: self.outcome, facts: self.facts.clone() }
+    }
+
+    /// Whether the study has such a run.
+    pub(super) fn is_of(&self, study: &Study) -> bool {
+        let seed = study.points.get(self.point).and_then(|point| point.seeds.get(self.replicate));
+        seed == Some(&self.seed)
     }
 }
 
@@ -101,13 +110,35 @@ pub(super) struct Folder<'a>(pub(super) &'a Path);
 impl Folder<'_> {
     /// The study of the folder, if there is one.
     pub(super) fn record(&self) -> Result<Option<StudyRecord>, Failure> {
-        let path = self.0.join(STUDY);
+        let path = self.study();
         match fs::read(&path) {
             Ok(text) => serde_json::from_slice(&text).map(Some).map_err(|error| {
                 let text = format!("{} is damaged: {error}; discard it by --fresh", path.display());
                 Exit::BadInput.because(text)
             }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(cannot_be("read", &path, &error)),
+        }
+    }
+
+    /// Path of the study's request.
+    pub(super) fn study(&self) -> PathBuf {
+        self.0.join(STUDY)
+    }
+
+    /// Path of the log.
+    pub(super) fn runs(&self) -> PathBuf {
+        self.0.join(RUNS)
+    }
+
+    /// The runs of the log, which may be missing, without opening it for writing.
+    pub(super) fn logged(&self, study: &Study) -> Result<Vec<RunRecord>, Failure> {
+        let path = self.runs();
+        match fs::read(&path) {
+            Ok(text) => read(&text, study)
+                .map(|(records, _)| records)
+                .map_err(|what| Exit::BadInput.because(format_args!("{}: {what}", path.display()))),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
             Err(error) => Err(cannot_be("read", &path, &error)),
         }
     }
@@ -120,7 +151,7 @@ impl Folder<'_> {
         fresh: bool,
     ) -> Result<(RunLog, Vec<RunRecord>), Failure> {
         fs::create_dir_all(self.0).map_err(|error| cannot_be("made", self.0, &error))?;
-        let path = self.0.join(RUNS);
+        let path = self.runs();
         let unusable = |what: &str| format!("{}: {what}", path.display());
         let mut runs = OpenOptions::new()
             .read(true)
@@ -135,7 +166,7 @@ impl Folder<'_> {
         if fresh {
             runs.set_len(0)?;
         }
-        write_whole(&self.0.join(STUDY), &serde_json::to_vec_pretty(record)?)?;
+        write_whole(&self.study(), &serde_json::to_vec_pretty(record)?)?;
         let mut text = Vec::new();
         runs.read_to_end(&mut text)?;
         let (records, length) = read(&text, study).map_err(|what| unusable(&what))?;
@@ -180,8 +211,7 @@ fn read(text: &[u8], study: &Study) -> Result<(Vec<RunRecord>, usize), String> {
             )
         };
         let record: RunRecord = serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))?;
-        let seed = study.points.get(record.point).and_then(|point| point.seeds.get(record.replicate));
-        if seed != Some(&record.seed) {
+        if !record.is_of(study) {
             return Err(damaged("the study has no such run"));
         }
         if let Some(earlier) = places.insert((record.point, record.replicate), records.len()) {
@@ -228,6 +258,7 @@ mod tests {
             seed: study.points[point].seeds[replicate],
             outcome: Outcome::Succeeded,
             facts: Facts { time_s, grains: Some(7), ..Facts::default() },
+            digest: Some("00".into()),
             distance_curve: if replicate == 0 { vec![[0.1, 0.2]] } else { Vec::new() },
         }
     }

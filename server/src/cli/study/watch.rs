@@ -23,6 +23,11 @@ impl Watch {
         Self { bar: Bar::new(), before }
     }
 
+    /// So many runs more had ended before.
+    pub(super) fn found(&mut self, runs: usize) {
+        self.before += runs;
+    }
+
     /// Shows the progress of the study.
     pub(super) fn show(&self, ended: usize, successes: u64, pool: &WorkerPool<'_>) {
         let before = self.before;

@@ -2,33 +2,46 @@
 //! does.
 //!
 //! A thread writes the files of a result and counts the run in the tally of its point. The record of the run is sent to
-//! the receiver, which writes the run log.
+//! the receiver, which writes the run log. A pool that runs a shard claims a point before its first run.
+//!
+//! A stop is requested by a signal. Runs that grow grains then go on to their next checkpoint, at most for
+//! [`LAST_CHECKPOINT_WITHIN`], so that no work is lost; runs that are being checked or exported end within that time
+//! or are stopped; the others stop at once.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::fs;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use packstone_engine::export::tables::{EngineInfo, Format, Head};
+use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportError, Model, Provenance};
-use packstone_engine::{Checkpoint, Control, Grains, Limits, PackError, Progress};
+use packstone_engine::{Checkpoint, Control, Grains, Limits, PackError, Phase, Progress};
+use sha2::{Digest as _, Sha256};
 
 use super::super::exports;
 use super::super::outputs::Names;
 use super::super::run;
 use super::run_log::RunRecord;
+use super::shards::claims::{Claimed, Claims, publish};
 use crate::checkpoints::{CheckpointWriter, Checkpoints};
+use crate::hex;
 use crate::jobs::JobRequest;
 use crate::studies::stop::Tally;
 use crate::studies::{Facts, Outcome, Study};
 
-/// The attempt in the names of checkpoints; there is only one.
+/// The attempt in the names of checkpoints without shards; there is only one.
 const ATTEMPT: i64 = 1;
+/// Longest time that a run goes on after a signal to write a last checkpoint.
+const LAST_CHECKPOINT_WITHIN: Duration = Duration::from_secs(20);
+/// Interval at which the claim of another machine's process is looked at.
+const LOOK_AT_CLAIMS_EVERY: Duration = Duration::from_secs(2);
+/// Interval at which a thread that waits for claims looks for a signal.
+const LOOK_FOR_STOP_EVERY: Duration = Duration::from_millis(100);
 
 /// The shared state of the threads: the queued jobs and the counts of those that ended. A thread counts its run with
 /// the lock held, so that no thread starts a job of a point whose stop rule is met.
@@ -37,6 +50,18 @@ pub(super) struct SharedState {
     pub(super) queue: VecDeque<(usize, usize)>,
     /// How the runs of each point have ended.
     pub(super) tallies: Vec<Tally>,
+    /// Number of running jobs of each point that has any.
+    running_of: HashMap<usize, usize>,
+    /// Points of a shard whose claim by another process is observed.
+    observed: Vec<usize>,
+    observed_at: Instant,
+}
+
+impl SharedState {
+    /// Of these jobs, the next one first, after runs that ended so.
+    pub(super) fn new(queue: VecDeque<(usize, usize)>, tallies: Vec<Tally>) -> Self {
+        Self { queue, tallies, running_of: HashMap::new(), observed: Vec::new(), observed_at: Instant::now() }
+    }
 }
 
 /// The pool, shared by its threads.
@@ -55,6 +80,20 @@ pub(super) struct WorkerPool<'a> {
     pub(super) results: PathBuf,
     /// Formats in which every packing is written.
     pub(super) formats: &'a [Format],
+    /// The claims of a shard.
+    pub(super) claims: Option<&'a Claims<'a>>,
+    /// When the pool was stopped, as its threads saw it first.
+    pub(super) stopped: OnceLock<Instant>,
+}
+
+/// What the threads send.
+pub(super) enum Message {
+    /// A run ended.
+    Ended(Ended),
+    /// Runs of a point that other processes have made.
+    Found(Vec<RunRecord>),
+    /// A point of a shard is run by another process, which is described.
+    Taken { point: usize, by: String },
 }
 
 /// A run that ended.
@@ -62,16 +101,41 @@ pub(super) struct Ended {
     pub(super) record: RunRecord,
     /// The fault of the program or the machine that ended it.
     pub(super) fault: Option<String>,
+    /// Whether no job of its point is left.
+    pub(super) is_last: bool,
+}
+
+/// What a thread does next.
+enum Next {
+    Run(usize, usize),
+    /// Look again: the queue has changed.
+    Again,
+    /// Wait for the claims that are observed.
+    Wait,
+    End,
 }
 
 impl WorkerPool<'_> {
     /// Runs jobs until the queue is empty, the pool is stopped, or a file cannot be written.
-    pub(super) fn work(&self, thread: usize, ended: &Sender<io::Result<Ended>>) {
-        while let Some((point, replicate)) = self.next() {
+    pub(super) fn work(&self, thread: usize, sender: &Sender<io::Result<Message>>) {
+        loop {
+            let (point, replicate) = match self.next(sender) {
+                Ok(Next::Run(point, replicate)) => (point, replicate),
+                Ok(Next::Again) => continue,
+                Ok(Next::Wait) => {
+                    std::thread::sleep(LOOK_FOR_STOP_EVERY);
+                    continue;
+                }
+                Ok(Next::End) => return,
+                Err(error) => {
+                    let _ = sender.send(Err(error));
+                    return;
+                }
+            };
             let sent = match self.run(thread, point, replicate) {
-                Ok(Some(run)) => self.count(run, ended),
+                Ok(Some(run)) => self.count(run, sender),
                 Ok(None) => return,
-                Err(error) => ended.send(Err(error)).is_ok(),
+                Err(error) => sender.send(Err(error)).is_ok(),
             };
             self.done(thread, 0.0);
             self.running.fetch_sub(1, Ordering::Relaxed);
@@ -83,13 +147,27 @@ impl WorkerPool<'_> {
 
     /// Counts a run, removes the queued jobs of its point if the stop rule is met, and sends the run. The lock is held,
     /// so that runs arrive in the order in which they were counted.
-    fn count(&self, run: Ended, ended: &Sender<io::Result<Ended>>) -> bool {
+    fn count(&self, mut run: Ended, sender: &Sender<io::Result<Message>>) -> bool {
         let mut state = self.state();
         let point = run.record.point;
         if state.tallies[point].ended(run.record.outcome, &self.study.stop_when) {
             state.queue.retain(|(of, _)| *of != point);
         }
-        ended.send(Ok(run)).is_ok()
+        let running = state.running_of.entry(point).or_default();
+        *running = running.saturating_sub(1);
+        run.is_last = *running == 0 && state.queue.iter().all(|(of, _)| *of != point);
+        sender.send(Ok(Message::Ended(run))).is_ok()
+    }
+
+    /// Removes the queued jobs of a point that another process has taken over.
+    pub(super) fn leave(&self, point: usize) {
+        self.state().queue.retain(|(of, _)| *of != point);
+    }
+
+    /// How long ago the pool was stopped, if it was.
+    fn stopped_for(&self) -> Option<Duration> {
+        let stopped = self.stop.load(Ordering::Acquire);
+        stopped.then(|| self.stopped.get_or_init(Instant::now).elapsed())
     }
 
     /// Number of queued jobs.
@@ -111,15 +189,75 @@ impl WorkerPool<'_> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn next(&self) -> Option<(usize, usize)> {
+    fn next(&self, sender: &Sender<io::Result<Message>>) -> io::Result<Next> {
         let mut state = self.state();
         if self.stop.load(Ordering::Acquire) {
-            return None;
+            return Ok(Next::End);
+        }
+        let Some(&(point, replicate)) = state.queue.front() else {
+            if state.observed.is_empty() {
+                return Ok(Next::End);
+            }
+            if state.observed_at.elapsed() < LOOK_AT_CLAIMS_EVERY {
+                return Ok(Next::Wait);
+            }
+            state.observed_at = Instant::now();
+            let observed = std::mem::take(&mut state.observed);
+            state.queue = observed.into_iter().flat_map(|point| self.jobs_of(point)).collect();
+            return Ok(Next::Again);
+        };
+        if let Some(claims) = self.claims
+            && claims.generation(point).is_none()
+        {
+            // With the lock held: the other threads have nothing to do until the point is claimed, or not.
+            let claimed = claims.claim(point)?;
+            return Ok(self.claimed(&mut state, point, claimed, sender));
         }
         // With the lock held, so that every job is counted either as queued or as running.
-        state.queue.pop_front().inspect(|_| {
-            self.running.fetch_add(1, Ordering::Relaxed);
-        })
+        state.queue.pop_front();
+        *state.running_of.entry(point).or_default() += 1;
+        self.running.fetch_add(1, Ordering::Relaxed);
+        Ok(Next::Run(point, replicate))
+    }
+
+    /// The jobs of a point in their order.
+    fn jobs_of(&self, point: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
+        (0..self.study.replicates).map(move |replicate| (point, replicate))
+    }
+
+    /// Updates the queue after an attempt to claim a point.
+    fn claimed(
+        &self,
+        state: &mut SharedState,
+        point: usize,
+        claimed: Claimed,
+        sender: &Sender<io::Result<Message>>,
+    ) -> Next {
+        let message = match claimed {
+            Claimed::Held(runs) => {
+                let ended: HashSet<usize> = runs.iter().map(|run| run.replicate).collect();
+                state.queue.retain(|(of, replicate)| *of != point || !ended.contains(replicate));
+                for run in &runs {
+                    state.tallies[point].ended(run.outcome, &self.study.stop_when);
+                }
+                Message::Found(runs)
+            }
+            Claimed::Finished(runs) => {
+                state.queue.retain(|(of, _)| *of != point);
+                Message::Found(runs)
+            }
+            Claimed::Taken(by) => {
+                state.queue.retain(|(of, _)| *of != point);
+                Message::Taken { point, by }
+            }
+            Claimed::Unknown => {
+                state.queue.retain(|(of, _)| *of != point);
+                state.observed.push(point);
+                return Next::Again;
+            }
+        };
+        // Without a receiver there is nothing more to do.
+        if sender.send(Ok(message)).is_ok() { Next::Again } else { Next::End }
     }
 
     fn done(&self, thread: usize, fraction: f64) {
@@ -133,6 +271,7 @@ impl WorkerPool<'_> {
         let job = self.study.points[point].replicate(replicate);
         let request = job.packing();
         let id = format!("{point}-{replicate}");
+        let attempt = self.claims.and_then(|claims| claims.generation(point)).unwrap_or(ATTEMPT);
         let resume = self.checkpoints.resume(&id, &request);
         let start = Instant::now();
         let control = Watch {
@@ -140,7 +279,9 @@ impl WorkerPool<'_> {
             thread,
             deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
             timed_out: AtomicBool::new(false),
-            writer: self.checkpoints.writer(&id, ATTEMPT),
+            writer: self.checkpoints.writer(&id, attempt),
+            phase: AtomicU8::new(BEFORE_GROWTH),
+            kept_last: AtomicBool::new(false),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
             packstone_engine::pack_or_resume(&request, &self.limits, resume, &control)
@@ -166,6 +307,7 @@ impl WorkerPool<'_> {
             }
         };
         let (mut distance_curve, mut unmade) = (Vec::new(), None);
+        let mut digest = digest_of(outcome, &facts)?;
         if let Ok(Ok(packing)) = packed {
             if replicate == 0 {
                 distance_curve = packing.report.distance_curve();
@@ -176,23 +318,35 @@ impl WorkerPool<'_> {
                 engine: EngineInfo::current(),
                 report: packing.report,
             };
-            match self.export(&id, &job, &head, &packing.grains, &control) {
+            tables::write(Format::Npy, &head, &packing.grains, &mut digest)?;
+            // What several processes may write is complete before it has its name.
+            let staging = match self.claims {
+                Some(claims) => Some(claims.staging(point, replicate, attempt)?),
+                None => None,
+            };
+            let folder = staging.as_deref().unwrap_or(&self.results);
+            match self.export(&id, folder, &job, &head, &packing.grains, &control) {
                 Ok(()) => {}
                 Err(ExportError::Stopped) => return Ok(None),
-                Err(ExportError::Write(error)) => return Err(named(&self.results, &error)),
+                Err(ExportError::Write(error)) => return Err(named(folder, &error)),
                 Err(error) => unmade = Some(exports::explained(error)),
             }
-            self.keep(&id, &head, &packing.grains)?;
+            self.keep(&id, folder, &head, &packing.grains)?;
+            if let Some(staging) = &staging {
+                publish(staging, &self.results)?;
+            }
         }
-        self.checkpoints.remove(&id, ATTEMPT);
-        let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, distance_curve };
-        Ok(Some(Ended { record, fault: fault.or(unmade) }))
+        self.checkpoints.remove(&id, attempt);
+        let digest = (outcome != Outcome::Void).then(|| hex::encode(&digest.finalize()));
+        let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, digest, distance_curve };
+        Ok(Some(Ended { record, fault: fault.or(unmade), is_last: false }))
     }
 
     /// Makes the exports that the job requests.
     fn export(
         &self,
         id: &str,
+        folder: &Path,
         job: &JobRequest,
         head: &Head,
         grains: &Grains,
@@ -200,7 +354,7 @@ impl WorkerPool<'_> {
     ) -> Result<(), ExportError> {
         let items = job.postprocess.items();
         if !items.is_empty() {
-            make_folder(&self.results)?;
+            make_folder(folder)?;
         }
         // The time limit of the job holds for the packing only.
         let control = Untimed(control);
@@ -208,16 +362,16 @@ impl WorkerPool<'_> {
         let provenance = Provenance::from(head);
         let model = Model::new(&job.specimen, grains).with_provenance(&provenance);
         for (_, export) in items {
-            let file = self.results.join(names.of_export(export));
+            let file = folder.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;
         }
         Ok(())
     }
 
     /// Writes a packing in the requested formats.
-    fn keep(&self, id: &str, head: &Head, grains: &Grains) -> io::Result<()> {
+    fn keep(&self, id: &str, folder: &Path, head: &Head, grains: &Grains) -> io::Result<()> {
         for format in self.formats {
-            let file = self.results.join(format!("{id}.{}", format.name()));
+            let file = folder.join(format!("{id}.{}", format.name()));
             run::write(&file, *format, head, grains).map_err(|error| named(&file, &error))?;
         }
         Ok(())
@@ -231,7 +385,7 @@ impl Control for Untimed<'_> {
     fn report(&self, _: &Progress) {}
 
     fn should_stop(&self) -> bool {
-        self.0.pool.stop.load(Ordering::Acquire)
+        self.0.pool.stopped_for().is_some_and(|since| since >= LAST_CHECKPOINT_WITHIN)
     }
 }
 
@@ -244,6 +398,20 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{} cannot be written: {error}", path.display()))
 }
 
+/// The digest of a run, to which that of its grains is added: equal for equal runs, whatever time they took.
+fn digest_of(outcome: Outcome, facts: &Facts) -> io::Result<Sha256> {
+    let facts = Facts { time_s: 0.0, edmd_s: None, ..facts.clone() };
+    Ok(Sha256::new().chain_update(serde_json::to_vec(&(outcome, facts))?))
+}
+
+// Phases of a run as a stop distinguishes them.
+/// Nothing can be kept of it.
+const BEFORE_GROWTH: u8 = 0;
+/// A checkpoint can be kept.
+const GROWTH: u8 = 1;
+/// It is about to end.
+const AFTER_GROWTH: u8 = 2;
+
 /// Control of one run.
 struct Watch<'a> {
     pool: &'a WorkerPool<'a>,
@@ -251,16 +419,29 @@ struct Watch<'a> {
     deadline: Option<Instant>,
     timed_out: AtomicBool,
     writer: CheckpointWriter,
+    /// The last one that was reported.
+    phase: AtomicU8,
+    /// A checkpoint has been kept since the pool was stopped.
+    kept_last: AtomicBool,
 }
 
 impl Control for Watch<'_> {
     fn report(&self, progress: &Progress) {
+        let phase = match progress.phase {
+            Phase::Sampling | Phase::Rsa => BEFORE_GROWTH,
+            Phase::Edmd | Phase::MonteCarlo => GROWTH,
+            Phase::Check | Phase::Export | Phase::Write => AFTER_GROWTH,
+        };
+        self.phase.store(phase, Ordering::Relaxed);
         self.pool.done(self.thread, progress.fraction.clamp(0.0, 1.0));
     }
 
     fn should_stop(&self) -> bool {
-        if self.pool.stop.load(Ordering::Acquire) {
-            return true;
+        if let Some(since) = self.pool.stopped_for() {
+            let nothing_to_keep = self.phase.load(Ordering::Relaxed) == BEFORE_GROWTH;
+            return nothing_to_keep
+                || self.kept_last.load(Ordering::Relaxed)
+                || since >= LAST_CHECKPOINT_WITHIN;
         }
         if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
             self.timed_out.store(true, Ordering::Relaxed);
@@ -269,10 +450,15 @@ impl Control for Watch<'_> {
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.writer.is_due()
+        let last = self.pool.stopped_for().is_some() && !self.kept_last.load(Ordering::Relaxed);
+        last || self.writer.is_due()
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        let is_last = self.pool.stopped_for().is_some();
         self.writer.keep(checkpoint);
+        if is_last {
+            self.kept_last.store(true, Ordering::Relaxed);
+        }
     }
 }

@@ -240,6 +240,10 @@ impl Run {
             if frame.control.wants_checkpoint() {
                 let write = |out: &mut dyn Write| self.write(frame, out);
                 frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
+                // A cycle of many grains takes seconds before it asks.
+                if frame.control.should_stop() {
+                    return Ended::Stopped;
+                }
             }
             match self.cycle(frame, protocol) {
                 Ok(None) => {}

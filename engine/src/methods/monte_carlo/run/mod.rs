@@ -166,6 +166,9 @@ impl<S: ConvexShape> Run<S> {
             if self.lists_are_due(by) {
                 if let Some(keep) = of.keep_checkpoint.filter(|_| control.wants_checkpoint()) {
                     keep(&|out: &mut dyn Write| self.write(out));
+                    if control.should_stop() {
+                        return Err(Interrupted::Stopped);
+                    }
                 }
                 self.build_lists()?;
             }
