@@ -2,7 +2,8 @@
 //! stand, how a wall thins them out, and how far sizes are apart.
 //!
 //! Pure functions over the grains of a packing and a [`Specimen`](crate::request::Specimen), for whoever draws or
-//! tabulates them. They judge nothing: whether a packing is valid is [`crate::check`]'s question. They must never know how a packing was computed, nor how a curve is drawn.
+//! tabulates them. They judge nothing: whether a packing is valid is [`crate::check`]'s question. They must never know
+//! how a packing was computed, nor how a curve is drawn.
 
 pub mod depth_profile;
 pub mod grading;

@@ -7,8 +7,9 @@
 //! nothing of the packing methods, their distance rule or their specimen geometry; `tests/layers.rs` holds that. A
 //! packing that fails here is never returned. Costs O(N).
 //!
-//! Of bodies that are not spheres, [`check_solids`] requires that their surfaces keep the gap of the diameters of
-//! equal volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`), which [`certify_shapes`] returns for anyone to evaluate again.
+//! Of bodies that are not spheres, [`check_solids`] requires that their surfaces keep the gap of the diameters of equal
+//! volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`), which
+//! [`certify_shapes`] returns for anyone to evaluate again.
 //!
 //! ```
 //! use packstone_engine::{PackingRequest, Spheres, check::check};

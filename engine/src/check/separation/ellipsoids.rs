@@ -10,8 +10,8 @@
 //! is refused, the zero in `l` of `(1 - l) h_A - l h_B`, at which the scaled bodies touch, is found by bisection, and
 //! the Newton steps start from there: for disjoint bodies `s` is positive there, and `s` has one maximum.
 //!
-//! Decision: floating point where `s` is clear of `g` by [`ERROR`](super::ERROR) times the lengths involved, else double-double
-//! arithmetic, in which `n` is improved too.
+//! Decision: floating point where `s` is clear of `g` by [`ERROR`](super::ERROR) times the lengths involved, else
+//! double-double arithmetic, in which `n` is improved too.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
