@@ -5,7 +5,9 @@
 //! Nothing here holds more than one block of rows in memory, and nothing knows files.
 
 mod columns;
+mod load;
 mod npy;
+mod source;
 pub mod stored;
 mod surfaces;
 mod templates;
@@ -17,12 +19,14 @@ use std::io::{self, Write};
 use crate::request::GrainKind;
 use serde::{Deserialize, Serialize};
 
-pub use columns::{Column, GrainSource, Table, load, loaded_bytes};
+pub use columns::Column;
+pub use load::{load, loaded_bytes};
+pub use source::{GrainSource, Table};
 pub use templates::{TemplateRecord, read as read_templates};
 pub use text::GrainTable;
 
 use crate::packing::Report;
-use columns::Zeros;
+use source::Zeros;
 
 /// Counts the changes of any format's bytes; part of an ETag.
 pub const REVISION: u32 = 4;

@@ -4,7 +4,7 @@
 use std::io::{self, Write};
 
 use super::GrainSource;
-use super::columns::for_each_block;
+use super::source::for_each_block;
 
 pub(super) fn write(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     let shape = (grains.len(), grains.columns().len());

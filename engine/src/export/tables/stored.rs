@@ -11,8 +11,9 @@ use std::io::{self, Read, Write};
 
 use serde::{Deserialize, Serialize};
 
-use super::columns::{names, no_column};
+use super::columns::names;
 use super::npy::write_columns;
+use super::source::no_column;
 use super::templates::{self, TemplateRecord};
 use super::{Column, GrainSource, Head};
 use crate::shape::Polyhedron;

@@ -12,7 +12,8 @@ use std::io::{self, Write};
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::columns::{OF_ELLIPSOID, angular_row, for_each_block, for_each_rows, invalid};
+use super::load::{angular_row, invalid};
+use super::source::{OF_ELLIPSOID, for_each_block, for_each_rows};
 use super::vtk::{classifier, provenance_file, title};
 use super::{Column, GrainSource, Head, nominal_size};
 use crate::export::ExportError;

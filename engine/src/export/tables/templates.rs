@@ -10,7 +10,7 @@ use std::io;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::columns::invalid;
+use super::load::invalid;
 use super::{Column, GrainSource};
 use crate::shape::Polyhedron;
 

@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::json;
 
-use super::columns::BLOCK_ROWS;
+use super::source::BLOCK_ROWS;
 use super::stored::Layout;
 use super::*;
 use crate::packing::{EdmdStatistics, GrowthEnd};

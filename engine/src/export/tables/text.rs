@@ -3,7 +3,8 @@
 use std::io::{self, Write};
 
 use super::Column;
-use super::columns::{for_each_rows, names};
+use super::columns::names;
+use super::source::for_each_rows;
 use super::{GrainSource, Head, templates};
 #[cfg(feature = "openapi")]
 use crate::request::GrainKind;

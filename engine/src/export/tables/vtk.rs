@@ -12,7 +12,7 @@ use std::io::{self, Write};
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-use super::columns::{BLOCK_ROWS, for_each_block};
+use super::source::{BLOCK_ROWS, for_each_block};
 use super::{Column, GrainSource, Head, nominal_size};
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Provenance};
