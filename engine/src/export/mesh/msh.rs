@@ -58,13 +58,17 @@ pub fn write(
     Ok(report)
 }
 
-/// A Gmsh script of two lines beside a file of that name: opened in its stead, the volumes are ready to be
+/// A Gmsh script of three lines beside a file of that name: opened in its stead, the volumes are ready to be
 /// filled.
+///
+/// The third line chooses HXT, Gmsh's parallel Delaunay mesher (Marot, Pellerin and Remacle 2019, DOI
+/// 10.1002/nme.5987), in place of the default: it leaves no flat tetrahedra in ellipsoids, and takes a third of the time
+/// (`docs/meshes.md`).
 ///
 /// Gmsh leaves alone what it finds wholly discrete, volumes included, and nothing within an MSH file can tell
 /// it otherwise.
 pub fn script(file_name: &str) -> String {
-    format!("Merge \"{file_name}\";\nCreateGeometry {{ Volume{{:}}; }}\n")
+    format!("Merge \"{file_name}\";\nCreateGeometry {{ Volume{{:}}; }}\nMesh.Algorithm3D = 10;\n")
 }
 
 struct File<'a, W: Write> {
