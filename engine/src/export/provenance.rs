@@ -19,8 +19,8 @@ pub struct Provenance {
     pub volume_fraction_mixture: f64,
     /// Volume of the grains placed over that of the specimen.
     pub volume_fraction_effective: f64,
-    /// Names of the aggregates in the order of the mix, as far as they have one; none where it names no aggregates. Groups of
-    /// files have them, field data do not.
+    /// Names of the aggregates in the order of the mix, as far as they have one; none where it names no aggregates.
+    /// Groups of files have them, field data do not.
     pub aggregates: Vec<Option<String>>,
     /// Digest of the stored result, in hexadecimal, where there is one.
     pub result_sha256: Option<String>,

@@ -62,8 +62,8 @@ pub fn write(
 /// filled.
 ///
 /// The third line chooses HXT, Gmsh's parallel Delaunay mesher (Marot, Pellerin and Remacle 2019, DOI
-/// 10.1002/nme.5987), in place of the default: it leaves no flat tetrahedra in ellipsoids, and takes a third of the time
-/// (`docs/meshes.md`).
+/// 10.1002/nme.5987), in place of the default: it leaves no flat tetrahedra in ellipsoids, and takes a third of the
+/// time (`docs/meshes.md`).
 ///
 /// Gmsh leaves alone what it finds wholly discrete, volumes included, and nothing within an MSH file can tell
 /// it otherwise.
