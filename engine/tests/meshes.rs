@@ -6,9 +6,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine::export::Model;
 use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
+use packstone_engine::export::{Model, Provenance};
 use packstone_engine::methods::rsa_shapes::ShapeRsa;
 use packstone_engine::mix::uniform_orientation;
 use packstone_engine::packing::GrainsRef;
@@ -70,11 +70,39 @@ fn write_model(folder: &Path, model: &Model<'_>, options: &SurfaceOptions) {
     };
     let expected = json!({
         "grains": report.grains, "faces": faces, "planes": planes,
-        "least_gamma": if of_geo_mm3.is_null() { 0.001 } else { 0.05 },
+        "least_gamma": 0.03,
         "most_flat": 0.001, "aggregates_of_geo_mm3": of_geo_mm3,
         "aggregates_mm3": report.aggregate_volume_mm3, "specimen_mm3": report.specimen_volume_mm3,
     });
     write!(file("expected.json"), "{expected}").unwrap();
+}
+
+/// Writes a packing of two aggregates with grains and one without, whose groups the reader is to find.
+fn write_aggregates(folder: &Path) {
+    let of = |d_mm: [f64; 2]| json!({"type": "sieves", "points": [[d_mm[0], 0.0], [d_mm[1], 1.0]]});
+    let job = json!({"seed": 3, "specimen": {"type": "box", "size_mm": [24, 20, 18]},
+                     "mix": {"d_min_mm": 4, "volume_fraction": 0.3, "aggregates": [
+                         {"name": "crushed 4/8", "share": 0.5, "grading": of([4.0, 8.0])},
+                         {"name": "sand", "share": 0.1, "grading": of([0.1, 2.0])},
+                         {"share": 0.4, "grading": of([5.0, 9.0])}]},
+                     "distance": {"type": "constant", "gap_mm": 0.5}});
+    let request = PackingRequest::from_json(&job, 1).unwrap();
+    let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
+    let spheres = packing.spheres().unwrap();
+    let head =
+        Head { job_id: None, request: job, engine: EngineInfo::current(), report: packing.report.clone() };
+    let provenance = Provenance::from(&head);
+    let model = Model::new(&request.specimen, spheres).with_provenance(&provenance);
+    write_model(folder, &model, &SurfaceOptions::default());
+    let rows = |aggregate: u16| (0..spheres.len()).filter(move |row| spheres.aggregate[*row] == aggregate);
+    let volume_mm3 = |aggregate| rows(aggregate).map(|row| PI / 6.0 * spheres.d_mm[row].powi(3)).sum::<f64>();
+    let path = folder.join("expected.json");
+    let mut expected: Value = serde_json::from_reader(File::open(&path).unwrap()).unwrap();
+    let (crushed, third) = ("aggregate_1_crushed_4_8", "aggregate_3");
+    expected["aggregates_by_group"] = json!({crushed: rows(0).count(), third: rows(2).count()});
+    expected["volumes_by_group"] = json!({crushed: volume_mm3(0), third: volume_mm3(2)});
+    assert!(rows(0).count() > 3 && rows(2).count() > 3 && rows(1).count() == 0);
+    write!(File::create(path).unwrap(), "{expected}").unwrap();
 }
 
 /// Ellipsoids, as many as random sequential addition inserts with that gap.
@@ -136,6 +164,7 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
                       "mix": {"grading": grains, "volume_fraction": 0.3}, "distance": {"type": "constant", "gap_mm": 0.5}});
     write(&directory.path().join("box"), &cube, &SurfaceOptions::default().with_segments(10));
     write(&directory.path().join("cylinder"), &core, &SurfaceOptions::default());
+    write_aggregates(&directory.path().join("aggregates"));
     let cases = [
         (Specimen::Box { size_mm: [24.0, 20.0, 18.0], boundary: Boundary::Walls }, 0.3),
         (Specimen::Cylinder { diameter_mm: 20.0, height_mm: 24.0 }, 0.5),
@@ -158,8 +187,8 @@ fn gmsh_fills_what_was_written_and_vtk_and_meshio_read_it() {
     let read = Command::new(python).arg(SCRIPT).arg(directory.path()).output().unwrap();
     let said = String::from_utf8_lossy(&read.stdout);
     assert!(read.status.success(), "{said}{}", String::from_utf8_lossy(&read.stderr));
-    assert_eq!(said.matches("stl closed").count(), 7, "{said}");
+    assert_eq!(said.matches("stl closed").count(), 8, "{said}");
     assert_eq!(said.matches("surfaces in vtp and vtk").count(), 3, "{said}");
-    assert_eq!(said.matches("geo ").count(), 2, "{said}");
+    assert_eq!(said.matches("geo ").count(), 3, "{said}");
     println!("{said}");
 }

@@ -15,6 +15,7 @@ struct Figures {
     sizes: CaliperSizes,
     form: Form,
     sphericity: f64,
+    roundness: f64,
     surface_mm2: f64,
     /// In the axes of the body.
     long_axis: Vector3<f64>,
@@ -27,6 +28,7 @@ impl Figures {
             sizes: shape.into(),
             form: shape.form(),
             sphericity: shape.sphericity(),
+            roundness: shape.roundness(),
             surface_mm2: shape.surface_mm2(),
             long_axis: Vector3::x(),
             short_axis: Vector3::z(),
@@ -39,6 +41,7 @@ impl Figures {
             sizes: body.into(),
             form: body.form(),
             sphericity: PI * body.equivalent_diameter().powi(2) / surface,
+            roundness: body.roundness(),
             surface_mm2: surface,
             long_axis: axes.column(0).into(),
             short_axis: axes.column(2).into(),
@@ -94,6 +97,7 @@ struct Sums {
     elongation: f64,
     flatness: f64,
     sphericity: f64,
+    roundness: f64,
     disc: f64,
     equant: f64,
     blade: f64,
@@ -110,6 +114,7 @@ impl Sums {
         self.elongation += volume_mm3 * figures.form.elongation;
         self.flatness += volume_mm3 * figures.form.flatness;
         self.sphericity += volume_mm3 * figures.sphericity;
+        self.roundness += volume_mm3 * figures.roundness;
         *match figures.form.zingg() {
             Zingg::Disc => &mut self.disc,
             Zingg::Equant => &mut self.equant,
@@ -138,6 +143,7 @@ impl Sums {
             elongation_mean: mean(self.elongation),
             flatness_mean: mean(self.flatness),
             sphericity_mean: mean(self.sphericity),
+            roundness_mean: Some(mean(self.roundness)),
             zingg: ZinggShares {
                 disc: mean(self.disc),
                 equant: mean(self.equant),
@@ -196,6 +202,7 @@ mod tests {
             report.sphericity_mean,
             (1.0 - share) * sphericity(1000.0, 600.0) + share * sphericity(800.0, 640.0),
         );
+        assert_eq!(report.roundness_mean, Some(0.0));
         // The short axis of the plate lies along x; those of the cube are any of its own.
         assert!(report.short_axis_tensor[0] > 0.5 - 1e-9, "{report:?}");
         of(report.short_axis_tensor[..3].iter().sum(), 1.0);
@@ -215,6 +222,7 @@ mod tests {
                 && (report.zingg.equant - 1.0 + of_disc).abs() < 1e-12
         );
         assert!((report.flatness_mean - (of_disc / 4.0 + 1.0 / 17.0)).abs() < 1e-12);
+        assert!((report.roundness_mean.unwrap() - (of_disc / 4.0 + 1.0 / 17.0)).abs() < 1e-12);
         assert_eq!((report.zingg.rod, report.zingg.blade, report.elongation_mean), (0.0, 0.0, 1.0));
         assert_eq!(report.long_axis_tensor, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(report.short_axis_tensor, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);

@@ -4,6 +4,7 @@
 
 pub mod catalog;
 pub mod certificates;
+mod groups;
 pub mod ldpm;
 pub mod mesh;
 pub mod picture;
@@ -37,7 +38,7 @@ pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 4;
+pub const REVISION: u32 = 5;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]

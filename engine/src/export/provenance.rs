@@ -1,5 +1,7 @@
 //! Where a packing comes from, as files of exports state it.
 
+use serde_json::Value;
+
 use super::tables::Head;
 
 /// Where a packing comes from.
@@ -17,6 +19,9 @@ pub struct Provenance {
     pub volume_fraction_mixture: f64,
     /// Volume of the grains placed over that of the specimen.
     pub volume_fraction_effective: f64,
+    /// Names of the aggregates in the order of the mix, as far as they have one; none where it names no aggregates.
+    /// Groups of files have them, field data do not.
+    pub aggregates: Vec<Option<String>>,
     /// Digest of the stored result, in hexadecimal, where there is one.
     pub result_sha256: Option<String>,
 }
@@ -31,7 +36,17 @@ impl From<&Head> for Provenance {
             engine_version: head.engine.version.clone(),
             volume_fraction_mixture: summary.volume_fraction_mixture,
             volume_fraction_effective: summary.volume_fraction_effective,
+            aggregates: Self::aggregates_of(&head.request),
             result_sha256: None,
         }
+    }
+}
+
+impl Provenance {
+    /// The names of the aggregates that a request in its stored form has.
+    #[must_use]
+    pub fn aggregates_of(request: &Value) -> Vec<Option<String>> {
+        let aggregates = request["mix"]["aggregates"].as_array().map_or(&[][..], Vec::as_slice);
+        aggregates.iter().map(|aggregate| aggregate["name"].as_str().map(str::to_owned)).collect()
     }
 }

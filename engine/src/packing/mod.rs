@@ -68,6 +68,10 @@ pub struct ShapeReport {
     pub flatness_mean: f64,
     /// Mean sphericity of Wadell: surface of the sphere of equal volume over that of the grain.
     pub sphericity_mean: f64,
+    /// Mean roundness of Wadell: radius of the sphere that fits into the corners of a grain over that of its largest
+    /// inscribed sphere; absent in older results.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roundness_mean: Option<f64>,
     /// Shares of Zingg's classes of form.
     pub zingg: ZinggShares,
     /// Surface of all grains in mm².

@@ -231,3 +231,31 @@ fn the_most_templates_are_planned_soon() {
     assert_eq!(plan(&wanted).unwrap().grains, planned.grains);
     assert!(start.elapsed().as_secs_f64() < 1.0);
 }
+
+#[test]
+fn times_of_mixtures_are_those_measured() {
+    let sphere = json!({"type": "sphere"});
+    let ellipsoid =
+        json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6667}});
+    let polyhedron = json!({"type": "polyhedron", "faces": 21,
+        "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6667}});
+    // Volume fraction, CPU time in s (docs/performance.md), and by which factor the estimate may be too long or short.
+    let cases = [
+        ([&sphere, &ellipsoid], 0.5, [(0.60, 0.55), (0.65, 0.92)], 1.5),
+        ([&ellipsoid, &polyhedron], 0.5, [(0.60, 2.31), (0.65, 4.22)], 1.6),
+        ([&sphere, &polyhedron], 0.5, [(0.60, 2.18), (0.65, 6.70)], 1.6),
+        // The estimate knows the kinds of the grains and not their shares.
+        ([&ellipsoid, &polyhedron], 0.9, [(0.60, 1.02), (0.65, 1.68)], 3.5),
+    ];
+    for ([first, second], share, measured, factor) in cases {
+        for (fraction, time_s) in measured {
+            let shape = json!({"type": "mixture", "of": [
+                {"share": share, "shape": first}, {"share": 1.0 - share, "shape": second}]});
+            let mut mix = fuller(fraction, &shape);
+            mix["size"] = json!("equivalent");
+            let estimated = plan(&request(CUBE_80, &mix)).unwrap().methods.growth.time_s;
+            let ratio = estimated / time_s;
+            assert!(ratio < factor && ratio > 1.0 / factor, "{mix}: {estimated} s for {time_s} s");
+        }
+    }
+}

@@ -142,6 +142,17 @@ impl Ellipsoid {
         PI * d * d / self.surface_mm2()
     }
 
+    /// Roundness of Wadell: radius of the sphere that fits into the corners over that of the largest inscribed sphere.
+    ///
+    /// The definition is that of Zheng, He and Alimohammadi (Acta Geotechnica 16, 2021, DOI
+    /// 10.1007/s11440-020-01004-9) for bodies in space. The corners of an ellipsoid are where it is curved most, the ends of the long axis. Its
+    /// radii of curvature are `b²/a` and `c²/a` there, so that a sphere of the radius `c²/a` fits; the largest inscribed
+    /// one has the radius `c`. The roundness is `c/a`, 1 of a sphere.
+    #[must_use]
+    pub fn roundness(&self) -> f64 {
+        self.semi_axes_mm.z / self.semi_axes_mm.x
+    }
+
     /// Principal moments of inertia about the centre in mm⁵, with a density of one per mm³: `V/5 (b² + c²)` about the
     /// long axis, `V/5 (a² + c²)`, and `V/5 (a² + b²)` about the short axis.
     #[must_use]

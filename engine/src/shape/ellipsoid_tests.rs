@@ -197,3 +197,21 @@ fn the_sieve_size_is_the_least_square_opening_over_all_rotations() {
         close(2.0 * least, shape.sieve_size_mm(), 1e-6);
     }
 }
+
+#[test]
+fn roundness_is_that_of_the_circles_at_the_ends_of_the_long_axis() {
+    let [a, b, c] = [3.0, 2.0, 1.0];
+    let shape = Ellipsoid::new([a, b, c]).unwrap();
+    // The sphere that touches at the end of the long axis with the smaller radius of curvature there lies inside.
+    let radius = c * c / a;
+    assert!((shape.roundness() - radius / c).abs() < 1e-15);
+    let is_inside = |radius: f64| {
+        (0..=10_000).all(|i| {
+            let t = PI * f64::from(i) / 10_000.0;
+            let (x, z) = (a - radius + radius * t.cos(), radius * t.sin());
+            (x / a).powi(2) + (z / c).powi(2) <= 1.0 + 1e-12
+        })
+    };
+    assert!(is_inside(radius) && !is_inside(1.01 * radius));
+    assert_eq!(Ellipsoid::sphere(2.0).unwrap().roundness(), 1.0);
+}

@@ -11,6 +11,7 @@ pub(crate) fn complete() -> Provenance {
         engine_version: "test".into(),
         volume_fraction_mixture: 0.5,
         volume_fraction_effective: 0.25,
+        aggregates: Vec::new(),
         result_sha256: Some("ab".into()),
     }
 }

@@ -98,6 +98,7 @@ impl Document {
             engine_version: engine.version.clone(),
             volume_fraction_mixture: summary.volume_fraction_mixture,
             volume_fraction_effective: summary.volume_fraction_effective,
+            aggregates: Provenance::aggregates_of(&self.request),
             result_sha256: None,
         })
     }

@@ -13,6 +13,7 @@ use super::bodies::MeshModel;
 use super::near::Near;
 use super::options::VolumeCorrection;
 use crate::control::Control;
+use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
 use crate::packing::{GrainsRef, Spheres};
 use crate::plan::Limits;
@@ -104,14 +105,14 @@ pub(super) fn of_spheres_alone(grains: GrainKind) -> ExportError {
 /// # Errors
 /// See [`ExportError`].
 pub fn write(
-    model: &Model<'_>,
+    of: &Model<'_>,
     options: &GeoOptions,
     _: &Limits,
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<GeoReport, ExportError> {
-    super::check(model.specimen)?;
-    let (spheres, model) = (spheres(model)?, &MeshModel::new(model)?);
+    super::check(of.specimen)?;
+    let (spheres, model) = (spheres(of)?, &MeshModel::new(of)?);
     let mut out = std::io::BufWriter::with_capacity(1 << 16, out);
     let grains = spheres.len();
     let edge_mm = PI * super::surface_mean_mm(model) / f64::from(options.segments);
@@ -160,7 +161,20 @@ pub fn write(
     writeln!(out, "Volume(1) = {{loops()}};")?;
     writeln!(out, "Physical Volume(\"matrix\", 1) = {{1}};")?;
     if grains > 0 {
-        writeln!(out, "Physical Volume(\"aggregates\", 2) = {{2:{}}};", grains + 1)?;
+        let groups = AggregateGroups::of(of);
+        if groups.is_empty() {
+            writeln!(out, "Physical Volume(\"aggregates\", 2) = {{2:{}}};", grains + 1)?;
+        }
+        for (number, name) in groups.with_grains() {
+            let volumes =
+                (0..grains).filter(|row| groups.of_grain(*row) == number).map(|row| (row + 2).to_string());
+            let tag = faces.len() + 4 + number;
+            writeln!(
+                out,
+                "Physical Volume(\"{name}\", {tag}) = {{{}}};",
+                volumes.collect::<Vec<_>>().join(",")
+            )?;
+        }
         writeln!(out, "Physical Surface(\"itz\", 3) = {{{}:{}}};", count + 1, count + grains)?;
     }
     for (tag, name) in (1..).zip(faces) {

@@ -44,8 +44,9 @@ pub(super) struct Grains<'a> {
     finenesses: Finenesses,
     /// Polyhedra of the unit sphere that were needed so far.
     templates: HashMap<Fineness, Surface>,
-    /// Facets of rounded templates that were needed so far, by edges over diameters.
-    facets: HashMap<(u32, i64), Facets>,
+    /// Facets of templates that were needed so far, by edges over diameters and by whether they are rounded; none of
+    /// templates that are meshed as they are.
+    facets: HashMap<(u32, i64, bool), Option<Facets>>,
 }
 
 /// What a grain faces, seen from its centre.
@@ -171,14 +172,13 @@ impl<'a> Grains<'a> {
         // Facets are those of all grains of a template with about the same edges over their diameters.
         let step = (EDGE_STEPS * (angular.edge_mm / d).ln()).round();
         let is_rounded = template.rounding > 0.0 && 2.0 * template.rounding * d >= angular.floor_mm;
-        let placed = if is_rounded {
-            let facets = self
-                .facets
-                .entry((grain.number, step as i64))
-                .or_insert_with(|| Facets::new(template, (step / EDGE_STEPS).exp()));
-            Placed::facets(grain, facets)
-        } else {
-            Placed::core(grain)
+        let edge = (step / EDGE_STEPS).exp();
+        let facets = self.facets.entry((grain.number, step as i64, is_rounded)).or_insert_with(|| {
+            if is_rounded { Some(Facets::new(template, edge)) } else { Facets::of_narrow(template, edge) }
+        });
+        let placed = match facets {
+            Some(facets) => Placed::facets(grain, facets),
+            None => Placed::core(grain),
         };
         angular.surface(&placed, most_triangles)
     }

@@ -5,7 +5,8 @@
 //! neighbours.
 //!
 //! A rounded grain is meshed as a sharp polyhedron too (`rounded`), which is scaled about its centre. Where its
-//! rounding is too fine for the edges asked for (a diameter below the shortest of them), that is its core. Where no
+//! rounding is too fine for the edges asked for (a diameter below the shortest of them), that is its core. A grain with
+//! faces or edges that are much shorter than the edges asked for is meshed without them (`rounded`). Where no
 //! volume is asked for, the core is enlarged until its farthest vertex lies on the body: no vertex moves by more than
 //! the radius of the rounding then, so that all of the core stays inside.
 
@@ -79,7 +80,7 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// The facets of a rounded grain.
+    /// The facets of a grain that is rounded, or has faces too narrow to be meshed.
     pub(super) fn facets(grain: &PlacedPolyhedron<'_>, facets: &'a Facets) -> Self {
         let (scale, rotation) = (grain.shape.scale_mm, grain.pose.rotation());
         Self {

@@ -1,6 +1,7 @@
 //! Abaqus keywords of a voxel model: what stands between `*PART` and `*END PART`, to be included there.
 //!
-//! One C3D8 per voxel inside the specimen. Sets of elements `matrix` and `aggregates`; per face of the specimen
+//! One C3D8 per voxel inside the specimen. Sets of elements `matrix` and `aggregates`, and one for each of several
+//! aggregates; per face of the specimen
 //! (`x_min` to `z_max`, or `side`, `z_min`, `z_max`) a set of nodes, one of elements by its Abaqus face, and a surface;
 //! the surface `itz` between the phases, on the side of the aggregates. Numbers of nodes and elements are those of the
 //! full lattice, counted from 1 with x fastest, so that a voxel's place is known by its number; those outside of a
@@ -10,11 +11,14 @@ use std::io::{self, Write};
 
 use super::layers::Layers;
 use super::{Found, LayerSteps, VoxelGrid};
+use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model};
 use crate::memory::{OutOfMemory, copied, filled};
 
-/// Passes over the layers: matrix, aggregates, interface.
-pub(super) const PASSES: usize = 3;
+/// Passes over the layers: matrix, aggregates, each of several aggregates, interface.
+pub(super) fn passes(groups: &AggregateGroups<'_>) -> usize {
+    3 + groups.with_grains().count()
+}
 
 /// Numbers on a line of a set; Abaqus reads no more than 16.
 const PER_LINE: usize = 16;
@@ -35,18 +39,20 @@ pub(super) fn most_bytes(grid: &VoxelGrid) -> u64 {
     let nodes: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
     let digits = u64::from(nodes.max(1).ilog10()) + 1;
     // A node: its number and three coordinates. An element: nine numbers, and in a packing
-    // of many small grains one or two faces of the interface.
-    let (node, element) = (digits + 1 + 3 * 21, 9 * (digits + 1) + 2 * (digits + 4));
+    // of many small grains one or two faces of the interface; perhaps its number in the set of its aggregate.
+    let (node, element) = (digits + 1 + 3 * 21, 10 * (digits + 1) + 2 * (digits + 4));
     nodes.saturating_mul(node).saturating_add(grid.voxels().saturating_mul(element))
 }
 
 const MATRIX: u8 = 0;
 const AGGREGATE: u8 = 1;
-const OUTSIDE: u8 = 2;
+/// More than any label of a mix of [`crate::request::MAX_AGGREGATES`] has.
+const OUTSIDE: u8 = u8::MAX;
 
 pub(super) fn write(
     model: &Model<'_>,
     grid: &VoxelGrid,
+    groups: &AggregateGroups<'_>,
     layers_done: &LayerSteps<'_>,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
@@ -62,7 +68,7 @@ pub(super) fn write(
         let mut header = Some(format!("*ELEMENT, TYPE=C3D8, ELSET={name}\n"));
         let mut layers = Phases::new(model, grid)?;
         for k in 0..nz {
-            let layer = layers.next(k);
+            let layer = layers.next(k, &|_| AGGREGATE);
             for (j, row) in layer.chunks_exact(nx).enumerate() {
                 for i in row.iter().enumerate().filter(|(_, label)| **label == phase).map(|(i, _)| i) {
                     if let Some(header) = header.take() {
@@ -76,10 +82,49 @@ pub(super) fn write(
         }
         found.grains_without_voxel = layers.layers.grains_without_voxel();
     }
+    found.of_aggregates = write_aggregates(model, &lattice, groups, layers_done, out)?;
     lattice.write_node_sets(out)?;
     lattice.write_surfaces(out)?;
     write_interface(model, &lattice, layers_done, out)?;
     Ok(found)
+}
+
+/// Writes the set of elements of each of several aggregates, and returns how many each has.
+///
+/// By their numbers and not as parts of `aggregates`, for meshio reads no sets of sets.
+fn write_aggregates(
+    model: &Model<'_>,
+    lattice: &Lattice<'_>,
+    groups: &AggregateGroups<'_>,
+    layers_done: &LayerSteps<'_>,
+    out: &mut dyn Write,
+) -> Result<Vec<u64>, ExportError> {
+    let [nx, _, nz] = lattice.grid.shape;
+    let mut counts = vec![0; groups.all().count()];
+    let label = |grain: usize| AGGREGATE + groups.of_grain(grain) as u8;
+    for (number, name) in groups.with_grains() {
+        let mut phases = Phases::new(model, lattice.grid)?;
+        for k in 0..nz {
+            for (j, row) in phases.next(k, &label).chunks_exact(nx).enumerate() {
+                let is_own =
+                    |label: u8| label != OUTSIDE && usize::from(label) == usize::from(AGGREGATE) + number;
+                for i in row.iter().enumerate().filter(|(_, label)| is_own(**label)).map(|(i, _)| i) {
+                    match counts[number] {
+                        0 => writeln!(out, "*ELSET, ELSET={name}")?,
+                        n if n % PER_LINE as u64 == 0 => writeln!(out)?,
+                        _ => write!(out, ",")?,
+                    }
+                    write!(out, "{}", lattice.element([i, j, k]))?;
+                    counts[number] += 1;
+                }
+            }
+            layers_done.next()?;
+        }
+        if counts[number] > 0 {
+            writeln!(out)?;
+        }
+    }
+    Ok(counts)
 }
 
 /// Phases layer by layer.
@@ -96,9 +141,9 @@ impl<'a> Phases<'a> {
     }
 
     /// Layer `k`; they come in rising order.
-    fn next(&mut self, k: usize) -> &[u8] {
+    fn next(&mut self, k: usize, label: &impl Fn(usize) -> u8) -> &[u8] {
         self.layer.fill(MATRIX);
-        self.layers.fill(k, &mut self.layer, &|_| AGGREGATE);
+        self.layers.fill(k, &mut self.layer, label);
         self.grid.fill_outside(&mut self.layer, OUTSIDE);
         &self.layer
     }
@@ -279,11 +324,12 @@ fn write_interface(
     let mut header = Some("*SURFACE, TYPE=ELEMENT, NAME=itz\n");
     let mut phases = Phases::new(model, lattice.grid)?;
     let mut below = filled(nx * ny, OUTSIDE)?;
-    let mut layer = copied(phases.next(0))?;
+    let aggregate = |_| AGGREGATE;
+    let mut layer = copied(phases.next(0, &aggregate))?;
     let mut above = filled(nx * ny, OUTSIDE)?;
     for k in 0..nz {
         if k + 1 < nz {
-            above.copy_from_slice(phases.next(k + 1));
+            above.copy_from_slice(phases.next(k + 1, &aggregate));
         } else {
             above.fill(OUTSIDE);
         }

@@ -25,6 +25,7 @@ pub use options::{
 
 use self::layers::Layers;
 use crate::control::Control;
+use crate::export::groups::AggregateGroups;
 use crate::export::solids::Sectioned;
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, go_on};
@@ -60,6 +61,24 @@ pub struct VoxelReport {
     pub volume_fraction_labels: f64,
     /// The same with the voxels that a surface cuts counted by their share.
     pub volume_fraction_samples: f64,
+    /// The aggregates of a mix of several, with `label=aggregate` and for hexahedra.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub aggregates: Vec<AggregateVoxels>,
+}
+
+/// The voxels of one of several aggregates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct AggregateVoxels {
+    /// Its number in the request, counted from 1, which is its label.
+    pub label: u32,
+    /// Name of its set of elements, as of its group in meshes.
+    pub name: String,
+    /// Its grains.
+    pub grains: u64,
+    /// Voxels whose centre lies in one of them.
+    pub voxels: u64,
 }
 
 /// Judges options before there are grains.
@@ -90,8 +109,9 @@ pub fn write(
     let grid = VoxelGrid::new(model.specimen, options);
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
+    let groups = AggregateGroups::of(model);
     let passes = match options.format {
-        VoxelFormat::Inp => inp::PASSES,
+        VoxelFormat::Inp => inp::passes(&groups),
         VoxelFormat::Vti if options.fractions => 2,
         VoxelFormat::Vti | VoxelFormat::Raw => 1,
     };
@@ -103,7 +123,7 @@ pub fn write(
         Some(share::volume_mm3(&solids, &grid, options.samples, control)?)
     };
     let found = match options.format {
-        VoxelFormat::Inp => inp::write(model, &grid, &layers_done, &mut out)?,
+        VoxelFormat::Inp => inp::write(model, &grid, &groups, &layers_done, &mut out)?,
         VoxelFormat::Vti => vti::write(model, &grid, options, &layers_done, &mut out)?,
         VoxelFormat::Raw => labels(model, &grid, options.label, &layers_done, &mut out)?,
     };
@@ -124,17 +144,34 @@ pub fn write(
         volume_fraction: share::exact_mm3(&solids) / volume_mm3,
         volume_fraction_labels: found.aggregate as f64 / found.inside as f64,
         volume_fraction_samples: sampled_mm3 / volume_mm3,
+        aggregates: found.by_aggregate(&groups),
     })
 }
 
 /// What a pass over the grid counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 struct Found {
     inside: u64,
     aggregate: u64,
     grains_without_voxel: u64,
     /// By the shares, where they were written.
     sampled_mm3: f64,
+    /// Of each aggregate, where they were told apart.
+    of_aggregates: Vec<u64>,
+}
+
+impl Found {
+    /// The voxels of each of several aggregates, where they were told apart.
+    fn by_aggregate(&self, groups: &AggregateGroups<'_>) -> Vec<AggregateVoxels> {
+        let all = (1..).zip(groups.all()).zip(&self.of_aggregates);
+        let of = |((label, (name, grains)), voxels): ((u32, (&str, u64)), &u64)| AggregateVoxels {
+            label,
+            name: name.to_owned(),
+            grains,
+            voxels: *voxels,
+        };
+        all.map(of).collect()
+    }
 }
 
 /// Counts the layers that passes over the grid have done.
@@ -171,6 +208,35 @@ fn labels(
             labels_as(model, grid, layers_done, out, |grain| (grain as u32 + 1).to_le_bytes(), [0xff; 4])
         }
         Label::Phase => labels_as(model, grid, layers_done, out, |_| [1], [label.outside() as u8]),
+        Label::Aggregate => {
+            let groups = AggregateGroups::of(model);
+            let mut counted = Counted { out, of: [0; 256] };
+            // A mix has at most 16 aggregates.
+            let encode = |grain: usize| [groups.of_grain(grain) as u8 + 1];
+            let found = labels_as(model, grid, layers_done, &mut counted, encode, [label.outside() as u8])?;
+            let of_aggregates = counted.of[1..].iter().take(groups.all().count()).copied().collect();
+            Ok(Found { of_aggregates, ..found })
+        }
+    }
+}
+
+/// Counts the bytes of each value that pass.
+struct Counted<'a> {
+    out: &'a mut dyn Write,
+    of: [u64; 256],
+}
+
+impl Write for Counted<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.out.write(bytes)?;
+        for byte in &bytes[..written] {
+            self.of[usize::from(*byte)] += 1;
+        }
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.out.flush()
     }
 }
 

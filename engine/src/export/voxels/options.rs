@@ -67,13 +67,16 @@ pub enum Label {
     Phase,
     /// 0 matrix, else the grain's id + 1, or 4294967295 outside of a cylinder; four bytes.
     Grain,
+    /// 0 matrix, else the number of the grain's aggregate, counted from 1, or 255 outside of a cylinder; a byte. A mix
+    /// that names no aggregates is one.
+    Aggregate,
 }
 
 impl Label {
     /// Bytes of a label.
     pub fn bytes(self) -> u64 {
         match self {
-            Self::Phase => 1,
+            Self::Phase | Self::Aggregate => 1,
             Self::Grain => 4,
         }
     }
@@ -81,7 +84,7 @@ impl Label {
     /// NumPy's name of the type.
     pub fn dtype(self) -> &'static str {
         match self {
-            Self::Phase => "|u1",
+            Self::Phase | Self::Aggregate => "|u1",
             Self::Grain => "<u4",
         }
     }
@@ -91,6 +94,7 @@ impl Label {
         match self {
             Self::Phase => 2,
             Self::Grain => u32::MAX,
+            Self::Aggregate => u8::MAX.into(),
         }
     }
 }
@@ -168,7 +172,11 @@ impl VoxelOptions {
         };
         // What means nothing for a format is unknown there.
         let label = match (format != VoxelFormat::Inp).then(|| object.optional("label")).flatten() {
-            Some(at) => at.choice(&[("phase", Label::Phase), ("grain", Label::Grain)]),
+            Some(at) => at.choice(&[
+                ("phase", Label::Phase),
+                ("grain", Label::Grain),
+                ("aggregate", Label::Aggregate),
+            ]),
             None => Some(Label::Phase),
         };
         let fractions = match (format == VoxelFormat::Vti).then(|| object.optional("fractions")).flatten() {

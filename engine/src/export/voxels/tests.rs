@@ -136,18 +136,23 @@ fn appended<'a>(bytes: &'a [u8], name: &str) -> &'a [u8] {
     &bytes[at + 8..at + 8 + size]
 }
 
-#[test]
-fn image_data_says_where_it_comes_from() {
-    let (specimen, spheres) = packed(&specimens()[0]);
-    let provenance = Provenance {
+fn provenance() -> Provenance {
+    Provenance {
         job_id: Some("j".into()),
         name: None,
         seed: Some(17),
         engine_version: "1".into(),
         volume_fraction_mixture: 0.5,
         volume_fraction_effective: 0.25,
+        aggregates: Vec::new(),
         result_sha256: Some("ab".into()),
-    };
+    }
+}
+
+#[test]
+fn image_data_says_where_it_comes_from() {
+    let (specimen, spheres) = packed(&specimens()[0]);
+    let provenance = provenance();
     let plain = Model::new(&specimen, &spheres);
     let (report, without) = written(&plain, VoxelFormat::Vti, &json!({"cells": 5}));
     let (same, bytes) = written(&plain.with_provenance(&provenance), VoxelFormat::Vti, &json!({"cells": 5}));
@@ -163,6 +168,87 @@ fn image_data_says_where_it_comes_from() {
     </FieldData>
 "#;
     assert_eq!(text.replacen(fields, "", 1), String::from_utf8_lossy(&without));
+}
+
+/// Packed grains as those of three aggregates, the second without a grain.
+fn of_three_aggregates(specimen: &Value) -> (Specimen, Spheres) {
+    let (specimen, mut spheres) = packed(specimen);
+    spheres.aggregate = (0..spheres.len()).map(|row| if row % 3 == 0 { 2 } else { 0 }).collect();
+    (specimen, spheres)
+}
+
+#[test]
+fn labels_of_aggregates_are_those_of_their_grains() {
+    for specimen in specimens() {
+        let (specimen, spheres) = of_three_aggregates(&specimen);
+        let provenance =
+            Provenance { aggregates: vec![Some("gravel 4/8".into()), None, None], ..provenance() };
+        let model = Model::new(&specimen, &spheres).with_provenance(&provenance);
+        let (_, grains) = written(&model, VoxelFormat::Raw, &json!({"label": "grain", "cells": 37}));
+        let (report, labels) = written(&model, VoxelFormat::Raw, &json!({"label": "aggregate", "cells": 37}));
+        let mut counts = [0; 3];
+        for (grain, label) in grains.chunks_exact(4).zip(&labels) {
+            let expected = match u32::from_le_bytes(grain.try_into().unwrap()) {
+                0 => 0,
+                u32::MAX => 255,
+                id => spheres.aggregate[id as usize - 1] as u8 + 1,
+            };
+            assert_eq!(*label, expected);
+            if (1..255).contains(label) {
+                counts[usize::from(*label) - 1] += 1;
+            }
+        }
+        assert!(counts[0] > counts[2] && counts[2] > 0, "{counts:?}");
+        assert_eq!(report.dtype.as_deref(), Some("|u1"));
+        let named: Vec<(u32, &str, u64)> =
+            report.aggregates.iter().map(|of| (of.label, of.name.as_str(), of.voxels)).collect();
+        let names = ["aggregate_1_gravel_4_8", "aggregate_2", "aggregate_3"];
+        assert_eq!(named, [(1, names[0], counts[0]), (2, names[1], 0), (3, names[2], counts[2])]);
+        assert_eq!(report.aggregates.iter().map(|of| of.grains).sum::<u64>(), spheres.len() as u64);
+        let (_, vti) = written(&model, VoxelFormat::Vti, &json!({"label": "aggregate", "cells": 37}));
+        assert!(vti.windows(labels.len()).any(|bytes| bytes == labels));
+        // Without aggregates, all grains are one.
+        let plain = Spheres { aggregate: Vec::new(), ..spheres };
+        let model = Model::new(&specimen, &plain);
+        let (report, labels) = written(&model, VoxelFormat::Raw, &json!({"label": "aggregate", "cells": 37}));
+        assert!(report.aggregates.is_empty() && labels.iter().all(|label| [0, 1, 255].contains(label)));
+    }
+}
+
+#[test]
+fn hexahedra_of_aggregates_are_sets_beside_those_of_the_phases() {
+    for specimen in specimens() {
+        let (specimen, spheres) = of_three_aggregates(&specimen);
+        let (report, bytes) =
+            written(&Model::new(&specimen, &spheres), VoxelFormat::Inp, &json!({"cells": 19}));
+        let text = String::from_utf8(bytes).unwrap();
+        let plain = Spheres { aggregate: Vec::new(), ..spheres.clone() };
+        let (of_plain, bytes) =
+            written(&Model::new(&specimen, &plain), VoxelFormat::Inp, &json!({"cells": 19}));
+        let (_, labels) = written(
+            &Model::new(&specimen, &spheres),
+            VoxelFormat::Raw,
+            &json!({"cells": 19, "label": "aggregate"}),
+        );
+        let mut rest = text.clone();
+        for (label, name) in [(1, "aggregate_1"), (3, "aggregate_3")] {
+            let head = format!("*ELSET, ELSET={name}\n");
+            let start = rest.find(&head).unwrap();
+            let end = start + head.len() + rest[start + head.len()..].find('*').unwrap();
+            let lines = &rest[start + head.len()..end];
+            assert!(lines.lines().all(|line| line.split(',').count() <= 16));
+            let numbers: Vec<usize> =
+                lines.split([',', '\n']).filter(|n| !n.is_empty()).map(|n| n.parse().unwrap()).collect();
+            let expected: Vec<usize> =
+                (1..).zip(&labels).filter(|(_, of)| **of == label).map(|(n, _)| n).collect();
+            assert_eq!(numbers, expected);
+            assert_eq!(report.aggregates[usize::from(label) - 1].voxels, expected.len() as u64);
+            rest.replace_range(start..end, "");
+        }
+        assert!(!text.contains("aggregate_2"));
+        assert_eq!(rest, String::from_utf8(bytes).unwrap());
+        assert_eq!(report.aggregate_voxels, of_plain.aggregate_voxels);
+    }
 }
 
 #[test]
@@ -232,7 +318,7 @@ fn options_have_defaults_and_bounds() {
         [
             "/cells: 0 is out of range: must be a whole number from 1 to 8192",
             "/voxel_mm: -1 is out of range: must be greater than 0 and at most 1000000 mm",
-            "/label: \"colour\" is unknown: must be one of \"phase\", \"grain\"",
+            "/label: \"colour\" is unknown: must be one of \"phase\", \"grain\", \"aggregate\"",
             "/fractions: \"no\" is not true or false",
             "/samples: 17 is out of range: must be a whole number from 1 to 16",
         ]

@@ -37,7 +37,7 @@ pub(super) fn write(
         Ok(())
     };
     match options.label {
-        Label::Phase => file.fill::<u8>("label", voxels, fill_labels),
+        Label::Phase | Label::Aggregate => file.fill::<u8>("label", voxels, fill_labels),
         Label::Grain => file.fill::<u32>("label", voxels, fill_labels),
     }
     if options.fractions {

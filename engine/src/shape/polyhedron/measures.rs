@@ -8,6 +8,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::minimax::{Plane, least_maximum};
 use super::{Polyhedron, ScaledPolyhedron, edges_of};
 
 /// An edge between two faces.
@@ -116,6 +117,26 @@ impl Polyhedron {
             return self.core_surface();
         }
         self.core_surface() + r * (2.0 * self.mean_curvature() + r * 4.0 * PI)
+    }
+
+    /// Radius of the largest sphere within the body, wherever its centre is.
+    #[must_use]
+    pub fn inscribed_radius(&self) -> f64 {
+        let plane = |face: usize| {
+            let (slope, height) = self.plane(face);
+            Plane { value: -height, slope }
+        };
+        let planes: Vec<Plane> = (0..self.faces.len()).map(plane).collect();
+        self.rounding - least_maximum(&planes, self.outer_radius).1
+    }
+
+    /// Roundness of Wadell: mean radius of the spheres that fit into corners and along edges, over that of the largest
+    /// inscribed sphere (Zheng, He and Alimohammadi, Acta Geotechnica 16, 2021, DOI 10.1007/s11440-020-01004-9).
+    ///
+    /// All corners and edges have the radius of rounding. Sharp bodies have a roundness of 0.
+    #[must_use]
+    pub fn roundness(&self) -> f64 {
+        self.rounding / self.inscribed_radius()
     }
 
     /// Diameter of the sphere of equal volume.

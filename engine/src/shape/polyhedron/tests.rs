@@ -43,6 +43,22 @@ fn assert_sound(body: &Polyhedron) {
 }
 
 #[test]
+fn roundness_is_the_rounding_over_the_inscribed_radius() {
+    let core = cuboid([3.0, 2.0, 1.0]);
+    assert_eq!(core.roundness(), 0.0);
+    for r in [0.05, 0.3, 5.0] {
+        let body = Polyhedron::of_parts(core.vertices.clone(), core.faces.clone(), r);
+        close(body.inscribed_radius(), 0.5 + r, 1e-12);
+        close(body.roundness(), r / (0.5 + r), 1e-12);
+    }
+    // Half of a cube along its diagonals: the largest sphere is not about the centroid.
+    let corners = [Vector3::zeros(), Vector3::x(), Vector3::y(), Vector3::z()];
+    let body = Polyhedron::hull_of(&corners).unwrap();
+    close(body.inscribed_radius(), 1.0 / (3.0 + 3_f64.sqrt()), 1e-12);
+    assert!(body.inner_radius() < body.inscribed_radius() - 0.01);
+}
+
+#[test]
 fn a_cuboid_has_its_closed_forms() {
     let [a, b, c] = [3.0, 2.0, 1.0];
     let body = cuboid([a, b, c]);

@@ -35,6 +35,7 @@ fn grids_say_where_they_come_from() {
         engine_version: "1".into(),
         volume_fraction_mixture: 0.5,
         volume_fraction_effective: 0.25,
+        aggregates: Vec::new(),
         result_sha256: None,
     };
     let model = Model::new(&specimen, &spheres).with_provenance(&provenance);
