@@ -11,7 +11,7 @@ mod neighbors;
 pub mod radial;
 mod sections;
 mod separation;
-mod shapes;
+pub(crate) mod shapes;
 mod solids;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};

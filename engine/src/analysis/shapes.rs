@@ -4,25 +4,43 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::packing::{ShapeReport, Solids, ZinggShares};
+use crate::packing::{GrainsRef, ShapeReport, Solids, ZinggShares};
 use crate::shape::{
     CaliperSizes, Ellipsoid, Form, Polyhedron, Pose, Solid, Zingg, flakiness_index, shape_index,
 };
 
 /// What a grain, or a template in units of its scale, has to tell.
-#[derive(Clone, Copy)]
-struct Figures {
-    sizes: CaliperSizes,
-    form: Form,
-    sphericity: f64,
-    roundness: f64,
-    surface_mm2: f64,
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Figures {
+    pub(crate) sizes: CaliperSizes,
+    pub(crate) form: Form,
+    pub(crate) sphericity: f64,
+    /// Wadell's roundness in space.
+    pub(crate) roundness: f64,
+    pub(crate) surface_mm2: f64,
     /// In the axes of the body.
     long_axis: Vector3<f64>,
     short_axis: Vector3<f64>,
 }
 
 impl Figures {
+    fn of_sphere(d_mm: f64) -> Self {
+        Self {
+            sizes: CaliperSizes {
+                volume_mm3: PI / 6.0 * d_mm.powi(3),
+                sieve_mm: d_mm,
+                length_mm: d_mm,
+                thickness_mm: d_mm,
+            },
+            form: Form { elongation: 1.0, flatness: 1.0 },
+            sphericity: 1.0,
+            roundness: 1.0,
+            surface_mm2: PI * d_mm * d_mm,
+            long_axis: Vector3::x(),
+            short_axis: Vector3::z(),
+        }
+    }
+
     fn of_ellipsoid(shape: &Ellipsoid) -> Self {
         Self {
             sizes: shape.into(),
@@ -54,6 +72,51 @@ impl Figures {
     }
 }
 
+/// The grains of a packing and the figures of their templates, which are measured once.
+pub(crate) struct Measured<'a> {
+    grains: GrainsRef<'a>,
+    /// One for each template; those that no grain has are not measured.
+    templates: Vec<Option<Figures>>,
+}
+
+impl<'a> Measured<'a> {
+    pub(crate) fn new(grains: GrainsRef<'a>) -> Self {
+        let GrainsRef::Solids(solids) = grains else { return Self { grains, templates: Vec::new() } };
+        let mut templates = vec![None; solids.templates.len()];
+        for template in solids.shapes.iter().filter_map(Solid::template) {
+            let template = template as usize;
+            templates[template].get_or_insert_with(|| Figures::of_template(&solids.templates[template]));
+        }
+        Self { grains, templates }
+    }
+
+    /// The figures of a grain.
+    pub(crate) fn of(&self, grain: usize) -> Figures {
+        match self.grains {
+            GrainsRef::Spheres(spheres) => Figures::of_sphere(spheres.d_mm[grain]),
+            GrainsRef::Solids(solids) => match &solids.shapes[grain] {
+                Solid::Ellipsoid(ellipsoid) => Figures::of_ellipsoid(ellipsoid),
+                Solid::Polyhedron { template, d_mm } => self.of_template(*template).scaled(*d_mm),
+            },
+        }
+    }
+
+    /// The sizes of a grain alone, without an integral for its surface.
+    fn sizes_of(&self, grain: usize) -> CaliperSizes {
+        match self.grains {
+            GrainsRef::Solids(solids) => match &solids.shapes[grain] {
+                Solid::Ellipsoid(ellipsoid) => ellipsoid.into(),
+                Solid::Polyhedron { template, d_mm } => self.of_template(*template).sizes.scaled(*d_mm),
+            },
+            GrainsRef::Spheres(_) => self.of(grain).sizes,
+        }
+    }
+
+    fn of_template(&self, template: u32) -> &Figures {
+        self.templates[template as usize].as_ref().expect("the templates of all grains are measured")
+    }
+}
+
 /// The figures of grains that are not spheres; `None` without grains.
 ///
 /// Means and shares are weighted by volume, which is mass for grains of one density. Of polyhedra, length and thickness
@@ -64,29 +127,12 @@ pub fn shape_report(grains: &Solids) -> Option<ShapeReport> {
     if grains.is_empty() {
         return None;
     }
-    let mut is_used = vec![false; grains.templates.len()];
-    for template in grains.shapes.iter().filter_map(Solid::template) {
-        is_used[template as usize] = true;
-    }
-    let measured =
-        |(template, is_used): (&Polyhedron, &bool)| is_used.then(|| Figures::of_template(template));
-    let templates: Vec<Option<Figures>> = grains.templates.iter().zip(&is_used).map(measured).collect();
-    let of = |shape: &Solid| match shape {
-        Solid::Ellipsoid(ellipsoid) => Some(Figures::of_ellipsoid(ellipsoid)),
-        Solid::Polyhedron { template, d_mm } => {
-            templates[*template as usize].as_ref().map(|template| template.scaled(*d_mm))
-        }
-    };
+    let measured = Measured::new(grains.into());
     let mut sums = Sums::default();
-    for (figures, pose) in grains.shapes.iter().filter_map(of).zip(&grains.poses) {
-        sums.add(&figures, pose);
+    for (grain, pose) in grains.poses.iter().enumerate() {
+        sums.add(&measured.of(grain), pose);
     }
-    let sizes = || {
-        grains.shapes.iter().filter_map(|shape| match shape {
-            Solid::Ellipsoid(ellipsoid) => Some(CaliperSizes::from(ellipsoid)),
-            Solid::Polyhedron { .. } => of(shape).map(|figures| figures.sizes),
-        })
-    };
+    let sizes = || (0..grains.len()).map(|grain| measured.sizes_of(grain));
     Some(sums.report(flakiness_index(sizes()), shape_index(sizes()), grains.len()))
 }
 

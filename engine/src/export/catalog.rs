@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{ExportError, Model};
-use super::{certificates, ldpm, mesh, slice, voxels};
+use super::{certificates, ldpm, mesh, shapes, slice, voxels};
 use crate::control::Control;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
@@ -27,11 +27,14 @@ pub enum ExportType {
     Ldpm,
     /// Proofs that close pairs of grains do not overlap.
     Certificates,
+    /// Sizes, ratios, sphericity and roundness of each grain.
+    Shapes,
 }
 
 impl ExportType {
     /// All types, in the order of the documentation.
-    pub const ALL: [Self; 5] = [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm, Self::Certificates];
+    pub const ALL: [Self; 6] =
+        [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm, Self::Certificates, Self::Shapes];
 
     /// Its name in requests and addresses.
     pub fn name(self) -> &'static str {
@@ -41,6 +44,7 @@ impl ExportType {
             Self::Slice => "slice",
             Self::Ldpm => "ldpm",
             Self::Certificates => "certificates",
+            Self::Shapes => "shapes",
         }
     }
 
@@ -56,7 +60,7 @@ impl ExportType {
             Self::Voxels => &["vti", "raw", "inp"],
             Self::Slice => &["svg", "png", "json", "geo"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
-            Self::Certificates => &["csv", "json"],
+            Self::Certificates | Self::Shapes => &["csv", "json"],
         }
     }
 
@@ -87,6 +91,7 @@ impl ExportType {
             Self::Certificates => {
                 certificates::CertificateOptions::read(object).map(ExportRequest::Certificates)
             }
+            Self::Shapes => shapes::ShapeTableOptions::read(object).map(ExportRequest::Shapes),
         }
     }
 }
@@ -106,6 +111,8 @@ pub enum ExportRequest {
     Ldpm(ldpm::LatticeOptions),
     /// Proofs that close pairs of grains do not overlap.
     Certificates(certificates::CertificateOptions),
+    /// Sizes, ratios, sphericity and roundness of each grain.
+    Shapes(shapes::ShapeTableOptions),
 }
 
 /// The figures of an export, beside its file.
@@ -125,6 +132,8 @@ pub enum ExportReport {
     Ldpm(ldpm::LatticeReport),
     /// Proofs that close pairs of grains do not overlap.
     Certificates(certificates::CertificateReport),
+    /// Sizes, ratios, sphericity and roundness of each grain.
+    Shapes(shapes::ShapeTableReport),
 }
 
 /// What an export is likely to come out as.
@@ -159,6 +168,7 @@ impl ExportRequest {
             Self::Slice(_) => ExportType::Slice,
             Self::Ldpm(_) => ExportType::Ldpm,
             Self::Certificates(_) => ExportType::Certificates,
+            Self::Shapes(_) => ExportType::Shapes,
         }
     }
 
@@ -170,6 +180,7 @@ impl ExportRequest {
             Self::Slice(options) => options.format.name(),
             Self::Ldpm(options) => options.format.name(),
             Self::Certificates(options) => options.format.name(),
+            Self::Shapes(options) => options.format.name(),
         }
     }
 
@@ -184,7 +195,7 @@ impl ExportRequest {
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
-            Self::Certificates(_) => Ok(()),
+            Self::Certificates(_) | Self::Shapes(_) => Ok(()),
         }
     }
 
@@ -240,6 +251,7 @@ impl ExportRequest {
             Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
+            Self::Shapes(_) => shapes::expected_bytes(grains.number),
         };
         ExportEstimate { bytes, mesh: None, warnings: Vec::new() }
     }
@@ -268,6 +280,7 @@ impl ExportRequest {
             Self::Certificates(options) => {
                 certificates::write(model, options, limits, control, out).map(ExportReport::Certificates)
             }
+            Self::Shapes(options) => shapes::write(model, options, control, out).map(ExportReport::Shapes),
         }
     }
 
@@ -333,6 +346,7 @@ impl ExportRequest {
             Self::Slice(options) => options.format.media_type(),
             Self::Ldpm(options) => options.format.media_type(),
             Self::Certificates(options) => options.format.media_type(),
+            Self::Shapes(options) => options.format.media_type(),
         }
     }
 
@@ -344,6 +358,7 @@ impl ExportRequest {
             Self::Slice(options) => options.format.name(),
             Self::Ldpm(options) => options.format.extension(),
             Self::Certificates(options) => options.format.name(),
+            Self::Shapes(options) => options.format.name(),
         }
     }
 
@@ -358,6 +373,7 @@ impl ExportRequest {
             Self::Slice(_) => vec!["slice".to_owned()],
             Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
             Self::Certificates(_) => vec!["certificates".to_owned()],
+            Self::Shapes(_) => vec!["shapes".to_owned()],
         };
         parts.extend(self.chosen_options());
         parts.push(extension.to_owned());

@@ -6,10 +6,11 @@
 //! separating planes). The certificate of a pair is `n` and `s(n)`; pairs without one are farther apart than
 //! `closer_than_mm`.
 
-use std::io::{BufWriter, Write};
+use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
+use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::check::{self, Fault, SeparationCertificate};
 use crate::control::{Control, Phase, Progress};
@@ -31,47 +32,13 @@ const BYTES_PER_GRAIN: u64 = 1200;
 /// Rows between two looks at whether to stop.
 const ROWS_PER_LOOK: usize = 1 << 14;
 
-/// File formats of certificates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "lowercase")]
-pub enum CertificateFormat {
-    /// One line a pair, with the names of the columns first.
-    Csv,
-    /// An object with `columns` and `rows`.
-    Json,
-}
-
-impl CertificateFormat {
-    /// All formats, the default first.
-    pub const ALL: [Self; 2] = [Self::Csv, Self::Json];
-
-    /// Name of the format, and file extension.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::Json => "json",
-        }
-    }
-
-    /// Media type without parameters.
-    #[must_use]
-    pub fn media_type(self) -> &'static str {
-        match self {
-            Self::Csv => "text/csv",
-            Self::Json => "application/json",
-        }
-    }
-}
-
 /// Which pairs, and in which format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CertificateOptions {
     /// The file format.
     #[cfg_attr(feature = "openapi", schema(default = "csv", required = false))]
-    pub format: CertificateFormat,
+    pub format: TableFormat,
     /// Pairs with a smaller gap are listed. Default: a tenth of the smallest diameter; at most that diameter.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -83,10 +50,7 @@ impl CertificateOptions {
     ///
     /// `None` means that faults were reported.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
-        let format = match object.optional("format") {
-            Some(at) => at.choice(&CertificateFormat::ALL.map(|format| (format.name(), format))),
-            None => Some(CertificateFormat::Csv),
-        };
+        let format = TableFormat::read(object);
         let closer_than_mm = match object.optional("closer_than_mm") {
             Some(at) => at.number(Bound::closed(0.0, MAX_LENGTH_MM, "mm")).map(Some),
             None => Some(None),
@@ -155,29 +119,15 @@ pub(super) fn write(
                 fault => ExportError::CheckFailed(fault.to_string()),
             },
         )?;
-    let mut out = BufWriter::with_capacity(1 << 16, out);
-    match options.format {
-        CertificateFormat::Csv => writeln!(out, "{}", COLUMNS.join(","))?,
-        CertificateFormat::Json => {
-            let columns = COLUMNS.map(|name| format!("\"{name}\"")).join(",");
-            write!(out, "{{\"closer_than_mm\":{closer_than_mm:?},\"columns\":[{columns}],\"rows\":[")?;
-        }
-    }
+    let mut rows = Rows::begin(out, options.format, &COLUMNS, &[("closer_than_mm", closer_than_mm)])?;
     for (number, certificate) in found.iter().enumerate() {
         if number.is_multiple_of(ROWS_PER_LOOK) {
             go_on(control)?;
             report(control, number, found.len());
         }
-        let row = row(certificate);
-        match options.format {
-            CertificateFormat::Csv => writeln!(out, "{row}")?,
-            CertificateFormat::Json => write!(out, "{}\n[{row}]", if number > 0 { "," } else { "" })?,
-        }
+        rows.row(&cells(certificate))?;
     }
-    if options.format == CertificateFormat::Json {
-        out.write_all(b"\n]}\n")?;
-    }
-    out.flush()?;
+    rows.end()?;
     Ok(CertificateReport {
         closer_than_mm,
         pairs: found.len() as u64,
@@ -185,10 +135,12 @@ pub(super) fn write(
     })
 }
 
-fn row(certificate: &SeparationCertificate) -> String {
-    let SeparationCertificate { first, second, image: [i, j, k], normal: [x, y, z], separation_mm, .. } =
-        certificate;
-    format!("{first},{second},{i},{j},{k},{x:?},{y:?},{z:?},{separation_mm:?}")
+fn cells(certificate: &SeparationCertificate) -> [Cell; 9] {
+    let SeparationCertificate { first, second, image, normal, separation_mm, .. } = certificate;
+    let [i, j, k] = image.map(|period| Cell::Whole(period.into()));
+    let [x, y, z] = normal.map(Cell::Number);
+    let rows = [*first, *second].map(|row| Cell::Whole(row as i64));
+    [rows[0], rows[1], i, j, k, x, y, z, Cell::Number(*separation_mm)]
 }
 
 fn report(control: &dyn Control, done: usize, total: usize) {

@@ -9,8 +9,10 @@ pub mod ldpm;
 pub mod mesh;
 pub mod picture;
 mod provenance;
+mod rows;
 #[cfg(feature = "openapi")]
 mod schema;
+pub mod shapes;
 pub mod slice;
 mod solids;
 mod steps;

@@ -13,7 +13,7 @@ from . import _files, _html
 from ._resource import Changing
 from .errors import error_of
 
-ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates"]
+ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates", "shapes"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
 MeshFormat = Literal["msh", "geo", "stl"]
 VoxelFormat = Literal["vti", "raw", "inp"]
@@ -49,7 +49,7 @@ class Export(Changing):
 
     @property
     def type(self) -> ExportType:
-        """The type: ``mesh``, ``voxels``, ``slice``, ``ldpm`` or ``certificates``."""
+        """The type: ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates`` or ``shapes``."""
         type: ExportType = self.data["type"]
         return type
 

@@ -38,7 +38,7 @@ pub(super) struct Options {
     /// Formats of the table of grains
     #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
     format: Vec<Format>,
-    /// An export of the result: mesh, voxels, slice, ldpm or certificates, with options, as
+    /// An export of the result: mesh, voxels, slice, ldpm, certificates or shapes, with options, as
     /// `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
     export: Vec<ExportRequest>,

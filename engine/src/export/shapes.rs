@@ -1,0 +1,139 @@
+//! The shape of each grain as a table: sizes, ratios of the axes, sphericity and roundness.
+//!
+//! Definitions are those of the shape report of a result ([`crate::analysis::shapes`]). A sphere has the figures of a
+//! sphere. Rows are in the order of the grains of the result, so that `grain` leads to their other columns.
+
+use std::io::Write;
+
+use serde::{Deserialize, Serialize};
+
+use super::rows::{Cell, Rows, TableFormat};
+use super::{ExportError, Model, go_on};
+use crate::analysis::shapes::{Figures, Measured};
+use crate::control::{Control, Phase, Progress};
+use crate::packing::GrainsRef;
+use crate::request::decode::Object;
+use crate::shape::{Solid, Zingg};
+
+/// Names of the columns, in their order.
+pub const COLUMNS: [&str; 14] = [
+    "grain",
+    "shape",
+    "template",
+    "d_mm",
+    "sieve_mm",
+    "length_mm",
+    "thickness_mm",
+    "volume_mm3",
+    "surface_mm2",
+    "elongation",
+    "flatness",
+    "sphericity",
+    "roundness",
+    "zingg",
+];
+/// Bytes of a row of text, on average.
+const ROW_BYTES: f64 = 190.0;
+/// Rows between two looks at whether to stop.
+const ROWS_PER_LOOK: usize = 1 << 14;
+
+/// In which format.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ShapeTableOptions {
+    /// The file format.
+    #[cfg_attr(feature = "openapi", schema(default = "csv", required = false))]
+    pub format: TableFormat,
+}
+
+impl ShapeTableOptions {
+    /// Reads the options, whose names this asks `object` for.
+    ///
+    /// `None` means that faults were reported.
+    pub fn read(object: &mut Object<'_>) -> Option<Self> {
+        Some(Self { format: TableFormat::read(object)? })
+    }
+}
+
+/// The figures of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ShapeTableReport {
+    /// Number of grains, which is that of the rows.
+    pub grains: u64,
+}
+
+/// Expected length of the file in bytes.
+pub(super) fn expected_bytes(grains: f64) -> u64 {
+    (grains * ROW_BYTES) as u64
+}
+
+/// Writes the table.
+///
+/// # Errors
+/// [`ExportError::Stopped`], [`ExportError::Write`].
+pub(super) fn write(
+    model: &Model<'_>,
+    options: &ShapeTableOptions,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<ShapeTableReport, ExportError> {
+    let grains = model.grains.len();
+    let measured = Measured::new(model.grains);
+    let mut rows = Rows::begin(out, options.format, &COLUMNS, &[])?;
+    for grain in 0..grains {
+        if grain.is_multiple_of(ROWS_PER_LOOK) {
+            go_on(control)?;
+            control.report(&Progress {
+                phase: Phase::Export,
+                fraction: grain as f64 / grains as f64,
+                done: grain as u64,
+                total: grains as u64,
+                unit: "grains",
+                message: "writing shapes".into(),
+                growth: None,
+            });
+        }
+        rows.row(&cells(model.grains, grain, &measured.of(grain)))?;
+    }
+    rows.end()?;
+    Ok(ShapeTableReport { grains: grains as u64 })
+}
+
+fn cells(grains: GrainsRef<'_>, grain: usize, figures: &Figures) -> [Cell; 14] {
+    let (shape, template, d_mm) = match grains {
+        GrainsRef::Spheres(spheres) => ("sphere", Cell::None, spheres.d_mm[grain]),
+        GrainsRef::Solids(solids) => match &solids.shapes[grain] {
+            shape @ Solid::Ellipsoid(_) => ("ellipsoid", Cell::None, shape.d_mm()),
+            shape @ Solid::Polyhedron { template, .. } => {
+                ("polyhedron", Cell::Whole(i64::from(*template)), shape.d_mm())
+            }
+        },
+    };
+    let class = match figures.form.zingg() {
+        Zingg::Disc => "disc",
+        Zingg::Equant => "equant",
+        Zingg::Blade => "blade",
+        Zingg::Rod => "rod",
+    };
+    [
+        Cell::Whole(grain as i64),
+        Cell::Word(shape),
+        template,
+        Cell::Number(d_mm),
+        Cell::Number(figures.sizes.sieve_mm),
+        Cell::Number(figures.sizes.length_mm),
+        Cell::Number(figures.sizes.thickness_mm),
+        Cell::Number(figures.sizes.volume_mm3),
+        Cell::Number(figures.surface_mm2),
+        Cell::Number(figures.form.elongation),
+        Cell::Number(figures.form.flatness),
+        Cell::Number(figures.sphericity),
+        Cell::Number(figures.roundness),
+        Cell::Word(class),
+    ]
+}
+
+#[cfg(test)]
+#[path = "shapes_tests.rs"]
+mod tests;
