@@ -53,4 +53,5 @@ mod streaming;
 mod studies;
 mod study_command;
 mod submission;
+mod users;
 mod waiting;

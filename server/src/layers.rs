@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 /// The layers from the bottom up. A module may import from its own layer and from the layers below it.
 const LAYERS: &[&[&str]] = &[
     &[
+        "accounts",
         "allocator",
         "atomic_file",
         "descriptors",

@@ -5,6 +5,7 @@
 //! engine's secret; nothing here looks into one.
 #![forbid(unsafe_code)]
 
+mod accounts;
 mod artifacts;
 mod atomic_file;
 mod checkpoints;

@@ -14,13 +14,13 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
+use crate::accounts::{KeysError, KeysFile};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
 use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
-use crate::http::auth::{KeysError, KeysFile};
 use crate::http::{self, App};
 use crate::http_server;
 use crate::jobs::runner::Runner;

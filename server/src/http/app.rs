@@ -7,11 +7,11 @@ use packstone_engine::Limits;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
+use crate::accounts::KeysFile;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
-use crate::http::auth;
 use crate::http::hosts::Hosts;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
@@ -39,7 +39,7 @@ pub(crate) struct Shared {
     pub(crate) disk: Disk,
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
-    pub(crate) keys: Option<auth::KeysFile>,
+    pub(crate) keys: Option<KeysFile>,
     pub(crate) trust_proxy: bool,
     /// Names that `Host` may have, where others would let a web page of another site reach this server.
     pub(crate) hosts: Option<Hosts>,
@@ -66,7 +66,7 @@ impl App {
     pub(crate) fn new(
         options: &ServeOptions,
         runner: &Runner,
-        keys: Option<auth::KeysFile>,
+        keys: Option<KeysFile>,
         connections: Arc<Semaphore>,
     ) -> Self {
         Self {

@@ -17,9 +17,10 @@ use futures_util::FutureExt as _;
 use tracing::Instrument as _;
 use uuid::Uuid;
 
+use crate::accounts::Caller;
 use crate::http::app::App;
-use crate::http::hosts;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
+use crate::http::{access, auth, hosts};
 use crate::problem::{Kind, Problem};
 
 const REQUEST_ID: &str = "x-request-id";
@@ -30,18 +31,16 @@ const MAX_REQUEST_ID_CHARS: usize = 128;
 /// Routes that need no key: probes have none.
 pub(crate) const OPEN_ROUTES: [&str; 2] = ["/healthz", "/readyz"];
 
-/// Name of the API key that a request came with; empty where the server asks for none.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Caller(pub(crate) String);
-
 /// The middleware; outermost, and around the fallback too.
 pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let id = request_id(request.headers());
     let method = request.method().clone();
     // Paths have no end and may hold anything; metrics and logs get the route.
-    let route =
-        request.extensions().get::<MatchedPath>().map_or_else(|| "unknown".into(), |m| m.as_str().to_owned());
+    let route = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map_or_else(|| access::UNKNOWN_ROUTE.into(), |m| m.as_str().to_owned());
     let path: String = request.uri().path().chars().take(MAX_LOGGED_CHARS).collect();
     let client = client_address(&request, app.shared.trust_proxy);
     let agent = logged(request.headers(), header::USER_AGENT.as_str());
@@ -49,9 +48,15 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     let mut key = String::new();
     let mut response = async {
         let known = hosts::check(request.version(), request.headers(), app.shared.hosts.as_ref());
-        match known.and_then(|()| authorize(&app, &route, request.headers())) {
+        let admitted = async {
+            known?;
+            let caller = authorize(&app, &route, request.headers())?;
+            key.clone_from(&caller.by.key);
+            access::check(&app, &caller, &route, &mut request).await?;
+            Ok::<_, Problem>(caller)
+        };
+        match admitted.await {
             Ok(caller) => {
-                key.clone_from(&caller.0);
                 request.extensions_mut().insert(caller);
                 AssertUnwindSafe(next.run(request)).catch_unwind().await.unwrap_or_else(|_| {
                     tracing::error!("the handler panicked");
@@ -116,7 +121,7 @@ fn known_method(method: &axum::http::Method) -> &'static str {
 
 fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Problem> {
     match &app.shared.keys {
-        Some(keys) if !OPEN_ROUTES.contains(&route) => Ok(Caller(keys.current().check(headers)?.to_owned())),
+        Some(keys) if !OPEN_ROUTES.contains(&route) => auth::caller(&keys.current(), headers),
         _ => Ok(Caller::default()),
     }
 }

@@ -258,7 +258,12 @@ mod tests {
         });
         let request = JobRequest::read(&request, 1, None).unwrap();
         match store
-            .submit(NewJob { request, warnings: Vec::new(), owner: String::new(), idempotency_key: None })
+            .submit(NewJob {
+                request,
+                warnings: Vec::new(),
+                by: crate::accounts::Submitter::default(),
+                idempotency_key: None,
+            })
             .await
             .unwrap()
         {

@@ -105,6 +105,7 @@ fn add_everywhere(document: &mut Value) {
             responses.insert("500".into(), problem(Kind::InternalError));
             if !open {
                 responses.insert("401".into(), problem(Kind::Unauthorized));
+                responses.insert("403".into(), problem(Kind::Forbidden));
                 responses.entry("503").or_insert_with(|| problem(Kind::NotReady));
                 responses.insert("507".into(), problem(Kind::InsufficientStorage));
             }

@@ -45,7 +45,7 @@ use writer::{Durability, Writer, Writing};
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use lifecycle::{Cancelled, Claimed};
-pub(crate) use query::{Filter, Order, Position, SortKey};
+pub(crate) use query::{Filter, Holder, Order, Position, SortKey};
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 pub(crate) use target::Target;

@@ -7,12 +7,13 @@ use packstone_engine::export::tables::EngineInfo;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::{Store, StoreError, now_us, rows, turns};
+use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
 /// A key that makes a repeated submission harmless.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct IdempotencyKey {
-    /// Whose key it is; clients with different API keys do not meet.
+    /// Whose key it is; clients of different owners do not meet.
     pub(crate) scope: String,
     /// The key as sent.
     pub(crate) key: String,
@@ -26,8 +27,8 @@ pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
     /// What the plan of the request warns of.
     pub(crate) warnings: Vec<String>,
-    /// Name of the API key that it came with; empty where the server asks for none.
-    pub(crate) owner: String,
+    /// Who submits it.
+    pub(crate) by: Submitter,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -74,8 +75,9 @@ impl Store {
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
+                 shared)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -91,7 +93,9 @@ impl Store {
         .bind(engine)
         .bind(turn)
         .bind(warnings)
-        .bind(&new.owner)
+        .bind(&new.by.owner)
+        .bind(&new.by.key)
+        .bind(request.shared)
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;

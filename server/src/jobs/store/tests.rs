@@ -6,6 +6,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::*;
+use crate::accounts::Submitter;
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::studies::Facts;
@@ -35,7 +36,7 @@ pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord
     let new = NewJob {
         request: request(&extra),
         warnings: Vec::new(),
-        owner: String::new(),
+        by: Submitter::default(),
         idempotency_key: None,
     };
     match store.submit(new).await.unwrap() {
@@ -222,7 +223,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
     let keyed = |scope: &str, body: &str| NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
-        owner: scope.into(),
+        by: Submitter { key: scope.into(), owner: scope.into() },
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
             key: "k".into(),
@@ -269,7 +270,7 @@ async fn the_queue_is_bounded() {
     let third = NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
-        owner: String::new(),
+        by: Submitter::default(),
         idempotency_key: None,
     };
     assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull { most: 2, .. })));
@@ -375,8 +376,109 @@ async fn every_listing_and_claim_uses_an_index() {
         let plan = plan_of(&store, &query::list_sql(&filter)).await;
         assert!(plan.iter().all(|step| !step.starts_with("SCAN")), "{plan:?}");
     }
+    for (state, order) in [(None, Order::default()), (Some(State::Queued), Order::default())] {
+        // What an owner may see is two ranges, of which no more than a page each is sorted.
+        let filter = Filter { state, order, visible_to: Some("lab".into()), ..Filter::default() };
+        let plan = plan_of(&store, &query::list_sql(&filter)).await;
+        for index in ["jobs_by_owner", "jobs_shared"] {
+            let walked = plan.iter().position(|step| step.contains(index)).unwrap();
+            assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
+        }
+    }
     let plan = plan_of(&store, lifecycle::next_in_queue!()).await;
     assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");
+}
+
+#[tokio::test]
+async fn an_owner_sees_his_own_jobs_and_those_that_are_shared() {
+    let (_folder, store) = fresh().await;
+    let take = async |owner: &str, extra: serde_json::Value| {
+        let by = Submitter { key: format!("key of {owner}"), owner: owner.into() };
+        let new = NewJob { request: request(&extra), warnings: Vec::new(), by, idempotency_key: None };
+        let Submitted::Created(job) = store.submit(new).await.unwrap() else { panic!("it exists") };
+        job
+    };
+    let mut mine = Vec::new();
+    for i in 0..4 {
+        mine.push(take("lab", json!({"name": format!("mine {i}")})).await.id);
+        take("field", json!({})).await;
+        if i % 2 == 0 {
+            mine.push(take("field", json!({"shared": true, "labels": {"a": "b"}})).await.id);
+        }
+    }
+    mine.reverse();
+    let seen = async |filter: Filter| {
+        let (mut after, mut found) = (None, Vec::new());
+        loop {
+            let page = store.list(&filter, after, 2).await.unwrap();
+            found.extend(page.jobs.iter().map(|job| job.id));
+            after = page.next_after;
+            if after.is_none() {
+                return found;
+            }
+        }
+    };
+    let of_lab = Filter { visible_to: Some("lab".into()), ..Filter::default() };
+    assert_eq!(seen(of_lab.clone()).await, mine);
+    assert_eq!(seen(Filter { state: Some(State::Queued), ..of_lab.clone() }).await, mine);
+    assert_eq!(seen(Filter { name: Some("mine".into()), ..of_lab.clone() }).await.len(), 4);
+    let label = vec![("a".to_owned(), "b".to_owned())];
+    assert_eq!(seen(Filter { labels: label.clone(), ..of_lab }).await.len(), 2);
+    let of_none = Filter { visible_to: Some("none".into()), ..Filter::default() };
+    assert_eq!(seen(of_none.clone()).await.len(), 2);
+    assert_eq!(seen(Filter { labels: label, ..of_none }).await.len(), 2);
+    assert_eq!(seen(Filter::default()).await.len(), 10);
+    let order = Order { key: SortKey::Priority, descending: false };
+    let by_priority = seen(Filter { visible_to: Some("lab".into()), order, ..Filter::default() }).await;
+    mine.reverse();
+    assert_eq!(by_priority, mine);
+}
+
+#[tokio::test]
+async fn jobs_and_studies_of_before_owners_belong_to_their_keys() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("packstone.sqlite");
+    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
+    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
+    migrations::migrations_to(9).run(&mut old).await.unwrap();
+    let (study, gone) = (StudyId::new(), StudyId::new());
+    for (id, jobs) in [(study, 1), (gone, 0)] {
+        sqlx::query(
+            "insert into studies (id, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
+                 created_at, updated_at)
+             values (?, '{}', 1, '[]', '[]', 1, 1, '{}', ?, 0, 0)",
+        )
+        .bind(id.to_string())
+        .bind(jobs)
+        .execute(&mut old)
+        .await
+        .unwrap();
+    }
+    let mut ids = Vec::new();
+    for (owner, study) in [("lab", Some(1)), ("", None)] {
+        let id = JobId::new();
+        sqlx::query(
+            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
+                 engine, owner, study, point, replicate)
+             values (?1, 'queued', '{}', 0, 1, 3, 3, 0, 0, '{}', ?2, ?3, ?3 - 1, ?3 - 1)",
+        )
+        .bind(id.to_string())
+        .bind(owner)
+        .bind(study)
+        .execute(&mut old)
+        .await
+        .unwrap();
+        ids.push(id);
+    }
+    old.close().await.unwrap();
+    let store = open(&folder, LIMITS).await;
+    let holder = |owner: &str| Some(Holder { owner: owner.into(), shared: false });
+    assert_eq!(store.holder_of_job(ids[0]).await.unwrap(), holder("lab"));
+    assert_eq!(store.holder_of_job(ids[1]).await.unwrap(), holder(""));
+    assert_eq!(store.holder_of_study(study).await.unwrap(), holder("lab"));
+    assert_eq!(store.holder_of_study(gone).await.unwrap(), holder(""));
+    assert_eq!(store.get(ids[0]).await.unwrap().unwrap().submitted_by, "lab");
+    assert_eq!(store.study(study).await.unwrap().unwrap().submitted_by, "lab");
 }
 
 pub(super) async fn plan_of(store: &Store, sql: &str) -> Vec<String> {

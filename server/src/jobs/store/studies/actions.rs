@@ -52,6 +52,50 @@ impl Store {
         .await
     }
 
+    /// Lets others read a study with its jobs, or no longer; without `shared` nothing changes but the version.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStudy`], [`StoreError::VersionDiffers`], or the database's.
+    pub(crate) async fn share_study(
+        &self,
+        study: impl Into<Target<StudyId>>,
+        shared: Option<bool>,
+    ) -> Result<StudyRecord, StoreError> {
+        let (store, target) = (self.clone(), study.into());
+        self.detached(async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            let before = query::by_id(&mut tx, target.id).await?;
+            target.check(before.version)?;
+            let now = now_us();
+            sqlx::query(
+                "update studies set shared = coalesce(?2, shared), version = version + 1, updated_at = ?3
+                 where seq = ?1",
+            )
+            .bind(before.seq)
+            .bind(shared)
+            .bind(now)
+            .execute(&mut *tx)
+            .await?;
+            let jobs = sqlx::query(
+                "update jobs set shared = ?2, version = version + 1, updated_at = ?3
+                 where study = ?1 and shared <> ?2 returning id",
+            )
+            .bind(before.seq)
+            .bind(shared)
+            .bind(now)
+            .fetch_all(&mut *tx)
+            .await?;
+            let study = query::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.notify_all(&ids(&jobs)?);
+            store.notify_study(target.id);
+            Ok(study)
+        })
+        .await
+    }
+
     /// Sends the jobs of a study in these states, failed or cancelled ones, back to the queue, with their
     /// attempts renewed. Returns the study, and the jobs with the attempts that come next.
     ///
