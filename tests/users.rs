@@ -274,3 +274,76 @@ async fn a_client_learns_what_its_key_may_do_and_old_lines_may_do_all() {
         assert_eq!(refused.code, Some(2), "{bad:?}: {refused:?}");
     }
 }
+
+#[tokio::test]
+async fn quotas_of_an_owner_are_refused_with_figures_and_bind_nobody_else() {
+    let keys = Keys::make(&[
+        (&["anna", "--role", "submit", "--owner", "lab", "--max-grains", "3000"], "max_queued=2"),
+        (&["emma", "--role", "submit", "--owner", "lab"], ""),
+        (&["carl", "--role", "submit"], "max_grains=none"),
+    ])
+    .await;
+    let data_dir = DataDir::new();
+    let args = ["--max-grains-per-key", "4000", "--max-queued-per-key", "50"];
+    let server = keys.launch(&data_dir).workers(0).args(&args).start().await;
+    let [anna, emma, carl] = ["anna", "emma", "carl"].map(|name| keys.client(&server, name));
+    let key = emma.get("/v1/key").send().await.expect(200).json();
+    let quotas = json!({"max_queued": 2, "max_running": null, "max_grains": 3000, "max_stored_bytes": null});
+    assert_eq!(key["quotas"], quotas, "an owner's, whichever key names them");
+    assert_eq!(key["used"], json!({"queued": 0, "running": 0, "stored_bytes": 0}));
+
+    // Grains of one packing.
+    for path in ["/v1/jobs", "/v1/plans"] {
+        let refused = anna.post(path).json(&jobs::equal_spheres(3500, 1)).send().await;
+        let problem = refused.expect_problem(422, "too-large");
+        assert!(detail(&problem).contains("3000"), "{problem}");
+        let accepted = carl.post(path).json(&jobs::equal_spheres(5000, 1)).send().await;
+        assert!(accepted.status.is_success());
+    }
+    let study = json!({"list": [jobs::equal_spheres(3500, 1)]});
+    anna.post("/v1/studies").json(&study).send().await.expect_problem(422, "too-large");
+
+    // Jobs that wait, of both keys of the owner together.
+    let first = anna.submit(&jobs::quick(1)).await;
+    emma.submit(&jobs::quick(2)).await;
+    for client in [&anna, &emma] {
+        let refused = client.post("/v1/jobs").json(&jobs::quick(3)).send().await;
+        assert!(refused.header("retry-after").parse::<u32>().unwrap() >= 1);
+        let problem = refused.expect_problem(429, "queue-full");
+        assert!(detail(&problem).contains("at most 2") && detail(&problem).contains("lab"), "{problem}");
+    }
+    let study = json!({"list": [jobs::quick(3), jobs::quick(4)]});
+    anna.post("/v1/studies").json(&study).send().await.expect_problem(429, "queue-full");
+    carl.submit_study(&study).await;
+    assert_eq!(emma.get("/v1/key").send().await.expect(200).json()["used"]["queued"], 2);
+    anna.post(&format!("/v1/jobs/{}/cancel", id_of(&first))).send().await.expect(200);
+    emma.submit(&jobs::quick(5)).await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn jobs_beyond_max_running_wait_and_others_run() {
+    let keys = Keys::make(&[
+        (&["anna", "--role", "submit", "--max-running", "1"], ""),
+        (&["carl", "--role", "submit"], ""),
+    ])
+    .await;
+    let data_dir = DataDir::new();
+    let server = keys.launch(&data_dir).workers(3).start().await;
+    let [anna, carl] = ["anna", "carl"].map(|name| keys.client(&server, name));
+    let first = anna.submit(&jobs::endless()).await;
+    anna.running(id_of(&first)).await;
+    let second = anna.submit(&jobs::endless()).await;
+    let others = carl.submit(&jobs::endless()).await;
+    carl.running(id_of(&others)).await;
+    carl.succeed(&jobs::quick(1)).await;
+    assert_eq!(anna.job(id_of(&second)).await["state"], "queued");
+    anna.post(&format!("/v1/jobs/{}/cancel", id_of(&first))).send().await.expect(202);
+    anna.running(id_of(&second)).await;
+    // A bound that is raised counts without a restart, and without another job that ends.
+    let third = anna.submit(&jobs::endless()).await;
+    let text = fs::read_to_string(&keys.file).unwrap().replace("max_running=1", "max_running=22");
+    fs::write(&keys.file, text).unwrap();
+    anna.running(id_of(&third)).await;
+    server.stop().await;
+}

@@ -14,7 +14,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
-use crate::accounts::{KeysError, KeysFile};
+use crate::accounts::{Accounts, KeysError, KeysFile};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
@@ -114,7 +114,8 @@ impl Service {
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
-        let store = Store::open(&database, limits).await?;
+        let accounts = Arc::new(Accounts::new(keys, options.quotas()));
+        let store = Store::open(&database, limits, Arc::clone(&accounts)).await?;
         let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
@@ -138,15 +139,11 @@ impl Service {
         let files = options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
         options.max_connections = descriptors::provide(options.max_connections, files)?;
         let connections = Arc::new(Semaphore::new(options.max_connections));
-        let storage = Storage::new(
-            store.clone(),
-            disk.clone(),
-            options.max_stored_bytes,
-            options.max_stored_bytes_per_key,
-        );
+        let storage =
+            Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
         let limits = options.limits();
         let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
-        let app = App::new(&options, &runner, keys, Arc::clone(&connections));
+        let app = App::new(&options, &runner, accounts, Arc::clone(&connections));
         Ok(Self { app, runner, listener, connections, options, reload: Arc::default(), _lock: lock })
     }
 

@@ -1,9 +1,11 @@
 //! The file of keys, read again when it has changed.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
+use super::quotas::QuotaWords;
 use super::{ApiKey, ApiKeys};
 
 /// The file of keys is looked at no more often than this.
@@ -34,6 +36,7 @@ impl ApiKeys {
         // Editors of some systems begin a file with a byte order mark.
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut keys: Vec<ApiKey> = Vec::new();
+        let mut quotas: BTreeMap<String, QuotaWords> = BTreeMap::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.trim();
             if line.is_empty() || line.starts_with('#') {
@@ -45,9 +48,13 @@ impl ApiKeys {
             if keys.iter().any(|known| known.caller.by.key == *name) {
                 return Err(faulty(format!("another key has the name {name:?}: must be a name of its own")));
             }
+            quotas.entry(key.caller.by.owner.clone()).or_default().merge(key.quotas).map_err(|quota| {
+                let owner = &key.caller.by.owner;
+                faulty(format!("a line above gives the owner {owner:?} another {quota}: must be the same"))
+            })?;
             keys.push(key);
         }
-        if keys.is_empty() { Err(KeysError::Empty(file.to_owned())) } else { Ok(Self(keys)) }
+        if keys.is_empty() { Err(KeysError::Empty(file.to_owned())) } else { Ok(Self { keys, quotas }) }
     }
 }
 
@@ -157,6 +164,31 @@ mod tests {
         assert!(!opens(&keys, &key) && opens(&keys, &other));
         write("");
         assert!(!opens(&keys, &key) && !opens(&keys, &other));
+    }
+
+    #[test]
+    fn quotas_belong_to_the_owner_and_fall_back_on_those_of_the_server() {
+        use super::super::{Accounts, Quotas};
+        let line = |name: &str, rest: &str| generate(name, &[rest.into()]).1 + "\n";
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("keys");
+        let text =
+            line("a", "owner=lab max_queued=5 max_running=none") + &line("b", "owner=lab max_grains=9");
+        std::fs::write(&path, text + &line("c", "max_queued=5")).unwrap();
+        let defaults = Quotas { queued: Some(7), running: Some(2), ..Quotas::default() };
+        let accounts = Accounts::new(Some(KeysFile::open(path).unwrap()), defaults);
+        let lab = Quotas { queued: Some(5), grains: Some(9), ..Quotas::default() };
+        assert_eq!(accounts.quotas("lab"), lab);
+        assert_eq!(accounts.quotas("c"), Quotas { queued: Some(5), ..defaults });
+        assert_eq!(accounts.quotas("gone"), defaults);
+        assert!(accounts.bounds_running() && !Accounts::default().bounds_running());
+        let twice = line("a", "owner=lab max_queued=5") + &line("b", "owner=lab max_queued=6");
+        assert!(matches!(read(&twice), Err(KeysError::BadLine(_, 2, _))));
+        for bad in
+            ["max_queued=", "max_queued=-1", "max_queued=1.5", "max_queued=1 max_queued=1", "max_bytes=1"]
+        {
+            assert!(matches!(read(&line("a", bad)), Err(KeysError::BadLine(_, 1, _))), "{bad}");
+        }
     }
 
     #[test]

@@ -1,7 +1,11 @@
-//! A line of the file of keys: `SHA256 NAME [role=ROLE] [owner=OWNER]`.
+//! A line of the file of keys: `SHA256 NAME [role=ROLE] [owner=OWNER] [QUOTA=N...]`.
 
+use super::quotas::QuotaWords;
 use super::{ApiKey, Caller, Role, Submitter, checked_name, checked_owner};
 use crate::hex;
+
+/// What a line may say besides digest and name.
+const OPTIONS: &str = "role=, owner=, max_queued=, max_running=, max_grains= and max_stored_bytes=";
 
 impl ApiKey {
     /// Reads a line. A word with an equals sign that is none of these is refused: a misspelt role must not leave the
@@ -17,6 +21,7 @@ impl ApiKey {
         let named = words.iter().position(|word| word.contains('=')).unwrap_or(words.len());
         let key = checked_name(&words[..named].join(" ")).map_err(|_| FORM)?;
         let (mut role, mut owner) = (None, None);
+        let mut quotas = QuotaWords::default();
         for word in &words[named..] {
             let Some((option, value)) = word.split_once('=') else {
                 return Err(format!(
@@ -29,14 +34,21 @@ impl ApiKey {
                     let read = checked_owner(value).map_err(|fault| format!("owner={value}: {fault}"))?;
                     owner.replace(read).is_some()
                 }
-                _ => return Err(format!("{word:?} is unknown: a key has role= and owner=")),
+                _ => match quotas.take(option, value) {
+                    Some(taken) => {
+                        taken?;
+                        false
+                    }
+                    None => return Err(format!("{word:?} is unknown: a key has {OPTIONS}")),
+                },
             };
             if given_twice {
                 return Err(format!("{option}= is given more than once"));
             }
         }
         let owner = owner.unwrap_or_else(|| key.clone());
-        Ok(Self { caller: Caller { by: Submitter { key, owner }, role: role.unwrap_or_default() }, sha256 })
+        let caller = Caller { by: Submitter { key, owner }, role: role.unwrap_or_default() };
+        Ok(Self { caller, quotas, sha256 })
     }
 }
 

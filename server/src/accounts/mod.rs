@@ -1,12 +1,15 @@
-//! Who uses the service: API keys with their owners and roles, as the file of keys names them.
+//! Who uses the service: API keys with their owners, roles and quotas, as the file of keys names them.
 //!
 //! The server knows only SHA-256 digests of keys, so that its configuration opens nothing. Keys are 256 random bits
 //! from the operating system, so that a digest without salt or stretching is enough.
 
 mod file;
 mod line;
+mod quotas;
 
+use std::collections::BTreeMap;
 use std::fmt;
+use std::sync::Arc;
 
 use clap::ValueEnum;
 use serde::Serialize;
@@ -17,6 +20,8 @@ use utoipa::ToSchema;
 use crate::hex;
 
 pub(crate) use file::{KeysError, KeysFile};
+use quotas::QuotaWords;
+pub(crate) use quotas::Quotas;
 
 const DIGEST_BYTES: usize = 32;
 
@@ -72,16 +77,21 @@ impl Caller {
 
 /// The keys that open this server.
 #[derive(Default)]
-pub(crate) struct ApiKeys(Vec<ApiKey>);
+pub(crate) struct ApiKeys {
+    keys: Vec<ApiKey>,
+    /// What the file says of quotas, by owner.
+    quotas: BTreeMap<String, QuotaWords>,
+}
 
 struct ApiKey {
     caller: Caller,
+    quotas: QuotaWords,
     sha256: [u8; DIGEST_BYTES],
 }
 
 impl fmt::Debug for ApiKeys {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_list().entries(self.0.iter().map(|key| &key.caller.by.key)).finish()
+        f.debug_list().entries(self.keys.iter().map(|key| &key.caller.by.key)).finish()
     }
 }
 
@@ -91,12 +101,44 @@ impl ApiKeys {
         let digest = Sha256::digest(key.as_bytes());
         // Every key is compared, so that the time tells nothing about which was met.
         let mut found = None;
-        for known in &self.0 {
+        for known in &self.keys {
             if bool::from(known.sha256.ct_eq(&digest)) {
                 found = Some(&known.caller);
             }
         }
         found
+    }
+}
+
+/// The users of a server and what they may take.
+#[derive(Debug, Default)]
+pub(crate) struct Accounts {
+    keys: Option<KeysFile>,
+    /// Quotas of an owner for whom the file of keys says nothing.
+    defaults: Quotas,
+}
+
+impl Accounts {
+    /// The users that a file of keys names; one user without a name where there is none.
+    pub(crate) fn new(keys: Option<KeysFile>, defaults: Quotas) -> Self {
+        Self { keys, defaults }
+    }
+
+    /// The keys as they are now; `None` where the server asks for none.
+    pub(crate) fn keys(&self) -> Option<Arc<ApiKeys>> {
+        self.keys.as_ref().map(KeysFile::current)
+    }
+
+    /// What the jobs of an owner may take.
+    pub(crate) fn quotas(&self, owner: &str) -> Quotas {
+        let words = self.keys().and_then(|keys| keys.quotas.get(owner).copied());
+        words.unwrap_or_default().over(self.defaults)
+    }
+
+    /// Whether the number of running jobs of any owner is bounded.
+    pub(crate) fn bounds_running(&self) -> bool {
+        self.defaults.running.is_some()
+            || self.keys().is_some_and(|keys| keys.quotas.values().any(QuotaWords::bounds_running))
     }
 }
 

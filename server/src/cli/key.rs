@@ -19,11 +19,30 @@ pub(super) struct Options {
     /// Whose jobs and studies the key is for; several keys may have one owner [default: the name of the key]
     #[arg(long, value_parser = checked_owner)]
     owner: Option<String>,
+    /// Most jobs of the owner that wait
+    #[arg(long, value_name = "JOBS")]
+    max_queued: Option<u64>,
+    /// Most jobs of the owner that run at once
+    #[arg(long, value_name = "JOBS")]
+    max_running: Option<u64>,
+    /// Most grains of one packing
+    #[arg(long, value_name = "GRAINS")]
+    max_grains: Option<u64>,
+    /// Most bytes of the owner's results and kept exports
+    #[arg(long, value_name = "BYTES")]
+    max_stored_bytes: Option<u64>,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let mut words = vec![format!("role={}", options.role.name())];
     words.extend(options.owner.iter().map(|owner| format!("owner={owner}")));
+    let quotas = [
+        ("max_queued", options.max_queued),
+        ("max_running", options.max_running),
+        ("max_grains", options.max_grains),
+        ("max_stored_bytes", options.max_stored_bytes),
+    ];
+    words.extend(quotas.iter().filter_map(|(name, bound)| Some(format!("{name}={}", (*bound)?))));
     let (key, line) = accounts::generate(&options.name, &words);
     eprintln!("The key, shown only now; clients send it as `Authorization: Bearer KEY`:");
     print(&format!("{key}\n"))?;

@@ -120,8 +120,8 @@ fn known_method(method: &axum::http::Method) -> &'static str {
 }
 
 fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Problem> {
-    match &app.shared.keys {
-        Some(keys) if !OPEN_ROUTES.contains(&route) => auth::caller(&keys.current(), headers),
+    match app.shared.accounts.keys() {
+        Some(keys) if !OPEN_ROUTES.contains(&route) => auth::caller(&keys, headers),
         _ => Ok(Caller::default()),
     }
 }

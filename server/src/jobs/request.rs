@@ -50,8 +50,8 @@ pub(crate) struct JobRequest {
     /// Seed of the random generator; drawn at submission and recorded when absent.
     #[schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     pub(crate) seed: u64,
-    /// Jobs of higher priority run first; among equals, studies and single jobs take turns, each in the order of its
-    /// jobs.
+    /// Of the jobs of one owner those of higher priority run first; among equals, studies and single jobs take turns,
+    /// each in the order of its jobs. Owners take turns whatever the priorities of their jobs are.
     #[schema(required = false, default = 0, minimum = -100, maximum = 100)]
     pub(crate) priority: i64,
     /// Longest time that one attempt may run; past it the job fails with `timed-out`.

@@ -203,7 +203,7 @@ class Client:
         return document(self._transport.request("GET", "/v1/capabilities"))
 
     def key(self) -> dict[str, Any]:
-        """Returns name, owner and role of the API key of this client."""
+        """Returns name, owner, role and quotas of the API key of this client, and what is used of the quotas."""
         return document(self._transport.request("GET", "/v1/key"))
 
     def _submitted(self, kind: type[S], path: str, body: Mapping[str, Any], key: str | None) -> S:

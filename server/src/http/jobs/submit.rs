@@ -54,7 +54,8 @@ pub(crate) async fn submit(
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { request, plan, body_sha256 } = read(&app, bytes, Proposal::None).await?;
+    let Submission { request, plan, body_sha256 } =
+        read(&app, bytes, app.limits_of(&caller), Proposal::None).await?;
     let by = caller.by;
     let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
     check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;

@@ -1,14 +1,17 @@
 //! What a client may do with its key.
 
 use axum::Extension;
+use axum::extract::State;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::accounts::{Caller, Role};
+use crate::accounts::{Caller, Quotas, Role};
+use crate::http::app::App;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::OpenProblems;
 use crate::http::response::named;
+use crate::jobs::store::Usage;
 use crate::problem::Problem;
 
 /// The API key of a request.
@@ -22,6 +25,21 @@ pub(crate) struct KeyInfo {
     owner: Option<String>,
     /// What the key may do; `admin` where the server asks for no key.
     role: Role,
+    /// What the jobs of the owner may take.
+    quotas: Quotas,
+    /// What the jobs of the owner take now.
+    used: KeyUsage,
+}
+
+/// What the jobs of an owner take.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct KeyUsage {
+    /// Jobs that wait.
+    queued: u64,
+    /// Jobs that run.
+    running: u64,
+    /// Bytes of results and kept exports.
+    stored_bytes: u64,
 }
 
 /// What the key of this request may do
@@ -30,9 +48,14 @@ pub(crate) struct KeyInfo {
     responses((status = 200, description = "The key", body = KeyInfo), OpenProblems)
 )]
 pub(crate) async fn get(
+    State(app): State<App>,
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
     let Caller { by, role } = caller;
-    Ok(axum::Json(KeyInfo { name: named(&by.key), owner: named(&by.owner), role }).into_response())
+    let quotas = app.shared.accounts.quotas(&by.owner);
+    let Usage { queued, running, stored_bytes } = app.shared.store.usage_of(&by.owner).await?;
+    let used = KeyUsage { queued, running, stored_bytes };
+    let key = KeyInfo { name: named(&by.key), owner: named(&by.owner), role, quotas, used };
+    Ok(axum::Json(key).into_response())
 }

@@ -67,7 +67,7 @@ pub(crate) async fn submit(
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { study, request, body_sha256 } = read(&app, bytes).await?;
+    let Submission { study, request, body_sha256 } = read(&app, bytes, app.limits_of(&caller)).await?;
     let by = caller.by;
     // The grains of each job are counted when it starts; then it waits where its result would not fit.
     check_room(&app, &by.owner, Storage::bytes_of_result(0.0) * study.jobs() as u64).await?;
@@ -104,8 +104,7 @@ struct Submission {
 
 /// Reads and expands a submission: off the threads that answer and few at a time, for a short request may
 /// stand for ten thousand jobs.
-async fn read(app: &App, bytes: Bytes) -> Result<Submission, Problem> {
-    let limits = app.shared.limits;
+async fn read(app: &App, bytes: Bytes, limits: Limits) -> Result<Submission, Problem> {
     read_apart(app, move |go_on| read_now(&bytes, &limits, go_on)).await
 }
 

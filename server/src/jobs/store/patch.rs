@@ -85,7 +85,9 @@ async fn set_priority(
         return Err(StoreError::Forbidden(job.state));
     }
     let flow = runs::flow_of(connection, job.seq).await?;
-    let turn = turns::assign_start_times(connection, flow, priority, 1).await?;
+    let turn =
+        turns::assign_start_times(connection, turns::Flow { owner: &job.owner, number: flow, priority }, 1)
+            .await?;
     sqlx::query("update jobs set priority = ?, turn = ? where seq = ?")
         .bind(priority)
         .bind(turn)

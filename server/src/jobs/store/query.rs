@@ -50,6 +50,17 @@ impl Holder {
     }
 }
 
+/// What the jobs of an owner take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Usage {
+    /// Jobs that wait.
+    pub(crate) queued: u64,
+    /// Jobs that run.
+    pub(crate) running: u64,
+    /// Bytes of results and kept exports.
+    pub(crate) stored_bytes: u64,
+}
+
 /// By what a listing is ordered. Jobs that are equal in it are in the order of their submission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum SortKey {
@@ -161,6 +172,25 @@ impl Store {
         jobs.truncate(limit as usize);
         let next_after = jobs.last().filter(|_| more).map(|job| filter.order.position(job));
         Ok(Page { jobs, next_after })
+    }
+
+    /// What the jobs of an owner take.
+    pub(crate) async fn usage_of(&self, owner: &str) -> Result<Usage, StoreError> {
+        let row = sqlx::query("select queued, running from queue_owners where owner = ?")
+            .bind(owner)
+            .fetch_optional(self.readers())
+            .await?;
+        let count = |column| -> Result<u64, StoreError> {
+            let count = row.as_ref().map(|row| row.try_get::<i64, _>(column)).transpose()?;
+            Ok(count.unwrap_or(0) as u64)
+        };
+        let stored: i64 = sqlx::query_scalar(
+            "select coalesce(sum(bytes), 0) from stored_bytes where owner = ? and kind <> 'cache'",
+        )
+        .bind(owner)
+        .fetch_one(self.readers())
+        .await?;
+        Ok(Usage { queued: count("queued")?, running: count("running")?, stored_bytes: stored as u64 })
     }
 
     /// How long the job that was accepted first has waited, of those that wait.

@@ -6,7 +6,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::*;
-use crate::accounts::Submitter;
+use crate::accounts::{Quotas, Submitter};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::studies::Facts;
@@ -14,7 +14,12 @@ use crate::studies::Facts;
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
 
 pub(super) async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
-    Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap()
+    with_quotas(folder, limits, Quotas::default()).await
+}
+
+async fn with_quotas(folder: &TempDir, limits: StoreLimits, quotas: Quotas) -> Store {
+    let accounts = Arc::new(Accounts::new(None, quotas));
+    Store::open(&folder.path().join("packstone.sqlite"), limits, accounts).await.unwrap()
 }
 
 pub(super) async fn fresh() -> (TempDir, Store) {
@@ -41,6 +46,19 @@ pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord
     };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,
+        Submitted::Existing(_) => panic!("a job without a key exists already"),
+    }
+}
+
+pub(super) async fn submit_as(
+    store: &Store,
+    owner: &str,
+    extra: serde_json::Value,
+) -> Result<JobRecord, StoreError> {
+    let by = Submitter { key: format!("key of {owner}"), owner: owner.into() };
+    let new = NewJob { request: request(&extra), warnings: Vec::new(), by, idempotency_key: None };
+    match store.submit(new).await? {
+        Submitted::Created(job) => Ok(job),
         Submitted::Existing(_) => panic!("a job without a key exists already"),
     }
 }
@@ -386,18 +404,21 @@ async fn every_listing_and_claim_uses_an_index() {
         }
     }
     let plan = plan_of(&store, lifecycle::next_in_queue!()).await;
-    assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");
+    let walked = plan.iter().position(|step| step.contains("jobs_queue")).unwrap();
+    assert!(plan[walked].contains("SEARCH") && plan[walked].contains("owner=?"), "{plan:?}");
+    // Only the owners' first jobs are sorted, and no row of the jobs is scanned.
+    assert!(plan.iter().filter(|step| step.contains("TEMP B-TREE")).count() == 1, "{plan:?}");
+    assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
+    assert!(
+        plan.iter().all(|step| !step.starts_with("SCAN head") && !step.starts_with("SCAN jobs")),
+        "{plan:?}"
+    );
 }
 
 #[tokio::test]
 async fn an_owner_sees_his_own_jobs_and_those_that_are_shared() {
     let (_folder, store) = fresh().await;
-    let take = async |owner: &str, extra: serde_json::Value| {
-        let by = Submitter { key: format!("key of {owner}"), owner: owner.into() };
-        let new = NewJob { request: request(&extra), warnings: Vec::new(), by, idempotency_key: None };
-        let Submitted::Created(job) = store.submit(new).await.unwrap() else { panic!("it exists") };
-        job
-    };
+    let take = async |owner: &str, extra: serde_json::Value| submit_as(&store, owner, extra).await.unwrap();
     let mut mine = Vec::new();
     for i in 0..4 {
         mine.push(take("lab", json!({"name": format!("mine {i}")})).await.id);
@@ -432,6 +453,135 @@ async fn an_owner_sees_his_own_jobs_and_those_that_are_shared() {
     let by_priority = seen(Filter { visible_to: Some("lab".into()), order, ..Filter::default() }).await;
     mine.reverse();
     assert_eq!(by_priority, mine);
+}
+
+/// The owners of the jobs that start next, one letter each.
+async fn starts(store: &Store, jobs: usize) -> String {
+    let mut owners = String::new();
+    for _ in 0..jobs {
+        owners += &store.claim().await.unwrap().map_or("-".into(), |claimed| claimed.job.owner);
+    }
+    owners
+}
+
+#[tokio::test]
+async fn owners_take_turns_whatever_each_has_in_the_queue() {
+    let (_folder, store) = fresh().await;
+    for _ in 0..10 {
+        submit_as(&store, "a", json!({"priority": 100})).await.unwrap();
+    }
+    assert_eq!(starts(&store, 3).await, "aaa");
+    // Who comes later starts next, and then every other job is his, at whatever priority.
+    for priority in [-100, 0, 5] {
+        submit_as(&store, "b", json!({"priority": priority})).await.unwrap();
+    }
+    let before = store.claim().await.unwrap().unwrap().job;
+    assert_eq!(
+        (before.owner.as_str(), before.priority),
+        ("b", 5),
+        "of one owner the highest priority comes first"
+    );
+    assert_eq!(starts(&store, 4).await, "abab");
+    // Who had nothing in the queue has saved no turns up.
+    assert_eq!(starts(&store, 2).await, "aa");
+    for owner in ["b", "c", "b", "c", "b", "c"] {
+        submit_as(&store, owner, json!({})).await.unwrap();
+    }
+    assert_eq!(starts(&store, 8).await, "bcabcabc");
+    assert_eq!(starts(&store, 2).await, "a-");
+}
+
+#[tokio::test]
+async fn an_owner_at_his_bound_holds_up_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = with_quotas(&folder, LIMITS, Quotas { running: Some(2), ..Quotas::default() }).await;
+    for owner in ["a", "a", "a", "a", "b"] {
+        submit_as(&store, owner, json!({})).await.unwrap();
+    }
+    let first = store.claim().await.unwrap().unwrap();
+    assert_eq!(starts(&store, 3).await, "ba-");
+    assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 2, running: 2, stored_bytes: 0 });
+    // A worker that waits is told, whichever way a job ends.
+    store.queue_notified().await;
+    for _ in 0..5 {
+        submit_as(&store, "b", json!({})).await.unwrap();
+    }
+    assert_eq!(starts(&store, 2).await, "b-");
+    succeed(&store, first.lease).await;
+    assert_eq!(starts(&store, 2).await, "a-");
+    assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 1, running: 2, stored_bytes: 10 });
+    assert_eq!(store.usage_of("none").await.unwrap(), Usage { queued: 0, running: 0, stored_bytes: 0 });
+}
+
+#[tokio::test]
+async fn the_share_of_an_owner_in_the_queue_is_bounded() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = with_quotas(&folder, LIMITS, Quotas { queued: Some(2), ..Quotas::default() }).await;
+    let first = submit_as(&store, "a", json!({})).await.unwrap();
+    submit_as(&store, "a", json!({})).await.unwrap();
+    let refused = submit_as(&store, "a", json!({})).await.unwrap_err();
+    let StoreError::OwnerQueueFull { owner, queued, more, most } = refused else { panic!("{refused}") };
+    assert_eq!((owner.as_str(), queued, more, most), ("a", 2, 1, 2));
+    submit_as(&store, "b", json!({})).await.unwrap();
+    store.cancel(first.id).await.unwrap();
+    submit_as(&store, "a", json!({})).await.unwrap();
+    assert!(matches!(store.retry(first.id, None).await, Err(StoreError::OwnerQueueFull { .. })));
+    assert_eq!(store.get(first.id).await.unwrap().unwrap().state, State::Cancelled, "nothing was changed");
+    // What starts makes room.
+    store.claim().await.unwrap().unwrap();
+    store.claim().await.unwrap().unwrap();
+    store.retry(first.id, None).await.unwrap();
+}
+
+#[tokio::test]
+async fn what_waits_keeps_its_order_when_owners_come() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("packstone.sqlite");
+    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
+    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
+    migrations::migrations_to(10).run(&mut old).await.unwrap();
+    let mut ids = Vec::new();
+    for (turn, owner, state) in [
+        (5, "a", "queued"),
+        (4, "a", "running"),
+        (7, "a", "queued"),
+        (6, "b", "queued"),
+        (3, "b", "succeeded"),
+    ] {
+        let id = JobId::new();
+        sqlx::query(
+            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
+                 engine, owner, turn)
+             values (?, ?, '{}', 0, 1, 3, 3, 0, 0, '{}', ?, ?)",
+        )
+        .bind(id.to_string())
+        .bind(state)
+        .bind(owner)
+        .bind(turn)
+        .execute(&mut old)
+        .await
+        .unwrap();
+        sqlx::query("insert into job_requests (job, body) values (last_insert_rowid(), '{}')")
+            .execute(&mut old)
+            .await
+            .unwrap();
+        ids.push(id);
+    }
+    sqlx::query("insert into queue_times (priority, turn) values (0, 4)").execute(&mut old).await.unwrap();
+    sqlx::query("insert into queue_flows (flow, priority, last_turn) values (0, 0, 7)")
+        .execute(&mut old)
+        .await
+        .unwrap();
+    old.close().await.unwrap();
+    let store = open(&folder, LIMITS).await;
+    assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 2, running: 1, stored_bytes: 0 });
+    assert_eq!(store.usage_of("b").await.unwrap(), Usage { queued: 1, running: 0, stored_bytes: 0 });
+    let late = submit_as(&store, "a", json!({})).await.unwrap().id;
+    let mut started = Vec::new();
+    while let Some(claimed) = store.claim().await.unwrap() {
+        started.push(claimed.lease.id);
+    }
+    assert_eq!(started, [ids[0], ids[3], ids[2], late]);
 }
 
 #[tokio::test]

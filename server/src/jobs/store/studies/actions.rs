@@ -116,7 +116,7 @@ impl Store {
             let seq = before.seq;
             let mut retried = Vec::new();
             for state in states.into_iter().filter(|state| state.may_retry()) {
-                retried.extend(store.retry_all(&mut tx, seq, state).await?);
+                retried.extend(store.retry_all(&mut tx, &before, state).await?);
             }
             let study = query::by_seq(&mut tx, seq).await?;
             tx.commit().await?;
@@ -134,9 +134,10 @@ impl Store {
     async fn retry_all(
         &self,
         connection: &mut SqliteConnection,
-        study: i64,
+        study: &StudyRecord,
         state: State,
     ) -> Result<Vec<(JobId, i64)>, StoreError> {
+        let (study, owner) = (study.seq, &study.owner);
         let waiting = sqlx::query(
             "select priority, count(*) as jobs from jobs where study = ? and state = ? group by priority",
         )
@@ -147,8 +148,10 @@ impl Store {
         let mut retried = Vec::new();
         for row in waiting {
             let (priority, jobs): (i64, i64) = (row.try_get("priority")?, row.try_get("jobs")?);
-            self.check_queue(connection, jobs as u64).await?;
-            let turn = turns::assign_start_times(connection, study, priority, jobs).await?;
+            self.check_queue(connection, owner, jobs as u64).await?;
+            let turn =
+                turns::assign_start_times(connection, turns::Flow { owner, number: study, priority }, jobs)
+                    .await?;
             let rows = sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,

@@ -52,7 +52,7 @@ impl Store {
     /// Takes a study in with all its jobs; they are safe on disk when this returns.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
+    /// [`StoreError::QueueFull`], [`StoreError::OwnerQueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
     pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -73,11 +73,11 @@ impl Store {
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(SubmittedStudy::Existing(existing));
         }
-        self.check_queue(&mut tx, jobs).await?;
+        self.check_queue(&mut tx, &new.by.owner, jobs).await?;
         let now = now_us();
         let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
-        let rows = rows_of(&mut tx, study, &new.study).await?;
+        let rows = rows_of(&mut tx, study, new).await?;
         insert_jobs(&mut tx, study, &rows, new, now).await?;
         insert_bodies(&mut tx, &new.study, &rows).await?;
         insert_labels(&mut tx, &rows).await?;
@@ -184,8 +184,9 @@ async fn insert_points(connection: &mut SqliteConnection, study: i64, of: &Study
 async fn rows_of<'a>(
     connection: &mut SqliteConnection,
     study: i64,
-    of: &'a Study,
+    new: &'a NewStudy,
 ) -> Result<Vec<Row<'a>>, StoreError> {
+    let of = &new.study;
     let last: Option<i64> = sqlx::query_scalar("select seq from sqlite_sequence where name = 'jobs'")
         .fetch_optional(&mut *connection)
         .await?;
@@ -195,7 +196,8 @@ async fn rows_of<'a>(
     }
     let mut next_turn = BTreeMap::new();
     for (priority, jobs) in jobs_of {
-        next_turn.insert(priority, turns::assign_start_times(connection, study, priority, jobs).await?);
+        let flow = turns::Flow { owner: &new.by.owner, number: study, priority };
+        next_turn.insert(priority, turns::assign_start_times(connection, flow, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
         let Point { job, seeds, warnings, .. } = &of.points[point];
