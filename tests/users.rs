@@ -347,3 +347,40 @@ async fn jobs_beyond_max_running_wait_and_others_run() {
     anna.running(id_of(&third)).await;
     server.stop().await;
 }
+
+#[tokio::test]
+async fn a_key_that_sends_too_many_requests_waits_and_no_other_does() {
+    let keys = Keys::make(&[
+        (&["anna", "--role", "submit"], ""),
+        (&["carl", "--role", "submit"], ""),
+        (&["root"], "max_requests_per_second=none"),
+    ])
+    .await;
+    let data_dir = DataDir::new();
+    // So slow that the time that the test takes brings no further request.
+    let args = ["--max-requests-per-second-per-key", "0.001", "--request-burst-per-key", "3"];
+    let server = keys.launch(&data_dir).args(&args).start().await;
+    let [anna, carl, root] = ["anna", "carl", "root"].map(|name| keys.client(&server, name));
+    let key = anna.get("/v1/key").send().await.expect(200).json();
+    assert_eq!((&key["max_requests_per_second"], &key["request_burst"]), (&json!(0.001), &json!(3)));
+    anna.get("/v1/nowhere").send().await.expect_problem(404, "not-found");
+    anna.post("/v1/jobs").json(&jobs::quick(1)).send().await.expect(201);
+    for path in ["/v1/jobs", "/v1/key", "/metrics"] {
+        let refused = anna.get(path).send().await;
+        let seconds: u64 = refused.header("retry-after").parse().unwrap();
+        assert!((900..=1000).contains(&seconds), "{seconds}");
+        let problem = refused.expect_problem(429, "too-many-requests");
+        assert!(detail(&problem).contains("0.001") && detail(&problem).contains("anna"), "{problem}");
+    }
+    anna.post("/v1/jobs").json(&jobs::quick(2)).send().await.expect_problem(429, "too-many-requests");
+    for _ in 0..20 {
+        anna.get("/healthz").send().await.expect(200);
+        anna.get("/readyz").send().await.expect(200);
+        root.get("/v1/key").send().await.expect(200);
+    }
+    carl.get("/v1/jobs").send().await.expect(200);
+    let metrics = root.get("/metrics").send().await.expect(200).body.clone();
+    let text = String::from_utf8(metrics.to_vec()).unwrap();
+    assert!(text.lines().any(|line| line == "packstone_http_requests_over_rate_total 4"), "{text}");
+    server.stop().await;
+}

@@ -9,7 +9,7 @@ use clap::builder::{BoolishValueParser, Resettable};
 use clap::{Args, Command};
 use packstone_engine::Limits;
 
-use crate::accounts::Quotas;
+use crate::accounts::{Quotas, read_rate};
 use crate::memory;
 use crate::telemetry::LogFormat;
 
@@ -102,6 +102,12 @@ pub(crate) struct ServeOptions {
     /// Most grains of one packing of an owner of API keys [default: no bound but --max-grains]
     #[arg(long, env = "PACKSTONE_MAX_GRAINS_PER_KEY")]
     pub(crate) max_grains_per_key: Option<u64>,
+    /// Most requests of one API key in a second, on average; without keys those of all clients [default: no bound]
+    #[arg(long, env = "PACKSTONE_MAX_REQUESTS_PER_SECOND_PER_KEY", value_parser = read_rate)]
+    pub(crate) max_requests_per_second_per_key: Option<f64>,
+    /// Most requests of one API key at once, where their rate is bounded [default: those of two seconds, at least 10]
+    #[arg(long, env = "PACKSTONE_REQUEST_BURST_PER_KEY", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) request_burst_per_key: Option<u32>,
     /// Start although results lie in the data directory that the database does not know, and move them to its folder
     /// `quarantine`
     #[arg(long, env = "PACKSTONE_ADOPT_ORPHANS", value_parser = BoolishValueParser::new())]

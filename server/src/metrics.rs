@@ -23,6 +23,7 @@ pub(crate) struct Metrics {
     submitted: AtomicU64,
     studies_submitted: AtomicU64,
     sweeps: AtomicU64,
+    over_rate: AtomicU64,
     failed_sweeps: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
@@ -91,6 +92,11 @@ impl Metrics {
     pub(crate) fn swept(&self, succeeded: bool) {
         let counter = if succeeded { &self.sweeps } else { &self.failed_sweeps };
         counter.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A request was refused because its key sent too many.
+    pub(crate) fn request_over_rate(&self) {
+        self.over_rate.fetch_add(1, Ordering::Relaxed);
     }
 
     /// A job was accepted.
@@ -199,6 +205,9 @@ impl Metrics {
                 out.line("packstone_http_requests_total", &labels, count);
             }
         }
+        let name = "packstone_http_requests_over_rate_total";
+        out.head(name, "counter", "Requests refused because their API key sent too many.");
+        out.line(name, "", self.over_rate.load(Ordering::Relaxed));
         let name = "packstone_http_request_duration_seconds";
         out.head(name, "histogram", "Time until the head of the answer was ready.");
         for ((route, method), of_route) in requests.iter() {

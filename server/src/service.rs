@@ -114,7 +114,10 @@ impl Service {
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
-        let accounts = Arc::new(Accounts::new(keys, options.quotas()));
+        let accounts = Arc::new(
+            Accounts::new(keys, options.quotas())
+                .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
+        );
         let store = Store::open(&database, limits, Arc::clone(&accounts)).await?;
         let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
         if !options.adopt_orphans {

@@ -1,11 +1,12 @@
-//! A line of the file of keys: `SHA256 NAME [role=ROLE] [owner=OWNER] [QUOTA=N...]`.
+//! A line of the file of keys: `SHA256 NAME [role=ROLE] [owner=OWNER] [max_requests_per_second=N] [QUOTA=N...]`.
 
-use super::quotas::QuotaWords;
-use super::{ApiKey, Caller, Role, Submitter, checked_name, checked_owner};
+use super::quotas::{NONE, QuotaWords, Word};
+use super::{ApiKey, Caller, Role, Submitter, checked_name, checked_owner, read_rate};
 use crate::hex;
 
 /// What a line may say besides digest and name.
-const OPTIONS: &str = "role=, owner=, max_queued=, max_running=, max_grains= and max_stored_bytes=";
+const OPTIONS: &str = "role=, owner=, max_queued=, max_running=, max_grains=, max_stored_bytes= and \
+                       max_requests_per_second=";
 
 impl ApiKey {
     /// Reads a line. A word with an equals sign that is none of these is refused: a misspelt role must not leave the
@@ -20,7 +21,7 @@ impl ApiKey {
         let words: Vec<&str> = rest.split_whitespace().collect();
         let named = words.iter().position(|word| word.contains('=')).unwrap_or(words.len());
         let key = checked_name(&words[..named].join(" ")).map_err(|_| FORM)?;
-        let (mut role, mut owner) = (None, None);
+        let (mut role, mut owner, mut rate) = (None, None, Word::Absent);
         let mut quotas = QuotaWords::default();
         for word in &words[named..] {
             let Some((option, value)) = word.split_once('=') else {
@@ -33,6 +34,11 @@ impl ApiKey {
                 "owner" => {
                     let read = checked_owner(value).map_err(|fault| format!("owner={value}: {fault}"))?;
                     owner.replace(read).is_some()
+                }
+                "max_requests_per_second" => {
+                    let read = Word::read(value, read_rate);
+                    let read = read.map_err(|fault| format!("{word}: {fault}, or {NONE}"))?;
+                    std::mem::replace(&mut rate, read) != Word::Absent
                 }
                 _ => match quotas.take(option, value) {
                     Some(taken) => {
@@ -47,7 +53,11 @@ impl ApiKey {
             }
         }
         let owner = owner.unwrap_or_else(|| key.clone());
-        let caller = Caller { by: Submitter { key, owner }, role: role.unwrap_or_default() };
+        let caller = Caller {
+            by: Submitter { key, owner },
+            role: role.unwrap_or_default(),
+            requests_per_second: rate,
+        };
         Ok(Self { caller, quotas, sha256 })
     }
 }
@@ -71,6 +81,7 @@ mod tests {
         let caller = |key: &str, owner: &str, role| Caller {
             by: Submitter { key: key.into(), owner: owner.into() },
             role,
+            requests_per_second: Word::Absent,
         };
         for (line, expected) in [
             ("lab", caller("lab", "lab", Role::Admin)),
@@ -80,6 +91,17 @@ mod tests {
             ("the lab owner=lab", caller("the lab", "lab", Role::Admin)),
         ] {
             assert_eq!(read(line), Ok(expected), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_line_may_bound_the_requests_in_a_second() {
+        let rate = |rest: &str| read(rest).map(|caller| caller.requests_per_second);
+        assert_eq!(rate("lab"), Ok(Word::Absent));
+        assert_eq!(rate("lab max_requests_per_second=0.5"), Ok(Word::Bound(0.5)));
+        assert_eq!(rate("lab max_requests_per_second=none"), Ok(Word::Unbounded));
+        for bad in ["0", "-1", "inf", "NaN", "", "2 max_requests_per_second=2"] {
+            assert!(rate(&format!("lab max_requests_per_second={bad}")).is_err(), "{bad}");
         }
     }
 

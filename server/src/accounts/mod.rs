@@ -6,10 +6,12 @@
 mod file;
 mod line;
 mod quotas;
+mod rate;
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use serde::Serialize;
@@ -20,8 +22,10 @@ use utoipa::ToSchema;
 use crate::hex;
 
 pub(crate) use file::{KeysError, KeysFile};
-use quotas::QuotaWords;
 pub(crate) use quotas::Quotas;
+use quotas::{QuotaWords, Word};
+use rate::Admitted;
+pub(crate) use rate::Rate;
 
 const DIGEST_BYTES: usize = 32;
 
@@ -61,10 +65,12 @@ pub(crate) struct Submitter {
 }
 
 /// The user behind a request. Where the server asks for no key, there is one user, without a name, who may do all.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Caller {
     pub(crate) by: Submitter,
     pub(crate) role: Role,
+    /// What the file of keys says of the requests in a second.
+    requests_per_second: Word<f64>,
 }
 
 impl Caller {
@@ -116,12 +122,37 @@ pub(crate) struct Accounts {
     keys: Option<KeysFile>,
     /// Quotas of an owner for whom the file of keys says nothing.
     defaults: Quotas,
+    /// Requests in a second of a key for which the file of keys says nothing.
+    requests_per_second: Option<f64>,
+    /// Requests of a key at once.
+    burst: Option<u32>,
+    admitted: Admitted,
 }
 
 impl Accounts {
     /// The users that a file of keys names; one user without a name where there is none.
     pub(crate) fn new(keys: Option<KeysFile>, defaults: Quotas) -> Self {
-        Self { keys, defaults }
+        Self { keys, defaults, ..Self::default() }
+    }
+
+    /// Bounds the requests of each key; without a bound where `per_second` is `None`.
+    pub(crate) fn with_rate(self, per_second: Option<f64>, burst: Option<u32>) -> Self {
+        Self { requests_per_second: per_second, burst, ..self }
+    }
+
+    /// How many requests a caller may send; `None` where there is no bound.
+    pub(crate) fn rate_of(&self, caller: &Caller) -> Option<Rate> {
+        let per_second = caller.requests_per_second.over(self.requests_per_second)?;
+        Some(Rate::new(per_second, self.burst))
+    }
+
+    /// Admits a request of a caller.
+    ///
+    /// # Errors
+    /// The rate that the caller exceeds, and the time after which the next request will be admitted.
+    pub(crate) fn admit(&self, caller: &Caller) -> Result<(), (Rate, Duration)> {
+        let Some(rate) = self.rate_of(caller) else { return Ok(()) };
+        self.admitted.admit(&caller.by.key, rate, Instant::now()).map_err(|wait| (rate, wait))
     }
 
     /// The keys as they are now; `None` where the server asks for none.
@@ -152,6 +183,17 @@ pub(crate) fn generate(name: &str, words: &[String]) -> (String, String) {
         line.push_str(word);
     }
     (key, line)
+}
+
+/// Reads a number of requests in a second.
+///
+/// # Errors
+/// What is wrong, in one sentence.
+pub(crate) fn read_rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if (0.001..=1e6).contains(&rate) => Ok(rate),
+        _ => Err("must be a number from 0.001 to 1000000".into()),
+    }
 }
 
 /// Checks the name of a key: words without an equals sign, by which the file tells them from the rest of a line.

@@ -4,7 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 /// Stands for no bound in the file of keys, where another bound would hold by default.
-const NONE: &str = "none";
+pub(super) const NONE: &str = "none";
 
 /// What the file of keys says of a bound.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

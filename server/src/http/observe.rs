@@ -17,7 +17,7 @@ use futures_util::FutureExt as _;
 use tracing::Instrument as _;
 use uuid::Uuid;
 
-use crate::accounts::Caller;
+use crate::accounts::{Caller, Rate};
 use crate::http::app::App;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
 use crate::http::{access, auth, hosts};
@@ -52,6 +52,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
             known?;
             let caller = authorize(&app, &route, request.headers())?;
             key.clone_from(&caller.by.key);
+            admit(&app, &route, &caller)?;
             access::check(&app, &caller, &route, &mut request).await?;
             Ok::<_, Problem>(caller)
         };
@@ -124,6 +125,24 @@ fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Prob
         Some(keys) if !OPEN_ROUTES.contains(&route) => auth::caller(&keys, headers),
         _ => Ok(Caller::default()),
     }
+}
+
+/// Refuses a caller who sends too many requests. Probes are not counted.
+fn admit(app: &App, route: &str, caller: &Caller) -> Result<(), Problem> {
+    if OPEN_ROUTES.contains(&route) {
+        return Ok(());
+    }
+    app.shared.accounts.admit(caller).map_err(|(rate, wait)| {
+        app.shared.metrics.request_over_rate();
+        let who = match caller.by.key.as_str() {
+            "" => "all clients together".to_owned(),
+            key => format!("the API key {key:?}"),
+        };
+        let Rate { per_second, burst } = rate;
+        let detail = format!("{who} may send {per_second} requests a second on average, and {burst} at once");
+        let seconds = wait.as_secs_f64().ceil().max(1.0);
+        Problem::new(Kind::TooManyRequests, detail).with_header("retry-after", format!("{seconds:.0}"))
+    })
 }
 
 /// The client's id of the request where it is fit for a log line, else a fresh one.

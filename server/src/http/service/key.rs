@@ -25,6 +25,12 @@ pub(crate) struct KeyInfo {
     owner: Option<String>,
     /// What the key may do; `admin` where the server asks for no key.
     role: Role,
+    /// Most requests of the key in a second, on average; `null` where there is no bound.
+    #[schema(required)]
+    max_requests_per_second: Option<f64>,
+    /// Most requests of the key at once; `null` where there is no bound.
+    #[schema(required)]
+    request_burst: Option<u32>,
     /// What the jobs of the owner may take.
     quotas: Quotas,
     /// What the jobs of the owner take now.
@@ -52,10 +58,19 @@ pub(crate) async fn get(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
-    let Caller { by, role } = caller;
+    let rate = app.shared.accounts.rate_of(&caller);
+    let Caller { by, role, .. } = caller;
     let quotas = app.shared.accounts.quotas(&by.owner);
     let Usage { queued, running, stored_bytes } = app.shared.store.usage_of(&by.owner).await?;
     let used = KeyUsage { queued, running, stored_bytes };
-    let key = KeyInfo { name: named(&by.key), owner: named(&by.owner), role, quotas, used };
+    let key = KeyInfo {
+        name: named(&by.key),
+        owner: named(&by.owner),
+        role,
+        max_requests_per_second: rate.map(|rate| rate.per_second),
+        request_burst: rate.map(|rate| rate.burst),
+        quotas,
+        used,
+    };
     Ok(axum::Json(key).into_response())
 }
