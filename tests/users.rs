@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use reqwest::Method;
 use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Launch, Reply, Server, id_of, jobs, packstone};
+use crate::harness::{Client, DataDir, Launch, Reply, Server, id_of, jobs, packstone, run};
 use crate::published_contract::operations;
 
 /// A file of keys, and the keys by name.
@@ -354,6 +354,7 @@ async fn a_key_that_sends_too_many_requests_waits_and_no_other_does() {
         (&["anna", "--role", "submit"], ""),
         (&["carl", "--role", "submit"], ""),
         (&["root"], "max_requests_per_second=none"),
+        (&["emma", "--max-requests-per-second", "2.5"], ""),
     ])
     .await;
     let data_dir = DataDir::new();
@@ -363,6 +364,8 @@ async fn a_key_that_sends_too_many_requests_waits_and_no_other_does() {
     let [anna, carl, root] = ["anna", "carl", "root"].map(|name| keys.client(&server, name));
     let key = anna.get("/v1/key").send().await.expect(200).json();
     assert_eq!((&key["max_requests_per_second"], &key["request_burst"]), (&json!(0.001), &json!(3)));
+    let emma = keys.client(&server, "emma").get("/v1/key").send().await.expect(200).json();
+    assert_eq!((&emma["max_requests_per_second"], &emma["request_burst"]), (&json!(2.5), &json!(3)));
     anna.get("/v1/nowhere").send().await.expect_problem(404, "not-found");
     anna.post("/v1/jobs").json(&jobs::quick(1)).send().await.expect(201);
     for path in ["/v1/jobs", "/v1/key", "/metrics"] {
@@ -383,4 +386,98 @@ async fn a_key_that_sends_too_many_requests_waits_and_no_other_does() {
     let text = String::from_utf8(metrics.to_vec()).unwrap();
     assert!(text.lines().any(|line| line == "packstone_http_requests_over_rate_total 4"), "{text}");
     server.stop().await;
+}
+
+fn audit_lines(file: &std::path::Path) -> Vec<Value> {
+    let text = fs::read_to_string(file).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// Each operation of the published document that changes something is told under its own name.
+#[tokio::test]
+async fn the_audit_log_tells_of_every_request_that_changes_something() {
+    let keys = laboratory().await;
+    let data_dir = DataDir::new();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("audit.jsonl");
+    let server = keys.launch(&data_dir).args(&["--audit-log", file.to_str().unwrap()]).start().await;
+    let [root, anna, bert, carl] = ["root", "anna", "bert", "carl"].map(|name| keys.client(&server, name));
+    let job = anna.succeed(&jobs::quick(1)).await;
+    let study = anna.submit_study(&json!({"list": [jobs::quick(2)]})).await;
+    let study = anna.study_finished(id_of(&study)).await;
+    let mut expected =
+        vec![json!(["submit_job", id_of(&job), 201]), json!(["submit_study", id_of(&study), 201])];
+    let told = |file: &std::path::Path| {
+        let line = |line: &Value| json!([line["action"], line["id"], line["status"]]);
+        audit_lines(file).iter().map(line).collect::<Vec<_>>()
+    };
+    assert_eq!(told(&file), expected);
+    let first = &audit_lines(&file)[0];
+    assert_eq!(
+        (&first["key"], &first["owner"], &first["address"]),
+        (&json!("anna"), &json!("lab"), &json!("127.0.0.1"))
+    );
+    assert!(first["time"].as_str().unwrap().ends_with('Z') && first["path"] == "/v1/jobs", "{first}");
+    for (name, operation) in operations() {
+        let (method, template) = name.split_once(' ').unwrap();
+        if method == "get" || template == "/v1/plans" {
+            // What reads is not told.
+            root.get("/v1/jobs").send().await.expect(200);
+            continue;
+        }
+        let id = if template.starts_with("/v1/studies") { id_of(&study) } else { id_of(&job) };
+        let target = template.replace("{id}", id).replace("{type}", "slice");
+        for (client, status) in [(&bert, 403), (&carl, 404)] {
+            // Carl may submit; his empty document is refused.
+            let status = if status == 404 && !template.contains("{id}") { 422 } else { status };
+            send(client, method, &target).send().await.expect(status);
+            let id = if template.contains("{id}") { json!(id) } else { Value::Null };
+            expected.push(json!([operation["operationId"], id, status]));
+        }
+    }
+    assert_eq!(told(&file), expected);
+    assert!(expected.len() > 20, "{}", expected.len());
+    // Without a key nothing is told but in the log of the service.
+    server.client().delete(&format!("/v1/jobs/{}", id_of(&job))).send().await.expect(401);
+    // Rotated without a word to the server.
+    let rotated = folder.path().join("audit.jsonl.1");
+    fs::rename(&file, &rotated).unwrap();
+    root.delete(&format!("/v1/jobs/{}", id_of(&job))).send().await.expect(204);
+    assert_eq!(told(&file), [json!(["delete_job", id_of(&job), 204])]);
+    assert_eq!(audit_lines(&file)[0]["key"], "root");
+    assert_eq!(told(&rotated), expected);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn an_audit_log_that_cannot_be_written_ends_nothing() {
+    let data_dir = DataDir::new();
+    let folder = tempfile::tempdir().unwrap();
+    let logs = folder.path().join("logs");
+    let file = logs.join("audit.jsonl");
+    let args = ["--audit-log", file.to_str().unwrap()];
+    let refused = run(Launch::new(&data_dir).args(&args).into_command()).await;
+    assert_ne!(refused.code, Some(0));
+    assert!((refused.stderr + &refused.stdout).contains("audit.jsonl"));
+    fs::create_dir(&logs).unwrap();
+    let server = Launch::new(&data_dir).args(&args).start().await;
+    let client = server.client();
+    fs::remove_dir_all(&logs).unwrap();
+    let job = client.succeed(&jobs::quick(1)).await;
+    let lost = async |count: u64| {
+        let metrics = client.get("/metrics").send().await.expect(200).body.clone();
+        let text = String::from_utf8(metrics.to_vec()).unwrap();
+        let line = format!("packstone_audit_lines_lost_total {count}");
+        assert!(text.lines().any(|found| found == line), "{text}");
+    };
+    lost(1).await;
+    fs::create_dir(&logs).unwrap();
+    client.delete(&format!("/v1/jobs/{}", id_of(&job))).send().await.expect(204);
+    lost(1).await;
+    let text = fs::read_to_string(&file).unwrap();
+    let line: Value = serde_json::from_str(text.trim()).unwrap();
+    assert_eq!((&line["action"], &line["key"]), (&json!("delete_job"), &json!("")));
+    server.terminate();
+    let log = server.log_at_end().await;
+    assert!(log.contains("audit log cannot be written") && log.contains("can be written again"), "{log}");
 }

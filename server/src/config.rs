@@ -45,6 +45,9 @@ pub(crate) struct ServeOptions {
     /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
+    /// File to which a line of JSON is appended for each request that changes something [default: none]
+    #[arg(long, env = "PACKSTONE_AUDIT_LOG", value_name = "FILE")]
+    pub(crate) audit_log: Option<PathBuf>,
     /// Listen beyond this machine without API keys
     #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,

@@ -23,7 +23,7 @@ const LAYERS: &[&[&str]] = &[
         "telemetry",
     ],
     &["strict_json"],
-    &["artifacts", "checkpoints", "exports", "jobs", "metrics", "storage", "studies"],
+    &["artifacts", "audit", "checkpoints", "exports", "jobs", "metrics", "storage", "studies"],
     &["config", "plots"],
     &["http", "problem"],
     &["http_server", "service"],

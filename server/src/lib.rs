@@ -8,6 +8,7 @@
 mod accounts;
 mod artifacts;
 mod atomic_file;
+mod audit;
 mod checkpoints;
 mod cli;
 mod config;

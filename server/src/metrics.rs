@@ -24,6 +24,7 @@ pub(crate) struct Metrics {
     studies_submitted: AtomicU64,
     sweeps: AtomicU64,
     over_rate: AtomicU64,
+    audit_lines_lost: AtomicU64,
     failed_sweeps: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
@@ -97,6 +98,11 @@ impl Metrics {
     /// A request was refused because its key sent too many.
     pub(crate) fn request_over_rate(&self) {
         self.over_rate.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A line of the audit log could not be written.
+    pub(crate) fn audit_line_lost(&self) {
+        self.audit_lines_lost.fetch_add(1, Ordering::Relaxed);
     }
 
     /// A job was accepted.
@@ -175,6 +181,9 @@ impl Metrics {
             "Faults after which the database was opened anew.",
         );
         out.line("packstone_store_faults_total", "", gauges.store_faults);
+        let name = "packstone_audit_lines_lost_total";
+        out.head(name, "counter", "Lines of the audit log that could not be written.");
+        out.line(name, "", self.audit_lines_lost.load(Ordering::Relaxed));
         process(&mut out);
         out.head("packstone_workers", "gauge", "Jobs that may run at once.");
         out.line("packstone_workers", "", gauges.workers);

@@ -16,6 +16,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::accounts::{Accounts, KeysError, KeysFile};
 use crate::artifacts::Artifacts;
+use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
@@ -59,6 +60,9 @@ pub(crate) enum StartError {
     /// The API keys cannot be read.
     #[error(transparent)]
     Keys(#[from] KeysError),
+    /// The audit log cannot be opened.
+    #[error("the audit log {0} cannot be opened: {1}")]
+    AuditLog(PathBuf, std::io::Error),
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -99,6 +103,13 @@ impl Service {
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
         }
+        let audit = match options.audit_log.clone() {
+            Some(path) => {
+                let opened = AuditLog::open(path.clone());
+                Some(Arc::new(opened.map_err(|error| StartError::AuditLog(path, error))?))
+            }
+            None => None,
+        };
         let data_dir = |error| StartError::DataDir(options.data_dir.clone(), error);
         std::fs::create_dir_all(&options.data_dir).map_err(data_dir)?;
         let lock = lock(&options.data_dir)?;
@@ -146,7 +157,7 @@ impl Service {
             Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
         let limits = options.limits();
         let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
-        let app = App::new(&options, &runner, accounts, Arc::clone(&connections));
+        let app = App::new(&options, &runner, accounts, audit, Arc::clone(&connections));
         Ok(Self { app, runner, listener, connections, options, reload: Arc::default(), _lock: lock })
     }
 

@@ -4,7 +4,7 @@ use clap::Args;
 
 use super::exit::Failure;
 use super::print;
-use crate::accounts::{self, Role, checked_name, checked_owner};
+use crate::accounts::{self, Role, checked_name, checked_owner, read_rate};
 
 /// Options of `packstone key`.
 #[derive(Args)]
@@ -31,6 +31,9 @@ pub(super) struct Options {
     /// Most bytes of the owner's results and kept exports
     #[arg(long, value_name = "BYTES")]
     max_stored_bytes: Option<u64>,
+    /// Most requests of the key in a second, on average
+    #[arg(long, value_name = "REQUESTS", value_parser = read_rate)]
+    max_requests_per_second: Option<f64>,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
@@ -43,6 +46,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         ("max_stored_bytes", options.max_stored_bytes),
     ];
     words.extend(quotas.iter().filter_map(|(name, bound)| Some(format!("{name}={}", (*bound)?))));
+    words.extend(options.max_requests_per_second.map(|rate| format!("max_requests_per_second={rate}")));
     let (key, line) = accounts::generate(&options.name, &words);
     eprintln!("The key, shown only now; clients send it as `Authorization: Bearer KEY`:");
     print(&format!("{key}\n"))?;

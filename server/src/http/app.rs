@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::accounts::{Accounts, Caller};
 use crate::artifacts::Artifacts;
+use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
@@ -40,6 +41,7 @@ pub(crate) struct Shared {
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) accounts: Arc<Accounts>,
+    pub(crate) audit: Option<Arc<AuditLog>>,
     pub(crate) trust_proxy: bool,
     /// Names that `Host` may have, where others would let a web page of another site reach this server.
     pub(crate) hosts: Option<Hosts>,
@@ -67,6 +69,7 @@ impl App {
         options: &ServeOptions,
         runner: &Runner,
         accounts: Arc<Accounts>,
+        audit: Option<Arc<AuditLog>>,
         connections: Arc<Semaphore>,
     ) -> Self {
         Self {
@@ -80,6 +83,7 @@ impl App {
                 hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())
                     .then(|| Hosts::loopback_and(&options.allowed_host)),
                 accounts,
+                audit,
                 trust_proxy: options.trust_proxy,
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,

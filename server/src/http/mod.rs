@@ -5,6 +5,7 @@
 
 mod access;
 mod app;
+mod auditing;
 mod auth;
 mod body;
 mod conditional;

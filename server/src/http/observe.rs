@@ -19,6 +19,7 @@ use uuid::Uuid;
 
 use crate::accounts::{Caller, Rate};
 use crate::http::app::App;
+use crate::http::auditing::Audited;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
 use crate::http::{access, auth, hosts};
 use crate::problem::{Kind, Problem};
@@ -46,6 +47,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     let agent = logged(request.headers(), header::USER_AGENT.as_str());
     let span = tracing::info_span!("request", request_id = id, %method, path);
     let mut key = String::new();
+    let mut audited = None;
     let mut response = async {
         let known = hosts::check(request.version(), request.headers(), app.shared.hosts.as_ref());
         let admitted = async {
@@ -53,6 +55,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
             let caller = authorize(&app, &route, request.headers())?;
             key.clone_from(&caller.by.key);
             admit(&app, &route, &caller)?;
+            audited = Audited::begin(&app, (&method, &route, &path), &id, &client, &caller);
             access::check(&app, &caller, &route, &mut request).await?;
             Ok::<_, Problem>(caller)
         };
@@ -72,6 +75,9 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     let status = response.status();
     if status.is_client_error() || status.is_server_error() {
         response = write_problem(response, &id);
+    }
+    if let Some(told) = audited.and_then(|audited| audited.answered(&response)) {
+        let _ = told.await;
     }
     if let Ok(id) = HeaderValue::try_from(id) {
         response.headers_mut().insert(REQUEST_ID, id);

@@ -12,6 +12,8 @@ mod exports;
 mod faults;
 mod lifecycle;
 mod migrations;
+#[cfg(test)]
+mod owners_tests;
 mod patch;
 mod query;
 mod rows;
