@@ -1,8 +1,8 @@
 //! The audit log: one line of JSON for each request that changes something.
 //!
 //! The file is only ever appended to, one line a write. Before each line it is opened anew if the path names another
-//! file or none, so that a rotation needs no signal. A line that cannot be written is lost, said in the log and counted;
-//! the request it tells of is answered as ever.
+//! file or none, so that a rotation needs no signal. A line that cannot be written is lost, said in the log and
+//! counted; the request it tells of is answered as ever.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Write as _};

@@ -1,8 +1,8 @@
 //! Bounds of the requests that each key may send in a time.
 //!
 //! The generic cell rate algorithm (ITU-T I.371): of each key one moment is kept, at which all requests that were
-//! admitted would have arrived at an even rate. A request is admitted while that moment lies less than a burst ahead. It
-//! admits what a token bucket does, without a clock that ticks.
+//! admitted would have arrived at an even rate. A request is admitted while that moment lies less than a burst ahead.
+//! It admits what a token bucket does, without a clock that ticks.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};

@@ -115,8 +115,8 @@ parameters! {
 
 /// List jobs
 ///
-/// Newest first, unless `sort` says otherwise. Items are jobs without their `request`. A key with the role `admin` sees all
-/// jobs, any other key those of its owner and those that are shared.
+/// Newest first, unless `sort` says otherwise. Items are jobs without their `request`. A key with the role `admin` sees
+/// all jobs, any other key those of its owner and those that are shared.
 #[utoipa::path(
     get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
     params(AllJobsParameters),

@@ -52,7 +52,8 @@ impl Store {
     /// Takes a study in with all its jobs; they are safe on disk when this returns.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], [`StoreError::OwnerQueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
+    /// [`StoreError::QueueFull`], [`StoreError::OwnerQueueFull`], [`StoreError::KeyReused`], or the database's; nothing
+    /// is stored then.
     pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
         let store = self.clone();
         self.detached(async move {
