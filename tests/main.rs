@@ -55,4 +55,5 @@ mod streaming;
 mod studies;
 mod study_command;
 mod submission;
+mod users;
 mod waiting;

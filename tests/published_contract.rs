@@ -18,7 +18,7 @@ async fn openapi_yaml_is_what_the_binary_prints_and_serves() {
     server.stop().await;
 }
 
-fn operations() -> Vec<(String, &'static Map<String, Value>)> {
+pub(crate) fn operations() -> Vec<(String, &'static Map<String, Value>)> {
     let methods = ["get", "head", "post", "put", "patch", "delete"];
     let paths = Contract::get().document()["paths"].as_object().unwrap();
     let mut found = Vec::new();
@@ -62,7 +62,9 @@ fn every_route_of_this_version_is_in_it() {
         "get /v1/studies/{id}/plots/{kind}",
         "post /v1/studies/{id}/cancel",
         "post /v1/studies/{id}/retry",
+        "patch /v1/studies/{id}",
         "get /v1/capabilities",
+        "get /v1/key",
         "get /healthz",
         "get /readyz",
         "get /metrics",

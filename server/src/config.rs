@@ -9,6 +9,7 @@ use clap::builder::{BoolishValueParser, Resettable};
 use clap::{Args, Command};
 use packstone_engine::Limits;
 
+use crate::accounts::{Quotas, read_rate};
 use crate::memory;
 use crate::telemetry::LogFormat;
 
@@ -44,6 +45,9 @@ pub(crate) struct ServeOptions {
     /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
+    /// File to which a line of JSON is appended for each request that changes something [default: none]
+    #[arg(long, env = "PACKSTONE_AUDIT_LOG", value_name = "FILE")]
+    pub(crate) audit_log: Option<PathBuf>,
     /// Listen beyond this machine without API keys
     #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,
@@ -89,9 +93,24 @@ pub(crate) struct ServeOptions {
     /// Most bytes of results, kept exports and cached exports together [default: as much as the disk has]
     #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES")]
     pub(crate) max_stored_bytes: Option<u64>,
-    /// Most bytes of results and kept exports of the jobs that one API key submitted [default: no bound]
+    /// Most bytes of results and kept exports of the jobs of one owner of API keys [default: no bound]
     #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES_PER_KEY")]
     pub(crate) max_stored_bytes_per_key: Option<u64>,
+    /// Most jobs of one owner of API keys that wait [default: no bound but --max-queued]
+    #[arg(long, env = "PACKSTONE_MAX_QUEUED_PER_KEY")]
+    pub(crate) max_queued_per_key: Option<u64>,
+    /// Most jobs of one owner of API keys that run at once [default: no bound but --workers]
+    #[arg(long, env = "PACKSTONE_MAX_RUNNING_PER_KEY")]
+    pub(crate) max_running_per_key: Option<u64>,
+    /// Most grains of one packing of an owner of API keys [default: no bound but --max-grains]
+    #[arg(long, env = "PACKSTONE_MAX_GRAINS_PER_KEY")]
+    pub(crate) max_grains_per_key: Option<u64>,
+    /// Most requests of one API key in a second, on average; without keys those of all clients [default: no bound]
+    #[arg(long, env = "PACKSTONE_MAX_REQUESTS_PER_SECOND_PER_KEY", value_parser = read_rate)]
+    pub(crate) max_requests_per_second_per_key: Option<f64>,
+    /// Most requests of one API key at once, where their rate is bounded [default: those of two seconds, at least 10]
+    #[arg(long, env = "PACKSTONE_REQUEST_BURST_PER_KEY", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) request_burst_per_key: Option<u32>,
     /// Start although results lie in the data directory that the database does not know, and move them to its folder
     /// `quarantine`
     #[arg(long, env = "PACKSTONE_ADOPT_ORPHANS", value_parser = BoolishValueParser::new())]
@@ -129,6 +148,16 @@ impl ServeOptions {
         };
         let max_model_bytes = self.max_model_mib.map_or(max_memory_bytes, |mib| mib.saturating_mul(1 << 20));
         Limits { max_grains: self.max_grains, max_memory_bytes, max_model_bytes }
+    }
+
+    /// What the jobs of an owner may take for whom the file of keys says nothing.
+    pub(crate) fn quotas(&self) -> Quotas {
+        Quotas {
+            queued: self.max_queued_per_key,
+            running: self.max_running_per_key,
+            grains: self.max_grains_per_key,
+            stored_bytes: self.max_stored_bytes_per_key,
+        }
     }
 
     /// Time between two checkpoints of a running job.

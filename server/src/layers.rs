@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 /// The layers from the bottom up. A module may import from its own layer and from the layers below it.
 const LAYERS: &[&[&str]] = &[
     &[
+        "accounts",
         "allocator",
         "atomic_file",
         "descriptors",
@@ -22,7 +23,7 @@ const LAYERS: &[&[&str]] = &[
         "telemetry",
     ],
     &["strict_json"],
-    &["artifacts", "checkpoints", "exports", "jobs", "metrics", "storage", "studies"],
+    &["artifacts", "audit", "checkpoints", "exports", "jobs", "metrics", "storage", "studies"],
     &["config", "plots"],
     &["http", "problem"],
     &["http_server", "service"],

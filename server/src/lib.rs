@@ -5,8 +5,10 @@
 //! engine's secret; nothing here looks into one.
 #![forbid(unsafe_code)]
 
+mod accounts;
 mod artifacts;
 mod atomic_file;
+mod audit;
 mod checkpoints;
 mod cli;
 mod config;

@@ -23,6 +23,8 @@ pub(crate) struct Metrics {
     submitted: AtomicU64,
     studies_submitted: AtomicU64,
     sweeps: AtomicU64,
+    over_rate: AtomicU64,
+    audit_lines_lost: AtomicU64,
     failed_sweeps: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
@@ -91,6 +93,16 @@ impl Metrics {
     pub(crate) fn swept(&self, succeeded: bool) {
         let counter = if succeeded { &self.sweeps } else { &self.failed_sweeps };
         counter.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A request was refused because its key sent too many.
+    pub(crate) fn request_over_rate(&self) {
+        self.over_rate.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A line of the audit log could not be written.
+    pub(crate) fn audit_line_lost(&self) {
+        self.audit_lines_lost.fetch_add(1, Ordering::Relaxed);
     }
 
     /// A job was accepted.
@@ -169,6 +181,9 @@ impl Metrics {
             "Faults after which the database was opened anew.",
         );
         out.line("packstone_store_faults_total", "", gauges.store_faults);
+        let name = "packstone_audit_lines_lost_total";
+        out.head(name, "counter", "Lines of the audit log that could not be written.");
+        out.line(name, "", self.audit_lines_lost.load(Ordering::Relaxed));
         process(&mut out);
         out.head("packstone_workers", "gauge", "Jobs that may run at once.");
         out.line("packstone_workers", "", gauges.workers);
@@ -199,6 +214,9 @@ impl Metrics {
                 out.line("packstone_http_requests_total", &labels, count);
             }
         }
+        let name = "packstone_http_requests_over_rate_total";
+        out.head(name, "counter", "Requests refused because their API key sent too many.");
+        out.line(name, "", self.over_rate.load(Ordering::Relaxed));
         let name = "packstone_http_request_duration_seconds";
         out.head(name, "histogram", "Time until the head of the answer was ready.");
         for ((route, method), of_route) in requests.iter() {

@@ -71,6 +71,9 @@ kinds! {
          periodic box; `detail` says what to do instead."
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."
+    Forbidden "forbidden" 403 "Not allowed"
+        "The role of the API key does not allow this, or the job or study belongs to another owner who shares it for \
+         reading only; `detail` says which. `GET /v1/key` tells the role of a key."
     NotFound "not-found" 404 "Not found"
         "There is no such route, job, study or export; what has expired is deleted too."
     ResultNotReady "result-not-ready" 409 "No result yet"
@@ -102,6 +105,9 @@ kinds! {
         "The key was used before with another body. Take a new key for a new job or study."
     QueueFull "queue-full" 429 "The queue is full"
         "More jobs, or more exports, would wait than this server allows. Try again after `Retry-After`."
+    TooManyRequests "too-many-requests" 429 "Too many requests"
+        "The API key sends more requests than it may; `detail` tells the rate. Send the next one after `Retry-After`. \
+         Hold an answer back with `Prefer: wait=N`, or follow the events of a job, instead of asking again and again."
     Busy "busy" 503 "Busy"
         "The server already sends as many results, draws as many plots, or serves as many connections as it is \
          configured for. Try again after `Retry-After`."

@@ -14,13 +14,14 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
+use crate::accounts::{Accounts, KeysError, KeysFile};
 use crate::artifacts::Artifacts;
+use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
 use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
-use crate::http::auth::{KeysError, KeysFile};
 use crate::http::{self, App};
 use crate::http_server;
 use crate::jobs::runner::Runner;
@@ -59,6 +60,9 @@ pub(crate) enum StartError {
     /// The API keys cannot be read.
     #[error(transparent)]
     Keys(#[from] KeysError),
+    /// The audit log cannot be opened.
+    #[error("the audit log {0} cannot be opened: {1}")]
+    AuditLog(PathBuf, std::io::Error),
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -99,6 +103,13 @@ impl Service {
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
         }
+        let audit = match options.audit_log.clone() {
+            Some(path) => {
+                let opened = AuditLog::open(path.clone());
+                Some(Arc::new(opened.map_err(|error| StartError::AuditLog(path, error))?))
+            }
+            None => None,
+        };
         let data_dir = |error| StartError::DataDir(options.data_dir.clone(), error);
         std::fs::create_dir_all(&options.data_dir).map_err(data_dir)?;
         let lock = lock(&options.data_dir)?;
@@ -114,7 +125,11 @@ impl Service {
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
         let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
-        let store = Store::open(&database, limits).await?;
+        let accounts = Arc::new(
+            Accounts::new(keys, options.quotas())
+                .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
+        );
+        let store = Store::open(&database, limits, Arc::clone(&accounts)).await?;
         let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
@@ -138,15 +153,11 @@ impl Service {
         let files = options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
         options.max_connections = descriptors::provide(options.max_connections, files)?;
         let connections = Arc::new(Semaphore::new(options.max_connections));
-        let storage = Storage::new(
-            store.clone(),
-            disk.clone(),
-            options.max_stored_bytes,
-            options.max_stored_bytes_per_key,
-        );
+        let storage =
+            Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
         let limits = options.limits();
         let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
-        let app = App::new(&options, &runner, keys, Arc::clone(&connections));
+        let app = App::new(&options, &runner, accounts, audit, Arc::clone(&connections));
         Ok(Self { app, runner, listener, connections, options, reload: Arc::default(), _lock: lock })
     }
 

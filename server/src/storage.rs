@@ -1,10 +1,12 @@
-//! How much may be stored: the free space of the disk, a quota of the service, and a quota of each API key.
+//! How much may be stored: the free space of the disk, a quota of the service, and a quota of each owner.
 //!
 //! Results and kept exports count; the cache does not, for it makes way. A job is estimated before it is accepted and
 //! before it runs, an export is watched while it is written.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
+use crate::accounts::Accounts;
 use crate::disk::Disk;
 use crate::jobs::store::{Store, StoreError, StoredKind};
 
@@ -19,7 +21,7 @@ pub(crate) struct Storage {
     store: Store,
     disk: Disk,
     max_bytes: Option<u64>,
-    max_bytes_per_key: Option<u64>,
+    accounts: Arc<Accounts>,
 }
 
 /// More than may be stored.
@@ -40,8 +42,8 @@ pub(crate) enum Bound {
     Disk,
     /// `--max-stored-bytes`.
     Service(u64),
-    /// `--max-stored-bytes-per-key`.
-    Key(u64),
+    /// `max_stored_bytes` of the owner, or `--max-stored-bytes-per-key`.
+    Owner(u64),
 }
 
 impl std::fmt::Display for NoRoom {
@@ -51,20 +53,15 @@ impl std::fmt::Display for NoRoom {
         match bound {
             Bound::Disk => write!(f, "on the disk of the server"),
             Bound::Service(quota) => write!(f, "of the {quota} that results and exports may take"),
-            Bound::Key(quota) => write!(f, "of the {quota} that results and exports of one API key may take"),
+            Bound::Owner(quota) => write!(f, "of the {quota} that results and exports of one owner may take"),
         }
     }
 }
 
 impl Storage {
-    /// The bounds of a service: `max_bytes` in all, `max_bytes_per_key` for each API key.
-    pub(crate) fn new(
-        store: Store,
-        disk: Disk,
-        max_bytes: Option<u64>,
-        max_bytes_per_key: Option<u64>,
-    ) -> Self {
-        Self { store, disk, max_bytes, max_bytes_per_key }
+    /// The bounds of a service: `max_bytes` in all, and the quotas of the owners.
+    pub(crate) fn new(store: Store, disk: Disk, max_bytes: Option<u64>, accounts: Arc<Accounts>) -> Self {
+        Self { store, disk, max_bytes, accounts }
     }
 
     /// Bytes that a result of so many grains takes.
@@ -72,20 +69,21 @@ impl Storage {
         (grains * GRAIN_BYTES) as u64 + HEAD_BYTES
     }
 
-    /// Bytes that the key `owner` may store, and what leaves no more.
+    /// Bytes that `owner` may store, and what leaves no more.
     ///
     /// # Errors
     /// The database's.
     pub(crate) async fn room(&self, owner: &str) -> Result<(u64, Bound), StoreError> {
         let mut least = (self.disk.room(), Bound::Disk);
-        if self.max_bytes.is_none() && self.max_bytes_per_key.is_none() {
+        let max_bytes_of_owner = self.accounts.quotas(owner).stored_bytes;
+        if self.max_bytes.is_none() && max_bytes_of_owner.is_none() {
             return Ok(least);
         }
         let stored = self.store.stored_bytes().await?;
         let quotas = [
             self.max_bytes.map(|quota| (quota.saturating_sub(lasting(&stored, None)), Bound::Service(quota))),
-            self.max_bytes_per_key
-                .map(|quota| (quota.saturating_sub(lasting(&stored, Some(owner))), Bound::Key(quota))),
+            max_bytes_of_owner
+                .map(|quota| (quota.saturating_sub(lasting(&stored, Some(owner))), Bound::Owner(quota))),
         ];
         for quota in quotas.into_iter().flatten() {
             if quota.0 < least.0 {
@@ -130,10 +128,10 @@ mod tests {
     #[test]
     fn a_refusal_has_the_figures() {
         assert_eq!(fits(10, (10, Bound::Disk)), Ok(()));
-        let refused = fits(11, (10, Bound::Key(40))).unwrap_err();
+        let refused = fits(11, (10, Bound::Owner(40))).unwrap_err();
         assert_eq!(
             refused.to_string(),
-            "it needs about 11 bytes, and 10 are left of the 40 that results and exports of one API key may take"
+            "it needs about 11 bytes, and 10 are left of the 40 that results and exports of one owner may take"
         );
         assert_eq!(Storage::bytes_of_result(1e6), 32_000_000 + HEAD_BYTES);
     }

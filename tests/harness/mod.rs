@@ -13,7 +13,7 @@ mod server;
 mod slurm;
 mod sse;
 
-pub(crate) use client::{Client, Reply, id_of};
+pub(crate) use client::{Client, Reply, Request, id_of};
 pub(crate) use contract::{Contract, text as contract_text};
 pub(crate) use process::{Finished, Running, packstone, run};
 pub(crate) use raw::RawConnection;

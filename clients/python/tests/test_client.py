@@ -34,6 +34,7 @@ def test_a_key_opens_the_server(locked_server: LiveServer, monkeypatch: pytest.M
             assert refused.value.kind == "unauthorized"
     with packstone.Client(locked_server.url, KEY + "\n") as client:
         assert client.capabilities()["limits"]["workers"] >= 1
+        assert {"name": "lab", "owner": "lab", "role": "admin"}.items() <= client.key().items()
         assert KEY not in repr(client)
     monkeypatch.setenv("PACKSTONE_URL", locked_server.url)
     monkeypatch.setenv("PACKSTONE_API_KEY", KEY)

@@ -163,7 +163,8 @@ def test_listings_are_filtered_and_sorted(client: packstone.Client) -> None:
 def test_a_job_is_changed_while_it_waits(client: packstone.Client) -> None:
     job = client.submit(mixes.endless(), labels={"series": "a", "lab": "b"})
     later = datetime(2100, 1, 1, tzinfo=timezone.utc)
-    job.update(name="renamed", labels={"series": None, "day": "c"}, expires_at=later)
+    job.update(name="renamed", labels={"series": None, "day": "c"}, expires_at=later, shared=True)
+    assert job.data["shared"] is True
     assert (job.name, job.labels) == ("renamed", {"lab": "b", "day": "c"})
     assert str(job.data["expires_at"]).startswith("2100-01-01T00:00:00")
     seen = client.job(job.id)

@@ -37,6 +37,14 @@ def test_a_study_runs_to_its_end(client: packstone.Client, study: packstone.Stud
     assert again.request["replicates"] == 2
 
 
+def test_a_study_is_shared_with_its_jobs(client: packstone.Client) -> None:
+    study = client.study(template=TEMPLATE, grid={PHI: [0.2]}, shared=True).wait(timeout=300)
+    assert study.data["shared"] is True
+    assert [job.data["shared"] for job in study.jobs()] == [True]
+    study.update(shared=False)
+    assert [job.data["shared"] for job in client.open_study(study.id).jobs()] == [False]
+
+
 def test_the_table_has_a_row_per_point(study: packstone.Study) -> None:
     rows = study.table()
     expected = [(phi, method) for phi in (0.2, 0.25, 0.3) for method in ("rsa", "edmd")]

@@ -96,9 +96,11 @@ impl<'a> Rows<'a> {
         match format {
             TableFormat::Csv => writeln!(out, "{}", columns.join(","))?,
             TableFormat::Json => {
-                let head: String =
-                    head.iter().map(|(name, value)| format!("\"{name}\":{value:?},")).collect();
-                write!(out, "{{{head}\"columns\":[\"{}\"],\"rows\":[", columns.join("\",\""))?;
+                write!(out, "{{")?;
+                for (name, value) in head {
+                    write!(out, "\"{name}\":{value:?},")?;
+                }
+                write!(out, "\"columns\":[\"{}\"],\"rows\":[", columns.join("\",\""))?;
             }
         }
         Ok(Self { out, format, written: 0, line: String::new() })

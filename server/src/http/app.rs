@@ -7,11 +7,12 @@ use packstone_engine::Limits;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
+use crate::accounts::{Accounts, Caller};
 use crate::artifacts::Artifacts;
+use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
-use crate::http::auth;
 use crate::http::hosts::Hosts;
 use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
@@ -39,7 +40,8 @@ pub(crate) struct Shared {
     pub(crate) disk: Disk,
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
-    pub(crate) keys: Option<auth::KeysFile>,
+    pub(crate) accounts: Arc<Accounts>,
+    pub(crate) audit: Option<Arc<AuditLog>>,
     pub(crate) trust_proxy: bool,
     /// Names that `Host` may have, where others would let a web page of another site reach this server.
     pub(crate) hosts: Option<Hosts>,
@@ -66,7 +68,8 @@ impl App {
     pub(crate) fn new(
         options: &ServeOptions,
         runner: &Runner,
-        keys: Option<auth::KeysFile>,
+        accounts: Arc<Accounts>,
+        audit: Option<Arc<AuditLog>>,
         connections: Arc<Semaphore>,
     ) -> Self {
         Self {
@@ -77,9 +80,10 @@ impl App {
                 disk: runner.disk.clone(),
                 storage: runner.storage.clone(),
                 metrics: Arc::clone(&runner.metrics),
-                hosts: (options.listen.ip().is_loopback() && keys.is_none())
+                hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())
                     .then(|| Hosts::loopback_and(&options.allowed_host)),
-                keys,
+                accounts,
+                audit,
                 trust_proxy: options.trust_proxy,
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
@@ -96,6 +100,13 @@ impl App {
                 shutdown: runner.shutdown.clone(),
             }),
         }
+    }
+
+    /// What one packing of the caller may use.
+    pub(crate) fn limits_of(&self, caller: &Caller) -> Limits {
+        let limits = self.shared.limits;
+        let quota = self.shared.accounts.quotas(&caller.by.owner).grains;
+        Limits { max_grains: quota.map_or(limits.max_grains, |most| most.min(limits.max_grains)), ..limits }
     }
 
     /// Whether the service takes jobs, as far as it decides that itself.

@@ -3,8 +3,10 @@
 //! A handler reads its request, calls the store, and writes a view of what it found. Every error is a problem document.
 //! The contract with clients is `openapi.yaml`, which is rendered from the handlers and their types.
 
+mod access;
 mod app;
-pub(crate) mod auth;
+mod auditing;
+mod auth;
 mod body;
 mod conditional;
 mod contract;

@@ -17,9 +17,11 @@ use futures_util::FutureExt as _;
 use tracing::Instrument as _;
 use uuid::Uuid;
 
+use crate::accounts::{Caller, Rate};
 use crate::http::app::App;
-use crate::http::hosts;
+use crate::http::auditing::Audited;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
+use crate::http::{access, auth, hosts};
 use crate::problem::{Kind, Problem};
 
 const REQUEST_ID: &str = "x-request-id";
@@ -30,28 +32,35 @@ const MAX_REQUEST_ID_CHARS: usize = 128;
 /// Routes that need no key: probes have none.
 pub(crate) const OPEN_ROUTES: [&str; 2] = ["/healthz", "/readyz"];
 
-/// Name of the API key that a request came with; empty where the server asks for none.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Caller(pub(crate) String);
-
 /// The middleware; outermost, and around the fallback too.
 pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let started = Instant::now();
     let id = request_id(request.headers());
     let method = request.method().clone();
     // Paths have no end and may hold anything; metrics and logs get the route.
-    let route =
-        request.extensions().get::<MatchedPath>().map_or_else(|| "unknown".into(), |m| m.as_str().to_owned());
+    let route = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map_or_else(|| access::UNKNOWN_ROUTE.into(), |m| m.as_str().to_owned());
     let path: String = request.uri().path().chars().take(MAX_LOGGED_CHARS).collect();
     let client = client_address(&request, app.shared.trust_proxy);
     let agent = logged(request.headers(), header::USER_AGENT.as_str());
     let span = tracing::info_span!("request", request_id = id, %method, path);
     let mut key = String::new();
+    let mut audited = None;
     let mut response = async {
         let known = hosts::check(request.version(), request.headers(), app.shared.hosts.as_ref());
-        match known.and_then(|()| authorize(&app, &route, request.headers())) {
+        let admitted = async {
+            known?;
+            let caller = authorize(&app, &route, request.headers())?;
+            key.clone_from(&caller.by.key);
+            admit(&app, &route, &caller)?;
+            audited = Audited::begin(&app, (&method, &route, &path), &id, &client, &caller);
+            access::check(&app, &caller, &route, &mut request).await?;
+            Ok::<_, Problem>(caller)
+        };
+        match admitted.await {
             Ok(caller) => {
-                key.clone_from(&caller.0);
                 request.extensions_mut().insert(caller);
                 AssertUnwindSafe(next.run(request)).catch_unwind().await.unwrap_or_else(|_| {
                     tracing::error!("the handler panicked");
@@ -66,6 +75,9 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     let status = response.status();
     if status.is_client_error() || status.is_server_error() {
         response = write_problem(response, &id);
+    }
+    if let Some(told) = audited.and_then(|audited| audited.answered(&response)) {
+        let _ = told.await;
     }
     if let Ok(id) = HeaderValue::try_from(id) {
         response.headers_mut().insert(REQUEST_ID, id);
@@ -115,10 +127,28 @@ fn known_method(method: &axum::http::Method) -> &'static str {
 }
 
 fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Problem> {
-    match &app.shared.keys {
-        Some(keys) if !OPEN_ROUTES.contains(&route) => Ok(Caller(keys.current().check(headers)?.to_owned())),
+    match app.shared.accounts.keys() {
+        Some(keys) if !OPEN_ROUTES.contains(&route) => auth::caller(&keys, headers),
         _ => Ok(Caller::default()),
     }
+}
+
+/// Refuses a caller who sends too many requests. Probes are not counted.
+fn admit(app: &App, route: &str, caller: &Caller) -> Result<(), Problem> {
+    if OPEN_ROUTES.contains(&route) {
+        return Ok(());
+    }
+    app.shared.accounts.admit(caller).map_err(|(rate, wait)| {
+        app.shared.metrics.request_over_rate();
+        let who = match caller.by.key.as_str() {
+            "" => "all clients together".to_owned(),
+            key => format!("the API key {key:?}"),
+        };
+        let Rate { per_second, burst } = rate;
+        let detail = format!("{who} may send {per_second} requests a second on average, and {burst} at once");
+        let seconds = wait.as_secs_f64().ceil().max(1.0);
+        Problem::new(Kind::TooManyRequests, detail).with_header("retry-after", format!("{seconds:.0}"))
+    })
 }
 
 /// The client's id of the request where it is fit for a log line, else a fresh one.

@@ -15,3 +15,8 @@ pub(crate) fn set(response: &mut Response, name: header::HeaderName, value: &str
 pub(crate) fn time(us: i64) -> String {
     Timestamp::from_microsecond(us).unwrap_or_default().to_string()
 }
+
+/// A name of the store, in which an empty one stands for none.
+pub(crate) fn named(name: &str) -> Option<String> {
+    Some(name.to_owned()).filter(|name| !name.is_empty())
+}

@@ -144,8 +144,12 @@ pub(crate) struct JobRecord {
     pub(crate) artifact: Option<ArtifactRecord>,
     /// Its place in a study, if it is part of one.
     pub(crate) study: Option<StudyPlace>,
-    /// Name of the API key that submitted it; empty where the server asked for none.
+    /// Whose it is; empty where the server asked for no key.
     pub(crate) owner: String,
+    /// Name of the API key that submitted it; empty where the server asked for none.
+    pub(crate) submitted_by: String,
+    /// Whether other owners may read it.
+    pub(crate) shared: bool,
 }
 
 impl JobRecord {

@@ -50,8 +50,8 @@ pub(crate) struct JobRequest {
     /// Seed of the random generator; drawn at submission and recorded when absent.
     #[schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     pub(crate) seed: u64,
-    /// Jobs of higher priority run first; among equals, studies and single jobs take turns, each in the order of its
-    /// jobs.
+    /// Of the jobs of one owner those of higher priority run first; among equals, studies and single jobs take turns,
+    /// each in the order of its jobs. Owners take turns whatever the priorities of their jobs are.
     #[schema(required = false, default = 0, minimum = -100, maximum = 100)]
     pub(crate) priority: i64,
     /// Longest time that one attempt may run; past it the job fails with `timed-out`.
@@ -65,6 +65,10 @@ pub(crate) struct JobRequest {
     /// How often the job may be started if the server stops while it runs.
     #[schema(required = false, default = 3, minimum = 1, maximum = 10)]
     pub(crate) max_attempts: i64,
+    /// Whether other users of the server may read the job and its result.
+    #[schema(required = false, default = false)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) shared: bool,
     /// What is filled.
     pub(crate) specimen: Specimen,
     /// What it is filled with.
@@ -220,6 +224,9 @@ pub(crate) struct JobPatch {
     /// The new RFC 3339 time of expiry, in the future; `null` removes it. In microseconds since the Unix epoch here.
     #[schema(required = false, nullable, value_type = Option<String>, format = DateTime)]
     pub(crate) expires_at: Change<i64>,
+    /// Whether other users of the server may read the job and its result; `null` stands for `false`.
+    #[schema(required = false, nullable)]
+    pub(crate) shared: Option<bool>,
 }
 
 impl JobPatch {
@@ -251,6 +258,10 @@ impl JobPatch {
                     .map_or(Change::Keep, Change::Set),
                 None if is_null("expires_at") => Change::Remove,
                 None => Change::Keep,
+            };
+            patch.shared = match object.optional("shared") {
+                Some(at) => at.boolean(),
+                None => is_null("shared").then_some(false),
             };
             object.finish();
         }
@@ -301,6 +312,7 @@ fn read_fields(
         Some(at) => at.integer(1, MAX_ATTEMPTS),
         None => Some(DEFAULT_ATTEMPTS),
     };
+    let shared = object.optional("shared").map_or(Some(false), |at| at.boolean());
     let postprocess =
         object.optional("postprocess").map_or(Some(Postprocess::default()), |at| read_postprocess(&at));
     let packing = PackingRequest::from_object(object, seed)?;
@@ -312,6 +324,7 @@ fn read_fields(
         timeout_s,
         expires_at,
         max_attempts: max_attempts?,
+        shared: shared?,
         specimen: packing.specimen,
         mix: packing.mix,
         distance: packing.distance,
@@ -516,9 +529,13 @@ mod tests {
                 priority: Some(3),
                 labels: labels.into(),
                 clear_labels: false,
-                expires_at: Change::Remove
+                expires_at: Change::Remove,
+                shared: None
             }
         );
+        for (given, expected) in [(json!(true), true), (json!(false), false), (json!(null), false)] {
+            assert_eq!(read(json!({"shared": given})).unwrap().shared, Some(expected));
+        }
         let faults =
             read(json!({"name": "", "priority": 101, "labels": {"a=b": "c"}, "expires_at": "x", "seed": 1}));
         let pointers: Vec<String> = faults.unwrap_err().into_iter().map(|fault| fault.pointer).collect();

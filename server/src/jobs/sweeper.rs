@@ -193,7 +193,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store = Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap();
+        let store =
+            Store::open(&folder.path().join("packstone.sqlite"), limits, Arc::default()).await.unwrap();
         let checkpoints =
             Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
         let file = |name: &str| folder.path().join("artifacts/ab").join(name);
@@ -230,7 +231,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store = Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap();
+        let store =
+            Store::open(&folder.path().join("packstone.sqlite"), limits, Arc::default()).await.unwrap();
         let checkpoints =
             Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
         let id = submit(&store, "2999-01-01T00:00:00Z").await;
@@ -258,7 +260,12 @@ mod tests {
         });
         let request = JobRequest::read(&request, 1, None).unwrap();
         match store
-            .submit(NewJob { request, warnings: Vec::new(), owner: String::new(), idempotency_key: None })
+            .submit(NewJob {
+                request,
+                warnings: Vec::new(),
+                by: crate::accounts::Submitter::default(),
+                idempotency_key: None,
+            })
             .await
             .unwrap()
         {

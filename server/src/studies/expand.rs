@@ -48,6 +48,7 @@ pub(super) fn expand(request: &StudyRequest<'_>, conditions: &Conditions<'_>) ->
         points,
         replicates: request.replicates,
         stop_when: request.stop_when,
+        shared: request.shared,
     })
 }
 

@@ -58,6 +58,8 @@ pub(crate) struct Study {
     pub(crate) replicates: usize,
     /// When a point needs no more runs.
     pub(crate) stop_when: StopWhen,
+    /// Whether other users of a server may read the study with its jobs.
+    pub(crate) shared: bool,
 }
 
 /// One mix and method.

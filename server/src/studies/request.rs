@@ -80,6 +80,7 @@ pub(super) struct StudyRequest<'a> {
     pub(super) points: Points<'a>,
     pub(super) replicates: usize,
     pub(super) stop_when: StopWhen,
+    pub(super) shared: bool,
 }
 
 /// The source of the points.
@@ -174,6 +175,7 @@ impl<'a> StudyRequest<'a> {
             Some(at) => read_stop_when(&at),
             None => Some(StopWhen::default()),
         };
+        let shared = object.optional("shared").map_or(Some(false), |at| at.boolean());
         // Without a readable number of replicates, the checks that depend on it are skipped.
         let points = read_points(object, faults, replicates.unwrap_or(1) > 1);
         Some(Self {
@@ -183,6 +185,7 @@ impl<'a> StudyRequest<'a> {
             points: points?,
             replicates: replicates?,
             stop_when: stop_when?,
+            shared: shared?,
         })
     }
 

@@ -75,6 +75,10 @@ fn fields() -> ObjectBuilder {
         .item(ObjectBuilder::new().schema_type(Type::Null))
         .item(Ref::from_schema_name(StopWhen::name()))
         .description(Some("When a point needs no more runs; what of it still waits is cancelled then."));
+    let shared = ObjectBuilder::new()
+        .schema_type(optional(Type::Boolean))
+        .default(Some(json!(false)))
+        .description(Some("Whether other users of the server may read the study with its jobs."));
     ObjectBuilder::new()
         .schema_type(Type::Object)
         .property("name", schema::name())
@@ -86,6 +90,7 @@ fn fields() -> ObjectBuilder {
         .property("zip", axes(zip))
         .property("replicates", replicates.default(Some(json!(1))))
         .property("stop_when", stop_when)
+        .property("shared", shared)
         .additional_properties(Some(AdditionalProperties::<Schema>::FreeForm(false)))
 }
 

@@ -420,6 +420,11 @@ class AsyncStudy(_AsyncChanging[Study]):
         """See :meth:`Study.plot`."""
         return await self._threads.call(partial(self.sync.plot, kind, path, **options))
 
+    async def update(self, *, shared: bool, if_unchanged: bool = False) -> AsyncStudy:
+        """See :meth:`Study.update`."""
+        await self._threads.call(partial(self.sync.update, shared=shared, if_unchanged=if_unchanged))
+        return self
+
     async def cancel(self, *, if_unchanged: bool = False) -> AsyncStudy:
         """See :meth:`Study.cancel`."""
         await self._threads.call(partial(self.sync.cancel, if_unchanged=if_unchanged))
@@ -545,6 +550,10 @@ class AsyncClient:
     async def capabilities(self) -> dict[str, Any]:
         """See :meth:`Client.capabilities`."""
         return await self._threads.call(self.sync.capabilities)
+
+    async def key(self) -> dict[str, Any]:
+        """See :meth:`Client.key`."""
+        return await self._threads.call(self.sync.key)
 
     async def as_completed(
         self, jobs: Iterable[AsyncJob], timeout: float | None = None

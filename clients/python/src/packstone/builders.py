@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         timeout_s: float | None
         expires_at: str | datetime | None
         max_attempts: int
+        shared: bool
         specimen: Specimen | Mapping[str, Any]
         mix: Mix | Mapping[str, Any]
         distance: Distance | Mapping[str, Any]

@@ -149,6 +149,7 @@ class Client:
         seed: int | None = None,
         name: str | None = None,
         labels: Mapping[str, str] | None = None,
+        shared: bool | None = None,
         idempotency_key: str | None = None,
     ) -> Study:
         """Submits a study: a mapping as in ``POST /v1/studies``, its fields as arguments, or both.
@@ -175,6 +176,7 @@ class Client:
             "seed": seed,
             "name": name,
             "labels": labels,
+            "shared": shared,
         }
         given = {field: value for field, value in fields.items() if value is not None}
         return self._submitted(Study, "/v1/studies", {**(study or {}), **given}, idempotency_key)
@@ -199,6 +201,10 @@ class Client:
     def capabilities(self) -> dict[str, Any]:
         """Returns the methods, formats and limits of the server."""
         return document(self._transport.request("GET", "/v1/capabilities"))
+
+    def key(self) -> dict[str, Any]:
+        """Returns name, owner, role and quotas of the API key of this client, and what is used of the quotas."""
+        return document(self._transport.request("GET", "/v1/key"))
 
     def _submitted(self, kind: type[S], path: str, body: Mapping[str, Any], key: str | None) -> S:
         headers = {"idempotency-key": key or uuid4().hex}

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         priority: int
         labels: Mapping[str, str | None]
         expires_at: datetime | str | None
+        shared: bool
 
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
@@ -142,7 +143,7 @@ class Job(Resource):
         return svg
 
     def update(self, *, if_unchanged: bool = False, **changes: Unpack[JobChanges]) -> Job:
-        """Changes the name, the priority (of a queued job), the labels or the time of the expiry.
+        """Changes the name, the priority (of a queued job), the labels, the time of the expiry, or who may read it.
 
         Labels are merged with those of the job; ``None`` removes a name, a label or the expiry. With
         `if_unchanged` the server refuses (``precondition-failed``) if the job has changed since it was read.

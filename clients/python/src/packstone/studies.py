@@ -184,6 +184,16 @@ class Study(Resource):
             svg.save(path)
         return svg
 
+    def update(self, *, shared: bool, if_unchanged: bool = False) -> Study:
+        """Lets other users of the server read the study with its jobs, or no longer.
+
+        With `if_unchanged` the server refuses (``precondition-failed``) if the study has changed since it was read.
+        """
+        headers = {"content-type": "application/merge-patch+json", **self._condition(if_unchanged)}
+        response = self._transport.request("PATCH", self.path, body={"shared": shared}, headers=headers)
+        self._take(document(response), response.headers.get("etag"))
+        return self
+
     def cancel(self, *, if_unchanged: bool = False) -> Study:
         """Cancels the jobs that have not ended. Running jobs end a little later: :meth:`wait` waits for that."""
         self._act("cancel", if_unchanged=if_unchanged)

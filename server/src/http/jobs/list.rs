@@ -1,11 +1,13 @@
 //! Listing jobs: all of them, or those of a study.
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
 use crate::http::pages::{self, PageParameters};
@@ -113,7 +115,8 @@ parameters! {
 
 /// List jobs
 ///
-/// Newest first, unless `sort` says otherwise. Items are jobs without their `request`.
+/// Newest first, unless `sort` says otherwise. Items are jobs without their `request`. A key with the role `admin` sees
+/// all jobs, any other key those of its owner and those that are shared.
 #[utoipa::path(
     get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
     params(AllJobsParameters),
@@ -125,9 +128,10 @@ parameters! {
 )]
 pub(crate) async fn list(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     Query(mut query): Query<AllJobsParameters>,
 ) -> Result<Response, Problem> {
-    let filter = query.jobs.filter(query.study);
+    let filter = query.jobs.filter(&caller, query.study);
     let found = page(&app, &filter, &query.jobs.page).await?;
     Ok(found.response("/v1/jobs", |cursor| {
         query.jobs.page.turn_to(cursor);
@@ -150,10 +154,11 @@ pub(crate) async fn list(
 )]
 pub(crate) async fn list_of_study(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): StudyPath,
     Query(mut query): Query<JobListParameters>,
 ) -> Result<Response, Problem> {
-    let filter = query.filter(Some(id));
+    let filter = query.filter(&caller, Some(id));
     query.page.after(&filter)?;
     if app.shared.store.study(id).await?.is_none() {
         return Err(refused(StoreError::NoStudy, id));
@@ -166,7 +171,7 @@ pub(crate) async fn list_of_study(
 }
 
 impl JobListParameters {
-    fn filter(&self, study: Option<StudyId>) -> Filter {
+    fn filter(&self, caller: &Caller, study: Option<StudyId>) -> Filter {
         Filter {
             state: self.state,
             labels: self.label.0.clone(),
@@ -175,6 +180,7 @@ impl JobListParameters {
             method: self.method.map(|method| method.name().to_owned()),
             created_after: self.created_after.map(|time| time.0),
             created_before: self.created_before.map(|time| time.0),
+            visible_to: caller.sees_only(),
             order: self.sort.0.order(),
         }
     }

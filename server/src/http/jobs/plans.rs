@@ -1,10 +1,12 @@
 //! Plans: what a job amounts to, before it is submitted.
 
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 
+use crate::accounts::Caller;
 use crate::exports::estimates::{JobPlan, planned};
 use crate::http::app::App;
 use crate::http::body;
@@ -27,12 +29,13 @@ use crate::tasks;
 )]
 pub(crate) async fn plan(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { request, plan, .. } = read(&app, bytes, Proposal::Made).await?;
+    let Submission { request, plan, .. } = read(&app, bytes, app.limits_of(&caller), Proposal::Made).await?;
     let estimated = tasks::blocking(move || {
         let exports = planned(request.exports(), &request.packing(), &plan);
         JobPlan { plan, exports }

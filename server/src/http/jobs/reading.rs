@@ -27,8 +27,12 @@ pub(crate) enum Proposal {
 
 /// Reads and plans a submission. Large ones are put aside, so that they do not hold up answers to
 /// others, and few at a time.
-pub(crate) async fn read(app: &App, bytes: Bytes, proposal: Proposal) -> Result<Submission, Problem> {
-    let limits = app.shared.limits;
+pub(crate) async fn read(
+    app: &App,
+    bytes: Bytes,
+    limits: Limits,
+    proposal: Proposal,
+) -> Result<Submission, Problem> {
     if bytes.len() <= LARGE_BODY_BYTES {
         return Ok(read_now(&bytes, &limits, proposal)?);
     }

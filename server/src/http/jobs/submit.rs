@@ -6,6 +6,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
 
+use crate::accounts::Caller;
 use crate::exports::estimates;
 use crate::http::app::App;
 use crate::http::body;
@@ -13,7 +14,6 @@ use crate::http::conditional::Wait;
 use crate::http::jobs::get::wait_until;
 use crate::http::jobs::reading::{Proposal, Submission, read};
 use crate::http::jobs::view::{self, Job};
-use crate::http::observe::Caller;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
@@ -54,13 +54,14 @@ pub(crate) async fn submit(
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { request, plan, body_sha256 } = read(&app, bytes, Proposal::None).await?;
-    let owner = caller.0;
+    let Submission { request, plan, body_sha256 } =
+        read(&app, bytes, app.limits_of(&caller), Proposal::None).await?;
+    let by = caller.by;
     let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
-    check_room(&app, &owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
-    let idempotency_key = key.map(|key| IdempotencyKey { scope: owner.clone(), key, body_sha256 });
+    check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
+    let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
     let submitted =
-        app.shared.store.submit(NewJob { request, warnings: plan.warnings, owner, idempotency_key }).await?;
+        app.shared.store.submit(NewJob { request, warnings: plan.warnings, by, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {
             tracing::info!(job_id = %record.id, grains = plan.grains, "accepted");

@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::exports::view::ExportLink;
-use crate::http::response::{set, time};
+use crate::http::response::{named, set, time};
 use crate::http::waiting::Changing;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
@@ -43,9 +43,14 @@ pub(crate) struct JobSummary {
     /// Jobs of higher priority run first.
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
+    /// Whose the job is: the owner of the API key that submitted it; `null` where the server asks for none.
+    #[schema(required)]
+    owner: Option<String>,
     /// Name of the API key that submitted the job; `null` where the server asks for none.
     #[schema(required)]
     submitted_by: Option<String>,
+    /// Whether other users of the server may read the job and its result.
+    shared: bool,
     /// Seed of the random generator.
     #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     seed: i64,
@@ -162,7 +167,9 @@ impl JobSummary {
             attempt: job.attempt,
             max_attempts: job.max_attempts,
             priority: job.priority,
-            submitted_by: Some(job.owner.clone()).filter(|owner| !owner.is_empty()),
+            owner: named(&job.owner),
+            submitted_by: named(&job.submitted_by),
+            shared: job.shared,
             seed: job.seed,
             timeout_s: job.timeout_s,
             created_at: time(job.created_at),

@@ -105,7 +105,16 @@ fn add_everywhere(document: &mut Value) {
             responses.insert("500".into(), problem(Kind::InternalError));
             if !open {
                 responses.insert("401".into(), problem(Kind::Unauthorized));
+                responses.insert("403".into(), problem(Kind::Forbidden));
                 responses.entry("503").or_insert_with(|| problem(Kind::NotReady));
+                let too_many = problem(Kind::TooManyRequests);
+                match responses.get_mut("429").map(|known| &mut known["description"]) {
+                    Some(Value::String(known)) => {
+                        known.push_str("; ");
+                        known.push_str(too_many["description"].as_str().unwrap_or_default());
+                    }
+                    _ => drop(responses.insert("429".into(), too_many)),
+                }
                 responses.insert("507".into(), problem(Kind::InsufficientStorage));
             }
             responses.sort_keys();

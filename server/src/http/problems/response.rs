@@ -66,7 +66,9 @@ pub(crate) fn of_fault(fault: Fault) -> Problem {
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::QueueFull { .. } | StoreError::TooManyWait { .. } => {
+            StoreError::QueueFull { .. }
+            | StoreError::OwnerQueueFull { .. }
+            | StoreError::TooManyWait { .. } => {
                 Self::new(Kind::QueueFull, error.to_string()).with_header("retry-after", "30")
             }
             StoreError::VersionDiffers => {

@@ -41,6 +41,9 @@ problem_sets! {
     /// Of changes of a job.
     PatchProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, Conflict 409,
         PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
+    /// Of changes of a study.
+    StudyPatchProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408,
+        PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
     /// Of actions that a job's state may forbid.
     ActionProblems: ValidationError 400, NotFound 404, Conflict 409, PreconditionFailed 412;
     /// Of retries.

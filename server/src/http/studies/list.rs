@@ -1,11 +1,13 @@
 //! Listing studies, newest first.
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::pages::{self, PageParameters};
 use crate::http::params::values::Labels;
@@ -44,7 +46,8 @@ parameters! {
 
 /// List studies
 ///
-/// Newest first. Items are studies without their `request`.
+/// Newest first. Items are studies without their `request`. A key with the role `admin` sees all studies, any other key
+/// those of its owner and those that are shared.
 #[utoipa::path(
     get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
     params(StudyListParameters),
@@ -56,9 +59,11 @@ parameters! {
 )]
 pub(crate) async fn list(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     Query(mut query): Query<StudyListParameters>,
 ) -> Result<Response, Problem> {
-    let filter = StudyFilter { state: query.state, labels: query.label.0.clone() };
+    let filter =
+        StudyFilter { state: query.state, labels: query.label.0.clone(), visible_to: caller.sees_only() };
     let before = query.page.after(&filter)?.map(|item| item.seq);
     let found = app.shared.store.list_studies(&filter, before, query.page.limit.get()).await?;
     let next_cursor = found.next_before.map(|seq| pages::cursor(seq, &filter));

@@ -3,6 +3,7 @@
 pub(crate) mod actions;
 pub(crate) mod get;
 pub(crate) mod list;
+pub(crate) mod patch;
 pub(crate) mod plots;
 pub(crate) mod submit;
 pub(crate) mod table;

@@ -10,11 +10,11 @@ use jiff::Timestamp;
 use packstone_engine::Limits;
 use serde_json::Value;
 
+use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
-use crate::http::observe::Caller;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::SubmitProblems;
@@ -67,13 +67,12 @@ pub(crate) async fn submit(
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { study, request, body_sha256 } = read(&app, bytes).await?;
-    let owner = caller.0;
+    let Submission { study, request, body_sha256 } = read(&app, bytes, app.limits_of(&caller)).await?;
+    let by = caller.by;
     // The grains of each job are counted when it starts; then it waits where its result would not fit.
-    check_room(&app, &owner, Storage::bytes_of_result(0.0) * study.jobs() as u64).await?;
-    let idempotency_key = key.map(|key| IdempotencyKey { scope: owner.clone(), key, body_sha256 });
-    let submitted =
-        app.shared.store.submit_study(NewStudy { study, request, owner, idempotency_key }).await?;
+    check_room(&app, &by.owner, Storage::bytes_of_result(0.0) * study.jobs() as u64).await?;
+    let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
+    let submitted = app.shared.store.submit_study(NewStudy { study, request, by, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         SubmittedStudy::Created(record) => {
             tracing::info!(study_id = %record.id, jobs = record.jobs(), "accepted");
@@ -105,8 +104,7 @@ struct Submission {
 
 /// Reads and expands a submission: off the threads that answer and few at a time, for a short request may
 /// stand for ten thousand jobs.
-async fn read(app: &App, bytes: Bytes) -> Result<Submission, Problem> {
-    let limits = app.shared.limits;
+async fn read(app: &App, bytes: Bytes, limits: Limits) -> Result<Submission, Problem> {
     read_apart(app, move |go_on| read_now(&bytes, &limits, go_on)).await
 }
 

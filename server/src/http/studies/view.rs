@@ -9,7 +9,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use crate::http::app::App;
-use crate::http::response::{set, time};
+use crate::http::response::{named, set, time};
 use crate::http::waiting::Changing;
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
@@ -30,6 +30,14 @@ pub(crate) struct StudySummary {
     name: Option<String>,
     /// Keys and values to find the study by.
     labels: BTreeMap<String, String>,
+    /// Whose the study is: the owner of the API key that submitted it; `null` where the server asks for none.
+    #[schema(required)]
+    owner: Option<String>,
+    /// Name of the API key that submitted the study; `null` where the server asks for none.
+    #[schema(required)]
+    submitted_by: Option<String>,
+    /// Whether other users of the server may read the study with its jobs.
+    shared: bool,
     /// What the seeds of its jobs derive from.
     #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
     seed: i64,
@@ -143,6 +151,9 @@ impl StudySummary {
             id: study.id.to_string(),
             name: study.name.clone(),
             labels: study.labels.clone(),
+            owner: named(&study.owner),
+            submitted_by: named(&study.submitted_by),
+            shared: study.shared,
             seed: study.seed,
             created_at: time(study.created_at),
             finished_at: study.finished_at.map(time),

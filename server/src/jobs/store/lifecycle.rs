@@ -3,9 +3,7 @@
 //! Each is one transaction whose update names the state it leaves; those of a running job also name
 //! the attempt, so that a worker that lost its lease changes nothing.
 
-use std::time::Duration;
-
-use sqlx::Row as _;
+use sqlx::{Row as _, SqliteConnection};
 
 use super::exports::{files_of_job, insert_beforehand};
 use super::studies::runs;
@@ -17,13 +15,21 @@ use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::studies::{Facts, Outcome};
 
-/// The number of the job to run next. The index is named, because the planner of SQLite would choose the index of all
-/// states and sort the queue at every claim.
+/// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
+/// those whose jobs are not held back, of which `?4` is a list in JSON. The index is named, because the planner of
+/// SQLite would choose the index of all states and sort the queue at every claim.
 macro_rules! next_in_queue {
     () => {
-        "select seq from jobs indexed by jobs_queue
-         where state = 'queued' and (not_before is null or not_before <= ?1)
-         order by priority desc, turn, seq limit 1"
+        "select head.seq from queue_owners cross join jobs as head
+         where queue_owners.queued > 0
+             and queue_owners.owner not in (select value from json_each(?4))
+             and head.seq = (
+                 select jobs.seq from jobs indexed by jobs_queue
+                 where jobs.state = 'queued' and jobs.owner = queue_owners.owner
+                     and (jobs.not_before is null or jobs.not_before <= ?1)
+                 order by jobs.priority desc, jobs.turn, jobs.seq limit 1
+             )
+         order by max(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
     };
 }
 #[cfg(test)]
@@ -57,7 +63,8 @@ pub(crate) enum Cancelled {
 }
 
 impl Store {
-    /// Leases the next job: the highest priority, then the smallest virtual start time.
+    /// Leases the next job: of the owner whose turn it is the one of the highest priority, then the smallest virtual
+    /// start time. An owner of whom as many jobs run as may is passed over.
     ///
     /// The claim is not synchronized to the disk. A power cut that undoes it leaves the job queued, and the files of
     /// the attempt are removed by the sweeper. The next synchronized write includes the claim.
@@ -65,7 +72,7 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
-            let claimed = claim(&mut writer, store.limits().lease).await?;
+            let claimed = store.claim_next(&mut writer).await?;
             drop(writer);
             if let Some(claimed) = &claimed {
                 store.notify_job(&claimed.job);
@@ -163,6 +170,7 @@ impl Store {
             drop(writer);
             store.notify_lease(lease);
             store.notify_all(&called_off);
+            store.wake_worker_for_held_back();
             if !postprocess.is_empty() {
                 store.wake_export_workers();
             }
@@ -235,6 +243,7 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             store.notify_lease(lease);
+            store.wake_worker_for_held_back();
             Ok(pause)
         })
         .await?;
@@ -281,6 +290,8 @@ impl Store {
             store.notify_all(&called_off);
             if to == State::Queued {
                 store.wake_worker();
+            } else {
+                store.wake_worker_for_held_back();
             }
             Ok(())
         })
@@ -347,9 +358,10 @@ impl Store {
                 return Err(StoreError::Forbidden(before.state));
             }
             sqlx::query("delete from artifacts where job = ?").bind(before.seq).execute(&mut *tx).await?;
-            store.check_queue(&mut tx, 1).await?;
-            let flow = runs::flow_of(&mut tx, before.seq).await?;
-            let turn = turns::assign_start_times(&mut tx, flow, before.priority, 1).await?;
+            store.check_queue(&mut tx, &before.owner, 1).await?;
+            let number = runs::flow_of(&mut tx, before.seq).await?;
+            let flow = turns::Flow { owner: &before.owner, number, priority: before.priority };
+            let turn = turns::assign_start_times(&mut tx, flow, 1).await?;
             sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
@@ -402,37 +414,58 @@ impl Store {
         })
         .await
     }
-}
 
-async fn claim(writer: &mut Writing<'_>, lease: Duration) -> Result<Option<Claimed>, StoreError> {
-    let mut tx = writer.begin().await?;
-    let now = now_us();
-    let row = sqlx::query(concat!(
-        "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-             lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null
-         where seq = (",
-        next_in_queue!(),
-        ") returning seq, priority, turn, faults",
-    ))
-    .bind(now)
-    .bind(now.saturating_add(micros(lease)))
-    .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
-    .fetch_optional(&mut *tx)
-    .await?;
-    let Some(row) = row else {
-        tx.rollback().await?;
-        return Ok(None);
-    };
-    let faults = row.try_get("faults")?;
-    turns::advance_virtual_time(&mut tx, row.try_get("priority")?, row.try_get("turn")?).await?;
-    let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
-    let request = sqlx::query("select body from job_requests where job = ?")
-        .bind(job.seq)
-        .fetch_one(&mut *tx)
-        .await?
-        .try_get("body")?;
-    tx.commit().await?;
-    let study = job.study.map(|place| place.id);
-    let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
-    Ok(Some(Claimed { lease, job, request, faults }))
+    async fn claim_next(&self, writer: &mut Writing<'_>) -> Result<Option<Claimed>, StoreError> {
+        let mut tx = writer.begin().await?;
+        let held_back = self.held_back(&mut tx).await?;
+        let now = now_us();
+        let row = sqlx::query(concat!(
+            "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null
+             where seq = (",
+            next_in_queue!(),
+            ") returning seq, owner, priority, turn, faults",
+        ))
+        .bind(now)
+        .bind(now.saturating_add(micros(self.limits().lease)))
+        .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
+        .bind(to_json(&held_back)?)
+        .fetch_optional(&mut *tx)
+        .await?;
+        let Some(row) = row else {
+            tx.rollback().await?;
+            return Ok(None);
+        };
+        let faults = row.try_get("faults")?;
+        let (owner, priority): (String, i64) = (row.try_get("owner")?, row.try_get("priority")?);
+        turns::advance_virtual_times(&mut tx, &owner, priority, row.try_get("turn")?).await?;
+        let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
+        let request = sqlx::query("select body from job_requests where job = ?")
+            .bind(job.seq)
+            .fetch_one(&mut *tx)
+            .await?
+            .try_get("body")?;
+        tx.commit().await?;
+        let study = job.study.map(|place| place.id);
+        let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
+        Ok(Some(Claimed { lease, job, request, faults }))
+    }
+
+    /// The owners of whom as many jobs run as may.
+    async fn held_back(&self, connection: &mut SqliteConnection) -> Result<Vec<String>, StoreError> {
+        if !self.accounts().bounds_running() {
+            return Ok(Vec::new());
+        }
+        let found = sqlx::query("select owner, running from queue_owners where queued > 0")
+            .fetch_all(connection)
+            .await?;
+        let mut held_back = Vec::new();
+        for row in found {
+            let (owner, running): (String, i64) = (row.try_get("owner")?, row.try_get("running")?);
+            if self.accounts().quotas(&owner).running.is_some_and(|most| running as u64 >= most) {
+                held_back.push(owner);
+            }
+        }
+        Ok(held_back)
+    }
 }

@@ -18,6 +18,8 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (7, "methods", include_str!("../../../../migrations/0007_methods.sql")),
     (8, "warnings", include_str!("../../../../migrations/0008_warnings.sql")),
     (9, "orders", include_str!("../../../../migrations/0009_orders.sql")),
+    (10, "owners", include_str!("../../../../migrations/0010_owners.sql")),
+    (11, "queues", include_str!("../../../../migrations/0011_queues.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.

@@ -12,6 +12,8 @@ mod exports;
 mod faults;
 mod lifecycle;
 mod migrations;
+#[cfg(test)]
+mod owners_tests;
 mod patch;
 mod query;
 mod rows;
@@ -36,6 +38,7 @@ use tokio::sync::Notify;
 
 use super::notifications::{Notifications, Subscription};
 use super::{JobId, JobRecord, Lease, State};
+use crate::accounts::Accounts;
 use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
@@ -45,7 +48,7 @@ use writer::{Durability, Writer, Writing};
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use lifecycle::{Cancelled, Claimed};
-pub(crate) use query::{Filter, Order, Position, SortKey};
+pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 pub(crate) use target::Target;
@@ -62,6 +65,8 @@ const RESERVE: &str = "reserve";
 const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
 /// An unusable database is lost for good after so long.
 const LOST_AFTER: Duration = Duration::from_mins(1);
+/// How often an idle worker looks for jobs that are held back no longer, where the number of running jobs is bounded.
+const LOOK_AT_QUOTAS: Duration = Duration::from_secs(2);
 
 /// Why the store did not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -105,6 +110,12 @@ pub(crate) enum StoreError {
     /// So many jobs wait that there is no room for more.
     #[error("the queue holds {queued} jobs of at most {most}, without room for {more} more")]
     QueueFull { queued: u64, more: u64, most: u64 },
+    /// So many jobs of the owner wait that there is no room for more of them.
+    #[error(
+        "{queued} jobs of the owner {owner:?} wait, of at most {most}, without room for {more} more: submit again when \
+         some have started, or cancel some"
+    )]
+    OwnerQueueFull { owner: String, queued: u64, more: u64, most: u64 },
     /// The job or study has another version than the client accepts.
     #[error("the version is another than If-Match names")]
     VersionDiffers,
@@ -144,6 +155,7 @@ struct Shared {
     /// Of those who make anything, and of those who make only what is quick.
     export_workers: [Notify; 2],
     limits: StoreLimits,
+    accounts: Arc<Accounts>,
 }
 
 impl Store {
@@ -151,7 +163,11 @@ impl Store {
     ///
     /// # Errors
     /// When the file cannot be opened or migrated, by an older version for example.
-    pub(crate) async fn open(file: &Path, limits: StoreLimits) -> Result<Self, StoreError> {
+    pub(crate) async fn open(
+        file: &Path,
+        limits: StoreLimits,
+        accounts: Arc<Accounts>,
+    ) -> Result<Self, StoreError> {
         let options = SqliteConnectOptions::new()
             .filename(file)
             .create_if_missing(true)
@@ -188,6 +204,7 @@ impl Store {
                 queue: Notify::new(),
                 export_workers: [Notify::new(), Notify::new()],
                 limits,
+                accounts,
             }),
         })
     }
@@ -228,7 +245,25 @@ impl Store {
 
     /// Waits until a job may have come into the queue.
     pub(crate) async fn queue_notified(&self) {
-        self.shared.queue.notified().await;
+        let notified = self.shared.queue.notified();
+        if self.bounds_running() {
+            // A quota may have been raised, of which nobody tells.
+            let _ = tokio::time::timeout(LOOK_AT_QUOTAS, notified).await;
+        } else {
+            notified.await;
+        }
+    }
+
+    /// Whether jobs may be held back until others of their owner have ended.
+    fn bounds_running(&self) -> bool {
+        self.shared.accounts.bounds_running()
+    }
+
+    /// After a commit by which a job runs no longer: another of its owner may be held back.
+    fn wake_worker_for_held_back(&self) {
+        if self.bounds_running() {
+            self.wake_worker();
+        }
     }
 
     /// Wakes one more worker: of a burst of submissions, only the last may have left its mark.
@@ -312,6 +347,10 @@ impl Store {
 
     fn readers(&self) -> &SqlitePool {
         &self.shared.readers
+    }
+
+    fn accounts(&self) -> &Accounts {
+        &self.shared.accounts
     }
 
     fn limits(&self) -> StoreLimits {

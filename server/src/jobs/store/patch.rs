@@ -36,7 +36,7 @@ impl Store {
             }
             sqlx::query(
                 "update jobs set name = iif(?2, ?3, name), expires_at = iif(?4, ?5, expires_at),
-                     version = version + 1, updated_at = ?6
+                     shared = coalesce(?7, shared), version = version + 1, updated_at = ?6
                  where seq = ?1",
             )
             .bind(before.seq)
@@ -45,6 +45,7 @@ impl Store {
             .bind(patch.expires_at.is_some())
             .bind(patch.expires_at.value())
             .bind(now_us())
+            .bind(patch.shared)
             .execute(&mut *tx)
             .await?;
             let job = rows::by_seq(&mut tx, before.seq).await?;
@@ -84,7 +85,9 @@ async fn set_priority(
         return Err(StoreError::Forbidden(job.state));
     }
     let flow = runs::flow_of(connection, job.seq).await?;
-    let turn = turns::assign_start_times(connection, flow, priority, 1).await?;
+    let turn =
+        turns::assign_start_times(connection, turns::Flow { owner: &job.owner, number: flow, priority }, 1)
+            .await?;
     sqlx::query("update jobs set priority = ?, turn = ? where seq = ?")
         .bind(priority)
         .bind(turn)

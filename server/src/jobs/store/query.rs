@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
+use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row as _, Sqlite};
 
 use super::rows::select_jobs;
@@ -30,8 +31,34 @@ pub(crate) struct Filter {
     pub(crate) created_after: Option<i64>,
     /// Only jobs that were submitted before this time, in microseconds since the Unix epoch.
     pub(crate) created_before: Option<i64>,
+    /// Only jobs of this owner, and those that are shared.
+    pub(crate) visible_to: Option<String>,
     /// In which order.
     pub(crate) order: Order,
+}
+
+/// Whose a job or a study is, and whether others may read it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Holder {
+    pub(crate) owner: String,
+    pub(crate) shared: bool,
+}
+
+impl Holder {
+    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
+        Ok(Self { owner: row.try_get("owner")?, shared: row.try_get("shared")? })
+    }
+}
+
+/// What the jobs of an owner take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Usage {
+    /// Jobs that wait.
+    pub(crate) queued: u64,
+    /// Jobs that run.
+    pub(crate) running: u64,
+    /// Bytes of results and kept exports.
+    pub(crate) stored_bytes: u64,
 }
 
 /// By what a listing is ordered. Jobs that are equal in it are in the order of their submission.
@@ -94,6 +121,24 @@ impl Store {
         row.as_ref().map(rows::job).transpose()
     }
 
+    /// Whose the job is, or `None` where there is none (any more).
+    pub(crate) async fn holder_of_job(&self, id: JobId) -> Result<Option<Holder>, StoreError> {
+        let row = sqlx::query("select owner, shared from jobs where id = ?")
+            .bind(id.to_string())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(Holder::read).transpose()
+    }
+
+    /// Whose the study is, or `None` where there is none (any more).
+    pub(crate) async fn holder_of_study(&self, id: StudyId) -> Result<Option<Holder>, StoreError> {
+        let row = sqlx::query("select owner, shared from studies where id = ?")
+            .bind(id.to_string())
+            .fetch_optional(self.readers())
+            .await?;
+        row.as_ref().map(Holder::read).transpose()
+    }
+
     /// The request of a job as stored. It never changes.
     ///
     /// # Errors
@@ -127,6 +172,25 @@ impl Store {
         jobs.truncate(limit as usize);
         let next_after = jobs.last().filter(|_| more).map(|job| filter.order.position(job));
         Ok(Page { jobs, next_after })
+    }
+
+    /// What the jobs of an owner take.
+    pub(crate) async fn usage_of(&self, owner: &str) -> Result<Usage, StoreError> {
+        let row = sqlx::query("select queued, running from queue_owners where owner = ?")
+            .bind(owner)
+            .fetch_optional(self.readers())
+            .await?;
+        let count = |column| -> Result<u64, StoreError> {
+            let count = row.as_ref().map(|row| row.try_get::<i64, _>(column)).transpose()?;
+            Ok(count.unwrap_or(0) as u64)
+        };
+        let stored: i64 = sqlx::query_scalar(
+            "select coalesce(sum(bytes), 0) from stored_bytes where owner = ? and kind <> 'cache'",
+        )
+        .bind(owner)
+        .fetch_one(self.readers())
+        .await?;
+        Ok(Usage { queued: count("queued")?, running: count("running")?, stored_bytes: stored as u64 })
     }
 
     /// How long the job that was accepted first has waited, of those that wait.
@@ -249,11 +313,23 @@ impl Filter {
     }
 }
 
+impl Filter {
+    /// Adds the condition that the owner may see a job.
+    fn push_visible(&self, query: &mut QueryBuilder<Sqlite>) {
+        if let Some(owner) = &self.visible_to {
+            query.push(" and (jobs.owner = ").push_bind(owner.clone()).push(" or jobs.shared)");
+        }
+    }
+}
+
 fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
     if let Some(study) = filter.study {
         return list_of_study(study, filter, after, limit);
     }
     let Some(((key, value), others)) = filter.labels.split_first() else {
+        if let Some(owner) = &filter.visible_to {
+            return list_of_owner(owner, filter, after, limit);
+        }
         let mut query = QueryBuilder::new(select_jobs!("where "));
         filter.push(&mut query, "jobs.seq", after);
         if let Some(state) = filter.state {
@@ -277,6 +353,7 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqli
     );
     query.push_bind(key.clone()).push(" and job_labels.value = ").push_bind(value.clone());
     filter.push(query.push(" and "), "job_labels.job", after);
+    filter.push_visible(&mut query);
     if let Some(state) = filter.state {
         query.push(" and job_labels.state = ").push_bind(state.name());
     }
@@ -289,6 +366,31 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqli
     query
 }
 
+/// Two ranges, each of one index and as long as a page: the jobs of the owner, and those that others share.
+fn list_of_owner(owner: &str, filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new(select_jobs!(
+        "where jobs.seq in (select seq from (select jobs.seq from jobs indexed by jobs_by_owner where jobs.owner = "
+    ));
+    query.push_bind(owner.to_owned());
+    let rest = |query: &mut QueryBuilder<Sqlite>| {
+        filter.push(query.push(" and "), "jobs.seq", after);
+        if let Some(state) = filter.state {
+            query.push(" and +jobs.state = ").push_bind(state.name());
+        }
+        filter.order.push_end(query, "jobs.seq", limit);
+    };
+    rest(&mut query);
+    query.push(
+        ") union all select seq from (select jobs.seq from jobs indexed by jobs_shared where jobs.shared \
+         and jobs.owner <> ",
+    );
+    query.push_bind(owner.to_owned());
+    rest(&mut query);
+    query.push("))");
+    filter.order.push_end(&mut query, "jobs.seq", limit);
+    query
+}
+
 /// A study has its own index; labels are looked up for each of its jobs, of which there are not many.
 fn list_of_study(study: StudyId, filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(select_jobs!(
@@ -296,6 +398,7 @@ fn list_of_study(study: StudyId, filter: &Filter, after: Position, limit: i64) -
     ));
     query.push_bind(study.to_string()).push(") and ");
     filter.push(&mut query, "jobs.seq", after);
+    filter.push_visible(&mut query);
     if let Some(state) = filter.state {
         query.push(" and jobs.state = ").push_bind(state.name());
     }

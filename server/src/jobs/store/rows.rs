@@ -70,6 +70,8 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         artifact,
         study,
         owner: row.try_get("owner")?,
+        submitted_by: row.try_get("submitted_by")?,
+        shared: row.try_get("shared")?,
     })
 }
 

@@ -7,12 +7,13 @@ use packstone_engine::export::tables::EngineInfo;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::{Store, StoreError, now_us, rows, turns};
+use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
 /// A key that makes a repeated submission harmless.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct IdempotencyKey {
-    /// Whose key it is; clients with different API keys do not meet.
+    /// Whose key it is; clients of different owners do not meet.
     pub(crate) scope: String,
     /// The key as sent.
     pub(crate) key: String,
@@ -26,8 +27,8 @@ pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
     /// What the plan of the request warns of.
     pub(crate) warnings: Vec<String>,
-    /// Name of the API key that it came with; empty where the server asks for none.
-    pub(crate) owner: String,
+    /// Who submits it.
+    pub(crate) by: Submitter,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -44,7 +45,7 @@ impl Store {
     /// Takes a job in; it is safe on disk when this returns.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's.
+    /// [`StoreError::QueueFull`], [`StoreError::OwnerQueueFull`], [`StoreError::KeyReused`], or the database's.
     pub(crate) async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -69,13 +70,16 @@ impl Store {
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
         }
-        self.check_queue(&mut tx, 1).await?;
-        let turn = turns::assign_start_times(&mut tx, turns::SINGLE_JOBS, request.priority, 1).await?;
+        self.check_queue(&mut tx, &new.by.owner, 1).await?;
+        let flow =
+            turns::Flow { owner: &new.by.owner, number: turns::SINGLE_JOBS, priority: request.priority };
+        let turn = turns::assign_start_times(&mut tx, flow, 1).await?;
         let now = now_us();
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
+                 shared)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -91,7 +95,9 @@ impl Store {
         .bind(engine)
         .bind(turn)
         .bind(warnings)
-        .bind(&new.owner)
+        .bind(&new.by.owner)
+        .bind(&new.by.key)
+        .bind(request.shared)
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;
@@ -122,10 +128,11 @@ impl Store {
         Ok(Submitted::Created(record))
     }
 
-    /// Refuses where the queue has no room for so many jobs more.
+    /// Refuses where the queue, or the share of the owner in it, has no room for so many jobs more.
     pub(super) async fn check_queue(
         &self,
         connection: &mut SqliteConnection,
+        owner: &str,
         more: u64,
     ) -> Result<(), StoreError> {
         let queued: i64 = sqlx::query("select jobs from job_counts where state = 'queued'")
@@ -133,7 +140,19 @@ impl Store {
             .await?
             .try_get("jobs")?;
         let (queued, most) = (queued as u64, self.limits().max_queued);
-        if queued + more > most { Err(StoreError::QueueFull { queued, more, most }) } else { Ok(()) }
+        if queued + more > most {
+            return Err(StoreError::QueueFull { queued, more, most });
+        }
+        let Some(most) = self.accounts().quotas(owner).queued else { return Ok(()) };
+        let queued: Option<i64> = sqlx::query_scalar("select queued from queue_owners where owner = ?")
+            .bind(owner)
+            .fetch_optional(connection)
+            .await?;
+        let queued = queued.unwrap_or(0) as u64;
+        if queued + more > most {
+            return Err(StoreError::OwnerQueueFull { owner: owner.to_owned(), queued, more, most });
+        }
+        Ok(())
     }
 }
 

@@ -6,6 +6,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use super::*;
+use crate::accounts::{Quotas, Submitter};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::studies::Facts;
@@ -13,7 +14,12 @@ use crate::studies::Facts;
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
 
 pub(super) async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
-    Store::open(&folder.path().join("packstone.sqlite"), limits).await.unwrap()
+    with_quotas(folder, limits, Quotas::default()).await
+}
+
+pub(super) async fn with_quotas(folder: &TempDir, limits: StoreLimits, quotas: Quotas) -> Store {
+    let accounts = Arc::new(Accounts::new(None, quotas));
+    Store::open(&folder.path().join("packstone.sqlite"), limits, accounts).await.unwrap()
 }
 
 pub(super) async fn fresh() -> (TempDir, Store) {
@@ -35,11 +41,24 @@ pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord
     let new = NewJob {
         request: request(&extra),
         warnings: Vec::new(),
-        owner: String::new(),
+        by: Submitter::default(),
         idempotency_key: None,
     };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job,
+        Submitted::Existing(_) => panic!("a job without a key exists already"),
+    }
+}
+
+pub(super) async fn submit_as(
+    store: &Store,
+    owner: &str,
+    extra: serde_json::Value,
+) -> Result<JobRecord, StoreError> {
+    let by = Submitter { key: format!("key of {owner}"), owner: owner.into() };
+    let new = NewJob { request: request(&extra), warnings: Vec::new(), by, idempotency_key: None };
+    match store.submit(new).await? {
+        Submitted::Created(job) => Ok(job),
         Submitted::Existing(_) => panic!("a job without a key exists already"),
     }
 }
@@ -68,7 +87,7 @@ pub(super) fn artifact(path: &str) -> ArtifactRecord {
     }
 }
 
-async fn succeed(store: &Store, lease: Lease) {
+pub(super) async fn succeed(store: &Store, lease: Lease) {
     let path = format!("{}.{}", lease.id, lease.attempt);
     store.succeed(lease, artifact(&path), progress(1.0), Facts::default(), Vec::new()).await.unwrap();
 }
@@ -222,7 +241,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
     let keyed = |scope: &str, body: &str| NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
-        owner: scope.into(),
+        by: Submitter { key: scope.into(), owner: scope.into() },
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
             key: "k".into(),
@@ -269,7 +288,7 @@ async fn the_queue_is_bounded() {
     let third = NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
-        owner: String::new(),
+        by: Submitter::default(),
         idempotency_key: None,
     };
     assert!(matches!(store.submit(third.clone()).await, Err(StoreError::QueueFull { most: 2, .. })));
@@ -375,8 +394,25 @@ async fn every_listing_and_claim_uses_an_index() {
         let plan = plan_of(&store, &query::list_sql(&filter)).await;
         assert!(plan.iter().all(|step| !step.starts_with("SCAN")), "{plan:?}");
     }
+    for (state, order) in [(None, Order::default()), (Some(State::Queued), Order::default())] {
+        // What an owner may see is two ranges, of which no more than a page each is sorted.
+        let filter = Filter { state, order, visible_to: Some("lab".into()), ..Filter::default() };
+        let plan = plan_of(&store, &query::list_sql(&filter)).await;
+        for index in ["jobs_by_owner", "jobs_shared"] {
+            let walked = plan.iter().position(|step| step.contains(index)).unwrap();
+            assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
+        }
+    }
     let plan = plan_of(&store, lifecycle::next_in_queue!()).await;
-    assert!(plan[0].contains("jobs_queue") && plan.len() == 1, "{plan:?}");
+    let walked = plan.iter().position(|step| step.contains("jobs_queue")).unwrap();
+    assert!(plan[walked].contains("SEARCH") && plan[walked].contains("owner=?"), "{plan:?}");
+    // Only the owners' first jobs are sorted, and no row of the jobs is scanned.
+    assert!(plan.iter().filter(|step| step.contains("TEMP B-TREE")).count() == 1, "{plan:?}");
+    assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
+    assert!(
+        plan.iter().all(|step| !step.starts_with("SCAN head") && !step.starts_with("SCAN jobs")),
+        "{plan:?}"
+    );
 }
 
 pub(super) async fn plan_of(store: &Store, sql: &str) -> Vec<String> {

@@ -1,51 +1,78 @@
-//! Start-time fair queueing of jobs of unit cost (Goyal, Vin and Cheng 1996, <https://doi.org/10.1145/248156.248171>).
+//! Start-time fair queueing of jobs of unit cost (Goyal, Vin and Cheng 1996, <https://doi.org/10.1145/248156.248171>),
+//! first between owners, then between the flows of an owner.
 //!
-//! Jobs of one priority start in the order of their virtual start times, the column `turn`. A flow is a study, or all
-//! single jobs together; its jobs have consecutive start times, S(k) = max(V, S(k-1) + 1). The virtual time V is the
-//! start time of the job that started last. So waiting flows alternate, however many jobs each has: a job that is
-//! submitted while ten thousand jobs of a study wait starts next, and the study still gets every other start. Each
-//! priority has a virtual time of its own, so that jobs of a higher priority do not advance that of a lower one.
+//! Owners: a worker takes a job of the owner with the smallest virtual start time max(V, F), where F is one more than
+//! that of the owner's job that started last, and the virtual time V is the largest of all owners. So owners whose jobs
+//! wait alternate, however many jobs and studies each has and whatever their priorities are; an owner who had no job
+//! waiting, or whose jobs were held back by a quota, saves no turns up. Ties go to the oldest of the first jobs.
+//!
+//! Flows: jobs of one owner and one priority start in the order of their virtual start times, the column `turn`. A flow
+//! is a study, or all single jobs together; its jobs have consecutive start times, S(k) = max(V, S(k-1) + 1). The
+//! virtual time V is the start time of the job that started last. So waiting flows alternate: a job that is submitted
+//! while ten thousand jobs of a study wait starts next, and the study still gets every other start. Each priority of
+//! each owner has a virtual time of its own, so that jobs of a higher priority do not advance that of a lower one.
 
 use sqlx::{Row as _, SqliteConnection};
 
 use super::StoreError;
 
-/// The flow of all jobs that belong to no study.
+/// Number of the flow of all jobs of an owner that belong to no study.
 pub(super) const SINGLE_JOBS: i64 = 0;
+
+/// Jobs of one owner and one priority that start one after another: those of a study, or all single ones.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Flow<'a> {
+    pub(super) owner: &'a str,
+    /// Number of the study, or [`SINGLE_JOBS`].
+    pub(super) number: i64,
+    pub(super) priority: i64,
+}
 
 /// Assigns the next `jobs` virtual start times of a flow, and returns the first of them.
 pub(super) async fn assign_start_times(
     connection: &mut SqliteConnection,
-    flow: i64,
-    priority: i64,
+    flow: Flow<'_>,
     jobs: i64,
 ) -> Result<i64, StoreError> {
     let last: i64 = sqlx::query(
-        "insert into queue_flows (flow, priority, last_turn)
-         values (?1, ?2, coalesce((select turn from queue_times where priority = ?2), 0) + ?3 - 1)
-         on conflict (flow, priority) do update set last_turn =
-             max(last_turn + 1, coalesce((select turn from queue_times where priority = ?2), 0)) + ?3 - 1
+        "insert into queue_owner_flows (owner, flow, priority, last_turn)
+         values (?4, ?1, ?2,
+             coalesce((select turn from queue_starts where owner = ?4 and priority = ?2), 0) + ?3 - 1)
+         on conflict (owner, flow, priority) do update set last_turn =
+             max(last_turn + 1, coalesce((select turn from queue_starts where owner = ?4 and priority = ?2), 0))
+             + ?3 - 1
          returning last_turn",
     )
-    .bind(flow)
-    .bind(priority)
+    .bind(flow.number)
+    .bind(flow.priority)
     .bind(jobs)
+    .bind(flow.owner)
     .fetch_one(connection)
     .await?
     .try_get("last_turn")?;
     Ok(last - jobs + 1)
 }
 
-/// Advances the virtual time of a priority to the virtual start time of a job that starts.
-pub(super) async fn advance_virtual_time(
+/// Advances the virtual times for a job that starts: that of its owner among the owners, and that of its priority among
+/// the jobs of the owner.
+pub(super) async fn advance_virtual_times(
     connection: &mut SqliteConnection,
+    owner: &str,
     priority: i64,
     start_time: i64,
 ) -> Result<(), StoreError> {
     sqlx::query(
-        "insert into queue_times (priority, turn) values (?, ?)
-         on conflict (priority) do update set turn = max(turn, excluded.turn)",
+        "update queue_owners set last_start = max(last_start + 1, (select max(last_start) from queue_owners))
+         where owner = ?",
     )
+    .bind(owner)
+    .execute(&mut *connection)
+    .await?;
+    sqlx::query(
+        "insert into queue_starts (owner, priority, turn) values (?, ?, ?)
+         on conflict (owner, priority) do update set turn = max(turn, excluded.turn)",
+    )
+    .bind(owner)
     .bind(priority)
     .bind(start_time)
     .execute(connection)

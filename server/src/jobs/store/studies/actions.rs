@@ -52,6 +52,50 @@ impl Store {
         .await
     }
 
+    /// Lets others read a study with its jobs, or no longer; without `shared` nothing changes but the version.
+    ///
+    /// # Errors
+    /// [`StoreError::NoStudy`], [`StoreError::VersionDiffers`], or the database's.
+    pub(crate) async fn share_study(
+        &self,
+        study: impl Into<Target<StudyId>>,
+        shared: Option<bool>,
+    ) -> Result<StudyRecord, StoreError> {
+        let (store, target) = (self.clone(), study.into());
+        self.detached(async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            let before = query::by_id(&mut tx, target.id).await?;
+            target.check(before.version)?;
+            let now = now_us();
+            sqlx::query(
+                "update studies set shared = coalesce(?2, shared), version = version + 1, updated_at = ?3
+                 where seq = ?1",
+            )
+            .bind(before.seq)
+            .bind(shared)
+            .bind(now)
+            .execute(&mut *tx)
+            .await?;
+            let jobs = sqlx::query(
+                "update jobs set shared = ?2, version = version + 1, updated_at = ?3
+                 where study = ?1 and shared <> ?2 returning id",
+            )
+            .bind(before.seq)
+            .bind(shared)
+            .bind(now)
+            .fetch_all(&mut *tx)
+            .await?;
+            let study = query::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.notify_all(&ids(&jobs)?);
+            store.notify_study(target.id);
+            Ok(study)
+        })
+        .await
+    }
+
     /// Sends the jobs of a study in these states, failed or cancelled ones, back to the queue, with their
     /// attempts renewed. Returns the study, and the jobs with the attempts that come next.
     ///
@@ -72,7 +116,7 @@ impl Store {
             let seq = before.seq;
             let mut retried = Vec::new();
             for state in states.into_iter().filter(|state| state.may_retry()) {
-                retried.extend(store.retry_all(&mut tx, seq, state).await?);
+                retried.extend(store.retry_all(&mut tx, &before, state).await?);
             }
             let study = query::by_seq(&mut tx, seq).await?;
             tx.commit().await?;
@@ -90,9 +134,10 @@ impl Store {
     async fn retry_all(
         &self,
         connection: &mut SqliteConnection,
-        study: i64,
+        study: &StudyRecord,
         state: State,
     ) -> Result<Vec<(JobId, i64)>, StoreError> {
+        let (study, owner) = (study.seq, &study.owner);
         let waiting = sqlx::query(
             "select priority, count(*) as jobs from jobs where study = ? and state = ? group by priority",
         )
@@ -103,8 +148,10 @@ impl Store {
         let mut retried = Vec::new();
         for row in waiting {
             let (priority, jobs): (i64, i64) = (row.try_get("priority")?, row.try_get("jobs")?);
-            self.check_queue(connection, jobs as u64).await?;
-            let turn = turns::assign_start_times(connection, study, priority, jobs).await?;
+            self.check_queue(connection, owner, jobs as u64).await?;
+            let turn =
+                turns::assign_start_times(connection, turns::Flow { owner, number: study, priority }, jobs)
+                    .await?;
             let rows = sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,

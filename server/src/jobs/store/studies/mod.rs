@@ -83,6 +83,12 @@ pub(crate) struct StudyRecord {
     pub(crate) finished_at: Option<i64>,
     pub(crate) updated_at: i64,
     pub(crate) expires_at: Option<i64>,
+    /// Whose it is; empty where the server asked for no key.
+    pub(crate) owner: String,
+    /// Name of the API key that submitted it; empty where the server asked for none.
+    pub(crate) submitted_by: String,
+    /// Whether other owners may read it with its jobs.
+    pub(crate) shared: bool,
 }
 
 impl StudyRecord {
@@ -123,6 +129,9 @@ impl StudyRecord {
             finished_at: row.try_get("finished_at")?,
             updated_at: row.try_get("updated_at")?,
             expires_at: row.try_get("expires_at")?,
+            owner: row.try_get("owner")?,
+            submitted_by: row.try_get("submitted_by")?,
+            shared: row.try_get("shared")?,
         })
     }
 }

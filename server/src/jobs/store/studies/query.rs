@@ -19,6 +19,8 @@ pub(crate) struct StudyFilter {
     pub(crate) state: Option<StudyState>,
     /// Keys and values that a study must all have.
     pub(crate) labels: Vec<(String, String)>,
+    /// Only studies of this owner, and those that are shared.
+    pub(crate) visible_to: Option<String>,
 }
 
 /// One page of a listing, newest study first.
@@ -198,6 +200,9 @@ fn list_query(filter: &StudyFilter, before: i64, limit: i64) -> QueryBuilder<Sql
         Some(StudyState::Finished) => {
             query.push(" and studies.finished_at is not null");
         }
+    }
+    if let Some(owner) = &filter.visible_to {
+        query.push(" and (studies.owner = ").push_bind(owner.clone()).push(" or studies.shared)");
     }
     for (key, value) in filter.labels.iter().skip(1) {
         query.push(" and exists (select 1 from study_labels as other where other.key = ");

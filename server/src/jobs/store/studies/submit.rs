@@ -9,6 +9,7 @@ use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 use super::super::submit::{IdempotencyKey, to_json};
 use super::super::{Store, StoreError, now_us, turns};
 use super::{StudyRecord, query};
+use crate::accounts::Submitter;
 use crate::ids::{JobId, StudyId};
 use crate::jobs::JobRequest;
 use crate::studies::{Point, Study};
@@ -22,8 +23,8 @@ pub(crate) struct NewStudy {
     pub(crate) study: Study,
     /// The request as submitted, with its seed.
     pub(crate) request: Value,
-    /// Name of the API key that it came with; empty where the server asks for none.
-    pub(crate) owner: String,
+    /// Who submits it.
+    pub(crate) by: Submitter,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
 }
 
@@ -51,7 +52,8 @@ impl Store {
     /// Takes a study in with all its jobs; they are safe on disk when this returns.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], [`StoreError::KeyReused`], or the database's; nothing is stored then.
+    /// [`StoreError::QueueFull`], [`StoreError::OwnerQueueFull`], [`StoreError::KeyReused`], or the database's; nothing
+    /// is stored then.
     pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -72,12 +74,12 @@ impl Store {
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
             return Ok(SubmittedStudy::Existing(existing));
         }
-        self.check_queue(&mut tx, jobs).await?;
+        self.check_queue(&mut tx, &new.by.owner, jobs).await?;
         let now = now_us();
         let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
-        let rows = rows_of(&mut tx, study, &new.study).await?;
-        insert_jobs(&mut tx, study, &rows, &new.owner, now).await?;
+        let rows = rows_of(&mut tx, study, new).await?;
+        insert_jobs(&mut tx, study, &rows, new, now).await?;
         insert_bodies(&mut tx, &new.study, &rows).await?;
         insert_labels(&mut tx, &rows).await?;
         let record = query::by_seq(&mut tx, study).await?;
@@ -113,8 +115,8 @@ async fn insert_head(
     let study = &new.study;
     let seq: i64 = sqlx::query(
         "insert into studies (id, name, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
-             created_at, updated_at, expires_at)
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+             created_at, updated_at, expires_at, owner, submitted_by, shared)
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
     )
     .bind(StudyId::new().to_string())
     .bind(&study.name)
@@ -129,6 +131,9 @@ async fn insert_head(
     .bind(now)
     .bind(now)
     .bind(expires_at_us(study))
+    .bind(&new.by.owner)
+    .bind(&new.by.key)
+    .bind(study.shared)
     .fetch_one(&mut *connection)
     .await?
     .try_get("seq")?;
@@ -180,8 +185,9 @@ async fn insert_points(connection: &mut SqliteConnection, study: i64, of: &Study
 async fn rows_of<'a>(
     connection: &mut SqliteConnection,
     study: i64,
-    of: &'a Study,
+    new: &'a NewStudy,
 ) -> Result<Vec<Row<'a>>, StoreError> {
+    let of = &new.study;
     let last: Option<i64> = sqlx::query_scalar("select seq from sqlite_sequence where name = 'jobs'")
         .fetch_optional(&mut *connection)
         .await?;
@@ -191,7 +197,8 @@ async fn rows_of<'a>(
     }
     let mut next_turn = BTreeMap::new();
     for (priority, jobs) in jobs_of {
-        next_turn.insert(priority, turns::assign_start_times(connection, study, priority, jobs).await?);
+        let flow = turns::Flow { owner: &new.by.owner, number: study, priority };
+        next_turn.insert(priority, turns::assign_start_times(connection, flow, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
         let Point { job, seeds, warnings, .. } = &of.points[point];
@@ -207,7 +214,7 @@ async fn insert_jobs(
     connection: &mut SqliteConnection,
     study: i64,
     rows: &[Row<'_>],
-    owner: &str,
+    new: &NewStudy,
     now: i64,
 ) -> Result<(), StoreError> {
     let engine = to_json(&EngineInfo::current())?;
@@ -217,7 +224,7 @@ async fn insert_jobs(
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings) ",
+                 warnings, submitted_by, shared) ",
         );
         query.push_values(chunk.iter().zip(texts), |mut values, (row, (labels, warnings))| {
             let job = row.job;
@@ -227,7 +234,8 @@ async fn insert_jobs(
             values.push_bind(job.max_attempts).push_bind(job.max_attempts);
             values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
             values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
-            values.push_bind(row.turn).push_bind(owner.to_owned()).push_bind(warnings);
+            values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
+            values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
         });
         query.build().execute(&mut *connection).await?;
     }

@@ -13,6 +13,7 @@ use super::super::migrations::migrations_to;
 use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
 use super::super::{Filter, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
+use crate::accounts::Submitter;
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{Lease, State};
 use crate::studies::table::Cells;
@@ -40,7 +41,7 @@ fn new(request: &Value, key: Option<(&str, &str)>) -> NewStudy {
         key: key.into(),
         body_sha256: body.into(),
     });
-    NewStudy { request: study.recorded(request), study, owner: String::new(), idempotency_key }
+    NewStudy { request: study.recorded(request), study, by: Submitter::default(), idempotency_key }
 }
 
 async fn take_in(store: &Store, request: &Value) -> StudyRecord {
@@ -366,7 +367,8 @@ async fn listings_are_filtered_and_use_their_indexes() {
     }
     store.cancel_study(ids[0]).await.unwrap();
     let list = async |state, labels| {
-        let page = store.list_studies(&StudyFilter { state, labels }, None, 10).await.unwrap();
+        let page =
+            store.list_studies(&StudyFilter { state, labels, visible_to: None }, None, 10).await.unwrap();
         page.studies.iter().map(|study| study.id).collect::<Vec<_>>()
     };
     assert_eq!(list(None, vec![]).await, ids);
@@ -381,7 +383,9 @@ async fn listings_are_filtered_and_use_their_indexes() {
     for (state, labels) in
         [(None, vec![]), (Some(StudyState::Open), vec![]), (Some(StudyState::Finished), label("a"))]
     {
-        assert_indexed(&plan_of(&store, &query::list_sql(&StudyFilter { state, labels })).await);
+        assert_indexed(
+            &plan_of(&store, &query::list_sql(&StudyFilter { state, labels, visible_to: None })).await,
+        );
     }
     for (state, labels) in [(None, vec![]), (Some(State::Queued), vec![]), (Some(State::Failed), label("a"))]
     {

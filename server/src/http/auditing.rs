@@ -1,0 +1,152 @@
+//! Which requests the audit log tells of, and what of them.
+
+use std::sync::Arc;
+
+use axum::http::{Method, header};
+use axum::response::Response;
+use jiff::Timestamp;
+
+use crate::accounts::Caller;
+use crate::audit::{AuditEntry, AuditLog};
+use crate::http::app::App;
+use crate::metrics::Metrics;
+use crate::tasks::{self, Task};
+
+/// What a request that may change something does; `None` for all others. A route that is added has the name that its
+/// path gives until it is named here.
+fn action(method: &Method, route: &str) -> Option<String> {
+    if [Method::GET, Method::HEAD, Method::OPTIONS].contains(method) || route == "/v1/plans" {
+        return None;
+    }
+    let named = match (method.as_str(), route) {
+        ("POST", "/v1/jobs") => "submit_job",
+        ("PATCH", "/v1/jobs/{id}") => "patch_job",
+        ("DELETE", "/v1/jobs/{id}") => "delete_job",
+        ("POST", "/v1/jobs/{id}/cancel") => "cancel_job",
+        ("POST", "/v1/jobs/{id}/retry") => "retry_job",
+        ("POST", "/v1/jobs/{id}/exports/{type}") => "start_export",
+        ("DELETE", "/v1/jobs/{id}/exports/{type}") => "delete_export",
+        ("POST", "/v1/studies") => "submit_study",
+        ("PATCH", "/v1/studies/{id}") => "patch_study",
+        ("DELETE", "/v1/studies/{id}") => "delete_study",
+        ("POST", "/v1/studies/{id}/cancel") => "cancel_study",
+        ("POST", "/v1/studies/{id}/retry") => "retry_study",
+        _ => return Some(format!("{method} {route}")),
+    };
+    Some(named.to_owned())
+}
+
+/// A request as the audit log will tell of it. Dropped before the answer, because the client has hung up, it is told
+/// without a status: what was begun goes on.
+pub(crate) struct Audited {
+    log: Arc<AuditLog>,
+    metrics: Arc<Metrics>,
+    entry: Option<AuditEntry>,
+}
+
+impl Audited {
+    /// Begins to tell of a request; `None` where there is no audit log, or the request changes nothing.
+    pub(crate) fn begin(
+        app: &App,
+        (method, route, path): (&Method, &str, &str),
+        request_id: &str,
+        address: &str,
+        caller: &Caller,
+    ) -> Option<Self> {
+        let log = app.shared.audit.clone()?;
+        let action = action(method, route)?;
+        let id = if route.contains("/{id}") { path.split('/').nth(3).map(str::to_owned) } else { None };
+        let entry = AuditEntry {
+            time: Timestamp::now().to_string(),
+            request_id: request_id.to_owned(),
+            key: caller.by.key.clone(),
+            owner: caller.by.owner.clone(),
+            address: address.to_owned(),
+            action,
+            id,
+            path: path.to_owned(),
+            status: None,
+        };
+        Some(Self { log, metrics: Arc::clone(&app.shared.metrics), entry: Some(entry) })
+    }
+
+    /// Begins to tell of the answer, which is sent when this has ended.
+    pub(crate) fn answered(mut self, response: &Response) -> Option<Task<()>> {
+        let mut entry = self.entry.take()?;
+        entry.status = Some(response.status().as_u16());
+        if entry.id.is_none() {
+            let location = response.headers().get(header::LOCATION).and_then(|path| path.to_str().ok());
+            entry.id = location.and_then(|path| path.rsplit('/').next()).map(str::to_owned);
+        }
+        let (log, metrics) = (Arc::clone(&self.log), Arc::clone(&self.metrics));
+        Some(tasks::blocking(move || append(&log, &metrics, &entry)))
+    }
+}
+
+impl Drop for Audited {
+    fn drop(&mut self) {
+        if let Some(entry) = self.entry.take() {
+            append(&self.log, &self.metrics, &entry);
+        }
+    }
+}
+
+fn append(log: &AuditLog, metrics: &Metrics, entry: &AuditEntry) {
+    if !log.append(entry) {
+        metrics.audit_line_lost();
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use axum::response::IntoResponse as _;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn a_request_whose_client_hangs_up_is_told_without_a_status() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("audit.jsonl");
+        let log = Arc::new(AuditLog::open(path.clone()).unwrap());
+        let begin = |action: &str| Audited {
+            log: Arc::clone(&log),
+            metrics: Arc::default(),
+            entry: Some(AuditEntry {
+                time: String::new(),
+                request_id: String::new(),
+                key: "lab".into(),
+                owner: "lab".into(),
+                address: String::new(),
+                action: action.into(),
+                id: None,
+                path: "/v1/jobs".into(),
+                status: None,
+            }),
+        };
+        drop(begin("gone"));
+        let mut response = axum::http::StatusCode::CREATED.into_response();
+        crate::http::response::set(&mut response, header::LOCATION, "/v1/jobs/abc");
+        begin("answered").answered(&response).unwrap().await.unwrap();
+        let told = std::fs::read_to_string(path).unwrap();
+        let told: Vec<serde_json::Value> =
+            told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(told.len(), 2, "each is told once");
+        assert_eq!((&told[0]["action"], &told[0]["status"]), (&"gone".into(), &serde_json::Value::Null));
+        assert_eq!((&told[1]["id"], &told[1]["status"]), (&"abc".into(), &201.into()));
+    }
+
+    #[test]
+    fn what_changes_something_is_told() {
+        for (method, route, expected) in [
+            (Method::GET, "/v1/jobs", None),
+            (Method::HEAD, "/v1/jobs/{id}/result", None),
+            (Method::POST, "/v1/plans", None),
+            (Method::POST, "/v1/jobs", Some("submit_job")),
+            (Method::DELETE, "/v1/studies/{id}", Some("delete_study")),
+            (Method::PUT, "/v1/new", Some("PUT /v1/new")),
+        ] {
+            assert_eq!(action(&method, route).as_deref(), expected, "{method} {route}");
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Changing a study: whether others may read it, by a JSON merge patch (RFC 7396).
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+use packstone_engine::FieldError;
+use packstone_engine::request::decode::{At, Faults};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use crate::failure::Failure;
+use crate::http::app::App;
+use crate::http::body;
+use crate::http::conditional::target;
+use crate::http::params::{IdPath, NoParameters, Query, StudyPath};
+use crate::http::problems::refused;
+use crate::http::problems::sets::StudyPatchProblems;
+use crate::http::studies::view::{self, Study};
+use crate::problem::Problem;
+use crate::strict_json;
+
+/// Changes of a study, as a JSON merge patch (RFC 7396).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ToSchema)]
+pub(crate) struct StudyPatch {
+    /// Whether other users of the server may read the study with all its jobs; `null` stands for `false`.
+    #[schema(required = false, nullable)]
+    shared: Option<bool>,
+}
+
+impl StudyPatch {
+    fn read(value: &Value) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        let mut patch = Self::default();
+        if let Some(mut object) = At::root(value, &faults).object() {
+            patch.shared = match object.optional("shared") {
+                Some(at) => at.boolean(),
+                None => value.get("shared").is_some_and(Value::is_null).then_some(false),
+            };
+            object.finish();
+        }
+        if faults.count() == 0 { Ok(patch) } else { Err(faults.into_vec()) }
+    }
+}
+
+/// Change a study
+///
+/// A JSON merge patch (RFC 7396). `shared` counts for all jobs of the study.
+#[utoipa::path(
+    patch, path = "/v1/studies/{id}", tag = "studies", operation_id = "patch_study",
+    params(
+        StudyPath,
+        ("If-Match" = Option<String>, Header, description = "Tag of the study; the change is made only if the study still has it"),
+    ),
+    request_body(content = StudyPatch, content_type = "application/merge-patch+json"),
+    responses(
+        (status = 200, description = "The study after the change", body = Study,
+            headers(("ETag" = String, description = "Tag of the study"))),
+        StudyPatchProblems
+    )
+)]
+pub(crate) async fn patch(
+    State(app): State<App>,
+    IdPath(id): StudyPath,
+    _: Query<NoParameters>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let bytes = body::json_bytes(&app, &headers, body).await?;
+    let patch = StudyPatch::read(&strict_json::parse(&bytes)?).map_err(Failure::invalid)?;
+    let changed = app.shared.store.share_study(target(id, &headers), patch.shared).await;
+    let record = changed.map_err(|error| refused(error, id))?;
+    tracing::info!(study_id = %id, "changed");
+    view::response(&app, StatusCode::OK, &record, false).await.map_err(|error| refused(error, id))
+}
