@@ -53,8 +53,8 @@ pub(super) async fn assign_start_times(
     Ok(last - jobs + 1)
 }
 
-/// Advances the virtual time of a priority of an owner to the virtual start time of a job that starts. That of the owner
-/// among the owners follows the state of the job by trigger.
+/// Advances the virtual time of a priority of an owner to the virtual start time of a job that starts. The virtual time
+/// of the owners follows the state of the job by trigger.
 pub(super) async fn advance_virtual_time(
     connection: &mut SqliteConnection,
     owner: &str,
