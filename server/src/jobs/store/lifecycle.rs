@@ -438,7 +438,7 @@ impl Store {
         };
         let faults = row.try_get("faults")?;
         let (owner, priority): (String, i64) = (row.try_get("owner")?, row.try_get("priority")?);
-        turns::advance_virtual_times(&mut tx, &owner, priority, row.try_get("turn")?).await?;
+        turns::advance_virtual_time(&mut tx, &owner, priority, row.try_get("turn")?).await?;
         let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
         let request = sqlx::query("select body from job_requests where job = ?")
             .bind(job.seq)

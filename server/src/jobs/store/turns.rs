@@ -53,21 +53,14 @@ pub(super) async fn assign_start_times(
     Ok(last - jobs + 1)
 }
 
-/// Advances the virtual times for a job that starts: that of its owner among the owners, and that of its priority among
-/// the jobs of the owner.
-pub(super) async fn advance_virtual_times(
+/// Advances the virtual time of a priority of an owner to the virtual start time of a job that starts. The virtual time
+/// of the owners follows the state of the job by trigger.
+pub(super) async fn advance_virtual_time(
     connection: &mut SqliteConnection,
     owner: &str,
     priority: i64,
     start_time: i64,
 ) -> Result<(), StoreError> {
-    sqlx::query(
-        "update queue_owners set last_start = max(last_start + 1, (select max(last_start) from queue_owners))
-         where owner = ?",
-    )
-    .bind(owner)
-    .execute(&mut *connection)
-    .await?;
     sqlx::query(
         "insert into queue_starts (owner, priority, turn) values (?, ?, ?)
          on conflict (owner, priority) do update set turn = max(turn, excluded.turn)",
