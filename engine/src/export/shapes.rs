@@ -1,7 +1,7 @@
 //! The shape of each grain as a table: sizes, ratios of the axes, sphericity and roundness.
 //!
-//! Definitions are those of the shape report of a result ([`crate::analysis::shapes`]). A sphere has the figures of a
-//! sphere. Rows are in the order of the grains of the result, so that `grain` leads to their other columns.
+//! Definitions are those of the shape report of a result ([`crate::analysis::shape_report`]). A sphere has the figures
+//! of a sphere. Rows are in the order of the grains of the result, so that `grain` leads to their other columns.
 
 use std::io::Write;
 

@@ -5,10 +5,10 @@
 
 use serde::Serialize;
 
-use super::decode::{At, Bound, Object};
+use super::decode::{At, Bound, Object, all, bounded, rounded};
 use super::grading::{check_d_min, described_range, read_d_min, read_grading};
 use super::proportions::DENSITY;
-use super::shape::{all, bounded, read_mix_shapes, rounded};
+use super::shape::read_mix_shapes;
 use super::{DEFAULT_D_MIN_MM, Grading, GrainShape, Mix, ShapeClass};
 
 /// Most aggregates of a mix.

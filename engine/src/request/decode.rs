@@ -387,6 +387,31 @@ fn shown(value: &Value) -> String {
     }
 }
 
+/// A sum of numbers typed by hand, without the digits that rounding leaves.
+pub(super) fn rounded(sum: f64) -> f64 {
+    (sum * 1.0e9).round() / 1.0e9
+}
+
+/// All of the values, or none after each was read: every fault is to be reported.
+pub(super) fn all<T>(values: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
+    let values: Vec<Option<T>> = values.collect();
+    values.into_iter().collect()
+}
+
+/// The items of an array of 1 to `max`.
+pub(super) fn bounded<'a>(at: &At<'a>, what: &str, max: usize) -> Option<Items<'a>> {
+    let items = at.array()?;
+    if items.is_empty() {
+        at.fault(format!("has 0 {what}: must have at least 1"));
+        return None;
+    }
+    if items.len() > max {
+        at.fault(format!("has {} {what}: must have at most {max}", items.len()));
+        return None;
+    }
+    Some(items)
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {

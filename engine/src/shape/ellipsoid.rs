@@ -144,10 +144,10 @@ impl Ellipsoid {
 
     /// Roundness of Wadell: radius of the sphere that fits into the corners over that of the largest inscribed sphere.
     ///
-    /// The definition is that of Zheng, He and Alimohammadi (Acta Geotechnica 16, 2021, DOI
-    /// 10.1007/s11440-020-01004-9) for bodies in space. The corners of an ellipsoid are where it is curved most, the ends of the long axis. Its
-    /// radii of curvature are `b²/a` and `c²/a` there, so that a sphere of the radius `c²/a` fits; the largest inscribed
-    /// one has the radius `c`. The roundness is `c/a`, 1 of a sphere.
+    /// The definition is that of Zheng, He and Alimohammadi (Acta Geotechnica 16, 2021, DOI 10.1007/s11440-020-01004-9)
+    /// for bodies in space. The corners of an ellipsoid are where it is curved most, the ends of the long axis. Its
+    /// radii of curvature are `b²/a` and `c²/a` there, so that a sphere of the radius `c²/a` fits; the largest
+    /// inscribed one has the radius `c`. The roundness is `c/a`, 1 of a sphere.
     #[must_use]
     pub fn roundness(&self) -> f64 {
         self.semi_axes_mm.z / self.semi_axes_mm.x
