@@ -213,7 +213,11 @@ fn shaped(sieve_class: &mut Class, shapes: &ShapeSampler) -> Vec<Class> {
     let spheres = sieve_class.mass_fraction * sieve_class.grains_per_volume();
     let parts = shapes.split(*sieve_class);
     let grains: f64 = parts.iter().map(|part| part.mass_fraction * part.grains_per_volume()).sum();
-    sieve_class.volume_ratio = spheres / grains;
+    let ratio = spheres / grains;
+    // Shares of a mass near the least float vanish; then any of the ratios will do for no grains.
+    let is_known = ratio.is_finite() && ratio > 0.0;
+    sieve_class.volume_ratio =
+        if is_known { ratio } else { parts.first().map_or(1.0, |part| part.volume_ratio) };
     parts.iter().flat_map(Class::narrow).collect()
 }
 

@@ -221,6 +221,24 @@ fn request() -> BoxedStrategy<Value> {
     .boxed()
 }
 
+#[test]
+fn a_class_whose_share_is_the_least_float_has_a_plan_of_finite_figures() {
+    let ellipsoid =
+        json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.36, "c_over_a": 0.1}});
+    let document = json!({
+        "specimen": {"type": "box", "size_mm": [20, 20, 20], "boundary": "periodic"},
+        "mix": {
+            "grading": {"type": "sieves", "points": [[0.001, 0.0], [1.0, 5e-324], [17.0, 1.0]]},
+            "d_min_mm": 0.6, "volume_fraction": 0.5, "volume_fraction_of": "placed_grains", "allow_coarse": true,
+            "shape": ellipsoid,
+        },
+    });
+    let request = PackingRequest::from_json(&document, 1).unwrap();
+    let plan = Plan::new(&request, &Limits::default()).unwrap();
+    assert!(plan.classes.iter().all(|class| class.grains.is_finite()), "{:?}", plan.classes);
+    assert_eq!(plan.classes[0].grains, 0.0);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4000))]
     #[test]
