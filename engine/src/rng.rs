@@ -42,3 +42,30 @@ pub(crate) fn uniform(rng: &mut Xoshiro256PlusPlus) -> f64 {
     const STEP: f64 = 1.0 / (1_u64 << 53) as f64;
     (rng.next_u64() >> 11) as f64 * STEP
 }
+
+/// Draws that tests share.
+#[cfg(test)]
+pub(crate) mod draws {
+    use std::f64::consts::TAU;
+
+    use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+    use super::{Xoshiro256PlusPlus, uniform};
+
+    /// Uniform between two numbers.
+    pub(crate) fn between(rng: &mut Xoshiro256PlusPlus, low: f64, high: f64) -> f64 {
+        low + (high - low) * uniform(rng)
+    }
+
+    /// Uniform on the unit sphere.
+    pub(crate) fn direction(rng: &mut Xoshiro256PlusPlus) -> Vector3<f64> {
+        let (z, angle) = (between(rng, -1.0, 1.0), TAU * uniform(rng));
+        let radius = (1.0 - z * z).sqrt();
+        Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
+    }
+
+    /// Any orientation, not uniformly.
+    pub(crate) fn orientation(rng: &mut Xoshiro256PlusPlus) -> UnitQuaternion<f64> {
+        UnitQuaternion::new_normalize(Quaternion::from(direction(rng).push(between(rng, -1.0, 1.0))))
+    }
+}

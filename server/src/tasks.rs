@@ -1,5 +1,5 @@
 //! Tasks of the runtime whose type is erased: the code of a task is built once, not once for each function and each
-//! future that is run, which took a tenth of the time to build the server.
+//! future that is run. That code was a tenth of all that was generated for the server, by lines of LLVM's language.
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,4 +1,4 @@
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -6,22 +6,13 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::polyhedra::WIDER;
 use super::*;
+use crate::rng::draws::{between, direction};
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::polyhedron::{TemplateKind, draw_template};
 use crate::shape::{Ellipsoid, Form, Polyhedron, ScaledPolyhedron};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
-
-fn between(rng: &mut Rng, low: f64, high: f64) -> f64 {
-    low + (high - low) * uniform(rng)
-}
-
-fn direction(rng: &mut Rng) -> V {
-    let (z, angle) = (between(rng, -1.0, 1.0), TAU * uniform(rng));
-    let radius = (1.0 - z * z).sqrt();
-    V::new(radius * angle.cos(), radius * angle.sin(), z)
-}
 
 fn pose(rng: &mut Rng, center_mm: V) -> Pose {
     let q = Quaternion::from(direction(rng).push(between(rng, -1.0, 1.0)));

@@ -7,12 +7,14 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
+use super::{request, rule, specimen};
 use crate::check::body::Ellipsoid as Body;
 use crate::check::required::Required;
 use crate::check::separation::Image;
 use crate::check::separation::ellipsoids::Pair;
 use crate::check::*;
 use crate::request::PackingRequest;
+use crate::rng::draws::{between, direction};
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::{Ellipsoid, Pose, SizeMeasure, SolidRef};
 use crate::{Limits, Unattended, pack};
@@ -21,17 +23,6 @@ type Rng = Xoshiro256PlusPlus;
 
 /// Shape and pose of a grain.
 type Grain = (Ellipsoid, Pose);
-
-fn between(rng: &mut Rng, low: f64, high: f64) -> f64 {
-    low + (high - low) * uniform(rng)
-}
-
-/// Uniform on the unit sphere.
-fn direction(rng: &mut Rng) -> Vector3<f64> {
-    let (z, angle) = (between(rng, -1.0, 1.0), TAU * uniform(rng));
-    let radius = (1.0 - z * z).sqrt();
-    Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
-}
 
 /// A quaternion of any direction whose norm is not 1.
 fn orientation(rng: &mut Rng) -> UnitQuaternion<f64> {
@@ -51,30 +42,9 @@ fn support_point((shape, pose): &Grain, n: &Vector3<f64>) -> Vector3<f64> {
     matrix * n / n.dot(&(matrix * n)).sqrt()
 }
 
-fn specimen(kind: u64) -> Value {
-    match kind % 3 {
-        0 => json!({"type": "box", "size_mm": [30, 32, 34]}),
-        1 => json!({"type": "box", "size_mm": [30, 32, 34], "boundary": "periodic"}),
-        _ => json!({"type": "cylinder", "diameter_mm": 32, "height_mm": 34}),
-    }
-}
-
-fn rule(kind: u64) -> Value {
-    match kind % 4 {
-        0 => json!({"type": "none"}),
-        1 => json!({"type": "constant", "gap_mm": 0.7}),
-        2 => json!({"type": "proportional", "factor": 0.1}),
-        _ => json!({"type": "smaller_diameter", "factor": 0.05, "wall_gap_mm": 0.2}),
-    }
-}
-
 fn request_for(specimen: &Value, distance: &Value, grains: &[Grain]) -> PackingRequest {
     let diameters: Vec<f64> = grains.iter().map(|(shape, _)| shape.equivalent_diameter_mm()).collect();
-    let value = json!({
-        "specimen": specimen, "distance": distance,
-        "mix": {"grading": {"type": "diameters", "diameters_mm": diameters}},
-    });
-    PackingRequest::from_json(&value, 1).unwrap()
+    request(specimen, distance, &diameters)
 }
 
 fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {

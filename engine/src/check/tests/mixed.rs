@@ -1,16 +1,16 @@
 #![allow(clippy::unwrap_used)]
 
-use std::f64::consts::TAU;
-
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
 
+use super::SIZE;
 use crate::Unattended;
 use crate::check::*;
 use crate::gap::solids;
 use crate::request::PackingRequest;
+use crate::rng::draws::{between, direction, orientation};
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::polyhedron::samples::cuboid;
 use crate::shape::polyhedron::{TemplateKind, draw_template};
@@ -19,23 +19,6 @@ use crate::shape::{Form, Polyhedron, ScaledPolyhedron};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
-
-const SIZE: [f64; 3] = [30.0, 32.0, 34.0];
-
-fn between(rng: &mut Rng, low: f64, high: f64) -> f64 {
-    low + (high - low) * uniform(rng)
-}
-
-fn direction(rng: &mut Rng) -> V {
-    let (z, angle) = (between(rng, -1.0, 1.0), TAU * uniform(rng));
-    let radius = (1.0 - z * z).sqrt();
-    V::new(radius * angle.cos(), radius * angle.sin(), z)
-}
-
-fn orientation(rng: &mut Rng) -> UnitQuaternion<f64> {
-    let q = Quaternion::from(direction(rng).push(between(rng, -1.0, 1.0)));
-    UnitQuaternion::new_normalize(q)
-}
 
 fn templates(rng: &mut Rng) -> Vec<Polyhedron> {
     let kinds =
@@ -61,11 +44,7 @@ fn shape<'a>(rng: &mut Rng, templates: &'a [Polyhedron], d_mm: f64) -> SolidRef<
 fn request(boundary: &str, gap_mm: f64, shapes: &[SolidRef<'_>]) -> PackingRequest {
     let diameters: Vec<f64> = shapes.iter().map(SolidRef::equivalent_diameter_mm).collect();
     let distance: Value = json!({"type": "constant", "gap_mm": gap_mm, "wall_gap_mm": 0});
-    let value = json!({
-        "specimen": {"type": "box", "size_mm": SIZE, "boundary": boundary}, "distance": distance,
-        "mix": {"grading": {"type": "diameters", "diameters_mm": diameters}},
-    });
-    PackingRequest::from_json(&value, 1).unwrap()
+    super::request(&json!({"type": "box", "size_mm": SIZE, "boundary": boundary}), &distance, &diameters)
 }
 
 fn checked(boundary: &str, gap_mm: f64, shapes: &[SolidRef<'_>], poses: &[Pose]) -> Result<Check, Fault> {

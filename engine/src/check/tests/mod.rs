@@ -15,12 +15,32 @@ use crate::request::PackingRequest;
 use crate::rng::{Stream, stream, uniform};
 use crate::{Limits, Unattended, pack};
 
+/// Edges of the box in which bodies are checked.
+const SIZE: [f64; 3] = [30.0, 32.0, 34.0];
+
 fn request(specimen: &Value, distance: &Value, diameters: &[f64]) -> PackingRequest {
     let value = json!({
         "specimen": specimen, "distance": distance,
         "mix": {"grading": {"type": "diameters", "diameters_mm": diameters}},
     });
     PackingRequest::from_json(&value, 1).unwrap()
+}
+
+fn specimen(kind: u64) -> Value {
+    match kind % 3 {
+        0 => json!({"type": "box", "size_mm": SIZE}),
+        1 => json!({"type": "box", "size_mm": SIZE, "boundary": "periodic"}),
+        _ => json!({"type": "cylinder", "diameter_mm": 32, "height_mm": 34}),
+    }
+}
+
+fn rule(kind: u64) -> Value {
+    match kind % 4 {
+        0 => json!({"type": "none"}),
+        1 => json!({"type": "constant", "gap_mm": 0.7}),
+        2 => json!({"type": "proportional", "factor": 0.1}),
+        _ => json!({"type": "smaller_diameter", "factor": 0.05, "wall_gap_mm": 0.2}),
+    }
 }
 
 fn spheres(rows: &[[f64; 4]]) -> Spheres {

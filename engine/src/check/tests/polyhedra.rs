@@ -5,14 +5,16 @@ use std::f64::consts::TAU;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use serde_json::{Value, json};
+use serde_json::Value;
 
+use super::{SIZE, request, rule, specimen};
 use crate::Unattended;
 use crate::check::body::Polyhedron as Checked;
 use crate::check::required::Required;
 use crate::check::*;
 use crate::gap::polyhedra::Body;
 use crate::request::PackingRequest;
+use crate::rng::draws::{between, direction};
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
 use crate::shape::{Polyhedron, ScaledPolyhedron};
@@ -20,18 +22,6 @@ use crate::shape::{Pose, SizeMeasure};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
-
-const SIZE: [f64; 3] = [30.0, 32.0, 34.0];
-
-fn between(rng: &mut Rng, low: f64, high: f64) -> f64 {
-    low + (high - low) * uniform(rng)
-}
-
-fn direction(rng: &mut Rng) -> V {
-    let (z, angle) = (between(rng, -1.0, 1.0), TAU * uniform(rng));
-    let radius = (1.0 - z * z).sqrt();
-    V::new(radius * angle.cos(), radius * angle.sin(), z)
-}
 
 /// A quaternion whose norm is not 1.
 fn orientation(rng: &mut Rng) -> UnitQuaternion<f64> {
@@ -84,30 +74,9 @@ impl Grain {
     }
 }
 
-fn specimen(kind: u64) -> Value {
-    match kind % 3 {
-        0 => json!({"type": "box", "size_mm": SIZE}),
-        1 => json!({"type": "box", "size_mm": SIZE, "boundary": "periodic"}),
-        _ => json!({"type": "cylinder", "diameter_mm": 32, "height_mm": 34}),
-    }
-}
-
-fn rule(kind: u64) -> Value {
-    match kind % 4 {
-        0 => json!({"type": "none"}),
-        1 => json!({"type": "constant", "gap_mm": 0.7}),
-        2 => json!({"type": "proportional", "factor": 0.1}),
-        _ => json!({"type": "smaller_diameter", "factor": 0.05, "wall_gap_mm": 0.2}),
-    }
-}
-
 fn request_for(specimen: &Value, distance: &Value, grains: &[Grain]) -> PackingRequest {
     let diameters: Vec<f64> = grains.iter().map(Grain::equivalent_diameter).collect();
-    let value = json!({
-        "specimen": specimen, "distance": distance,
-        "mix": {"grading": {"type": "diameters", "diameters_mm": diameters}},
-    });
-    PackingRequest::from_json(&value, 1).unwrap()
+    request(specimen, distance, &diameters)
 }
 
 fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {

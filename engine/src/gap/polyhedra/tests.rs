@@ -1,12 +1,10 @@
 #![allow(clippy::unwrap_used)]
 
-use std::f64::consts::TAU;
-
-use nalgebra::{Quaternion, UnitQuaternion};
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
+use crate::rng::draws::{between, direction, orientation};
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::Form;
 use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
@@ -14,21 +12,6 @@ use crate::shape::polyhedron::{TemplateKind, draw_template};
 
 type Rng = Xoshiro256PlusPlus;
 type V = Vector3<f64>;
-
-fn between(rng: &mut Rng, low: f64, high: f64) -> f64 {
-    low + (high - low) * uniform(rng)
-}
-
-fn direction(rng: &mut Rng) -> V {
-    let (z, angle) = (between(rng, -1.0, 1.0), TAU * uniform(rng));
-    let radius = (1.0 - z * z).sqrt();
-    V::new(radius * angle.cos(), radius * angle.sin(), z)
-}
-
-fn orientation(rng: &mut Rng) -> UnitQuaternion<f64> {
-    let q = Quaternion::from(direction(rng).push(between(rng, -1.0, 1.0)));
-    UnitQuaternion::new_normalize(q)
-}
 
 /// The hull of random points about their mean.
 fn template(rng: &mut Rng, n: usize, stretch: f64, rounding: f64) -> Polyhedron {

@@ -26,7 +26,8 @@ use crate::strict_json;
     patch, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "patch_job",
     params(
         JobPath,
-        ("If-Match" = Option<String>, Header, description = "Tag of the job; the change is made only if the job still has it"),
+        ("If-Match" = Option<String>, Header,
+            description = "Tag of the job; the change is made only if the job still has it"),
     ),
     request_body(content = JobPatch, content_type = "application/merge-patch+json"),
     responses(

@@ -50,7 +50,8 @@ impl StudyPatch {
     patch, path = "/v1/studies/{id}", tag = "studies", operation_id = "patch_study",
     params(
         StudyPath,
-        ("If-Match" = Option<String>, Header, description = "Tag of the study; the change is made only if the study still has it"),
+        ("If-Match" = Option<String>, Header,
+            description = "Tag of the study; the change is made only if the study still has it"),
     ),
     request_body(content = StudyPatch, content_type = "application/merge-patch+json"),
     responses(
