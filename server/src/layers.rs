@@ -16,6 +16,7 @@ const LAYERS: &[&[&str]] = &[
         "disk",
         "failure",
         "hex",
+        "http_client",
         "ids",
         "memory",
         "remaining_time",

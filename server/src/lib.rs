@@ -18,6 +18,7 @@ mod exports;
 mod failure;
 mod hex;
 mod http;
+mod http_client;
 mod http_server;
 mod ids;
 mod jobs;

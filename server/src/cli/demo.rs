@@ -101,7 +101,7 @@ async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
     let job = json(client.post("/v1/jobs", EXAMPLE).await?).await?;
     let link = |name: &str| job["links"][name].as_str().unwrap_or_default();
     eprintln!("Submitted {} as {}.", job["name"], link("self"));
-    let ended = follow(client, link("events")).await?;
+    let ended = follow(&client, link("events")).await?;
     if ended["state"] != "succeeded" {
         let text = format!("the job {}: {}", ended["state"], ended["error"]["detail"]);
         return Err(Exit::Unexpected.because(text));
@@ -113,7 +113,7 @@ async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
 }
 
 /// Follows the events of a job to their end and shows its progress; the job as it ended.
-async fn follow(client: Client, events: &str) -> Result<Value, Failure> {
+async fn follow(client: &Client, events: &str) -> Result<Value, Failure> {
     let bar = progress_bar();
     let mut body = client.get(events).await?.into_body();
     let mut text = Vec::new();

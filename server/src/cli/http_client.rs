@@ -1,27 +1,26 @@
-//! A client of HTTP/1.1 for a service on this machine: one connection per request, no TLS, no proxy.
+//! A client of a service on this machine, for the demo.
 
 use std::net::SocketAddr;
 
+use axum::body::Body;
 use bytes::Bytes;
-use http_body_util::{BodyExt as _, Full};
+use http_body_util::BodyExt as _;
 use hyper::body::Incoming;
 use hyper::{Method, Request, Response, StatusCode, header};
-use hyper_util::rt::TokioIo;
 use serde_json::Value;
-use tokio::net::TcpStream;
 
 use super::exit::Failure;
+use crate::http_client::Origin;
 
 /// Sends requests to one service.
-#[derive(Clone, Copy)]
 pub(super) struct Client {
-    address: SocketAddr,
+    origin: Origin,
 }
 
 impl Client {
     /// A client of the service that listens there.
     pub(super) fn new(address: SocketAddr) -> Self {
-        Self { address }
+        Self { origin: Origin::at(address) }
     }
 
     /// GET of a path.
@@ -46,17 +45,12 @@ impl Client {
         path: &str,
         body: &'static str,
     ) -> Result<Response<Incoming>, Failure> {
-        let stream = TcpStream::connect(self.address).await?;
-        let (mut sender, connection) = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await?;
-        // It ends with the response; what goes wrong with it is told by the response.
-        tokio::spawn(connection);
         let request = Request::builder()
             .method(method)
             .uri(path)
-            .header(header::HOST, self.address.to_string())
             .header(header::CONTENT_TYPE, "application/json")
-            .body(Full::new(Bytes::from_static(body.as_bytes())))?;
-        let response = sender.send_request(request).await?;
+            .body(Body::from(body))?;
+        let response = self.origin.send(request).await?;
         let status = response.status();
         if status.is_success() { Ok(response) } else { Err(problem(status, response).await) }
     }
