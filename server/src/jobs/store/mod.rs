@@ -10,6 +10,7 @@
 
 mod exports;
 mod faults;
+mod forecasts;
 mod lifecycle;
 mod migrations;
 #[cfg(test)]
@@ -47,6 +48,7 @@ use writer::{Durability, Writer, Writing};
 
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
+pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
