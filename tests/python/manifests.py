@@ -5,11 +5,12 @@
 Builds each kustomization, compares it with what `kustomize` or `kubectl kustomize` builds where one of them is found,
 validates each object against the published schemas of the oldest and the newest Kubernetes, and checks what no schema
 knows: that names and labels refer to each other, that containers have the rights of docker/Dockerfile and no more, and,
-with --binary, that each variable is one of the command's. Units are verified by systemd-analyze where it is found.
+with --binary, that options and variables are those of the command. systemd-analyze verifies the units where it is found.
 """
 
 import argparse
 import configparser
+import functools
 import re
 import shutil
 import subprocess
@@ -162,7 +163,7 @@ def selects(selector, manifest_or_template):
     return selector.items() <= labels.items()
 
 
-def check_workload(manifest, user, variables):
+def check_workload(manifest, user, options):
     """Pods of one workload: their rights, volumes, ports and variables."""
     name, template = name_of(manifest), manifest["spec"]["template"]
     check(selects(manifest["spec"]["selector"]["matchLabels"], template), f"{name} does not select its own pods")
@@ -191,9 +192,11 @@ def check_workload(manifest, user, variables):
         check(used <= names, f"{name}: the arguments name {used - names}, which is not set")
         ours = {entry for entry in names if entry.startswith("PACKSTONE_")}
         check(names - ours <= used, f"{name}: nothing reads {names - ours - used}")
-        if variables is not None:
-            known = variables(container["args"][0])
-            check(ours <= known, f"{name}: `packstone {container['args'][0]}` does not know {ours - known}")
+        if options is not None:
+            command, *arguments = container["args"]
+            ours |= {argument for argument in arguments if argument.startswith("--")}
+            known = options(command)
+            check(ours <= known, f"{name}: `packstone {command}` does not know {ours - known}")
 
 
 def check_relations(manifests):
@@ -251,15 +254,17 @@ def check_relations(manifests):
             check(found, f"{name} selects no pods: {selector}")
 
 
-def variables_of(binary):
-    """A function from a command to the variables of the environment that it reads, as its help lists them."""
+def options_of(binary):
+    """A function from a command to the options and the variables of the environment that its help lists."""
+    @functools.cache
     def known(command):
-        text = subprocess.run([binary, command, "--help"], capture_output=True, text=True, check=True).stdout
-        return set(re.findall(r"\[env: (PACKSTONE_[A-Z_]+)", text))
-    return known
+        asked = subprocess.run([binary, command, "--help"], capture_output=True, text=True, check=False)
+        check(asked.returncode == 0, f"there is no command `packstone {command}`")
+        return set(re.findall(r"\[env: (PACKSTONE_[A-Z_]+)|(?<!\S)(--[a-z-]+)", asked.stdout))
+    return lambda command: {one for pair in known(command) for one in pair}
 
 
-def check_kubernetes(variables):
+def check_kubernetes(options):
     dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
     (user,) = re.findall(r"^USER (\d+):\1$", dockerfile, re.MULTILINE)
     used, kustomizations = set(), sorted(KUBERNETES.glob("*/kustomization.yaml"))
@@ -270,7 +275,7 @@ def check_kubernetes(variables):
         for manifest in manifests:
             validate(manifest)
             if containers_of(manifest):
-                check_workload(manifest, int(user), variables)
+                check_workload(manifest, int(user), options)
         check_relations(manifests)
         print(f"{path.parent.relative_to(ROOT)}: {len(manifests)} objects, Kubernetes {' and '.join(RELEASES)}")
     left = set(KUBERNETES.rglob("*.*")) - used
@@ -287,7 +292,7 @@ class Unit(configparser.RawConfigParser):
         self.lines = [line for line in path.read_text().splitlines() if re.match(r"[A-Z]\w+=", line)]
 
 
-def check_units(variables):
+def check_units(options):
     units = {path.stem: Unit(path) for path in sorted(PACKAGING.glob("*.service"))}
     hardening = {}
     for name, unit in units.items():
@@ -301,8 +306,8 @@ def check_units(variables):
         check(program == "/usr/local/bin/packstone", f"{name} starts {program}")
         names = set(re.findall(r"^#?(PACKSTONE_\w+)=", environment.read_text(), re.MULTILINE))
         names |= {line.split("=")[1] for line in unit.lines if line.startswith("Environment=")}
-        if variables is not None:
-            check(names <= variables(command), f"`packstone {command}` does not know {names - variables(command)}")
+        if options is not None:
+            check(names <= options(command), f"{name}: `packstone {command}` does not know {names - options(command)}")
     for name, rights in hardening.items():
         check(rights == hardening["packstone"], f"{name} has other rights than packstone: {rights}")
     tool = shutil.which("systemd-analyze")
@@ -327,9 +332,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--binary", type=Path, help="the program whose options the variables are compared with")
     binary = parser.parse_args().binary
-    variables = variables_of(binary.resolve()) if binary else None
-    check_kubernetes(variables)
-    check_units(variables)
+    options = options_of(binary.resolve()) if binary else None
+    check_kubernetes(options)
+    check_units(options)
     if failures:
         sys.exit("\n".join(["manifests.py: faults:", *failures]))
 
