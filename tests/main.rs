@@ -23,6 +23,7 @@ mod checkpoints;
 mod command_line;
 mod connections;
 mod crash;
+mod dashboard;
 mod data_dir;
 mod determinism;
 mod documents;

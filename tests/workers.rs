@@ -1,5 +1,6 @@
 //! Workers in other processes: `packstone worker`, and what becomes of jobs when it, or the server, dies or stops.
 
+use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
@@ -337,5 +338,8 @@ async fn only_workers_of_the_same_build_with_a_key_get_jobs() {
 }
 
 fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").unwrap();
+        text
+    })
 }

@@ -47,7 +47,7 @@ pub(super) struct Options {
     /// File with an API key of the role `worker` (see `packstone key`); none where the server asks for no keys
     #[arg(long, env = "PACKSTONE_KEY_FILE", value_name = "FILE")]
     key_file: Option<PathBuf>,
-    /// Jobs that run at once [default: the number of cores]
+    /// Jobs that run at once [default: the number of cores, in a job of Slurm of those that it was given]
     #[arg(long, env = "PACKSTONE_SLOTS", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SLOTS)))]
     slots: Option<u32>,
     /// Name by which the server shows this worker [default: process, host and job of Slurm]
@@ -90,9 +90,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let server = Server::new(&options.server, key.as_deref())
         .map_err(|fault| Exit::BadInput.because(format_args!("--server: {fault}")))?;
     let until = options.until.as_deref().map(end_of_time).transpose()?;
-    let slots = options.slots.unwrap_or_else(|| {
-        std::thread::available_parallelism().map_or(1, |cores| cores.get().min(MAX_SLOTS as usize) as u32)
-    });
+    let slots = options.slots.unwrap_or_else(cores);
     let name = options
         .name
         .clone()
@@ -180,6 +178,13 @@ async fn work(
     }
     tracing::info!("ended");
     Ok(())
+}
+
+/// The cores that this process may use.
+fn cores() -> u32 {
+    let of_machine = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
+    let of_slurm = std::env::var("SLURM_CPUS_ON_NODE").ok().and_then(|cores| cores.parse().ok());
+    of_machine.min(of_slurm.unwrap_or(of_machine)).clamp(1, MAX_SLOTS)
 }
 
 async fn over(until: Option<Instant>) {

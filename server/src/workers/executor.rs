@@ -63,8 +63,9 @@ pub(crate) struct Executor {
 }
 
 impl Executor {
-    /// Runs jobs until the process stops, or its source has no more for it. While the result of one is written, which is waiting for the disk, the
-    /// next is packed; one result at a time, so that a slow disk does not pile them up in memory.
+    /// Runs jobs until the process stops, or its source has no more for it. While the result of one is written, which
+    /// is waiting for the disk, the next is packed; one result at a time, so that a slow disk does not pile them up in
+    /// memory.
     pub(crate) async fn work(self) {
         let mut writing: Option<Task<()>> = None;
         while !self.shutdown.is_cancelled() && !self.leases.are_over() {

@@ -87,8 +87,8 @@ pub(crate) struct JobSummary {
     /// What computes, or computed, the result.
     #[schema(value_type = EngineInfo)]
     engine: Value,
-    /// Name of the worker process that runs the job, or ran it last (`packstone worker`); `null` where that is the server
-    /// itself, or the job waits.
+    /// Name of the worker process that runs the job, or ran it last (`packstone worker`); `null` where that is the
+    /// server itself, or the job waits.
     #[schema(required)]
     worker: Option<String>,
     /// The study that the job is part of.

@@ -10,6 +10,7 @@
 
 mod exports;
 mod faults;
+mod forecasts;
 mod leases;
 #[cfg(test)]
 mod leases_tests;
@@ -50,6 +51,7 @@ use writer::{Durability, Writer, Writing};
 
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
+pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
