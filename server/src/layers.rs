@@ -24,7 +24,7 @@ const LAYERS: &[&[&str]] = &[
         "telemetry",
     ],
     &["strict_json"],
-    &["artifacts", "audit", "checkpoints", "exports", "jobs", "metrics", "storage", "studies"],
+    &["artifacts", "audit", "checkpoints", "exports", "jobs", "metrics", "storage", "studies", "webhooks"],
     &["config", "plots"],
     &["http", "problem"],
     &["http_server", "service"],

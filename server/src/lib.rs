@@ -35,6 +35,7 @@ mod strict_json;
 mod studies;
 mod tasks;
 mod telemetry;
+mod webhooks;
 
 /// Runs the command line of this process.
 pub fn main() -> std::process::ExitCode {

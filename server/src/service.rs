@@ -30,6 +30,8 @@ use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
 use crate::storage::Storage;
 use crate::tasks;
+use crate::webhooks::sender::WebhookSender;
+use crate::webhooks::signature::{SecretsError, SecretsFile};
 
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
 const LEASE: Duration = Duration::from_mins(1);
@@ -60,6 +62,9 @@ pub(crate) enum StartError {
     /// The API keys cannot be read.
     #[error(transparent)]
     Keys(#[from] KeysError),
+    /// The secrets of webhooks cannot be read.
+    #[error(transparent)]
+    Secrets(#[from] SecretsError),
     /// The audit log cannot be opened.
     #[error("the audit log {0} cannot be opened: {1}")]
     AuditLog(PathBuf, std::io::Error),
@@ -88,6 +93,7 @@ pub(crate) struct Service {
     listener: TcpListener,
     connections: Arc<Semaphore>,
     options: ServeOptions,
+    webhook_secrets: Option<SecretsFile>,
     reload: Arc<Notify>,
     // Held, never read: the lock ends with it.
     _lock: File,
@@ -103,6 +109,7 @@ impl Service {
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
         }
+        let webhook_secrets = options.webhook_secret_file.clone().map(SecretsFile::open).transpose()?;
         let audit = match options.audit_log.clone() {
             Some(path) => {
                 let opened = AuditLog::open(path.clone());
@@ -158,7 +165,8 @@ impl Service {
         let limits = options.limits();
         let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
         let app = App::new(&options, &runner, accounts, audit, Arc::clone(&connections));
-        Ok(Self { app, runner, listener, connections, options, reload: Arc::default(), _lock: lock })
+        let reload = Arc::default();
+        Ok(Self { app, runner, listener, connections, options, webhook_secrets, reload, _lock: lock })
     }
 
     /// Where it listens.
@@ -179,10 +187,10 @@ impl Service {
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
     pub(crate) async fn serve(self) {
-        let Self { app, runner, listener, connections, options, reload: _, _lock } = self;
+        let Self { app, runner, listener, connections, options, webhook_secrets, reload: _, _lock } = self;
         let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
         let router = http::router(app.clone());
-        let workers = tasks::spawn(work(runner, options.clone()));
+        let workers = tasks::spawn(work(runner, options.clone(), webhook_secrets));
         app.set_ready(true);
         let stopped = tasks::spawn({
             let shutdown = shutdown.clone();
@@ -206,9 +214,9 @@ impl Service {
     }
 }
 
-/// Runs the workers, the export workers and the sweeper to their end. The first sweep comes before the first job: what
+/// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep comes before the first job: what
 /// it finds is from an earlier life, and no attempt of this one has the same name yet.
-async fn work(runner: Runner, options: ServeOptions) {
+async fn work(runner: Runner, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
     let days = options.quarantine_days;
     if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints, days).await {
         tracing::error!(%error, "the first sweep failed");
@@ -224,6 +232,17 @@ async fn work(runner: Runner, options: ServeOptions) {
         Arc::clone(&runner.metrics),
         runner.shutdown.clone(),
     )));
+    if let Some(secrets) = webhook_secrets {
+        let sender = WebhookSender {
+            store: runner.store.clone(),
+            secrets,
+            rules: options.webhook_rules(),
+            first_pause: options.webhook_first_pause(),
+            metrics: Arc::clone(&runner.metrics),
+            shutdown: runner.shutdown.clone(),
+        };
+        run(Box::pin(sender.run()));
+    }
     run(Box::pin(keep_reserve(runner.store.clone(), runner.shutdown.clone())));
     let export_worker = ExportWorker {
         store: runner.store.clone(),

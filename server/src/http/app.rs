@@ -18,6 +18,7 @@ use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
 use crate::storage::Storage;
+use crate::webhooks::WebhookRules;
 
 /// Bodies of more than this are read and planned a few at a time and off the threads that answer.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
@@ -45,6 +46,7 @@ pub(crate) struct Shared {
     pub(crate) trust_proxy: bool,
     /// Names that `Host` may have, where others would let a web page of another site reach this server.
     pub(crate) hosts: Option<Hosts>,
+    pub(crate) webhook_rules: Arc<WebhookRules>,
     pub(crate) limits: Limits,
     pub(crate) max_body_bytes: u64,
     pub(crate) max_queued: u64,
@@ -85,6 +87,7 @@ impl App {
                 accounts,
                 audit,
                 trust_proxy: options.trust_proxy,
+                webhook_rules: Arc::new(options.webhook_rules()),
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,

@@ -1,9 +1,11 @@
 //! The state of a job, with long polls, and its request.
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::view::{self, Job};
@@ -61,6 +63,7 @@ impl IncludeParameters {
 )]
 pub(crate) async fn get(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): JobPath,
     Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
@@ -69,7 +72,7 @@ pub(crate) async fn get(
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
         let whole = async {
-            let job = view::whole(&app, &record, query.with_request()).await?;
+            let job = view::whole(&app, &caller, &record, query.with_request()).await?;
             Ok(view::response(StatusCode::OK, &record, &job))
         };
         asked.answer(&record, whole).await
