@@ -57,3 +57,4 @@ mod study_command;
 mod submission;
 mod users;
 mod waiting;
+mod webhooks;
