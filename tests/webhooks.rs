@@ -19,7 +19,7 @@ use sha2::Sha256;
 use tokio::sync::{Semaphore, mpsc};
 
 use crate::harness::deadline::patiently;
-use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs, packstone};
+use crate::harness::{Client, Contract, DataDir, Launch, Server, id_of, jobs, packstone};
 
 /// A request that a receiver got.
 #[derive(Debug)]
@@ -35,8 +35,20 @@ impl Message {
         self.headers.get(name).unwrap_or_else(|| panic!("no {name}")).to_str().unwrap()
     }
 
+    /// The body, which is what the interface document says of messages of its type.
     fn json(&self) -> Value {
-        serde_json::from_slice(&self.body).unwrap()
+        let body: Value = serde_json::from_slice(&self.body).unwrap();
+        let post = &Contract::get().document()["webhooks"][body["type"].as_str().unwrap()]["post"];
+        for header in post["parameters"].as_array().unwrap() {
+            self.header(header["name"].as_str().unwrap());
+        }
+        let schema = &post["requestBody"]["content"]["application/json"]["schema"];
+        let validator =
+            jsonschema::draft202012::options().should_validate_formats(true).build(schema).unwrap();
+        if let Err(error) = validator.validate(&body) {
+            panic!("{error}: {body:#}");
+        }
+        body
     }
 
     /// Whether the signature is that of the secret, computed here from the standard.
@@ -268,10 +280,10 @@ async fn a_study_is_one_message_and_its_jobs_none() {
         assert_eq!(client.job(id_of(&job)).await.get("webhook"), None);
     }
 
-    let in_a_job = json!({"template": with_url(jobs::quick(1), &receiver.url("/j")), "replicates": 1});
+    let in_a_job = json!({"list": [with_url(jobs::quick(1), &receiver.url("/j"))]});
     let problem =
         client.post("/v1/studies").json(&in_a_job).send().await.expect_problem(422, "validation-error");
-    assert_eq!(problem["errors"][0]["pointer"], "/template/webhook_url", "{problem:#}");
+    assert_eq!(problem["errors"][0]["pointer"], "/list/0/webhook_url", "{problem:#}");
     server.stop().await;
 }
 
@@ -416,7 +428,8 @@ async fn only_the_owner_sees_the_webhook() {
         let made = packstone(folder.path(), &["key", name, "--role", "submit"]).await;
         let mut printed = made.stdout.lines();
         keys.push(printed.next().unwrap().to_owned());
-        lines += &format!("{}\n", printed.next().unwrap());
+        lines += printed.next().unwrap();
+        lines.push('\n');
     }
     let file = folder.path().join("keys");
     std::fs::write(&file, lines).unwrap();
@@ -465,7 +478,9 @@ async fn the_documented_receiver_verifies() {
         std::fs::write(folder.path().join("webhook-secret"), &secret.text).unwrap();
         let mut python = Command::new("python3");
         python.args(["-c", &script.replace("8090", &port.to_string())]).current_dir(folder.path());
-        let _python = Python(python.stdin(Stdio::null()).stderr(Stdio::null()).spawn().expect("python3"));
+        let _python = Python(
+            python.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("python3"),
+        );
         let data_dir = DataDir::new();
         let server = signing.launch(&data_dir).start().await;
         let client = server.client();

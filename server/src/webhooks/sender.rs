@@ -180,6 +180,9 @@ impl WebhookSender {
         if let (true, Some(fault)) = (allowed.is_empty(), refused) {
             return Err(NotAccepted::for_good(fault));
         }
+        // An address that lets each connection time out does not keep the others from being tried.
+        let first = delivery.attempts as usize % allowed.len().max(1);
+        allowed.rotate_left(first);
         let mut failed = NotAccepted::default();
         for address in allowed.into_iter().take(ADDRESSES) {
             let request =
@@ -299,7 +302,7 @@ mod tests {
         assert_eq!(asked(minute).judge(pause, minute), again(minute));
         assert_eq!(asked(Duration::from_secs(1)).judge(pause, minute), again(pause));
         assert_eq!(asked(Duration::from_hours(9)).judge(pause, minute), again(LONGEST_PAUSE));
-        let late = failed().judge(pause, GIVE_UP_AFTER - Duration::from_secs(5));
+        let late = failed().judge(pause, GIVE_UP_AFTER.saturating_sub(Duration::from_secs(5)));
         assert_eq!(late, Attempt::Failed { error: "no; given up after 24 h".into(), status: None });
         let gone = NotAccepted::for_good("no".into()).judge(pause, minute);
         assert_eq!(gone, Attempt::Failed { error: "no".into(), status: None });
