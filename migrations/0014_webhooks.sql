@@ -52,7 +52,9 @@ begin
                 ),
                 iif(
                     new.state = 'failed',
-                    json_object('error', json_object('code', new.error ->> '$.code', 'detail', new.error ->> '$.detail')),
+                    json_object(
+                        'error', json_object('code', new.error ->> '$.code', 'detail', new.error ->> '$.detail')
+                    ),
                     '{}'
                 )
             )

@@ -214,8 +214,8 @@ impl Service {
     }
 }
 
-/// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep comes before the first job: what
-/// it finds is from an earlier life, and no attempt of this one has the same name yet.
+/// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep
+/// comes before the first job: what it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(runner: Runner, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
     let days = options.quarantine_days;
     if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints, days).await {

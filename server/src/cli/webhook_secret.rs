@@ -1,4 +1,5 @@
-//! `packstone webhook-secret`: a fresh secret by which webhooks are signed. Nothing keeps it but whoever reads this output.
+//! `packstone webhook-secret`: a fresh secret by which webhooks are signed. Nothing keeps it but whoever reads this
+//! output.
 
 use super::exit::Failure;
 use super::print;

@@ -1,7 +1,7 @@
 //! Which addresses a webhook may not be sent to: all that are not those of a public host.
 //!
-//! A client could otherwise let the server send requests into the network that the server stands in (server-side request
-//! forgery). The blocks are those of the IANA registries of special-purpose addresses (RFC 6890).
+//! A client could otherwise let the server send requests into the network that the server stands in (server-side
+//! request forgery). The blocks are those of the IANA registries of special-purpose addresses (RFC 6890).
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 

@@ -1,7 +1,7 @@
 //! Webhooks: a signed message to a URL of the client when a job ends or a study finishes.
 //!
-//! A submission names the URL ([`WebhookUrl`]). The store records a delivery in the transaction that ends the job or the
-//! study. [`sender`] sends what is due, with the signature of Standard Webhooks ([`signature`],
+//! A submission names the URL ([`WebhookUrl`]). The store records a delivery in the transaction that ends the job or
+//! the study. [`sender`] sends what is due, with the signature of Standard Webhooks ([`signature`],
 //! <https://www.standardwebhooks.com>), to addresses that [`address`] does not refuse.
 
 pub(crate) mod address;

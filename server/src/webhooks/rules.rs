@@ -16,8 +16,8 @@ pub(crate) struct WebhookRules {
 }
 
 impl WebhookRules {
-    /// `enabled` where there is a secret to sign with; `allowed` are names and addresses of hosts to which webhooks may be
-    /// sent wherever they are.
+    /// `enabled` where there is a secret to sign with; `allowed` are names and addresses of hosts to which webhooks may
+    /// be sent wherever they are.
     pub(crate) fn new(enabled: bool, allowed: &[String]) -> Self {
         let mut rules = Self { enabled, ..Self::default() };
         for host in allowed.iter().map(|host| host.trim().to_ascii_lowercase()) {

@@ -1,7 +1,7 @@
 //! The task that sends webhooks: what is due, a few at once, one at a time to each host.
 //!
-//! A delivery is at least once: an attempt is recorded after it was made. A receiver that is slow or dead holds up its own
-//! messages only, because every host has a connection of its own and every attempt a limit of time.
+//! A delivery is at least once: an attempt is recorded after it was made. A receiver that is slow or dead holds up its
+//! own messages only, because every host has a connection of its own and every attempt a limit of time.
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,7 +1,8 @@
-//! Signatures of webhooks as Standard Webhooks defines them (<https://www.standardwebhooks.com>), and the file of secrets.
+//! Signatures of webhooks as Standard Webhooks defines them (<https://www.standardwebhooks.com>), and the file of
+//! secrets.
 //!
-//! The signature is `v1,` and the Base64 of HMAC-SHA256 over `ID.TIMESTAMP.BODY`; the key is what stands in Base64 behind
-//! `whsec_`. Each secret of the file signs, so that a receiver can change from one to the next.
+//! The signature is `v1,` and the Base64 of HMAC-SHA256 over `ID.TIMESTAMP.BODY`; the key is what stands in Base64
+//! behind `whsec_`. Each secret of the file signs, so that a receiver can change from one to the next.
 
 use std::fmt;
 use std::path::{Path, PathBuf};

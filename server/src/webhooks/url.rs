@@ -29,7 +29,8 @@ impl WebhookUrl {
         Self::parse(text).map_err(|fault| at.fault(fault)).ok()
     }
 
-    /// Parses a URL as browsers do (WHATWG), so that a number such as `0x7f000001` is known as the address it stands for.
+    /// Parses a URL as browsers do (WHATWG), so that a number such as `0x7f000001` is known as the address it stands
+    /// for.
     ///
     /// # Errors
     /// What is wrong, as one sentence without its subject. It does not contain the path and the query.

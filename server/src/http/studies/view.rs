@@ -203,8 +203,8 @@ impl StudyProgress {
     }
 }
 
-/// The study as a caller sees it, as a response with its tag, and a hint when to come back while it is not finished. The store keeps the
-/// request apart: it is read where it is wanted.
+/// The study as a caller sees it, as a response with its tag, and a hint when to come back while it is not finished.
+/// The store keeps the request apart: it is read where it is wanted.
 pub(crate) async fn response(
     app: &App,
     caller: &Caller,
