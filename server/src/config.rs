@@ -13,6 +13,7 @@ use crate::accounts::{Quotas, read_rate};
 use crate::memory;
 use crate::telemetry::LogFormat;
 use crate::webhooks::WebhookRules;
+use crate::webhooks::rules::allowed_host;
 
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
 /// cache, the results being sent, and the neighbours.
@@ -64,7 +65,7 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_WEBHOOK_SECRET_FILE", value_name = "FILE")]
     pub(crate) webhook_secret_file: Option<PathBuf>,
     /// Host to which webhooks may be sent although its address is not public (may be repeated)
-    #[arg(long, env = "PACKSTONE_WEBHOOK_ALLOWED_HOST", value_name = "NAME", value_delimiter = ',')]
+    #[arg(long, env = "PACKSTONE_WEBHOOK_ALLOWED_HOST", value_name = "NAME", value_delimiter = ',', value_parser = allowed_host)]
     pub(crate) webhook_allowed_host: Vec<String>,
     /// Seconds between the first two attempts to send a webhook
     #[arg(long, hide = true, default_value_t = 5.0, value_parser = seconds)]

@@ -17,11 +17,11 @@ pub(crate) struct WebhookRules {
 
 impl WebhookRules {
     /// `enabled` where there is a secret to sign with; `allowed` are names and addresses of hosts to which webhooks may
-    /// be sent wherever they are.
+    /// be sent wherever they are, as [`allowed_host`] reads them.
     pub(crate) fn new(enabled: bool, allowed: &[String]) -> Self {
         let mut rules = Self { enabled, ..Self::default() };
-        for host in allowed.iter().map(|host| host.trim().to_ascii_lowercase()) {
-            match host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>() {
+        for host in allowed.iter().map(|host| host.to_ascii_lowercase()) {
+            match host.parse::<IpAddr>() {
                 Ok(address) => rules.addresses.push(address.to_canonical()),
                 Err(_) => rules.names.push(host.trim_end_matches('.').to_owned()),
             }
@@ -81,6 +81,22 @@ impl WebhookRules {
     }
 }
 
+/// Reads an allowed host: a name or an address, without scheme and port.
+///
+/// # Errors
+/// What is wrong, in one sentence.
+pub(crate) fn allowed_host(text: &str) -> Result<String, String> {
+    let host = text.trim().trim_start_matches('[').trim_end_matches(']');
+    let of_a_name = |c: char| c.is_ascii_alphanumeric() || "-._".contains(c);
+    let is_name = host.chars().all(of_a_name) && Host::parse(host).is_ok();
+    let known = is_name || host.parse::<IpAddr>().is_ok();
+    if known {
+        Ok(host.to_owned())
+    } else {
+        Err("must be a name or an address, without scheme and port".into())
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -109,7 +125,10 @@ mod tests {
 
     #[test]
     fn an_allowed_name_has_any_address_and_an_allowed_address_any_name() {
-        let allowed = ["Hooks.Example".to_owned(), " 10.0.0.5".into(), "[::1]".into()];
+        let allowed = ["Hooks.Example", " 10.0.0.5", "[::1]"].map(|host| allowed_host(host).unwrap());
+        for bad in ["", "http://hooks.example", "hooks.example:80", "hooks.example/x", "10.0.0.0/8", "*"] {
+            assert!(allowed_host(bad).is_err(), "{bad}");
+        }
         let rules = WebhookRules::new(true, &allowed);
         let judge = |text: &str, address: &str| rules.judge(&url(text), address.parse().unwrap()).is_ok();
         assert!(judge("http://hooks.example/", "192.168.0.1"));

@@ -142,9 +142,9 @@ impl WebhookSender {
                 tracing::warn!(webhook_id = id, host, error, attempt = number, "webhook given up");
             }
         }
-        if let Err(error) = self.store.record_attempt(delivery.seq, attempt).await {
-            tracing::error!(%error, webhook_id = id, "an attempt to send a webhook was not recorded: it is sent again");
-            // The host stays busy meanwhile.
+        // Until it is recorded, the host stays busy: what has arrived is not sent over and over while the disk is full.
+        while let Err(error) = self.store.record_attempt(delivery.seq, attempt.clone()).await {
+            tracing::error!(%error, webhook_id = id, "an attempt to send a webhook was not recorded yet");
             sleep(STORE_PAUSE).await;
         }
     }

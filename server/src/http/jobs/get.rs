@@ -82,7 +82,8 @@ pub(crate) async fn get(
 
 /// Get the request of a job
 ///
-/// As submitted, with its defaults and its seed filled in: submitted again, it gives the same packing.
+/// As submitted, with its defaults and its seed filled in, but without its `webhook_url`: submitted again, it gives the
+/// same packing.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/request", tag = "jobs", operation_id = "get_job_request",
     params(JobPath),
