@@ -43,8 +43,8 @@ begin
         'msg_' || lower(hex(randomblob(16))),
         json_object(
             'type', 'job.' || new.state,
-            'timestamp', strftime('%Y-%m-%dT%H:%M:%S', new.updated_at / 1000000, 'unixepoch')
-                || printf('.%06dZ', new.updated_at % 1000000),
+            'timestamp', strftime('%Y-%m-%dT%H:%M:%S', new.finished_at / 1000000, 'unixepoch')
+                || printf('.%06dZ', new.finished_at % 1000000),
             'data', json_patch(
                 json_object(
                     'id', new.id, 'name', new.name, 'labels', json(new.labels), 'state', new.state,
@@ -59,7 +59,7 @@ begin
                 )
             )
         ),
-        webhooks.host, 'waiting', new.updated_at, new.updated_at
+        webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks where webhooks.job = new.seq;
 end;
 

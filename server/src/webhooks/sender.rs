@@ -1,7 +1,7 @@
 //! The task that sends webhooks: what is due, a few at once, one at a time to each host.
 //!
-//! A delivery is at least once: an attempt is recorded after it was made. A receiver that is slow or dead holds up its
-//! own messages only, because every host has a connection of its own and every attempt a limit of time.
+//! A message is delivered at least once: an attempt is recorded after it was made. A receiver that is slow or dead
+//! holds up its own messages only, because every host has a connection of its own and every attempt a limit of time.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -23,6 +23,8 @@ use crate::tasks;
 
 /// Messages on their way at once, each to another host.
 const AT_ONCE: usize = 16;
+/// Of these, messages that were sent before: receivers that are down leave room for others.
+const REPEATS_AT_ONCE: usize = 8;
 /// Time for an attempt: resolution of the name, connection and answer.
 const ATTEMPT: Duration = Duration::from_secs(10);
 /// Addresses of a host that are tried in one attempt.
@@ -54,7 +56,23 @@ pub(crate) struct WebhookSender {
 #[derive(Default)]
 struct OnTheWay {
     tasks: JoinSet<()>,
-    hosts: HashMap<Id, String>,
+    /// The host of each, and whether the message was sent before.
+    hosts: HashMap<Id, (String, bool)>,
+}
+
+impl OnTheWay {
+    fn busy(&self) -> Vec<String> {
+        self.hosts.values().map(|(host, _)| host.clone()).collect()
+    }
+
+    fn room(&self) -> usize {
+        AT_ONCE.saturating_sub(self.hosts.len())
+    }
+
+    fn room_for_repeats(&self) -> usize {
+        let repeats = self.hosts.values().filter(|(_, repeat)| *repeat).count();
+        REPEATS_AT_ONCE.saturating_sub(repeats).min(self.room())
+    }
 }
 
 /// Why a message has not been accepted.
@@ -98,20 +116,21 @@ impl WebhookSender {
 
     /// Starts what is due, and tells the time until there may be more.
     async fn send_due(self: &Arc<Self>, on_the_way: &mut OnTheWay) -> Result<Duration, StoreError> {
-        let busy = |on_the_way: &OnTheWay| on_the_way.hosts.values().cloned().collect::<Vec<_>>();
-        let room = AT_ONCE.saturating_sub(on_the_way.tasks.len());
-        if room == 0 {
+        for first_attempts in [true, false] {
+            let room = if first_attempts { on_the_way.room() } else { on_the_way.room_for_repeats() };
+            if room == 0 {
+                continue;
+            }
+            for delivery in self.store.due_deliveries(&on_the_way.busy(), first_attempts, room).await? {
+                let (sender, what) = (Arc::clone(self), (delivery.host.clone(), delivery.attempts > 0));
+                let attempt: tasks::Boxed<()> = Box::pin(async move { sender.deliver(&delivery).await });
+                on_the_way.hosts.insert(on_the_way.tasks.spawn(attempt).id(), what);
+            }
+        }
+        if on_the_way.room() == 0 {
             return Ok(LOOK_EVERY);
         }
-        for delivery in self.store.due_deliveries(&busy(on_the_way), room).await? {
-            let (sender, host) = (Arc::clone(self), delivery.host.clone());
-            let attempt: tasks::Boxed<()> = Box::pin(async move { sender.deliver(&delivery).await });
-            on_the_way.hosts.insert(on_the_way.tasks.spawn(attempt).id(), host);
-        }
-        if on_the_way.tasks.len() >= AT_ONCE {
-            return Ok(LOOK_EVERY);
-        }
-        let next = self.store.next_delivery(&busy(on_the_way)).await?;
+        let next = self.store.next_delivery(&on_the_way.busy(), on_the_way.room_for_repeats() == 0).await?;
         Ok(next.map_or(LOOK_EVERY, |next| next.min(LOOK_EVERY)))
     }
 

@@ -111,9 +111,12 @@ impl Store {
 
     /// At most `limit` deliveries that are due, one for each host that is not in `busy`: of each host the one that has
     /// been due longest.
+    ///
+    /// `first_attempts`: only those that were not sent before.
     pub(crate) async fn due_deliveries(
         &self,
         busy: &[String],
+        first_attempts: bool,
         limit: usize,
     ) -> Result<Vec<Delivery>, StoreError> {
         let now = now_us();
@@ -123,12 +126,14 @@ impl Store {
              from (
                  select *, min(next_at) as first from webhook_deliveries
                  where state = 'waiting' and next_at <= ?1 and host not in (select value from json_each(?2))
+                     and (attempts = 0 or not ?3)
                  group by host
              ) as due join webhooks on webhooks.seq = due.webhook
-             order by due.first, due.seq limit ?3",
+             order by due.first, due.seq limit ?4",
         )
         .bind(now)
         .bind(to_json(&busy)?)
+        .bind(first_attempts)
         .bind(limit as i64)
         .fetch_all(self.readers())
         .await?;
@@ -149,13 +154,19 @@ impl Store {
             .collect()
     }
 
-    /// Time until the next delivery to a host that is not in `busy` is due; `None` where none waits.
-    pub(crate) async fn next_delivery(&self, busy: &[String]) -> Result<Option<Duration>, StoreError> {
+    /// Time until the next delivery to a host that is not in `busy` is due; `None` where none waits. `first_attempts`
+    /// as in [`Self::due_deliveries`].
+    pub(crate) async fn next_delivery(
+        &self,
+        busy: &[String],
+        first_attempts: bool,
+    ) -> Result<Option<Duration>, StoreError> {
         let next: Option<i64> = sqlx::query_scalar(
             "select min(next_at) from webhook_deliveries
-             where state = 'waiting' and host not in (select value from json_each(?))",
+             where state = 'waiting' and host not in (select value from json_each(?1)) and (attempts = 0 or not ?2)",
         )
         .bind(to_json(&busy)?)
+        .bind(first_attempts)
         .fetch_one(self.readers())
         .await?;
         let until = |next: i64| Duration::from_micros(next.saturating_sub(now_us()).max(0).cast_unsigned());

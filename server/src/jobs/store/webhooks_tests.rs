@@ -17,7 +17,7 @@ const URL: &str = "http://hooks.example/in?token=t";
 const MINUTE: Duration = Duration::from_mins(1);
 
 async fn due(store: &Store) -> Vec<Delivery> {
-    store.due_deliveries(&[], 100).await.unwrap()
+    store.due_deliveries(&[], false, 100).await.unwrap()
 }
 
 /// The only delivery that is due, and its body.
@@ -66,7 +66,7 @@ async fn the_end_of_a_job_records_one_message_and_the_request_has_no_url() {
     assert_eq!((before.url.as_str(), before.state, before.attempts), (URL, DeliveryState::Waiting, 0));
     assert_eq!(before.next_attempt_at, None);
     let lease = claim(&store).await;
-    assert_eq!((due(&store).await.len(), store.next_delivery(&[]).await.unwrap()), (0, None));
+    assert_eq!((due(&store).await.len(), store.next_delivery(&[], false).await.unwrap()), (0, None));
     succeed(&store, lease).await;
     let without = claim(&store).await;
     succeed(&store, without).await;
@@ -91,9 +91,9 @@ async fn the_end_of_a_job_records_one_message_and_the_request_has_no_url() {
     assert_eq!((seen.state, seen.attempts, seen.last_status), (DeliveryState::Waiting, 1, Some(503)));
     assert_eq!(seen.last_error.as_deref(), Some("no answer"));
     assert_eq!((due(&store).await.len(), store.waiting_deliveries().await.unwrap()), (0, 1));
-    let pause = store.next_delivery(&[]).await.unwrap().unwrap();
+    let pause = store.next_delivery(&[], false).await.unwrap().unwrap();
     assert!(pause <= MINUTE && pause > MINUTE / 2, "{pause:?}");
-    assert_eq!(store.next_delivery(&["hooks.example".into()]).await.unwrap(), None);
+    assert_eq!(store.next_delivery(&["hooks.example".into()], false).await.unwrap(), None);
 
     deliver(&store, &delivery).await;
     let seen = store.webhook_of_job(job.seq).await.unwrap().unwrap();
@@ -193,7 +193,7 @@ async fn one_message_of_each_host_is_due_the_oldest_first() {
     }
     let urls = async |busy: &[&str], limit| -> Vec<String> {
         let busy: Vec<String> = busy.iter().map(|host| (*host).to_owned()).collect();
-        let due = store.due_deliveries(&busy, limit).await.unwrap();
+        let due = store.due_deliveries(&busy, false, limit).await.unwrap();
         due.into_iter().map(|delivery| delivery.url).collect()
     };
     assert_eq!(urls(&[], 9).await, ["http://dead.example/1", "http://live.example/4"]);
@@ -203,4 +203,14 @@ async fn one_message_of_each_host_is_due_the_oldest_first() {
     let again = Attempt::Again { error: "no".into(), status: None, pause: MINUTE };
     store.record_attempt(first.seq, again).await.unwrap();
     assert_eq!(urls(&["live.example"], 9).await, ["http://dead.example/2"]);
+    // What was sent before can be left out.
+    let soon = Attempt::Again { error: "no".into(), status: None, pause: Duration::ZERO };
+    let live = store.due_deliveries(&["dead.example".into()], false, 1).await.unwrap().remove(0);
+    store.record_attempt(live.seq, soon).await.unwrap();
+    assert_eq!(urls(&["dead.example"], 9).await, ["http://live.example/4"]);
+    assert_eq!(store.next_delivery(&["dead.example".into()], false).await.unwrap(), Some(Duration::ZERO));
+    assert_eq!(store.next_delivery(&["dead.example".into()], true).await.unwrap(), None);
+    let first_attempts = store.due_deliveries(&[], true, 9).await.unwrap();
+    let hosts: Vec<&str> = first_attempts.iter().map(|delivery| delivery.host.as_str()).collect();
+    assert_eq!(hosts, ["dead.example"]);
 }
