@@ -20,6 +20,7 @@ create table webhook_deliveries (
     host         text    not null,
     state        text    not null check (state in ('waiting', 'delivered', 'failed')),
     attempts     integer not null default 0,
+    sent_before  integer not null generated always as (attempts > 0),
     -- The next attempt is not made before this time.
     next_at      integer not null,
     -- The last attempt: what was wrong, and the HTTP status where there was an answer.
@@ -29,7 +30,8 @@ create table webhook_deliveries (
     delivered_at integer
 ) strict;
 
-create index webhook_deliveries_waiting on webhook_deliveries (host, next_at) where state = 'waiting';
+-- The next message of a host is the first entry of the host in this index.
+create index webhook_deliveries_waiting on webhook_deliveries (host, sent_before, next_at, seq) where state = 'waiting';
 create index webhook_deliveries_by_webhook on webhook_deliveries (webhook, seq);
 
 -- The end of a job records its message in the same transaction, whatever statement ends it. The jobs of a study have no

@@ -65,13 +65,14 @@ impl OnTheWay {
         self.hosts.values().map(|(host, _)| host.clone()).collect()
     }
 
-    fn room(&self) -> usize {
-        AT_ONCE.saturating_sub(self.hosts.len())
-    }
-
-    fn room_for_repeats(&self) -> usize {
-        let repeats = self.hosts.values().filter(|(_, repeat)| *repeat).count();
-        REPEATS_AT_ONCE.saturating_sub(repeats).min(self.room())
+    /// How many more of those that were sent before, or of the others, may be on their way.
+    fn room(&self, sent_before: bool) -> usize {
+        let room = AT_ONCE.saturating_sub(self.hosts.len());
+        if !sent_before {
+            return room;
+        }
+        let repeats = self.hosts.values().filter(|(_, sent_before)| *sent_before).count();
+        REPEATS_AT_ONCE.saturating_sub(repeats).min(room)
     }
 }
 
@@ -116,22 +117,25 @@ impl WebhookSender {
 
     /// Starts what is due, and tells the time until there may be more.
     async fn send_due(self: &Arc<Self>, on_the_way: &mut OnTheWay) -> Result<Duration, StoreError> {
-        for first_attempts in [true, false] {
-            let room = if first_attempts { on_the_way.room() } else { on_the_way.room_for_repeats() };
+        for sent_before in [false, true] {
+            let room = on_the_way.room(sent_before);
             if room == 0 {
                 continue;
             }
-            for delivery in self.store.due_deliveries(&on_the_way.busy(), first_attempts, room).await? {
-                let (sender, what) = (Arc::clone(self), (delivery.host.clone(), delivery.attempts > 0));
+            for delivery in self.store.due_deliveries(&on_the_way.busy(), sent_before, room).await? {
+                let (sender, what) = (Arc::clone(self), (delivery.host.clone(), sent_before));
                 let attempt: tasks::Boxed<()> = Box::pin(async move { sender.deliver(&delivery).await });
                 on_the_way.hosts.insert(on_the_way.tasks.spawn(attempt).id(), what);
             }
         }
-        if on_the_way.room() == 0 {
-            return Ok(LOOK_EVERY);
+        let mut pause = LOOK_EVERY;
+        for sent_before in [false, true] {
+            if on_the_way.room(sent_before) > 0 {
+                let next = self.store.next_delivery(&on_the_way.busy(), sent_before).await?;
+                pause = pause.min(next.unwrap_or(LOOK_EVERY));
+            }
         }
-        let next = self.store.next_delivery(&on_the_way.busy(), on_the_way.room_for_repeats() == 0).await?;
-        Ok(next.map_or(LOOK_EVERY, |next| next.min(LOOK_EVERY)))
+        Ok(pause)
     }
 
     /// Makes an attempt and records it.

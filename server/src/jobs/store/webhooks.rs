@@ -66,6 +66,7 @@ impl WebhookRecord {
 
 /// A delivery that is due.
 #[derive(Clone, PartialEq)]
+#[cfg_attr(test, derive(Debug))]
 pub(crate) struct Delivery {
     pub(crate) seq: i64,
     /// The header `webhook-id`.
@@ -91,6 +92,31 @@ pub(crate) enum Attempt {
     Failed { error: String, status: Option<u16> },
 }
 
+/// The hosts to which deliveries wait, by one step into the index for each: a backlog of one host is not walked.
+macro_rules! waiting_hosts {
+    () => {
+        "with recursive hosts (host) as (
+             select min(host) from webhook_deliveries where state = 'waiting'
+             union all
+             select (
+                 select min(later.host) from webhook_deliveries as later
+                 where later.state = 'waiting' and later.host > hosts.host
+             ) from hosts where hosts.host is not null
+         ) "
+    };
+}
+
+/// Webhooks with their latest deliveries.
+macro_rules! select_webhook {
+    () => {
+        "select webhooks.url, latest.state, latest.attempts, latest.last_error, latest.last_status, latest.next_at,
+             latest.delivered_at
+         from webhooks left join webhook_deliveries as latest on latest.seq = (
+             select max(seq) from webhook_deliveries where webhook_deliveries.webhook = webhooks.seq
+         )"
+    };
+}
+
 impl Store {
     /// Waits until a delivery may have been recorded.
     pub(crate) async fn webhooks_notified(&self) {
@@ -110,30 +136,29 @@ impl Store {
     }
 
     /// At most `limit` deliveries that are due, one for each host that is not in `busy`: of each host the one that has
-    /// been due longest.
-    ///
-    /// `first_attempts`: only those that were not sent before.
+    /// been due longest, of those that were sent before or of the others.
     pub(crate) async fn due_deliveries(
         &self,
         busy: &[String],
-        first_attempts: bool,
+        sent_before: bool,
         limit: usize,
     ) -> Result<Vec<Delivery>, StoreError> {
         let now = now_us();
-        // SQLite takes the other columns from the row that has the minimum.
-        let found = sqlx::query(
+        let found = sqlx::query(concat!(
+            waiting_hosts!(),
             "select due.seq, due.id, due.host, due.body, due.attempts, due.created_at, webhooks.url
-             from (
-                 select *, min(next_at) as first from webhook_deliveries
-                 where state = 'waiting' and next_at <= ?1 and host not in (select value from json_each(?2))
-                     and (attempts = 0 or not ?3)
-                 group by host
-             ) as due join webhooks on webhooks.seq = due.webhook
-             order by due.first, due.seq limit ?4",
-        )
+             from hosts cross join webhook_deliveries as due on due.seq = (
+                     select seq from webhook_deliveries
+                     where state = 'waiting' and host = hosts.host and sent_before = ?3 and next_at <= ?1
+                     order by next_at, seq limit 1
+                 )
+                 join webhooks on webhooks.seq = due.webhook
+             where hosts.host not in (select value from json_each(?2))
+             order by due.next_at, due.seq limit ?4",
+        ))
         .bind(now)
         .bind(to_json(&busy)?)
-        .bind(first_attempts)
+        .bind(sent_before)
         .bind(limit as i64)
         .fetch_all(self.readers())
         .await?;
@@ -154,19 +179,22 @@ impl Store {
             .collect()
     }
 
-    /// Time until the next delivery to a host that is not in `busy` is due; `None` where none waits. `first_attempts`
-    /// as in [`Self::due_deliveries`].
+    /// Time until the next delivery to a host that is not in `busy` is due, of those that were sent before or of the
+    /// others; `None` where none waits.
     pub(crate) async fn next_delivery(
         &self,
         busy: &[String],
-        first_attempts: bool,
+        sent_before: bool,
     ) -> Result<Option<Duration>, StoreError> {
-        let next: Option<i64> = sqlx::query_scalar(
-            "select min(next_at) from webhook_deliveries
-             where state = 'waiting' and host not in (select value from json_each(?1)) and (attempts = 0 or not ?2)",
-        )
+        let next: Option<i64> = sqlx::query_scalar(concat!(
+            waiting_hosts!(),
+            "select min((
+                 select min(next_at) from webhook_deliveries
+                 where state = 'waiting' and host = hosts.host and sent_before = ?2
+             )) from hosts where hosts.host not in (select value from json_each(?1))",
+        ))
         .bind(to_json(&busy)?)
-        .bind(first_attempts)
+        .bind(sent_before)
         .fetch_one(self.readers())
         .await?;
         let until = |next: i64| Duration::from_micros(next.saturating_sub(now_us()).max(0).cast_unsigned());
@@ -276,18 +304,6 @@ pub(super) async fn insert(
         .await?;
     Ok(())
 }
-
-/// Webhooks with their latest deliveries.
-macro_rules! select_webhook {
-    () => {
-        "select webhooks.url, latest.state, latest.attempts, latest.last_error, latest.last_status, latest.next_at,
-             latest.delivered_at
-         from webhooks left join webhook_deliveries as latest on latest.seq = (
-             select max(seq) from webhook_deliveries where webhook_deliveries.webhook = webhooks.seq
-         )"
-    };
-}
-use select_webhook;
 
 fn webhook(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
     let name: Option<String> = row.try_get("state")?;

@@ -16,8 +16,11 @@ use crate::studies::{Facts, Study};
 const URL: &str = "http://hooks.example/in?token=t";
 const MINUTE: Duration = Duration::from_mins(1);
 
+/// What is due, first attempts before others.
 async fn due(store: &Store) -> Vec<Delivery> {
-    store.due_deliveries(&[], false, 100).await.unwrap()
+    let mut found = store.due_deliveries(&[], false, 100).await.unwrap();
+    found.extend(store.due_deliveries(&[], true, 100).await.unwrap());
+    found
 }
 
 /// The only delivery that is due, and its body.
@@ -91,9 +94,10 @@ async fn the_end_of_a_job_records_one_message_and_the_request_has_no_url() {
     assert_eq!((seen.state, seen.attempts, seen.last_status), (DeliveryState::Waiting, 1, Some(503)));
     assert_eq!(seen.last_error.as_deref(), Some("no answer"));
     assert_eq!((due(&store).await.len(), store.waiting_deliveries().await.unwrap()), (0, 1));
-    let pause = store.next_delivery(&[], false).await.unwrap().unwrap();
+    assert_eq!(store.next_delivery(&[], false).await.unwrap(), None);
+    let pause = store.next_delivery(&[], true).await.unwrap().unwrap();
     assert!(pause <= MINUTE && pause > MINUTE / 2, "{pause:?}");
-    assert_eq!(store.next_delivery(&["hooks.example".into()], false).await.unwrap(), None);
+    assert_eq!(store.next_delivery(&["hooks.example".into()], true).await.unwrap(), None);
 
     deliver(&store, &delivery).await;
     let seen = store.webhook_of_job(job.seq).await.unwrap().unwrap();
@@ -203,14 +207,15 @@ async fn one_message_of_each_host_is_due_the_oldest_first() {
     let again = Attempt::Again { error: "no".into(), status: None, pause: MINUTE };
     store.record_attempt(first.seq, again).await.unwrap();
     assert_eq!(urls(&["live.example"], 9).await, ["http://dead.example/2"]);
-    // What was sent before can be left out.
+    // What was sent before is apart from the rest.
     let soon = Attempt::Again { error: "no".into(), status: None, pause: Duration::ZERO };
     let live = store.due_deliveries(&["dead.example".into()], false, 1).await.unwrap().remove(0);
     store.record_attempt(live.seq, soon).await.unwrap();
-    assert_eq!(urls(&["dead.example"], 9).await, ["http://live.example/4"]);
-    assert_eq!(store.next_delivery(&["dead.example".into()], false).await.unwrap(), Some(Duration::ZERO));
-    assert_eq!(store.next_delivery(&["dead.example".into()], true).await.unwrap(), None);
-    let first_attempts = store.due_deliveries(&[], true, 9).await.unwrap();
-    let hosts: Vec<&str> = first_attempts.iter().map(|delivery| delivery.host.as_str()).collect();
-    assert_eq!(hosts, ["dead.example"]);
+    assert_eq!(urls(&[], 9).await, ["http://dead.example/2"]);
+    let repeats = store.due_deliveries(&[], true, 9).await.unwrap();
+    assert_eq!(repeats, [Delivery { attempts: 1, age: repeats[0].age, ..live }]);
+    for (sent_before, next) in [(true, Some(Duration::ZERO)), (false, None)] {
+        let found = store.next_delivery(&["dead.example".into()], sent_before).await.unwrap();
+        assert_eq!(found, next, "{sent_before}");
+    }
 }
