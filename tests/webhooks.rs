@@ -19,7 +19,7 @@ use sha2::Sha256;
 use tokio::sync::{Semaphore, mpsc};
 
 use crate::harness::deadline::patiently;
-use crate::harness::{Client, Contract, DataDir, Launch, Server, id_of, jobs, packstone};
+use crate::harness::{Client, Contract, DataDir, Launch, Server, id_of, jobs, packstone, run};
 
 /// A request that a receiver got.
 #[derive(Debug)]
@@ -451,6 +451,44 @@ async fn only_the_owner_sees_the_webhook() {
     }
     receiver.next().await;
     receiver.next().await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn files_of_secrets_and_hosts_that_are_none_are_refused() {
+    let (secret, data_dir) = (Secret::make().await, DataDir::new());
+    for (content, says) in
+        [("whsec_short\n", "line 1"), ("", "0 secrets"), (&secret.text.repeat(2), "line 1")]
+    {
+        std::fs::write(&secret.file, content).unwrap();
+        let refused = run(secret.launch(&data_dir).into_command()).await;
+        assert_ne!(refused.code, Some(0));
+        let said = refused.stderr + &refused.stdout;
+        assert!(said.contains(says) && said.contains(secret.file.to_str().unwrap()), "{content:?}: {said}");
+        assert!(!said.contains("panicked") && !said.contains(&secret.text), "{said}");
+    }
+    let with_port = Launch::new(&data_dir).args(&["--webhook-allowed-host", "127.0.0.1:8080"]);
+    let refused = run(with_port.into_command()).await;
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.stderr.contains("without scheme and port"), "{}", refused.stderr);
+}
+
+/// Two secrets sign until the old one is taken out of the file, without a restart.
+#[tokio::test]
+async fn secrets_are_replaced_without_a_gap() {
+    let (old, new, data_dir) = (Secret::make().await, Secret::make().await, DataDir::new());
+    let server = old.launch(&data_dir).start().await;
+    let (client, mut receiver) = (server.client(), Receiver::start("127.0.0.1").await);
+    for (content, by_old, by_new) in [
+        (format!("{}\n", old.text), true, false),
+        (format!("# the new one\n{}\n{}\n", new.text, old.text), true, true),
+        (format!("{}\n", new.text), false, true),
+    ] {
+        std::fs::write(&old.file, content).unwrap();
+        client.submit(&with_url(jobs::quick(1), &receiver.url("/in"))).await;
+        let message = receiver.next().await;
+        assert_eq!((message.verifies(&old.text), message.verifies(&new.text)), (by_old, by_new));
+    }
     server.stop().await;
 }
 
