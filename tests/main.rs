@@ -58,4 +58,5 @@ mod study_command;
 mod submission;
 mod users;
 mod waiting;
+mod webhooks;
 mod workers;

@@ -12,6 +12,8 @@ use packstone_engine::Limits;
 use crate::accounts::{Quotas, read_rate};
 use crate::memory;
 use crate::telemetry::LogFormat;
+use crate::webhooks::WebhookRules;
+use crate::webhooks::rules::allowed_host;
 
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
 /// cache, the results being sent, and the neighbours.
@@ -60,6 +62,16 @@ pub(crate) struct ServeOptions {
     /// without API keys (may be repeated)
     #[arg(long, env = "PACKSTONE_ALLOWED_HOST", value_delimiter = ',')]
     pub(crate) allowed_host: Vec<String>,
+    /// File with one secret a line (see `packstone webhook-secret`), by which webhooks are signed; without it none are
+    /// sent
+    #[arg(long, env = "PACKSTONE_WEBHOOK_SECRET_FILE", value_name = "FILE")]
+    pub(crate) webhook_secret_file: Option<PathBuf>,
+    /// Host to which webhooks may be sent although its address is not public (may be repeated)
+    #[arg(long, env = "PACKSTONE_WEBHOOK_ALLOWED_HOST", value_name = "NAME", value_delimiter = ',', value_parser = allowed_host)]
+    pub(crate) webhook_allowed_host: Vec<String>,
+    /// Seconds between the first two attempts to send a webhook
+    #[arg(long, hide = true, default_value_t = 5.0, value_parser = seconds)]
+    pub(crate) webhook_first_pause_s: f64,
     /// Form of the log lines on standard error
     #[arg(long, env = "PACKSTONE_LOG_FORMAT", value_enum, default_value_t)]
     pub(crate) log_format: LogFormat,
@@ -163,6 +175,16 @@ impl ServeOptions {
             grains: self.max_grains_per_key,
             stored_bytes: self.max_stored_bytes_per_key,
         }
+    }
+
+    /// To whom webhooks may be sent.
+    pub(crate) fn webhook_rules(&self) -> WebhookRules {
+        WebhookRules::new(self.webhook_secret_file.is_some(), &self.webhook_allowed_host)
+    }
+
+    /// Time between the first two attempts to send a webhook.
+    pub(crate) fn webhook_first_pause(&self) -> Duration {
+        Duration::from_secs_f64(self.webhook_first_pause_s)
     }
 
     /// Time between two checkpoints of a running job.

@@ -35,6 +35,7 @@ mod strict_json;
 mod studies;
 mod tasks;
 mod telemetry;
+mod webhooks;
 mod workers;
 
 /// Runs the command line of this process.

@@ -31,6 +31,8 @@ pub(crate) struct Metrics {
     /// By type and outcome.
     exports: Mutex<BTreeMap<(&'static str, &'static str), Histogram>>,
     requests: Mutex<BTreeMap<(String, String), Requests>>,
+    /// Attempts to send webhooks by outcome.
+    webhooks: Mutex<BTreeMap<&'static str, u64>>,
 }
 
 #[derive(Debug, Default)]
@@ -88,6 +90,8 @@ pub(crate) struct Gauges {
     pub(crate) queue_age_s: f64,
     /// Seconds since the newest checkpoint was written, if there is one.
     pub(crate) checkpoint_age_s: Option<f64>,
+    /// Webhooks that wait to be sent.
+    pub(crate) webhooks_waiting: u64,
 }
 
 impl Metrics {
@@ -128,6 +132,12 @@ impl Metrics {
     pub(crate) fn export_ended(&self, kind: &'static str, outcome: &'static str, took: Duration) {
         let mut exports = self.exports.lock().unwrap_or_else(PoisonError::into_inner);
         exports.entry((kind, outcome)).or_default().record(JOB_BOUNDS_S, took);
+    }
+
+    /// A webhook was sent: `delivered`, `retried` (later) or `failed` (for good).
+    pub(crate) fn webhook_sent(&self, outcome: &'static str) {
+        let mut webhooks = self.webhooks.lock().unwrap_or_else(PoisonError::into_inner);
+        *webhooks.entry(outcome).or_default() += 1;
     }
 
     /// A request was answered: its head was ready after some time. `route` is a pattern, never a
@@ -209,6 +219,14 @@ impl Metrics {
             let labels = format!("type=\"{kind}\",outcome=\"{outcome}\"");
             times.render(&mut out, name, &labels, JOB_BOUNDS_S);
         }
+        let name = "packstone_webhook_deliveries_total";
+        out.head(name, "counter", "Attempts to send webhooks by outcome.");
+        for (outcome, count) in self.webhooks.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+            out.line(name, &format!("outcome=\"{outcome}\""), count);
+        }
+        let name = "packstone_webhook_deliveries_waiting";
+        out.head(name, "gauge", "Webhooks that wait to be sent, or to be sent again.");
+        out.line(name, "", gauges.webhooks_waiting);
         let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
         out.head("packstone_http_requests_total", "counter", "Requests answered.");
         for ((route, method), of_route) in requests.iter() {
@@ -305,11 +323,15 @@ mod tests {
         metrics.study_submitted(100);
         metrics.job_ended("succeeded", Duration::from_millis(300));
         metrics.job_ended("succeeded", Duration::from_secs(3));
+        metrics.webhook_sent("retried");
+        metrics.webhook_sent("retried");
         metrics.export_ended("slice", "succeeded", Duration::from_millis(300));
         metrics.request_answered("GET", "/v1/jobs/{id}", 200, Duration::from_millis(2));
         let text = metrics.render(&Gauges { workers: 2, ..Gauges::default() });
         for line in [
             "packstone_workers 2",
+            "packstone_webhook_deliveries_total{outcome=\"retried\"} 2",
+            "packstone_webhook_deliveries_waiting 0",
             "packstone_jobs_submitted_total 101",
             "packstone_studies_submitted_total 1",
             "packstone_studies_open 0",

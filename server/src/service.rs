@@ -29,6 +29,8 @@ use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
 use crate::storage::Storage;
 use crate::tasks;
+use crate::webhooks::sender::WebhookSender;
+use crate::webhooks::signature::{SecretsError, SecretsFile};
 use crate::workers::executor::Executor;
 use crate::workers::here::Here;
 use crate::workers::leases::Leases;
@@ -60,6 +62,9 @@ pub(crate) enum StartError {
     /// The API keys cannot be read.
     #[error(transparent)]
     Keys(#[from] KeysError),
+    /// The secrets of webhooks cannot be read.
+    #[error(transparent)]
+    Secrets(#[from] SecretsError),
     /// The audit log cannot be opened.
     #[error("the audit log {0} cannot be opened: {1}")]
     AuditLog(PathBuf, std::io::Error),
@@ -89,6 +94,7 @@ pub(crate) struct Service {
     listener: TcpListener,
     connections: Arc<Semaphore>,
     options: ServeOptions,
+    webhook_secrets: Option<SecretsFile>,
     reload: Arc<Notify>,
     // Held, never read: the lock ends with it.
     _lock: File,
@@ -104,6 +110,7 @@ impl Service {
         if !options.listen.ip().is_loopback() && keys.is_none() && !options.insecure {
             return Err(StartError::Open(options.listen));
         }
+        let webhook_secrets = options.webhook_secret_file.clone().map(SecretsFile::open).transpose()?;
         let audit = match options.audit_log.clone() {
             Some(path) => {
                 let opened = AuditLog::open(path.clone());
@@ -168,7 +175,8 @@ impl Service {
         let leases = Leases::Here(here.clone());
         let executor = Executor { leases, artifacts, checkpoints, disk, metrics, shutdown };
         let app = App::new(&options, &executor, &here, accounts, audit, Arc::clone(&connections));
-        Ok(Self { app, executor, here, listener, connections, options, reload: Arc::default(), _lock: lock })
+        let reload = Arc::default();
+        Ok(Self { app, executor, here, listener, connections, options, webhook_secrets, reload, _lock: lock })
     }
 
     /// Where it listens.
@@ -189,10 +197,11 @@ impl Service {
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
     pub(crate) async fn serve(self) {
-        let Self { app, executor, here, listener, connections, options, reload: _, _lock } = self;
+        let Self { app, executor, here, listener, connections, options, webhook_secrets, reload: _, _lock } =
+            self;
         let (store, shutdown) = (here.store.clone(), executor.shutdown.clone());
         let router = http::router(app.clone());
-        let workers = tasks::spawn(work(executor, here, options.clone()));
+        let workers = tasks::spawn(work(executor, here, options.clone(), webhook_secrets));
         app.set_ready(true);
         let stopped = tasks::spawn({
             let shutdown = shutdown.clone();
@@ -216,9 +225,9 @@ impl Service {
     }
 }
 
-/// Runs the workers, the export workers and the sweeper to their end. The first sweep comes before the first job: what
-/// it finds is from an earlier life, and no attempt of this one has the same name yet.
-async fn work(executor: Executor, here: Here, options: ServeOptions) {
+/// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep
+/// comes before the first job: what it finds is from an earlier life, and no attempt of this one has the same name yet.
+async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
     let days = options.quarantine_days;
     if let Err(error) = sweeper::sweep(&here.store, &executor.artifacts, &executor.checkpoints, days).await {
         tracing::error!(%error, "the first sweep failed");
@@ -234,6 +243,17 @@ async fn work(executor: Executor, here: Here, options: ServeOptions) {
         Arc::clone(&executor.metrics),
         executor.shutdown.clone(),
     )));
+    if let Some(secrets) = webhook_secrets {
+        let sender = WebhookSender {
+            store: here.store.clone(),
+            secrets,
+            rules: options.webhook_rules(),
+            first_pause: options.webhook_first_pause(),
+            metrics: Arc::clone(&executor.metrics),
+            shutdown: executor.shutdown.clone(),
+        };
+        run(Box::pin(sender.run()));
+    }
     run(Box::pin(keep_reserve(here.store.clone(), executor.shutdown.clone())));
     let export_worker = ExportWorker {
         store: here.store,

@@ -24,6 +24,7 @@ mod serve;
 mod shell;
 mod signals;
 mod study;
+mod webhook_secret;
 mod worker;
 
 use std::process::ExitCode;
@@ -71,6 +72,8 @@ enum Command {
     Health(health::Options),
     /// Make an API key and its line for the file of keys
     Key(key::Options),
+    /// Make a secret by which a service signs webhooks, a line for the file that --webhook-secret-file names
+    WebhookSecret,
     /// Print the completions of a shell
     Completions(shell::CompletionOptions),
     /// Print the manual page, or write one for each command
@@ -96,6 +99,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Check(options) => check::run(&options),
         Command::Health(options) => health::run(&options),
         Command::Key(options) => key::run(&options),
+        Command::WebhookSecret => webhook_secret::run(),
         Command::Completions(options) => shell::completions(&options, Cli::command()),
         Command::Man(options) => shell::man(&options, Cli::command()),
     };

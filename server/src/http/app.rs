@@ -20,6 +20,7 @@ use crate::metrics::Metrics;
 use crate::problem::{Kind, Problem};
 use crate::storage::Storage;
 use crate::tasks;
+use crate::webhooks::WebhookRules;
 use crate::workers::executor::Executor;
 use crate::workers::here::Here;
 use crate::workers::probe;
@@ -50,6 +51,7 @@ pub(crate) struct Shared {
     pub(crate) trust_proxy: bool,
     /// Names that `Host` may have, where others would let a web page of another site reach this server.
     pub(crate) hosts: Option<Hosts>,
+    pub(crate) webhook_rules: Arc<WebhookRules>,
     pub(crate) limits: Limits,
     pub(crate) max_body_bytes: u64,
     pub(crate) max_queued: u64,
@@ -95,6 +97,7 @@ impl App {
                 accounts,
                 audit,
                 trust_proxy: options.trust_proxy,
+                webhook_rules: Arc::new(options.webhook_rules()),
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,

@@ -31,6 +31,7 @@ mod storage;
 mod studies;
 mod submission;
 mod waiting;
+mod webhooks;
 
 pub(crate) use app::App;
 pub(crate) use contract::yaml;

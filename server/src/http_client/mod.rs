@@ -49,7 +49,6 @@ pub(crate) struct Origin {
     port: u16,
 }
 
-#[allow(dead_code, reason = "webhooks need the rest, which come next")]
 impl Origin {
     /// The origin of a URL.
     ///
@@ -75,11 +74,6 @@ impl Origin {
     /// A service without TLS at an address.
     pub(crate) fn at(address: SocketAddr) -> Self {
         Self { https: false, host: address.ip().to_string(), port: address.port() }
-    }
-
-    /// The name or address of the host.
-    pub(crate) fn host(&self) -> &str {
-        &self.host
     }
 
     /// The addresses of the host, as the system resolves its name.
@@ -192,7 +186,7 @@ mod tests {
             ("http://127.0.0.1:8080", "127.0.0.1", "127.0.0.1:8080"),
         ] {
             let found = origin(url).unwrap();
-            assert_eq!((found.host(), found.to_string().as_str()), (host, shown));
+            assert_eq!((found.host.as_str(), found.to_string().as_str()), (host, shown));
         }
         for bad in ["lab.example", "/hook", "ftp://lab.example/", "http://a:b@lab.example/", "http://"] {
             assert!(origin(bad).is_err(), "{bad}");

@@ -17,6 +17,7 @@ use utoipa::ToSchema;
 use crate::exports::MAX_POSTPROCESS;
 use crate::failure::Failure;
 use crate::jobs::schema;
+use crate::webhooks::WebhookUrl;
 
 /// Longest name of a job, in characters.
 pub(crate) const MAX_NAME_CHARS: usize = 200;
@@ -69,6 +70,11 @@ pub(crate) struct JobRequest {
     #[schema(required = false, default = false)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) shared: bool,
+    /// URL to which a signed message is sent when the job ends. No request and no result contains it, because it may
+    /// contain a token.
+    #[schema(required = false, schema_with = schema::webhook_url)]
+    #[serde(skip_serializing_if = "never_shown")]
+    pub(crate) webhook_url: Option<WebhookUrl>,
     /// What is filled.
     pub(crate) specimen: Specimen,
     /// What it is filled with.
@@ -269,6 +275,11 @@ impl JobPatch {
     }
 }
 
+/// Whether a document leaves a field out: always.
+fn never_shown<T>(_: &T) -> bool {
+    true
+}
+
 fn time_us(time: &str) -> Option<i64> {
     time.parse::<Timestamp>().ok().map(Timestamp::as_microsecond)
 }
@@ -313,6 +324,7 @@ fn read_fields(
         None => Some(DEFAULT_ATTEMPTS),
     };
     let shared = object.optional("shared").map_or(Some(false), |at| at.boolean());
+    let webhook_url = object.optional("webhook_url").and_then(|at| WebhookUrl::read(&at));
     let postprocess =
         object.optional("postprocess").map_or(Some(Postprocess::default()), |at| read_postprocess(&at));
     let packing = PackingRequest::from_object(object, seed)?;
@@ -325,6 +337,7 @@ fn read_fields(
         expires_at,
         max_attempts: max_attempts?,
         shared: shared?,
+        webhook_url,
         specimen: packing.specimen,
         mix: packing.mix,
         distance: packing.distance,

@@ -4,12 +4,13 @@ use packstone_engine::export::ExportRequest;
 use serde_json::{Value, json};
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{
-    ArrayBuilder, Object, ObjectBuilder, OneOfBuilder, Ref, Schema, SchemaType, Type,
+    ArrayBuilder, Object, ObjectBuilder, OneOfBuilder, Ref, Schema, SchemaFormat, SchemaType, Type,
 };
 use utoipa::{PartialSchema, ToSchema};
 
 use super::request::{MAX_LABEL_KEY_CHARS, MAX_LABEL_VALUE_CHARS, MAX_LABELS, MAX_NAME_CHARS, Postprocess};
 use crate::exports::MAX_POSTPROCESS;
+use crate::webhooks::MAX_URL_CHARS;
 
 /// Characters that may not be in names and labels, as part of a class of a pattern.
 const CONTROL: &str = "\\u0000-\\u001f\\u007f-\\u009f";
@@ -32,6 +33,22 @@ pub(crate) fn name() -> Object {
         .min_length(Some(1))
         .max_length(Some(MAX_NAME_CHARS))
         .pattern(Some(format!("^[^{CONTROL}]*$")))
+        .build()
+}
+
+/// What the interface document says of the URL of a webhook.
+pub(crate) fn webhook_url() -> Object {
+    let about = "http or https URL, without user information and fragment, to which a signed message is sent when the \
+                 job ends or the study is finished (Standard Webhooks). It is answered in `webhook.url` to its owner; \
+                 requests and results do not contain it, because it may contain a token.";
+    ObjectBuilder::new()
+        .schema_type(SchemaType::from_iter([Type::String, Type::Null]))
+        .description(Some(about))
+        .format(Some(SchemaFormat::Custom("uri".into())))
+        .max_length(Some(MAX_URL_CHARS))
+        .pattern(Some("^[Hh][Tt][Tt][Pp][Ss]?:[!-~]*$"))
+        .write_only(true)
+        .examples([json!("https://hooks.example.org/packstone")])
         .build()
 }
 

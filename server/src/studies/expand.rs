@@ -49,6 +49,7 @@ pub(super) fn expand(request: &StudyRequest<'_>, conditions: &Conditions<'_>) ->
         replicates: request.replicates,
         stop_when: request.stop_when,
         shared: request.shared,
+        webhook_url: request.webhook_url.clone(),
     })
 }
 
@@ -113,6 +114,11 @@ fn read_point(
     conditions: &Conditions<'_>,
 ) -> Result<Point, Failure> {
     let job = JobRequest::read(job, seeds.replicate(0), conditions.now).map_err(Failure::invalid)?;
+    if job.webhook_url.is_some() {
+        let detail =
+            "the jobs of a study send no messages: leave this field out, and give it to the study itself";
+        return Err(Failure::invalid(vec![FieldError::new("/webhook_url", detail)]));
+    }
     let plan = Plan::new(&job.packing(), conditions.limits)?;
     job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.

@@ -25,6 +25,7 @@ use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use crate::jobs::JobRequest;
+use crate::webhooks::WebhookUrl;
 
 pub(crate) use table::{Keys, Table};
 
@@ -60,6 +61,8 @@ pub(crate) struct Study {
     pub(crate) stop_when: StopWhen,
     /// Whether other users of a server may read the study with its jobs.
     pub(crate) shared: bool,
+    /// Where a message is sent when the study is finished.
+    pub(crate) webhook_url: Option<WebhookUrl>,
 }
 
 /// One mix and method.

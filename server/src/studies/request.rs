@@ -18,6 +18,7 @@ use super::pointer::Pointer;
 use super::{MAX_AXES, MAX_JOBS, MAX_POINT_VALUES, MAX_REQUEST_BYTES, StopWhen, Study, expand};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::request::{read_labels, read_name};
+use crate::webhooks::WebhookUrl;
 
 /// Tolerance, in steps, within which the end of a range belongs to the range.
 const RANGE_SLACK: f64 = 1e-9;
@@ -62,11 +63,13 @@ impl Study {
         Err(Failure::invalid(faults.into_vec()))
     }
 
-    /// The request as it is stored: with its seed, which may have been drawn.
+    /// The request as it is stored: with its seed, which may have been drawn, and without the URL of its webhook, which
+    /// may contain a token.
     pub(crate) fn recorded(&self, value: &Value) -> Value {
         let mut recorded = value.clone();
         if let Some(object) = recorded.as_object_mut() {
             object.insert("seed".into(), self.seed.into());
+            object.shift_remove("webhook_url");
         }
         recorded
     }
@@ -81,6 +84,7 @@ pub(super) struct StudyRequest<'a> {
     pub(super) replicates: usize,
     pub(super) stop_when: StopWhen,
     pub(super) shared: bool,
+    pub(super) webhook_url: Option<WebhookUrl>,
 }
 
 /// The source of the points.
@@ -176,6 +180,7 @@ impl<'a> StudyRequest<'a> {
             None => Some(StopWhen::default()),
         };
         let shared = object.optional("shared").map_or(Some(false), |at| at.boolean());
+        let webhook_url = object.optional("webhook_url").and_then(|at| WebhookUrl::read(&at));
         // Without a readable number of replicates, the checks that depend on it are skipped.
         let points = read_points(object, faults, replicates.unwrap_or(1) > 1);
         Some(Self {
@@ -186,6 +191,7 @@ impl<'a> StudyRequest<'a> {
             replicates: replicates?,
             stop_when: stop_when?,
             shared: shared?,
+            webhook_url,
         })
     }
 

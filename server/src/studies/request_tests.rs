@@ -171,8 +171,8 @@ fn faults_of_the_grammar_come_together_at_their_places() {
              \"step\": 0.005}",
             "/grid/~1mix~1d_min_mm/step: 0 is out of range: must lead from 1 to 2",
             "/zip/~1timeout_s: has 3 values: must have 2 as /priority, which it runs together with",
-            "/colour: unknown field: this object has name, labels, seed, replicates, stop_when, shared, list, \
-             template, grid, zip",
+            "/colour: unknown field: this object has name, labels, seed, replicates, stop_when, shared, webhook_url, \
+             list, template, grid, zip",
         ]
     );
 }

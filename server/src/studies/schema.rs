@@ -91,6 +91,7 @@ fn fields() -> ObjectBuilder {
         .property("replicates", replicates.default(Some(json!(1))))
         .property("stop_when", stop_when)
         .property("shared", shared)
+        .property("webhook_url", schema::webhook_url())
         .additional_properties(Some(AdditionalProperties::<Schema>::FreeForm(false)))
 }
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         expires_at: str | datetime | None
         max_attempts: int
         shared: bool
+        webhook_url: str | None
         specimen: Specimen | Mapping[str, Any]
         mix: Mix | Mapping[str, Any]
         distance: Distance | Mapping[str, Any]

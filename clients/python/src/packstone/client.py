@@ -150,6 +150,7 @@ class Client:
         name: str | None = None,
         labels: Mapping[str, str] | None = None,
         shared: bool | None = None,
+        webhook_url: str | None = None,
         idempotency_key: str | None = None,
     ) -> Study:
         """Submits a study: a mapping as in ``POST /v1/studies``, its fields as arguments, or both.
@@ -164,6 +165,7 @@ class Client:
                 replicates=20,
             )
 
+        `webhook_url` is sent a signed message when the study is finished, if the server sends webhooks.
         The values of `zip` vary together. The study is accepted as a whole or not at all.
         """
         fields = {
@@ -177,6 +179,7 @@ class Client:
             "name": name,
             "labels": labels,
             "shared": shared,
+            "webhook_url": webhook_url,
         }
         given = {field: value for field, value in fields.items() if value is not None}
         return self._submitted(Study, "/v1/studies", {**(study or {}), **given}, idempotency_key)

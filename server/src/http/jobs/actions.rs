@@ -1,9 +1,11 @@
 //! What a client may do to a job: cancel, retry, delete.
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::target;
 use crate::http::jobs::view::{self, Job};
@@ -32,6 +34,7 @@ use crate::tasks;
 )]
 pub(crate) async fn cancel(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
@@ -47,7 +50,7 @@ pub(crate) async fn cancel(
         Cancelled::Soon(job) => (job, StatusCode::ACCEPTED),
     };
     tracing::info!(job_id = %id, state = job.state.name(), "cancel asked for");
-    shown(&app, &job, status).await
+    shown(&app, &caller, &job, status).await
 }
 
 /// Retry a job that failed, was cancelled, or whose stored result is damaged
@@ -63,6 +66,7 @@ pub(crate) async fn cancel(
 )]
 pub(crate) async fn retry(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
@@ -77,7 +81,7 @@ pub(crate) async fn retry(
     // retries wants a new start, which an attempt that is faster than this may miss: then it goes on.
     remove_checkpoints(&app, id, job.attempt - 1).await;
     tracing::info!(job_id = %id, attempt = job.attempt, "retried");
-    shown(&app, &job, StatusCode::OK).await
+    shown(&app, &caller, &job, StatusCode::OK).await
 }
 
 /// The path of the job's result, if the file is missing or not what was stored.
@@ -122,7 +126,12 @@ async fn remove_checkpoints(app: &App, id: JobId, until_attempt: i64) {
     let _ = tasks::blocking(move || checkpoints.remove(&id.to_string(), until_attempt)).await;
 }
 
-async fn shown(app: &App, record: &JobRecord, status: StatusCode) -> Result<Response, Problem> {
-    let job = view::whole(app, record, false).await.map_err(|error| refused(error, record.id))?;
+async fn shown(
+    app: &App,
+    caller: &Caller,
+    record: &JobRecord,
+    status: StatusCode,
+) -> Result<Response, Problem> {
+    let job = view::whole(app, caller, record, false).await.map_err(|error| refused(error, record.id))?;
     Ok(view::response(status, record, &job))
 }

@@ -1,9 +1,11 @@
 //! The state of a job, with long polls, and its request.
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::view::{self, Job};
@@ -61,6 +63,7 @@ impl IncludeParameters {
 )]
 pub(crate) async fn get(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): JobPath,
     Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
@@ -69,7 +72,7 @@ pub(crate) async fn get(
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
         let whole = async {
-            let job = view::whole(&app, &record, query.with_request()).await?;
+            let job = view::whole(&app, &caller, &record, query.with_request()).await?;
             Ok(view::response(StatusCode::OK, &record, &job))
         };
         asked.answer(&record, whole).await
@@ -79,7 +82,8 @@ pub(crate) async fn get(
 
 /// Get the request of a job
 ///
-/// As submitted, with its defaults and its seed filled in: submitted again, it gives the same packing.
+/// As submitted, with its defaults and its seed filled in, but without its `webhook_url`: submitted again, it gives the
+/// same packing.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/request", tag = "jobs", operation_id = "get_job_request",
     params(JobPath),

@@ -1,11 +1,13 @@
 //! Changing a job: name, labels, priority and expiry, by a JSON merge patch (RFC 7396).
 
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use jiff::Timestamp;
 
+use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::body;
@@ -38,6 +40,7 @@ use crate::strict_json;
 )]
 pub(crate) async fn patch(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
@@ -48,6 +51,6 @@ pub(crate) async fn patch(
     let changed = app.shared.store.patch(target(id, &headers), patch).await;
     let record = changed.map_err(|error| refused(error, id))?;
     tracing::info!(job_id = %id, "changed");
-    let job = view::whole(&app, &record, false).await.map_err(|error| refused(error, id))?;
+    let job = view::whole(&app, &caller, &record, false).await.map_err(|error| refused(error, id))?;
     Ok(view::response(StatusCode::OK, &record, &job))
 }

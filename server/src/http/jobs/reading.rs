@@ -7,6 +7,7 @@ use packstone_engine::{Limits, Plan};
 use crate::failure::Failure;
 use crate::http::app::{App, LARGE_BODY_BYTES};
 use crate::http::submission::{content_sha256, read_apart};
+use crate::http::webhooks;
 use crate::jobs::{JobRequest, request};
 use crate::problem::Problem;
 use crate::strict_json;
@@ -33,10 +34,13 @@ pub(crate) async fn read(
     limits: Limits,
     proposal: Proposal,
 ) -> Result<Submission, Problem> {
-    if bytes.len() <= LARGE_BODY_BYTES {
-        return Ok(read_now(&bytes, &limits, proposal)?);
-    }
-    read_apart(app, move |_| read_now(&bytes, &limits, proposal)).await
+    let submission = if bytes.len() <= LARGE_BODY_BYTES {
+        read_now(&bytes, &limits, proposal)?
+    } else {
+        read_apart(app, move |_| read_now(&bytes, &limits, proposal)).await?
+    };
+    webhooks::check(&app.shared.webhook_rules, submission.request.webhook_url.as_ref())?;
+    Ok(submission)
 }
 
 fn read_now(bytes: &[u8], limits: &Limits, proposal: Proposal) -> Result<Submission, Failure> {

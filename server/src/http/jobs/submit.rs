@@ -56,7 +56,7 @@ pub(crate) async fn submit(
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let Submission { request, plan, body_sha256 } =
         read(&app, bytes, app.limits_of(&caller), Proposal::None).await?;
-    let by = caller.by;
+    let by = caller.by.clone();
     let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
     check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
@@ -77,7 +77,7 @@ pub(crate) async fn submit(
             .await
             .map_err(|error| refused(error, id))?;
     }
-    let job = view::whole(&app, &record, true).await.map_err(|error| refused(error, record.id))?;
+    let job = view::whole(&app, &caller, &record, true).await.map_err(|error| refused(error, record.id))?;
     let mut response = view::response(status, &record, &job);
     set(&mut response, header::LOCATION, &view::path(&record));
     if let Some(wait) = wait {

@@ -10,10 +10,12 @@ use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::exports::view::ExportLink;
 use crate::http::response::{named, set, time};
 use crate::http::waiting::Changing;
+use crate::http::webhooks::WebhookView;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
 use crate::plots::job::JobPlot;
@@ -112,6 +114,10 @@ pub(crate) struct Job {
     /// The exports that are kept with it: those of `postprocess`, and those that `POST /v1/jobs/{id}/exports/{type}`
     /// started.
     exports: Vec<ExportLink>,
+    /// The message that is sent when the job ends, for its owner; absent where the job has no `webhook_url`.
+    #[schema(required = false, nullable = false)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    webhook: Option<WebhookView>,
     /// The request as submitted, with its defaults filled in; in the answer to a submission, and where
     /// `include=request` asks for it.
     #[schema(value_type = JobRequest, required = false)]
@@ -219,13 +225,19 @@ impl ResultView {
     }
 }
 
-/// The whole job, read from a record and the request that the store keeps apart, if that is wanted.
-pub(crate) async fn whole(app: &App, job: &JobRecord, with_request: bool) -> Result<Job, StoreError> {
+/// The whole job as a caller sees it, read from a record and the request that the store keeps apart, if that is wanted.
+pub(crate) async fn whole(
+    app: &App,
+    caller: &Caller,
+    job: &JobRecord,
+    with_request: bool,
+) -> Result<Job, StoreError> {
     let store = &app.shared.store;
     let request = if with_request { Some(store.request(job.seq).await?) } else { None };
     let kept = if job.state == State::Succeeded { store.kept_of(job.seq).await? } else { Vec::new() };
     let exports = kept.iter().map(|(kind, options)| ExportLink::of(job.id, *kind, options)).collect();
-    Ok(Job { summary: JobSummary::of(job), exports, request })
+    let webhook = WebhookView::of_job(app, caller, job).await?;
+    Ok(Job { summary: JobSummary::of(job), exports, webhook, request })
 }
 
 /// The job as a response with its tag, and a hint when to come back while it is not finished.

@@ -15,6 +15,7 @@ use crate::problem::{Kind, ProblemDocument};
 use crate::studies::Study;
 
 pub(crate) mod strict;
+mod webhooks;
 
 const DESCRIPTION: &str = "Packstone turns a concrete mix design into a dense, checked packing of spheres.\n\n\
 Submit a job, wait for its end (`Prefer: wait=N`, long polls by tag, or server-sent events), fetch the result and the \
@@ -56,6 +57,7 @@ pub(crate) fn finished(document: &OpenApi) -> Value {
     let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
     add_links(&mut value);
+    value["webhooks"] = webhooks::webhooks();
     if let Some(schemas) = value["components"]["schemas"].as_object_mut() {
         strict::apply::<JobRequest>(schemas);
         strict::apply::<Study>(schemas);

@@ -51,6 +51,8 @@ pub(crate) struct Capabilities {
     formats: Vec<FormatInfo>,
     /// Exports of results: their types, formats and options.
     exports: Vec<ExportInfo>,
+    /// Whether jobs and studies may have a `webhook_url`.
+    webhooks: bool,
     /// Bounds.
     limits: LimitsInfo,
 }
@@ -200,6 +202,7 @@ pub(crate) async fn capabilities(
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })
             .collect(),
         exports: ExportType::ALL.iter().map(|&kind| ExportInfo::of(kind)).collect(),
+        webhooks: shared.webhook_rules.enabled(),
         limits: LimitsInfo {
             max_grains: shared.limits.max_grains,
             max_memory_bytes: shared.limits.max_memory_bytes,
@@ -317,6 +320,7 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
         store_faults: shared.store.faults(),
         queue_age_s: shared.store.queue_age().await?.as_secs_f64(),
         checkpoint_age_s: newest_checkpoint(&app).await,
+        webhooks_waiting: shared.store.waiting_deliveries().await?,
         results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),
     };
     let mut response = shared.metrics.render(&gauges).into_response();

@@ -2,10 +2,12 @@
 
 use std::collections::HashMap;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::target;
 use crate::http::params::values::RetriedStates;
@@ -34,6 +36,7 @@ use crate::tasks;
 )]
 pub(crate) async fn cancel(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): StudyPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
@@ -45,7 +48,7 @@ pub(crate) async fn cancel(
         StudyState::Open => StatusCode::ACCEPTED,
     };
     tracing::info!(study_id = %id, "cancel asked for");
-    view::response(&app, status, &study, false).await.map_err(|error| refused(error, id))
+    view::response(&app, &caller, status, &study, false).await.map_err(|error| refused(error, id))
 }
 
 parameters! {
@@ -72,6 +75,7 @@ parameters! {
 )]
 pub(crate) async fn retry(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): StudyPath,
     Query(RetryParameters { state: RetriedStates(states) }): Query<RetryParameters>,
     headers: HeaderMap,
@@ -86,7 +90,7 @@ pub(crate) async fn retry(
     let until = retried.iter().map(|(job, attempt)| (job.to_string(), attempt - 1)).collect();
     remove_checkpoints(&app, until).await;
     tracing::info!(study_id = %id, jobs = retried.len(), "retried");
-    view::response(&app, StatusCode::OK, &study, false).await.map_err(|error| refused(error, id))
+    view::response(&app, &caller, StatusCode::OK, &study, false).await.map_err(|error| refused(error, id))
 }
 
 /// Delete a finished study with its jobs and their results

@@ -1,9 +1,11 @@
 //! Asking how a study is, with long polls.
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::get::IncludeParameters;
@@ -38,6 +40,7 @@ use crate::problem::Problem;
 )]
 pub(crate) async fn get(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): StudyPath,
     Query(query): Query<IncludeParameters>,
     headers: HeaderMap,
@@ -45,7 +48,7 @@ pub(crate) async fn get(
     let asked = Asked::of(&headers);
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |study| asked.settles(study)).await?;
-        let whole = view::response(&app, StatusCode::OK, &record, query.with_request());
+        let whole = view::response(&app, &caller, StatusCode::OK, &record, query.with_request());
         asked.answer(&record, whole).await
     };
     answered.await.map_err(|error| refused(error, id))

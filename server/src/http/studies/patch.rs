@@ -1,5 +1,6 @@
 //! Changing a study: whether others may read it, by a JSON merge patch (RFC 7396).
 
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
@@ -9,6 +10,7 @@ use packstone_engine::request::decode::{At, Faults};
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::body;
@@ -62,6 +64,7 @@ impl StudyPatch {
 )]
 pub(crate) async fn patch(
     State(app): State<App>,
+    Extension(caller): Extension<Caller>,
     IdPath(id): StudyPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
@@ -72,5 +75,5 @@ pub(crate) async fn patch(
     let changed = app.shared.store.share_study(target(id, &headers), patch.shared).await;
     let record = changed.map_err(|error| refused(error, id))?;
     tracing::info!(study_id = %id, "changed");
-    view::response(&app, StatusCode::OK, &record, false).await.map_err(|error| refused(error, id))
+    view::response(&app, &caller, StatusCode::OK, &record, false).await.map_err(|error| refused(error, id))
 }

@@ -24,6 +24,7 @@ use crate::http::studies::get::wait_until;
 use crate::http::studies::view::{self, Study as StudyView};
 use crate::http::submission::{content_sha256, idempotency_key, read_apart};
 use crate::http::waiting::PREFERENCE_APPLIED;
+use crate::http::webhooks;
 use crate::jobs::request;
 use crate::jobs::store::{IdempotencyKey, NewStudy, StudyState, SubmittedStudy};
 use crate::problem::Problem;
@@ -68,7 +69,7 @@ pub(crate) async fn submit(
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let Submission { study, request, body_sha256 } = read(&app, bytes, app.limits_of(&caller)).await?;
-    let by = caller.by;
+    let by = caller.by.clone();
     // The grains of each job are counted when it starts; then it waits where its result would not fit.
     check_room(&app, &by.owner, Storage::bytes_of_result(0.0) * study.jobs() as u64).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
@@ -86,7 +87,7 @@ pub(crate) async fn submit(
         if let Some(wait) = wait {
             record = wait_until(&app, id, wait, |study| study.state() == StudyState::Finished).await?;
         }
-        view::response(&app, status, &record, true).await
+        view::response(&app, &caller, status, &record, true).await
     };
     let mut response = answered.await.map_err(|error| refused(error, id))?;
     set(&mut response, header::LOCATION, &view::path(id));
@@ -105,7 +106,9 @@ struct Submission {
 /// Reads and expands a submission: off the threads that answer and few at a time, for a short request may
 /// stand for ten thousand jobs.
 async fn read(app: &App, bytes: Bytes, limits: Limits) -> Result<Submission, Problem> {
-    read_apart(app, move |go_on| read_now(&bytes, &limits, go_on)).await
+    let submission = read_apart(app, move |go_on| read_now(&bytes, &limits, go_on)).await?;
+    webhooks::check(&app.shared.webhook_rules, submission.study.webhook_url.as_ref())?;
+    Ok(submission)
 }
 
 fn read_now(bytes: &[u8], limits: &Limits, go_on: &dyn Fn() -> bool) -> Result<Submission, Failure> {

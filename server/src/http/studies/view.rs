@@ -8,9 +8,11 @@ use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::response::{named, set, time};
 use crate::http::waiting::Changing;
+use crate::http::webhooks::WebhookView;
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
 use crate::plots::study::StudyPlot;
@@ -83,6 +85,10 @@ pub(crate) struct Study {
     #[schema(value_type = studies::Study, required = false)]
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<Value>,
+    /// The message that is sent when the study is finished, for its owner; absent where the study has no `webhook_url`.
+    #[schema(required = false, nullable = false)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    webhook: Option<WebhookView>,
     /// What is likely to go wrong, by the plans of its points, once for each; at most 100 points.
     warnings: Vec<PointWarnings>,
 }
@@ -197,10 +203,11 @@ impl StudyProgress {
     }
 }
 
-/// The study as a response with its tag, and a hint when to come back while it is not finished. The store keeps the
-/// request apart: it is read where it is wanted.
+/// The study as a caller sees it, as a response with its tag, and a hint when to come back while it is not finished.
+/// The store keeps the request apart: it is read where it is wanted.
 pub(crate) async fn response(
     app: &App,
+    caller: &Caller,
     status: StatusCode,
     record: &StudyRecord,
     with_request: bool,
@@ -209,7 +216,8 @@ pub(crate) async fn response(
     let request = if with_request { Some(store.study_request(record.seq).await?) } else { None };
     let warnings = store.study_warnings(record.seq, MAX_WARNED_POINTS).await?;
     let warnings = warnings.into_iter().map(|(point, warnings)| PointWarnings { point, warnings }).collect();
-    let study = Study { summary: StudySummary::of(app, record), request, warnings };
+    let webhook = WebhookView::of_study(app, caller, record).await?;
+    let study = Study { summary: StudySummary::of(app, record), request, webhook, warnings };
     let mut response = (status, axum::Json(study)).into_response();
     set(&mut response, header::ETAG, &record.etag());
     if record.state() == StudyState::Open {

@@ -29,6 +29,9 @@ mod tests;
 mod turns;
 mod upgrade;
 mod upkeep;
+mod webhooks;
+#[cfg(test)]
+mod webhooks_tests;
 mod writer;
 
 use std::path::Path;
@@ -59,6 +62,7 @@ pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyS
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 pub(crate) use target::Target;
 pub(crate) use upkeep::{Kept, Removed, StoredKind};
+pub(crate) use webhooks::{Attempt, Delivery, DeliveryState, WebhookRecord};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;
@@ -160,6 +164,8 @@ struct Shared {
     queue: Notify,
     /// Of those who make anything, and of those who make only what is quick.
     export_workers: [Notify; 2],
+    /// Of the task that sends webhooks.
+    webhooks: Notify,
     limits: StoreLimits,
     accounts: Arc<Accounts>,
 }
@@ -209,6 +215,7 @@ impl Store {
                 export_changes: Notifications::default(),
                 queue: Notify::new(),
                 export_workers: [Notify::new(), Notify::new()],
+                webhooks: Notify::new(),
                 limits,
                 accounts,
             }),
@@ -396,6 +403,7 @@ impl Store {
         if let Some(place) = job.study {
             self.notify_study(place.id);
         }
+        self.wake_webhooks();
     }
 
     /// The same for a job that was leased.
@@ -404,6 +412,7 @@ impl Store {
         if let Some(study) = lease.study {
             self.notify_study(study);
         }
+        self.wake_webhooks();
     }
 
     /// After a commit that changed what clients see of the study.

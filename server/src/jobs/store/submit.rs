@@ -6,7 +6,7 @@
 use packstone_engine::export::tables::EngineInfo;
 use sqlx::{Row as _, SqliteConnection};
 
-use super::{Store, StoreError, forecasts, now_us, rows, turns};
+use super::{Store, StoreError, forecasts, now_us, rows, turns, webhooks};
 use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
@@ -109,6 +109,7 @@ impl Store {
             .bind(body)
             .execute(&mut *tx)
             .await?;
+        webhooks::insert(&mut tx, webhooks::Ending::Job(seq), request.webhook_url.as_ref()).await?;
         for (key, value) in &request.labels {
             sqlx::query("insert into job_labels (key, value, job, state) values (?, ?, ?, 'queued')")
                 .bind(key)

@@ -134,6 +134,7 @@ impl Store {
                 }
                 store.wake_worker();
             }
+            store.wake_webhooks();
             Ok(moved.len())
         })
         .await

@@ -7,7 +7,7 @@ use serde_json::Value;
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::submit::{IdempotencyKey, to_json};
-use super::super::{Store, StoreError, forecasts, now_us, turns};
+use super::super::{Store, StoreError, forecasts, now_us, turns, webhooks};
 use super::{StudyRecord, query};
 use crate::accounts::Submitter;
 use crate::ids::{JobId, StudyId};
@@ -143,6 +143,7 @@ async fn insert_head(
         .bind(request)
         .execute(&mut *connection)
         .await?;
+    webhooks::insert(connection, webhooks::Ending::Study(seq), study.webhook_url.as_ref()).await?;
     for (key, value) in &study.labels {
         sqlx::query("insert into study_labels (key, value, study) values (?, ?, ?)")
             .bind(key)

@@ -1,0 +1,327 @@
+//! Webhooks in the store. Triggers record a delivery in the transaction that ends a job or finishes a study (migration
+//! 14); here is what is due, and what became of each attempt.
+
+use std::time::Duration;
+
+use serde::Serialize;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row as _, SqliteConnection};
+use utoipa::ToSchema;
+
+use super::submit::to_json;
+use super::{Store, StoreError, micros, now_us, rows};
+use crate::webhooks::WebhookUrl;
+
+/// Whether a message has arrived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum DeliveryState {
+    /// The job or study has not ended, or the message has not arrived yet.
+    Waiting,
+    /// The receiver has accepted it.
+    Delivered,
+    /// It is not sent any more.
+    Failed,
+}
+
+impl DeliveryState {
+    const ALL: [Self; 3] = [Self::Waiting, Self::Delivered, Self::Failed];
+
+    /// Name in the store.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Delivered => "delivered",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+/// The webhook of a job or a study with its latest delivery. Times are microseconds since the Unix epoch.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct WebhookRecord {
+    pub(crate) url: String,
+    pub(crate) state: DeliveryState,
+    pub(crate) attempts: u32,
+    pub(crate) last_error: Option<String>,
+    pub(crate) last_status: Option<u16>,
+    pub(crate) next_attempt_at: Option<i64>,
+    pub(crate) delivered_at: Option<i64>,
+}
+
+impl WebhookRecord {
+    /// The webhook of what has not ended.
+    pub(crate) fn of_unfinished(self) -> Self {
+        Self {
+            url: self.url,
+            state: DeliveryState::Waiting,
+            attempts: 0,
+            last_error: None,
+            last_status: None,
+            next_attempt_at: None,
+            delivered_at: None,
+        }
+    }
+}
+
+/// A delivery that is due.
+#[derive(Clone, PartialEq)]
+#[cfg_attr(test, derive(Debug))]
+pub(crate) struct Delivery {
+    pub(crate) seq: i64,
+    /// The header `webhook-id`.
+    pub(crate) id: String,
+    pub(crate) url: String,
+    /// Host of the URL.
+    pub(crate) host: String,
+    pub(crate) body: String,
+    /// Attempts so far.
+    pub(crate) attempts: u32,
+    /// Time since the end of the job or the study.
+    pub(crate) age: Duration,
+}
+
+/// What became of an attempt.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Attempt {
+    /// The receiver has accepted the message.
+    Delivered { status: u16 },
+    /// The message is sent again after a pause.
+    Again { error: String, status: Option<u16>, pause: Duration },
+    /// The message is not sent any more.
+    Failed { error: String, status: Option<u16> },
+}
+
+/// The hosts to which deliveries wait, by one step into the index for each: a backlog of one host is not walked.
+macro_rules! waiting_hosts {
+    () => {
+        "with recursive hosts (host) as (
+             select min(host) from webhook_deliveries where state = 'waiting'
+             union all
+             select (
+                 select min(later.host) from webhook_deliveries as later
+                 where later.state = 'waiting' and later.host > hosts.host
+             ) from hosts where hosts.host is not null
+         ) "
+    };
+}
+
+/// Webhooks with their latest deliveries.
+macro_rules! select_webhook {
+    () => {
+        "select webhooks.url, latest.state, latest.attempts, latest.last_error, latest.last_status, latest.next_at,
+             latest.delivered_at
+         from webhooks left join webhook_deliveries as latest on latest.seq = (
+             select max(seq) from webhook_deliveries where webhook_deliveries.webhook = webhooks.seq
+         )"
+    };
+}
+
+impl Store {
+    /// Waits until a delivery may have been recorded.
+    pub(crate) async fn webhooks_notified(&self) {
+        self.shared.webhooks.notified().await;
+    }
+
+    /// The webhook of a job.
+    pub(crate) async fn webhook_of_job(&self, job: i64) -> Result<Option<WebhookRecord>, StoreError> {
+        let row = sqlx::query(concat!(select_webhook!(), " where webhooks.job = ?")).bind(job);
+        row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
+    }
+
+    /// The webhook of a study.
+    pub(crate) async fn webhook_of_study(&self, study: i64) -> Result<Option<WebhookRecord>, StoreError> {
+        let row = sqlx::query(concat!(select_webhook!(), " where webhooks.study = ?")).bind(study);
+        row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
+    }
+
+    /// At most `limit` deliveries that are due, one for each host that is not in `busy`: of each host the one that has
+    /// been due longest, of those that were sent before or of the others.
+    pub(crate) async fn due_deliveries(
+        &self,
+        busy: &[String],
+        sent_before: bool,
+        limit: usize,
+    ) -> Result<Vec<Delivery>, StoreError> {
+        let now = now_us();
+        let found = sqlx::query(concat!(
+            waiting_hosts!(),
+            "select due.seq, due.id, due.host, due.body, due.attempts, due.created_at, webhooks.url
+             from hosts cross join webhook_deliveries as due on due.seq = (
+                     select seq from webhook_deliveries
+                     where state = 'waiting' and host = hosts.host and sent_before = ?3 and next_at <= ?1
+                     order by next_at, seq limit 1
+                 )
+                 join webhooks on webhooks.seq = due.webhook
+             where hosts.host not in (select value from json_each(?2))
+             order by due.next_at, due.seq limit ?4",
+        ))
+        .bind(now)
+        .bind(to_json(&busy)?)
+        .bind(sent_before)
+        .bind(limit as i64)
+        .fetch_all(self.readers())
+        .await?;
+        found
+            .iter()
+            .map(|row| {
+                let age = now.saturating_sub(row.try_get("created_at")?).max(0);
+                Ok(Delivery {
+                    seq: row.try_get("seq")?,
+                    id: row.try_get("id")?,
+                    url: row.try_get("url")?,
+                    host: row.try_get("host")?,
+                    body: row.try_get("body")?,
+                    attempts: row.try_get("attempts")?,
+                    age: Duration::from_micros(age.cast_unsigned()),
+                })
+            })
+            .collect()
+    }
+
+    /// Time until the next delivery to a host that is not in `busy` is due, of those that were sent before or of the
+    /// others; `None` where none waits.
+    pub(crate) async fn next_delivery(
+        &self,
+        busy: &[String],
+        sent_before: bool,
+    ) -> Result<Option<Duration>, StoreError> {
+        let next: Option<i64> = sqlx::query_scalar(concat!(
+            waiting_hosts!(),
+            "select min((
+                 select min(next_at) from webhook_deliveries
+                 where state = 'waiting' and host = hosts.host and sent_before = ?2
+             )) from hosts where hosts.host not in (select value from json_each(?1))",
+        ))
+        .bind(to_json(&busy)?)
+        .bind(sent_before)
+        .fetch_one(self.readers())
+        .await?;
+        let until = |next: i64| Duration::from_micros(next.saturating_sub(now_us()).max(0).cast_unsigned());
+        Ok(next.map(until))
+    }
+
+    /// How many deliveries wait.
+    pub(crate) async fn waiting_deliveries(&self) -> Result<u64, StoreError> {
+        let waiting: i64 =
+            sqlx::query_scalar("select count(*) from webhook_deliveries where state = 'waiting'")
+                .fetch_one(self.readers())
+                .await?;
+        Ok(waiting.cast_unsigned())
+    }
+
+    /// Records an attempt, which clients see in the job or the study. Nothing happens where this was deleted meanwhile.
+    ///
+    /// A power cut can undo it: then the message is sent again.
+    pub(crate) async fn record_attempt(&self, delivery: i64, attempt: Attempt) -> Result<(), StoreError> {
+        let store = self.clone();
+        self.detached(async move {
+            let now = now_us();
+            let (state, error, status, pause) = match attempt {
+                Attempt::Delivered { status } => (DeliveryState::Delivered, None, Some(status), Duration::ZERO),
+                Attempt::Again { error, status, pause } => {
+                    (DeliveryState::Waiting, Some(error), status, pause)
+                }
+                Attempt::Failed { error, status } => {
+                    (DeliveryState::Failed, Some(error), status, Duration::ZERO)
+                }
+            };
+            let mut writer = store.quick_writer().await?;
+            let mut tx = writer.begin().await?;
+            let recorded: Option<i64> = sqlx::query_scalar(
+                "update webhook_deliveries set state = ?1, attempts = attempts + 1, last_error = ?2, last_status = ?3,
+                     next_at = ?4, delivered_at = iif(?1 = 'delivered', ?5, null)
+                 where seq = ?6 and state = 'waiting' returning webhook",
+            )
+            .bind(state.name())
+            .bind(error)
+            .bind(status)
+            .bind(now.saturating_add(micros(pause)))
+            .bind(now)
+            .bind(delivery)
+            .fetch_optional(&mut *tx)
+            .await?;
+            let Some(webhook) = recorded else { return Ok(()) };
+            let job: Option<String> = sqlx::query_scalar(
+                "update jobs set version = version + 1, updated_at = ?2
+                 where seq = (select job from webhooks where seq = ?1) returning id",
+            )
+            .bind(webhook)
+            .bind(now)
+            .fetch_optional(&mut *tx)
+            .await?;
+            let study: Option<String> = sqlx::query_scalar(
+                "update studies set version = version + 1, updated_at = ?2
+                 where seq = (select study from webhooks where seq = ?1) returning id",
+            )
+            .bind(webhook)
+            .bind(now)
+            .fetch_optional(&mut *tx)
+            .await?;
+            tx.commit().await?;
+            drop(writer);
+            if let Some(id) = job {
+                store.notify(rows::job_id(&id)?);
+            }
+            if let Some(id) = study {
+                store.notify_study(rows::study_id(&id)?);
+            }
+            Ok(())
+        })
+        .await
+    }
+
+    /// After a commit that may have ended a job or finished a study.
+    pub(super) fn wake_webhooks(&self) {
+        self.shared.webhooks.notify_one();
+    }
+}
+
+/// What has a webhook.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Ending {
+    Job(i64),
+    Study(i64),
+}
+
+/// Records the webhook of a submission.
+pub(super) async fn insert(
+    connection: &mut SqliteConnection,
+    of: Ending,
+    url: Option<&WebhookUrl>,
+) -> Result<(), StoreError> {
+    let Some(url) = url else { return Ok(()) };
+    let (job, study) = match of {
+        Ending::Job(seq) => (Some(seq), None),
+        Ending::Study(seq) => (None, Some(seq)),
+    };
+    sqlx::query("insert into webhooks (job, study, url, host) values (?, ?, ?, ?)")
+        .bind(job)
+        .bind(study)
+        .bind(url.as_str())
+        .bind(url.host_text())
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+fn webhook(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
+    let name: Option<String> = row.try_get("state")?;
+    let state = match &name {
+        None => DeliveryState::Waiting,
+        Some(name) => DeliveryState::ALL
+            .into_iter()
+            .find(|state| state.name() == name)
+            .ok_or_else(|| StoreError::Row(format!("unknown state of a delivery {name:?}")))?,
+    };
+    let next_at: Option<i64> = row.try_get("next_at")?;
+    Ok(WebhookRecord {
+        url: row.try_get("url")?,
+        state,
+        attempts: row.try_get::<Option<u32>, _>("attempts")?.unwrap_or(0),
+        last_error: row.try_get("last_error")?,
+        last_status: row.try_get("last_status")?,
+        next_attempt_at: next_at.filter(|_| state == DeliveryState::Waiting),
+        delivered_at: row.try_get("delivered_at")?,
+    })
+}

@@ -1,0 +1,14 @@
+//! Webhooks: a signed message to a URL of the client when a job ends or a study finishes.
+//!
+//! A submission names the URL ([`WebhookUrl`]). The store records a delivery in the transaction that ends the job or
+//! the study. [`sender`] sends what is due, with the signature of Standard Webhooks ([`signature`],
+//! <https://www.standardwebhooks.com>), to addresses that [`address`] does not refuse.
+
+pub(crate) mod address;
+pub(crate) mod rules;
+pub(crate) mod sender;
+pub(crate) mod signature;
+mod url;
+
+pub(crate) use rules::WebhookRules;
+pub(crate) use url::{MAX_URL_CHARS, WebhookUrl};
