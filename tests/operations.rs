@@ -1,6 +1,6 @@
 //! What an operator looks at: health, readiness, metrics, request ids, the document.
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs};
 
@@ -45,6 +45,64 @@ async fn metrics_count_what_happened() {
     assert!((metric(&client, "packstone_jobs", "failed").await - 1.0).abs() < 0.5);
     assert!((metric(&client, "packstone_jobs_submitted_total", "").await - 5.0).abs() < 0.5);
     assert!(metric(&client, "packstone_http_requests_total", "201").await >= 5.0);
+    server.stop().await;
+}
+
+/// Checks the forecast times that wait and run; the store keeps microseconds.
+async fn expect_work(client: &Client, queued_s: f64, running_s: f64) {
+    for (name, expected) in
+        [("packstone_queue_work_seconds", queued_s), ("packstone_running_work_seconds", running_s)]
+    {
+        let found = metric(client, name, "").await;
+        assert!((found - expected).abs() < 1e-4, "{name} is {found}, the plans say {expected}");
+    }
+}
+
+#[tokio::test]
+async fn the_work_that_waits_and_runs_is_that_of_the_plans() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(1).start().await;
+    let client = server.client();
+    let forecast = async |job: &Value| {
+        let plan = client.post("/v1/plans").json(job).send().await.expect(200).json();
+        plan["estimated_time_s"].as_f64().unwrap()
+    };
+    expect_work(&client, 0.0, 0.0).await;
+    let endless = jobs::endless();
+    let running = client.submit(&endless).await;
+    client.running(id_of(&running)).await;
+    let running_s = forecast(&endless).await;
+    assert!(running_s > 0.1, "{running_s}");
+    expect_work(&client, 0.0, running_s).await;
+
+    let growing_s = forecast(&jobs::growth()).await;
+    let growing = client.submit(&jobs::growth()).await;
+    let bounded = jobs::with(jobs::endless(), "/timeout_s", json!(0.25));
+    let bounded_s = forecast(&bounded).await.min(0.25);
+    client.submit(&bounded).await;
+    expect_work(&client, growing_s + bounded_s, running_s).await;
+    let volume_fractions = [0.53, 0.535];
+    let mut template = jobs::growth();
+    template.as_object_mut().unwrap().remove("seed");
+    client
+        .submit_study(&json!({
+            "seed": 1, "template": template, "grid": {"/mix/volume_fraction": volume_fractions},
+            "replicates": 3
+        }))
+        .await;
+    let mut study_s = 0.0;
+    for volume_fraction in volume_fractions {
+        let point = jobs::with(jobs::growth(), "/mix/volume_fraction", json!(volume_fraction));
+        study_s += 3.0 * forecast(&point).await;
+    }
+    expect_work(&client, growing_s + bounded_s + study_s, running_s).await;
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&growing))).send().await.expect(200);
+    expect_work(&client, bounded_s + study_s, running_s).await;
+
+    // What ran when the server died waits again.
+    server.kill().await;
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    expect_work(&server.client(), bounded_s + study_s + running_s, 0.0).await;
     server.stop().await;
 }
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::harness::deadline::{eventually, within};
-use crate::harness::{Finished, Slurm, jobs, packstone, run};
+use crate::harness::{DataDir, Finished, Launch, Slurm, id_of, jobs, packstone, run};
 
 /// Three points, one of them of some seconds.
 fn study() -> Value {
@@ -177,6 +177,62 @@ async fn an_array_that_is_cut_goes_on_in_another_and_is_merged() {
     assert!(said.contains("table.csv") && !said.contains("unfinished"), "{said}");
     assert!(!checkpoint.exists());
     assert_eq!(results(&out), on_one_machine(&folder).await);
+}
+
+/// The script that is installed, with one core for each worker.
+#[tokio::test]
+async fn pilots_pack_the_jobs_of_a_server_and_hand_them_on() {
+    let Some(slurm) = Slurm::start().await else { return };
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let made = packstone(folder.path(), &["key", "pilots", "--role", "worker"]).await;
+    let admin = packstone(folder.path(), &["key", "root"]).await;
+    let (key, line) = made.stdout.trim().split_once('\n').unwrap();
+    let (admin, admin_line) = admin.stdout.trim().split_once('\n').unwrap();
+    fs::write(folder.path().join("worker.key"), key).unwrap();
+    fs::write(folder.path().join("keys"), format!("{line}\n{admin_line}\n")).unwrap();
+    let keys = folder.path().join("keys").display().to_string();
+    let server = Launch::new(&data_dir).workers(0).env("PACKSTONE_API_KEYS_FILE", &keys).start().await;
+    let client = server.client().with_key(admin);
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../packaging/slurm-workers.sh");
+    let array = async |width: &str| {
+        let mut command = slurm.command("sbatch");
+        command.args(["--parsable", "--cpus-per-task=1", "--mem-per-cpu=0", "--time=5", width, script]);
+        command.current_dir(folder.path());
+        command.env("PACKSTONE", env!("CARGO_BIN_EXE_packstone"));
+        command.env("PACKSTONE_SERVER", format!("http://{}", server.address()));
+        command.env("PACKSTONE_KEY_FILE", folder.path().join("worker.key"));
+        command.env("PACKSTONE_CHECKPOINT_EVERY_S", "0.2").env("PACKSTONE_IDLE_EXIT_S", "1");
+        let submitted = run(command).await;
+        assert_eq!(submitted.code, Some(0), "{submitted:?}");
+        submitted.stdout.trim().to_owned()
+    };
+    let submitted = client.submit(&jobs::growth()).await;
+    let id = id_of(&submitted);
+    let first = array("--array=0").await;
+    client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    let named = client.job(id).await["worker"].clone();
+    assert!(named.as_str().unwrap().contains(&format!("(Slurm job {first}_0)")), "{named}");
+    // What Slurm does before the time limit.
+    let cut = slurm.run(folder.path(), "scancel", &["--batch", "--signal=TERM", &format!("{first}_0")]).await;
+    assert_eq!(cut.code, Some(0), "{cut:?}");
+    eventually("the first pilot to end", || slurm.queue().is_empty()).await;
+    assert_eq!(client.job(id).await["state"], "queued");
+    for seed in 0..4 {
+        client.submit(&jobs::quick(seed)).await;
+    }
+    let second = array("--array=0-1").await;
+    let done = client.finished(id).await;
+    assert_eq!((&done["state"], &done["attempt"]), (&json!("succeeded"), &json!(2)), "{done:#}");
+    eventually("the second pilots to end", || slurm.queue().is_empty()).await;
+    let logs: String = (0..2)
+        .map(|task| {
+            fs::read_to_string(folder.path().join(format!("packstone-worker-{second}_{task}.log"))).unwrap()
+        })
+        .collect();
+    assert!(logs.contains("going on from a checkpoint"), "{logs}");
+    let listed = client.get("/v1/jobs?state=succeeded").send().await.expect(200).json();
+    assert_eq!(listed["items"].as_array().unwrap().len(), 5);
+    server.stop().await;
 }
 
 /// The time limit of Slurm itself, of which the shortest is a minute.

@@ -4,7 +4,7 @@
 //! POSIX makes `rename` atomic, and after the folder's `fsync` the name survives a power cut.
 
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 /// What the name of a file that is being written ends with.
@@ -36,6 +36,61 @@ pub(crate) fn write<T, E: From<io::Error>>(
     written
 }
 
+/// A file that comes piece by piece; dropped before it is finished, it leaves nothing.
+#[derive(Debug)]
+pub(crate) struct Pieces {
+    file: PathBuf,
+    /// Taken when it is renamed.
+    partial: Option<File>,
+}
+
+impl Pieces {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn begin(file: PathBuf) -> io::Result<Self> {
+        let partial = Some(File::create(partial_of(&file))?);
+        Ok(Self { file, partial })
+    }
+
+    /// Writes the next piece.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn write(&mut self, piece: &[u8]) -> io::Result<()> {
+        match &mut self.partial {
+            Some(partial) => partial.write_all(piece),
+            None => Ok(()),
+        }
+    }
+
+    /// Gives the file its name. An earlier file of that name is replaced.
+    ///
+    /// # Errors
+    /// The system's; an earlier file is still there then.
+    pub(crate) fn finish(mut self) -> io::Result<()> {
+        if let Some(partial) = &self.partial {
+            partial.sync_all()?;
+            fs::rename(partial_of(&self.file), &self.file)?;
+            self.partial = None;
+        }
+        match self.file.parent() {
+            Some(folder) => sync_folder(folder),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Pieces {
+    fn drop(&mut self) {
+        if self.partial.is_some() {
+            // What cannot be removed is left to the sweeper.
+            let _ = fs::remove_file(partial_of(&self.file));
+        }
+    }
+}
+
 fn write_partial<T, E: From<io::Error>>(
     partial: &Path,
     write: impl FnOnce(&File) -> Result<T, E>,
@@ -64,8 +119,6 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::io::Write as _;
-
     use super::*;
 
     #[test]

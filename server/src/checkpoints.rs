@@ -137,6 +137,33 @@ impl Checkpoints {
         })
     }
 
+    /// The file of the checkpoint that an attempt has kept, if it has.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn kept_by(&self, id: &str, attempt: i64) -> io::Result<Option<PathBuf>> {
+        let file = self.file(id, attempt);
+        Ok(file.try_exists()?.then_some(file))
+    }
+
+    /// The file of the newest checkpoint of a job, if there is one.
+    pub(crate) fn newest(&self, id: &str) -> Option<PathBuf> {
+        let found = self.of(id).into_iter().filter(|found| found.complete);
+        found.max_by_key(|found| found.attempt).map(|found| found.file)
+    }
+
+    /// Takes in the checkpoint of an attempt that ran elsewhere.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn receive(&self, id: &str, attempt: i64) -> io::Result<atomic_file::Pieces> {
+        atomic_file::Pieces::begin(self.file(id, attempt))
+    }
+
+    fn file(&self, id: &str, attempt: i64) -> PathBuf {
+        self.root.join(format!("{id}.{attempt}{COMPLETE}"))
+    }
+
     /// The writer of the checkpoints of one attempt.
     pub(crate) fn writer(&self, id: &str, attempt: i64) -> CheckpointWriter {
         CheckpointWriter {
@@ -244,7 +271,7 @@ impl CheckpointWriter {
     /// Keeps one. Where that fails the run goes on, and may find room for the next.
     pub(crate) fn keep(&self, checkpoint: &Checkpoint<'_>) {
         let start = Instant::now();
-        let file = self.folder.root.join(format!("{}.{}{COMPLETE}", self.id, self.attempt));
+        let file = self.folder.file(&self.id, self.attempt);
         match write(&file, checkpoint) {
             Ok(bytes) => {
                 let took_s = start.elapsed().as_secs_f64();

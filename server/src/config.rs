@@ -22,6 +22,8 @@ const MEMORY_SHARE: f64 = 0.8;
 pub(crate) const DEFAULT_DERIVED_CACHE_BYTES: u64 = 10_000_000_000;
 /// Work of this long may be lost to a crash, in s.
 pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
+/// A lease outlives a few missed renewals, and a short suspension of the machine.
+const DEFAULT_LEASE_S: f64 = 60.0;
 
 /// Options of `packstone serve`.
 #[derive(Args, Clone, Debug)]
@@ -133,6 +135,9 @@ pub(crate) struct ServeOptions {
     /// Seconds between two sweeps for expired jobs and files left over
     #[arg(long, env = "PACKSTONE_SWEEP_INTERVAL_S", default_value_t = 300.0, value_parser = seconds)]
     pub(crate) sweep_interval_s: f64,
+    /// Seconds for which a worker holds a job without a sign of life; then the job goes to another
+    #[arg(long, env = "PACKSTONE_LEASE_S", default_value_t = DEFAULT_LEASE_S, value_parser = lease)]
+    pub(crate) lease_s: f64,
     /// Seconds between two checkpoints of a running job, from which it goes on after a crash; 0 keeps one at
     /// every opportunity
     #[arg(long, env = "PACKSTONE_CHECKPOINT_EVERY_S", default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
@@ -187,6 +192,11 @@ impl ServeOptions {
         Duration::from_secs_f64(self.checkpoint_every_s)
     }
 
+    /// How long a lease lasts without being renewed.
+    pub(crate) fn lease(&self) -> Duration {
+        Duration::from_secs_f64(self.lease_s)
+    }
+
     /// Time between two sweeps.
     pub(crate) fn sweep_interval(&self) -> Duration {
         Duration::from_secs_f64(self.sweep_interval_s)
@@ -220,6 +230,14 @@ fn address(text: &str) -> Result<SocketAddr, String> {
         .collect();
     let first = found.iter().find(|address| address.is_ipv4()).or(found.first());
     first.copied().ok_or_else(|| "the name has no address".to_owned())
+}
+
+/// Shorter, a busy machine would lose its leases; longer, the job of a dead one would wait in vain.
+fn lease(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if (2.0..=3600.0).contains(&s) => Ok(s),
+        _ => Err("must be a number of seconds from 2 to 3600".into()),
+    }
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

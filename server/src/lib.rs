@@ -36,6 +36,7 @@ mod studies;
 mod tasks;
 mod telemetry;
 mod webhooks;
+mod workers;
 
 /// Runs the command line of this process.
 pub fn main() -> std::process::ExitCode {

@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use crate::exports::ExportState;
 use crate::jobs::State;
+use crate::jobs::store::{ForecastWork, UNKNOWN_FORECAST};
 
 /// Upper bounds of the classes of a request's time, in s.
 const REQUEST_BOUNDS_S: &[f64] = &[0.001, 0.005, 0.025, 0.1, 0.5, 2.5, 10.0, 60.0];
@@ -72,6 +73,7 @@ impl Histogram {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gauges {
     pub(crate) jobs: BTreeMap<State, u64>,
+    pub(crate) work: ForecastWork,
     pub(crate) open_studies: u64,
     pub(crate) export: BTreeMap<ExportState, u64>,
     pub(crate) export_cache_bytes: u64,
@@ -154,6 +156,7 @@ impl Metrics {
         for (state, jobs) in &gauges.jobs {
             out.line("packstone_jobs", &format!("state=\"{}\"", state.name()), jobs);
         }
+        work(&mut out, gauges.work);
         out.head("packstone_studies_open", "gauge", "Studies with jobs left to run.");
         out.line("packstone_studies_open", "", gauges.open_studies);
         out.head("packstone_exports", "gauge", "Models of results in the store by state.");
@@ -243,6 +246,21 @@ impl Metrics {
         }
         out.0
     }
+}
+
+/// The forecasts of the jobs that wait and run. The first scales workers: see `docs/operation.md`.
+fn work(out: &mut Text, work: ForecastWork) {
+    let default = format!("A job without a forecast counts as {} s.", UNKNOWN_FORECAST.as_secs());
+    let name = "packstone_queue_work_seconds";
+    out.head(name, "gauge", &format!("Forecast time of the jobs that wait, on one core. {default}"));
+    out.line(name, "", work.queued_s);
+    let name = "packstone_running_work_seconds";
+    out.head(
+        name,
+        "gauge",
+        &format!("Forecast time of the jobs that run, as if none of it were done. {default}"),
+    );
+    out.line(name, "", work.running_s);
 }
 
 /// What Linux tells of this process, under the names that all exporters use.

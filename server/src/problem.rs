@@ -95,6 +95,12 @@ kinds! {
     ExportFailed "export-failed" 409 "The export failed"
         "The file could not be made of the result; `export_error` says why. Delete the export, or request it with \
          other options."
+    LeaseLost "lease-lost" 409 "The lease was lost"
+        "A worker renews or ends the lease of a job that is another attempt's by now, or gone. Nothing is changed; the \
+         worker drops its attempt."
+    WorkerRefused "worker-refused" 409 "The worker does not fit the server"
+        "The worker is another build than the server, or packs other bits, so that its results could differ; `detail` \
+         says which. Start the same build."
     PayloadTooLarge "payload-too-large" 413 "The body is too large"
         "The body is longer than this server reads; `/v1/capabilities` tells the limit."
     UnsupportedMediaType "unsupported-media-type" 415 "Unsupported media type"

@@ -24,7 +24,6 @@ use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
 use crate::http::{self, App};
 use crate::http_server;
-use crate::jobs::runner::Runner;
 use crate::jobs::store::{Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
@@ -32,9 +31,10 @@ use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::sender::WebhookSender;
 use crate::webhooks::signature::{SecretsError, SecretsFile};
+use crate::workers::executor::Executor;
+use crate::workers::here::Here;
+use crate::workers::leases::Leases;
 
-/// A lease outlives a few missed renewals, and a short suspension of the machine.
-const LEASE: Duration = Duration::from_mins(1);
 /// Time that running jobs may take to keep a last checkpoint (5 s) and to go back to the queue. It stays below the ten
 /// seconds that init systems and container engines grant.
 const STOP_RUNS: Duration = Duration::from_secs(8);
@@ -89,7 +89,8 @@ pub(crate) enum StartError {
 /// An opened service, not yet serving.
 pub(crate) struct Service {
     app: App,
-    runner: Runner,
+    executor: Executor,
+    here: Here,
     listener: TcpListener,
     connections: Arc<Semaphore>,
     options: ServeOptions,
@@ -131,7 +132,7 @@ impl Service {
         let listener = TcpListener::bind(options.listen)
             .await
             .map_err(|error| StartError::Listen(options.listen, error))?;
-        let limits = StoreLimits { max_queued: options.max_queued, lease: LEASE };
+        let limits = StoreLimits { max_queued: options.max_queued, lease: options.lease() };
         let accounts = Arc::new(
             Accounts::new(keys, options.quotas())
                 .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
@@ -151,6 +152,13 @@ impl Service {
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
+        let elsewhere = store.await_workers().await?;
+        if elsewhere > 0 {
+            tracing::info!(
+                elsewhere,
+                "jobs run in worker processes; they keep them if they are heard within a minute"
+            );
+        }
         let recovered = store.recover_exports().await?;
         if recovered > 0 {
             tracing::info!(recovered, "models that were being made were taken back");
@@ -163,10 +171,12 @@ impl Service {
         let storage =
             Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
         let limits = options.limits();
-        let runner = Runner { store, artifacts, checkpoints, disk, storage, limits, metrics, shutdown };
-        let app = App::new(&options, &runner, accounts, audit, Arc::clone(&connections));
+        let here = Here { store, storage, limits };
+        let leases = Leases::Here(here.clone());
+        let executor = Executor { leases, artifacts, checkpoints, disk, metrics, shutdown };
+        let app = App::new(&options, &executor, &here, accounts, audit, Arc::clone(&connections));
         let reload = Arc::default();
-        Ok(Self { app, runner, listener, connections, options, webhook_secrets, reload, _lock: lock })
+        Ok(Self { app, executor, here, listener, connections, options, webhook_secrets, reload, _lock: lock })
     }
 
     /// Where it listens.
@@ -181,16 +191,17 @@ impl Service {
 
     /// Cancel it to stop the service.
     pub(crate) fn shutdown(&self) -> CancellationToken {
-        self.runner.shutdown.clone()
+        self.executor.shutdown.clone()
     }
 
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
     pub(crate) async fn serve(self) {
-        let Self { app, runner, listener, connections, options, webhook_secrets, reload: _, _lock } = self;
-        let (store, shutdown) = (runner.store.clone(), runner.shutdown.clone());
+        let Self { app, executor, here, listener, connections, options, webhook_secrets, reload: _, _lock } =
+            self;
+        let (store, shutdown) = (here.store.clone(), executor.shutdown.clone());
         let router = http::router(app.clone());
-        let workers = tasks::spawn(work(runner, options.clone(), webhook_secrets));
+        let workers = tasks::spawn(work(executor, here, options.clone(), webhook_secrets));
         app.set_ready(true);
         let stopped = tasks::spawn({
             let shutdown = shutdown.clone();
@@ -216,42 +227,42 @@ impl Service {
 
 /// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep
 /// comes before the first job: what it finds is from an earlier life, and no attempt of this one has the same name yet.
-async fn work(runner: Runner, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
+async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
     let days = options.quarantine_days;
-    if let Err(error) = sweeper::sweep(&runner.store, &runner.artifacts, &runner.checkpoints, days).await {
+    if let Err(error) = sweeper::sweep(&here.store, &executor.artifacts, &executor.checkpoints, days).await {
         tracing::error!(%error, "the first sweep failed");
     }
     let mut running: JoinSet<()> = JoinSet::new();
     let mut run = |task: tasks::Boxed<()>| drop(running.spawn(task));
     run(Box::pin(sweeper::run(
-        runner.store.clone(),
-        runner.artifacts.clone(),
-        runner.checkpoints.clone(),
+        here.store.clone(),
+        executor.artifacts.clone(),
+        executor.checkpoints.clone(),
         options.sweep_interval(),
         days,
-        Arc::clone(&runner.metrics),
-        runner.shutdown.clone(),
+        Arc::clone(&executor.metrics),
+        executor.shutdown.clone(),
     )));
     if let Some(secrets) = webhook_secrets {
         let sender = WebhookSender {
-            store: runner.store.clone(),
+            store: here.store.clone(),
             secrets,
             rules: options.webhook_rules(),
             first_pause: options.webhook_first_pause(),
-            metrics: Arc::clone(&runner.metrics),
-            shutdown: runner.shutdown.clone(),
+            metrics: Arc::clone(&executor.metrics),
+            shutdown: executor.shutdown.clone(),
         };
         run(Box::pin(sender.run()));
     }
-    run(Box::pin(keep_reserve(runner.store.clone(), runner.shutdown.clone())));
+    run(Box::pin(keep_reserve(here.store.clone(), executor.shutdown.clone())));
     let export_worker = ExportWorker {
-        store: runner.store.clone(),
-        artifacts: runner.artifacts.clone(),
-        disk: runner.disk.clone(),
-        storage: runner.storage.clone(),
-        limits: runner.limits,
-        metrics: Arc::clone(&runner.metrics),
-        shutdown: runner.shutdown.clone(),
+        store: here.store,
+        artifacts: executor.artifacts.clone(),
+        disk: executor.disk.clone(),
+        storage: here.storage,
+        limits: here.limits,
+        metrics: Arc::clone(&executor.metrics),
+        shutdown: executor.shutdown.clone(),
         cache_bytes: options.export_cache_bytes,
     };
     for _ in 0..options.export_workers {
@@ -259,7 +270,7 @@ async fn work(runner: Runner, options: ServeOptions, webhook_secrets: Option<Sec
     }
     run(Box::pin(export_worker.work(true)));
     for _ in 0..options.workers() {
-        run(Box::pin(runner.clone().work()));
+        run(Box::pin(executor.clone().work()));
     }
     while let Some(ended) = running.join_next().await {
         if let Err(error) = ended {
@@ -288,7 +299,11 @@ fn refuse_orphans(data_dir: &Path, orphans: &[(String, String)]) -> Result<(), S
     })
 }
 
-fn lock(data_dir: &Path) -> Result<File, StartError> {
+/// Takes a folder for this process alone.
+///
+/// # Errors
+/// It is another process's, or cannot be used.
+pub(crate) fn lock(data_dir: &Path) -> Result<File, StartError> {
     let failed = |error| StartError::DataDir(data_dir.to_owned(), error);
     let file = File::options()
         .create(true)

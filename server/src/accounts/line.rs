@@ -64,7 +64,7 @@ impl ApiKey {
 
 fn read_role(name: &str) -> Result<Role, String> {
     let found = Role::ALL.into_iter().find(|role| role.name() == name);
-    found.ok_or_else(|| format!("role={name} is unknown: must be submit, read or admin"))
+    found.ok_or_else(|| format!("role={name} is unknown: must be worker, read, submit or admin"))
 }
 
 #[cfg(test)]

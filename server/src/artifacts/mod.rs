@@ -9,6 +9,7 @@ mod exports;
 #[path = "tests.rs"]
 mod on_disk;
 pub(crate) mod read;
+pub(crate) mod receive;
 pub(crate) mod stream;
 pub(crate) mod write;
 

@@ -11,7 +11,7 @@ use tokio::sync::Semaphore;
 
 use super::*;
 use crate::jobs::ArtifactRecord;
-use crate::jobs::control::{RunControl, Stop};
+use crate::workers::control::{RunControl, Stop};
 
 struct Stored {
     folder: tempfile::TempDir,

@@ -23,6 +23,7 @@ Exit codes:
   5    a packing or an export failed its check, which is a defect of Packstone
   6    a fault of the machine: no space, no memory, a disk that fails
   7    a merged study is unfinished: runs are missing
+  8    a server refused this worker: another build, other bits, or a key that may not lease jobs
   130  stopped by a signal";
 
 /// How a command fails.
@@ -40,6 +41,8 @@ pub(super) enum Exit {
     Machine = 6,
     /// Runs of a merged study are missing.
     Unfinished = 7,
+    /// A server refused a worker.
+    Refused = 8,
     /// A signal.
     Interrupted = 130,
 }
@@ -159,6 +162,7 @@ mod tests {
             Exit::CheckFailed,
             Exit::Machine,
             Exit::Unfinished,
+            Exit::Refused,
             Exit::Interrupted,
         ] {
             let code = exit as u8;

@@ -18,12 +18,14 @@ mod key;
 mod openapi;
 mod outputs;
 mod plan;
+mod process;
 mod run;
 mod serve;
 mod shell;
 mod signals;
 mod study;
 mod webhook_secret;
+mod worker;
 
 use std::process::ExitCode;
 
@@ -44,6 +46,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Run jobs of a service on this machine
+    Worker(Box<worker::Options>),
     /// Run the service
     Serve(Box<crate::config::ServeOptions>),
     /// Run the service, submit an example, and fetch its result and a picture of it
@@ -83,6 +87,7 @@ pub(crate) fn main() -> ExitCode {
     let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
     let ended = match cli.command {
         Command::Serve(options) => serve::run(*options),
+        Command::Worker(options) => worker::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Run(options) => run::run(&options),
         Command::Export(options) => export::run(&options),

@@ -21,13 +21,13 @@ use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
-use crate::jobs::control::{RunControl, Stop};
-use crate::jobs::runner::{MEMORY_FAULTS, as_recorded};
 use crate::jobs::store::{ClaimedExport, Store, StoreError};
 use crate::metrics::Metrics;
 use crate::remaining_time::RemainingTime;
 use crate::storage::{Bound, NoRoom, Storage, fits};
 use crate::tasks;
+use crate::workers::control::{RunControl, Stop};
+use crate::workers::executor::{MEMORY_FAULTS, as_recorded};
 
 /// Progress is recorded no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);

@@ -17,8 +17,12 @@ use crate::problem::{Kind, Problem};
 /// What a request does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Right {
+    /// What every key may ask.
+    Ask,
     Read,
     Change,
+    /// Leases jobs and ends them, whosever they are.
+    Work,
     /// It is about the service as a whole.
     Operate,
 }
@@ -45,8 +49,10 @@ fn needs(method: &Method, route: &str) -> (Right, Named) {
         _ if below("/v1/studies/{id}") => (own, Named::Study),
         "/v1/jobs" | "/v1/studies" => (own, Named::Nothing),
         // A plan is computed and not stored.
-        "/v1/plans" | "/v1/capabilities" | "/v1/key" | "/problems" | "/problems/{kind}" | "/openapi.json"
-        | "/healthz" | "/readyz" | UNKNOWN_ROUTE => (Right::Read, Named::Nothing),
+        "/v1/plans" => (Right::Read, Named::Nothing),
+        _ if below("/v1/leases") => (Right::Work, Named::Nothing),
+        "/v1/capabilities" | "/v1/key" | "/problems" | "/problems/{kind}" | "/openapi.json" | "/healthz"
+        | "/readyz" | UNKNOWN_ROUTE => (Right::Ask, Named::Nothing),
         _ => (Right::Operate, Named::Nothing),
     }
 }
@@ -66,17 +72,21 @@ pub(crate) async fn check(
         return Ok(());
     }
     let (right, named) = needs(request.method(), route);
+    if right == Right::Work && caller.role == Role::Worker {
+        return Ok(());
+    }
     let role = match right {
+        Right::Ask => Role::Worker,
         Right::Read => Role::Read,
         Right::Change => Role::Submit,
-        Right::Operate => Role::Admin,
+        Right::Work | Right::Operate => Role::Admin,
     };
     if caller.role < role {
         let detail = format!(
             "the API key {:?} has the role `{}`: this needs `{}`",
             caller.by.key,
             caller.role.name(),
-            role.name()
+            if right == Right::Work { Role::Worker } else { role }.name()
         );
         return Err(Problem::new(Kind::Forbidden, detail));
     }
@@ -137,6 +147,9 @@ mod tests {
             (Method::GET, "/v1/studies/{id}/table", (Right::Read, Named::Study)),
             (Method::POST, "/v1/studies", (Right::Change, Named::Nothing)),
             (Method::POST, "/v1/plans", (Right::Read, Named::Nothing)),
+            (Method::GET, "/v1/key", (Right::Ask, Named::Nothing)),
+            (Method::POST, "/v1/leases", (Right::Work, Named::Nothing)),
+            (Method::PUT, "/v1/leases/{job}/{attempt}/result", (Right::Work, Named::Nothing)),
             (Method::GET, "/metrics", (Right::Operate, Named::Nothing)),
             (Method::GET, "/v1/jobs/{identity}", (Right::Operate, Named::Nothing)),
             (Method::GET, "/v1/new", (Right::Operate, Named::Nothing)),

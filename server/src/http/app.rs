@@ -1,10 +1,11 @@
 //! What all handlers share: the store, the artifacts, the limits, and the permits that bound concurrent work.
 
-use std::sync::Arc;
+use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use packstone_engine::Limits;
-use tokio::sync::Semaphore;
+use tokio::sync::{OnceCell, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::accounts::{Accounts, Caller};
@@ -14,11 +15,15 @@ use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
 use crate::http::hosts::Hosts;
-use crate::jobs::runner::Runner;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
+use crate::problem::{Kind, Problem};
 use crate::storage::Storage;
+use crate::tasks;
 use crate::webhooks::WebhookRules;
+use crate::workers::executor::Executor;
+use crate::workers::here::Here;
+use crate::workers::probe;
 
 /// Bodies of more than this are read and planned a few at a time and off the threads that answer.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
@@ -61,27 +66,32 @@ pub(crate) struct Shared {
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
     pub(crate) large_bodies: Arc<Semaphore>,
+    /// Files that are being taken in from workers.
+    receiving: Mutex<HashSet<String>>,
+    /// Digest of the probe, once a worker has asked for jobs.
+    bits: OnceCell<String>,
     pub(crate) ready: AtomicBool,
     pub(crate) shutdown: CancellationToken,
 }
 
 impl App {
-    /// Gathers what handlers share, much of it with the runner.
+    /// Gathers what handlers share, much of it with the executors.
     pub(crate) fn new(
         options: &ServeOptions,
-        runner: &Runner,
+        executor: &Executor,
+        here: &Here,
         accounts: Arc<Accounts>,
         audit: Option<Arc<AuditLog>>,
         connections: Arc<Semaphore>,
     ) -> Self {
         Self {
             shared: Arc::new(Shared {
-                store: runner.store.clone(),
-                artifacts: runner.artifacts.clone(),
-                checkpoints: runner.checkpoints.clone(),
-                disk: runner.disk.clone(),
-                storage: runner.storage.clone(),
-                metrics: Arc::clone(&runner.metrics),
+                store: here.store.clone(),
+                artifacts: executor.artifacts.clone(),
+                checkpoints: executor.checkpoints.clone(),
+                disk: executor.disk.clone(),
+                storage: here.storage.clone(),
+                metrics: Arc::clone(&executor.metrics),
                 hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())
                     .then(|| Hosts::loopback_and(&options.allowed_host)),
                 accounts,
@@ -99,8 +109,10 @@ impl App {
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
+                receiving: Mutex::default(),
+                bits: OnceCell::new(),
                 ready: AtomicBool::new(false),
-                shutdown: runner.shutdown.clone(),
+                shutdown: executor.shutdown.clone(),
             }),
         }
     }
@@ -112,6 +124,37 @@ impl App {
         Limits { max_grains: quota.map_or(limits.max_grains, |most| most.min(limits.max_grains)), ..limits }
     }
 
+    /// Digest of the packings by which workers show that they compute the same bits; `None` where they cannot be made.
+    pub(crate) async fn bits(&self) -> Option<String> {
+        let made = self.shared.bits.get_or_try_init(|| async {
+            tasks::blocking(probe::bits)
+                .await
+                .map_err(|error| error.to_string())?
+                .map_err(|error| error.to_string())
+        });
+        match made.await {
+            Ok(bits) => Some(bits.clone()),
+            Err(error) => {
+                tracing::error!(error, "the bits of this server are unknown; no worker gets a job");
+                None
+            }
+        }
+    }
+
+    /// Begins to take in a file of a worker, which nobody else may send until the end.
+    ///
+    /// # Errors
+    /// `busy` where it is being sent already.
+    pub(crate) fn receive_alone(&self, what: String) -> Result<Receiving, Problem> {
+        let is_first =
+            self.shared.receiving.lock().unwrap_or_else(PoisonError::into_inner).insert(what.clone());
+        if !is_first {
+            let detail = format!("the {what} is being sent by another request");
+            return Err(Problem::new(Kind::Busy, detail).with_header("retry-after", "5"));
+        }
+        Ok(Receiving { shared: Arc::clone(&self.shared), what })
+    }
+
     /// Whether the service takes jobs, as far as it decides that itself.
     pub(crate) fn set_ready(&self, ready: bool) {
         self.shared.ready.store(ready, Ordering::Release);
@@ -120,5 +163,17 @@ impl App {
     /// Whether the service takes jobs now.
     pub(crate) fn is_ready(&self) -> bool {
         self.shared.ready.load(Ordering::Acquire) && !self.shared.shutdown.is_cancelled()
+    }
+}
+
+/// A file of a worker that is being taken in.
+pub(crate) struct Receiving {
+    shared: Arc<Shared>,
+    what: String,
+}
+
+impl Drop for Receiving {
+    fn drop(&mut self) {
+        self.shared.receiving.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.what);
     }
 }

@@ -139,7 +139,7 @@ async fn collect(mut body: Body, max_bytes: u64) -> Result<Bytes, Problem> {
 }
 
 /// Takes in some more of a body that was refused, behind the answer's back.
-fn linger(mut body: Body) {
+pub(crate) fn linger(mut body: Body) {
     tasks::spawn(timeout(LINGER, async move {
         let mut taken = 0;
         while taken < LINGER_BYTES

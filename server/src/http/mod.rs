@@ -15,6 +15,7 @@ mod exports;
 mod files;
 mod hosts;
 mod jobs;
+mod leases;
 mod negotiation;
 mod observe;
 mod openapi;

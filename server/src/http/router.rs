@@ -9,7 +9,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::http::app::App;
-use crate::http::{exports, jobs, observe, openapi, results, service, studies};
+use crate::http::{exports, jobs, leases, observe, openapi, results, service, studies};
 use crate::problem::{Kind, Problem};
 
 /// The service as a router.
@@ -47,6 +47,11 @@ pub(crate) fn documented() -> OpenApiRouter<App> {
         .routes(routes!(studies::plots::get))
         .routes(routes!(studies::actions::cancel))
         .routes(routes!(studies::actions::retry))
+        .routes(routes!(leases::claim::lease))
+        .routes(routes!(leases::renew::renew))
+        .routes(routes!(leases::checkpoint::get, leases::checkpoint::put))
+        .routes(routes!(leases::result::put))
+        .routes(routes!(leases::end::end))
         .routes(routes!(service::meta::capabilities))
         .routes(routes!(service::key::get))
         .routes(routes!(service::meta::health))

@@ -49,7 +49,7 @@ pub(crate) struct Origin {
     port: u16,
 }
 
-#[allow(dead_code, reason = "for workers and webhooks, which come next")]
+#[allow(dead_code, reason = "webhooks need the rest, which come next")]
 impl Origin {
     /// The origin of a URL.
     ///

@@ -2,13 +2,11 @@
 //!
 //! `queued -> running -> succeeded | failed | cancelled`. A running job is leased: only the holder of
 //! the current ([`JobId`], attempt) may write its progress or its end. A client may cancel, retry or
-//! delete; the [`store`] decides in one transaction whether the state allows it. [`runner`] leases
-//! jobs and runs them, [`sweeper`] clears up behind them. Nothing here knows HTTP.
+//! delete; the [`store`] decides in one transaction whether the state allows it. Workers lease jobs
+//! and run them, [`sweeper`] clears up behind them. Nothing here knows HTTP.
 
-pub(crate) mod control;
 pub(crate) mod notifications;
 pub(crate) mod request;
-pub(crate) mod runner;
 pub(crate) mod schema;
 pub(crate) mod store;
 pub(crate) mod sweeper;
@@ -75,7 +73,7 @@ impl State {
 }
 
 /// How far a running job is.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct JobProgress {
     /// Share of the whole work done; never falls within an attempt.
     #[schema(minimum = 0, maximum = 1)]
@@ -95,7 +93,7 @@ pub(crate) struct JobProgress {
     pub(crate) eta_s: Option<f64>,
     /// How far the grains have grown; absent in other phases than `edmd`.
     #[schema(required = false)]
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) growth: Option<packstone_engine::Growth>,
 }
 
@@ -150,6 +148,8 @@ pub(crate) struct JobRecord {
     pub(crate) submitted_by: String,
     /// Whether other owners may read it.
     pub(crate) shared: bool,
+    /// Name of the process that runs it or ran it last; empty for the server itself.
+    pub(crate) worker: String,
 }
 
 impl JobRecord {
@@ -177,6 +177,7 @@ pub(crate) struct StudyPlace {
 /// The right to write about one attempt of one job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Lease {
+    /// Number of the job in the store; 0 in a process without one.
     pub(crate) seq: i64,
     pub(crate) id: JobId,
     pub(crate) attempt: i64,

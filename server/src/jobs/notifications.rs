@@ -30,6 +30,11 @@ impl<Id: Copy + Eq + Hash> Notifications<Id> {
         Subscription { id, receiver: Some(receiver), waiters: Arc::clone(&self.waiters) }
     }
 
+    /// Whether anybody listens for changes of what has this id.
+    pub(crate) fn has_listener(&self, id: Id) -> bool {
+        lock(&self.waiters).contains_key(&id)
+    }
+
     /// Wakes all who wait for what has this id.
     pub(crate) fn notify(&self, id: Id) {
         if let Some(sender) = lock(&self.waiters).get(&id) {

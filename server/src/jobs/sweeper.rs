@@ -263,6 +263,7 @@ mod tests {
             .submit(NewJob {
                 request,
                 warnings: Vec::new(),
+                forecast_s: 1.0,
                 by: crate::accounts::Submitter::default(),
                 idempotency_key: None,
             })

@@ -60,8 +60,9 @@ pub(crate) async fn submit(
     let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
     check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
+    let (warnings, forecast_s) = (plan.warnings, plan.estimated_time_s);
     let submitted =
-        app.shared.store.submit(NewJob { request, warnings: plan.warnings, by, idempotency_key }).await?;
+        app.shared.store.submit(NewJob { request, warnings, forecast_s, by, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {
             tracing::info!(job_id = %record.id, grains = plan.grains, "accepted");

@@ -89,6 +89,10 @@ pub(crate) struct JobSummary {
     /// What computes, or computed, the result.
     #[schema(value_type = EngineInfo)]
     engine: Value,
+    /// Name of the worker process that runs the job, or ran it last (`packstone worker`); `null` where that is the
+    /// server itself, or the job waits.
+    #[schema(required)]
+    worker: Option<String>,
     /// The study that the job is part of.
     #[schema(format = "uuid", required)]
     study_id: Option<String>,
@@ -188,6 +192,7 @@ impl JobSummary {
             result: job.artifact.as_ref().map(ResultView::of),
             warnings: job.warnings(),
             engine: job.engine.clone(),
+            worker: if job.state == State::Queued { None } else { named(&job.worker) },
             study_id: job.study.map(|place| place.id.to_string()),
             point: job.study.map(|place| place.point),
             replicate: job.study.map(|place| place.replicate),

@@ -35,6 +35,7 @@ with a `Deprecation` header (RFC 9745) for at least one minor version before.";
         (name = "studies", description = "Many packings from one request, and what they came to"),
         (name = "results", description = "What came out"),
         (name = "exports", description = "Meshes, voxel models, slices and lattice models of results"),
+        (name = "workers", description = "Leases of jobs by worker processes of the same build"),
         (name = "service", description = "The service about itself"),
     ),
     // What responses that are made by hand refer to is not found by itself.

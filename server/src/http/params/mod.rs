@@ -5,7 +5,7 @@
 //! [`Query`] reads a set strictly: it refuses what the set does not have, and reports every fault at once.
 
 mod choices;
-mod paths;
+pub(crate) mod paths;
 mod query;
 pub(crate) mod values;
 

@@ -26,7 +26,7 @@ pub(crate) fn described_path(name: &str, schema: Object, description: &str) -> D
 }
 
 /// The segments of a path that its template leaves open; `None` where they are no text.
-async fn segments<T, S>(parts: &mut Parts, state: &S) -> Option<T>
+pub(crate) async fn segments<T, S>(parts: &mut Parts, state: &S) -> Option<T>
 where
     T: serde::de::DeserializeOwned + Send,
     S: Send + Sync,

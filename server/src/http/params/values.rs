@@ -1,6 +1,7 @@
 //! Types of query parameters: what the interface document says of each, how it is read, and how it is written.
 
 use jiff::Timestamp;
+use utoipa::openapi::Required;
 use utoipa::openapi::path::{ParameterBuilder, ParameterStyle};
 use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, Object, ObjectBuilder, Schema, SchemaFormat, Type};
 
@@ -56,6 +57,46 @@ impl<T: Value> Parameter for Option<T> {
 
     fn write(&self) -> Vec<String> {
         self.iter().map(T::write).collect()
+    }
+}
+
+/// A SHA-256 in hexadecimal, which must be given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Sha256(pub(crate) String);
+
+impl Value for Sha256 {
+    fn schema() -> Object {
+        ObjectBuilder::new().schema_type(Type::String).pattern(Some("^[0-9a-f]{64}$")).build()
+    }
+
+    fn read(text: &str) -> Result<Self, String> {
+        let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+        if text.len() == 64 && text.bytes().all(is_digit) {
+            return Ok(Self(text.to_owned()));
+        }
+        Err(format!("{} is no SHA-256: must be 64 hexadecimal digits in lower case", shown(text)))
+    }
+
+    fn write(&self) -> String {
+        self.0.clone()
+    }
+}
+
+impl Parameter for Sha256 {
+    fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
+        parameter.schema(Some(<Self as Value>::schema())).required(Required::True)
+    }
+
+    fn read(texts: Vec<String>, fault: &mut dyn FnMut(String)) -> Option<Self> {
+        let found = <Option<Self> as Parameter>::read(texts, fault)?;
+        if found.is_none() {
+            fault("is missing: must be given".into());
+        }
+        found
+    }
+
+    fn write(&self) -> Vec<String> {
+        vec![<Self as Value>::write(self)]
     }
 }
 

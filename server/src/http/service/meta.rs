@@ -311,6 +311,7 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
         export: export.states,
         export_cache_bytes: export.cache_bytes,
         jobs: shared.store.counts().await?,
+        work: shared.store.forecast_work().await?,
         open_studies: shared.store.open_studies().await?,
         workers: shared.workers,
         connections: shared.max_connections.saturating_sub(shared.connections.available_permits()),

@@ -6,6 +6,7 @@
 use sqlx::{Row as _, SqliteConnection};
 
 use super::exports::{files_of_job, insert_beforehand};
+use super::leases::Claim;
 use super::studies::runs;
 use super::submit::to_json;
 use super::writer::Writing;
@@ -46,6 +47,31 @@ pub(crate) struct Claimed {
     pub(crate) faults: i64,
 }
 
+impl Claimed {
+    /// A running job with its request, as the one who leases it gets it.
+    pub(super) async fn read(connection: &mut SqliteConnection, seq: i64) -> Result<Self, StoreError> {
+        let row = sqlx::query(
+            "select faults, (select body from job_requests where job = seq) as body from jobs where seq = ?",
+        )
+        .bind(seq)
+        .fetch_one(&mut *connection)
+        .await?;
+        let job = rows::by_seq(connection, seq).await?;
+        let study = job.study.map(|place| place.id);
+        let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
+        Ok(Self { lease, job, request: row.try_get("body")?, faults: row.try_get("faults")? })
+    }
+}
+
+/// Who takes a lease.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Lessee<'a> {
+    /// A worker of this server.
+    Here,
+    /// A worker in another process.
+    Process(&'a Claim),
+}
+
 /// The answer to the report of a worker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Heartbeat {
@@ -72,7 +98,7 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
-            let claimed = store.claim_next(&mut writer).await?;
+            let claimed = store.claim_next(&mut writer, Lessee::Here).await?;
             drop(writer);
             if let Some(claimed) = &claimed {
                 store.notify_job(&claimed.job);
@@ -199,7 +225,8 @@ impl Store {
         Ok(())
     }
 
-    /// Requeues a job whose run was interrupted by the stop of the service; the attempt does not count.
+    /// Requeues a job whose run was interrupted by the stop of its worker; the attempt does not count. In another
+    /// process it gets a number of its own all the same, so that a repeated request about it finds no other attempt.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -208,8 +235,8 @@ impl Store {
         Ok(())
     }
 
-    /// Requeues a job that met a fault of the machine. The attempt does not count; the next one starts after a pause
-    /// that doubles with each fault.
+    /// Requeues a job that met a fault of the machine. The attempt does not count, as in [`Self::give_back`]; the next
+    /// one starts after a pause that doubles with each fault.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -232,7 +259,8 @@ impl Store {
             let pause = fault_pause(faults);
             sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1, lease_expires_at = null,
-                     started_at = null, progress = null, not_before = ?2
+                     started_at = null, progress = null, not_before = ?2,
+                     attempt = attempt + (worker <> ''), max_attempts = max_attempts + (worker <> '')
                  where seq = ?3",
             )
             .bind(now)
@@ -269,7 +297,9 @@ impl Store {
                      error = ?3,
                      finished_at = iif(?1 = 'queued', null, ?2),
                      started_at = iif(?1 = 'queued', null, started_at),
-                     progress = iif(?1 = 'queued', null, progress)
+                     progress = iif(?1 = 'queued', null, progress),
+                     attempt = attempt + (?1 = 'queued' and worker <> ''),
+                     max_attempts = max_attempts + (?1 = 'queued' and worker <> '')
                  where seq = ?4 and attempt = ?5 and state = 'running' returning study, point, replicate",
             )
             .bind(to.name())
@@ -415,40 +445,45 @@ impl Store {
         .await
     }
 
-    async fn claim_next(&self, writer: &mut Writing<'_>) -> Result<Option<Claimed>, StoreError> {
+    /// Leases the next job; see [`Self::claim`].
+    pub(super) async fn claim_next(
+        &self,
+        writer: &mut Writing<'_>,
+        lessee: Lessee<'_>,
+    ) -> Result<Option<Claimed>, StoreError> {
+        let (worker, key, claim) = match lessee {
+            Lessee::Here => ("", "", None),
+            Lessee::Process(claim) => (claim.worker.as_str(), claim.key.as_str(), Some(&claim.id)),
+        };
         let mut tx = writer.begin().await?;
         let held_back = self.held_back(&mut tx).await?;
         let now = now_us();
         let row = sqlx::query(concat!(
             "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null
+                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
+                 worker = ?5, worker_key = ?6, claim = ?7
              where seq = (",
             next_in_queue!(),
-            ") returning seq, owner, priority, turn, faults",
+            ") returning seq, owner, priority, turn",
         ))
         .bind(now)
         .bind(now.saturating_add(micros(self.limits().lease)))
         .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
         .bind(to_json(&held_back)?)
+        .bind(worker)
+        .bind(key)
+        .bind(claim)
         .fetch_optional(&mut *tx)
         .await?;
         let Some(row) = row else {
             tx.rollback().await?;
             return Ok(None);
         };
-        let faults = row.try_get("faults")?;
         let (owner, priority): (String, i64) = (row.try_get("owner")?, row.try_get("priority")?);
         turns::advance_virtual_time(&mut tx, &owner, priority, row.try_get("turn")?).await?;
-        let job = rows::by_seq(&mut tx, row.try_get("seq")?).await?;
-        let request = sqlx::query("select body from job_requests where job = ?")
-            .bind(job.seq)
-            .fetch_one(&mut *tx)
-            .await?
-            .try_get("body")?;
+        let claimed = Claimed::read(&mut tx, row.try_get("seq")?).await?;
         tx.commit().await?;
-        let study = job.study.map(|place| place.id);
-        let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
-        Ok(Some(Claimed { lease, job, request, faults }))
+        Ok(Some(claimed))
     }
 
     /// The owners of whom as many jobs run as may.

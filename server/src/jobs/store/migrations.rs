@@ -21,7 +21,9 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (10, "owners", include_str!("../../../../migrations/0010_owners.sql")),
     (11, "queues", include_str!("../../../../migrations/0011_queues.sql")),
     (12, "starts", include_str!("../../../../migrations/0012_starts.sql")),
+    (13, "leases", include_str!("../../../../migrations/0013_leases.sql")),
     (14, "webhooks", include_str!("../../../../migrations/0014_webhooks.sql")),
+    (15, "forecasts", include_str!("../../../../migrations/0015_forecasts.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.

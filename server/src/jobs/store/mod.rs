@@ -10,6 +10,10 @@
 
 mod exports;
 mod faults;
+mod forecasts;
+mod leases;
+#[cfg(test)]
+mod leases_tests;
 mod lifecycle;
 mod migrations;
 #[cfg(test)]
@@ -50,6 +54,8 @@ use writer::{Durability, Writer, Writing};
 
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
+pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
+pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::{Cancelled, Claimed};
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
@@ -219,6 +225,21 @@ impl Store {
     /// Starts to listen for changes of a job. Subscribe first, then read.
     pub(crate) fn subscribe(&self, id: JobId) -> Subscription<JobId> {
         self.shared.changes.subscribe(id)
+    }
+
+    /// Whether somebody listens for changes of a job.
+    pub(crate) fn is_watched(&self, id: JobId) -> bool {
+        self.shared.changes.has_listener(id)
+    }
+
+    /// How long a lease lasts without being renewed.
+    pub(crate) fn lease(&self) -> Duration {
+        self.limits().lease
+    }
+
+    /// Time between two renewals of a lease: it outlives a few that are missed, and a short suspension of the machine.
+    pub(crate) fn renew_every(&self) -> Duration {
+        self.limits().lease / 4
     }
 
     /// Starts to listen for changes of a study. Subscribe first, then read.

@@ -72,6 +72,7 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         owner: row.try_get("owner")?,
         submitted_by: row.try_get("submitted_by")?,
         shared: row.try_get("shared")?,
+        worker: row.try_get("worker")?,
     })
 }
 

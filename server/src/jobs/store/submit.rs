@@ -6,7 +6,7 @@
 use packstone_engine::export::tables::EngineInfo;
 use sqlx::{Row as _, SqliteConnection};
 
-use super::{Store, StoreError, now_us, rows, turns, webhooks};
+use super::{Store, StoreError, forecasts, now_us, rows, turns, webhooks};
 use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
@@ -27,6 +27,8 @@ pub(crate) struct NewJob {
     pub(crate) request: JobRequest,
     /// What the plan of the request warns of.
     pub(crate) warnings: Vec<String>,
+    /// Time that the plan expects the job to take on one core.
+    pub(crate) forecast_s: f64,
     /// Who submits it.
     pub(crate) by: Submitter,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
@@ -78,8 +80,8 @@ impl Store {
         let seq: i64 = sqlx::query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
-                 shared)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 shared, forecast_us)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -98,6 +100,7 @@ impl Store {
         .bind(&new.by.owner)
         .bind(&new.by.key)
         .bind(request.shared)
+        .bind(forecasts::micros_of(new.forecast_s, request.timeout_s))
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;

@@ -38,9 +38,14 @@ fn request(extra: &serde_json::Value) -> JobRequest {
 }
 
 pub(super) async fn submit(store: &Store, extra: serde_json::Value) -> JobRecord {
+    submit_forecast(store, 1.0, extra).await
+}
+
+pub(super) async fn submit_forecast(store: &Store, forecast_s: f64, extra: serde_json::Value) -> JobRecord {
     let new = NewJob {
         request: request(&extra),
         warnings: Vec::new(),
+        forecast_s,
         by: Submitter::default(),
         idempotency_key: None,
     };
@@ -56,7 +61,8 @@ pub(super) async fn submit_as(
     extra: serde_json::Value,
 ) -> Result<JobRecord, StoreError> {
     let by = Submitter { key: format!("key of {owner}"), owner: owner.into() };
-    let new = NewJob { request: request(&extra), warnings: Vec::new(), by, idempotency_key: None };
+    let request = request(&extra);
+    let new = NewJob { request, warnings: Vec::new(), forecast_s: 1.0, by, idempotency_key: None };
     match store.submit(new).await? {
         Submitted::Created(job) => Ok(job),
         Submitted::Existing(_) => panic!("a job without a key exists already"),
@@ -241,6 +247,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
     let keyed = |scope: &str, body: &str| NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
+        forecast_s: 1.0,
         by: Submitter { key: scope.into(), owner: scope.into() },
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
@@ -288,6 +295,7 @@ async fn the_queue_is_bounded() {
     let third = NewJob {
         request: request(&json!({})),
         warnings: Vec::new(),
+        forecast_s: 1.0,
         by: Submitter::default(),
         idempotency_key: None,
     };

@@ -64,8 +64,8 @@ pub(crate) struct Removed {
 }
 
 impl Store {
-    /// Requeues every running job at start-up, when no worker has it, with its next attempt, or ends it where it has
-    /// none left. Returns how many were running.
+    /// Requeues every running job of this server's own workers at start-up, when there is none that has it, with its
+    /// next attempt, or ends it where it has none left. Returns how many were running.
     pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         self.reclaim(i64::MAX, checkpoints).await
     }
@@ -79,9 +79,10 @@ impl Store {
     async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         self.detached(async move {
+            let at_start = leases_until == i64::MAX;
             let exhausted = Failure::new(
                 FailureCode::AttemptsExhausted,
-                "the server stopped during every attempt that max_attempts allows",
+                "the server or the worker stopped during every attempt that max_attempts allows",
             );
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
@@ -89,11 +90,12 @@ impl Store {
                 sqlx::query(
                     "update jobs set max_attempts = max_attempts + 1
                      where id = ? and attempt = ? and state = 'running' and lease_expires_at <= ?
-                         and started_at <= ? and attempt < ?",
+                         and (worker = '' or not ?) and started_at <= ? and attempt < ?",
                 )
                 .bind(&kept.job)
                 .bind(kept.attempt)
                 .bind(leases_until)
+                .bind(at_start)
                 .bind(kept.at_us.saturating_add(FILE_CLOCK_TICK_US))
                 .bind(MOST_ATTEMPTS)
                 .execute(&mut *tx)
@@ -108,15 +110,16 @@ impl Store {
                      started_at = iif(attempt >= max_attempts or cancel_requested, started_at, null),
                      attempt = iif(attempt >= max_attempts or cancel_requested, attempt, attempt + 1),
                      progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
-                 where state = 'running' and lease_expires_at <= ?2
+                 where state = 'running' and lease_expires_at <= ?2 and (worker = '' or not ?4)
                  returning id, (select studies.id from studies where studies.seq = jobs.study) as study_id",
             )
             .bind(now_us())
             .bind(leases_until)
             .bind(to_json(&exhausted)?)
+            .bind(at_start)
             .fetch_all(&mut *tx)
             .await?;
-            if leases_until == i64::MAX {
+            if at_start {
                 // A restart may end a fault of the machine.
                 sqlx::query("update jobs set not_before = null where not_before is not null")
                     .execute(&mut *tx)

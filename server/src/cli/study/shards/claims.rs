@@ -23,8 +23,8 @@ use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
 use super::super::run_log::{RunRecord, SYNC_EVERY};
-use super::process::Process;
 use crate::atomic_file::{self, PARTIAL};
+use crate::cli::process::Process;
 use crate::studies::stop::Tally;
 use crate::studies::{Outcome, Study};
 

@@ -6,7 +6,6 @@
 //! processes from running the same point.
 
 pub(super) mod claims;
-mod process;
 
 use std::collections::VecDeque;
 use std::io;

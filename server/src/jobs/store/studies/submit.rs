@@ -7,7 +7,7 @@ use serde_json::Value;
 use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
 use super::super::submit::{IdempotencyKey, to_json};
-use super::super::{Store, StoreError, now_us, turns, webhooks};
+use super::super::{Store, StoreError, forecasts, now_us, turns, webhooks};
 use super::{StudyRecord, query};
 use crate::accounts::Submitter;
 use crate::ids::{JobId, StudyId};
@@ -46,6 +46,7 @@ struct Row<'a> {
     job: &'a JobRequest,
     seed: u64,
     warnings: &'a [String],
+    forecast_s: f64,
 }
 
 impl Store {
@@ -202,11 +203,11 @@ async fn rows_of<'a>(
         next_turn.insert(priority, turns::assign_start_times(connection, flow, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
-        let Point { job, seeds, warnings, .. } = &of.points[point];
+        let Point { job, seeds, warnings, forecast_s, .. } = &of.points[point];
         let next = next_turn.entry(job.priority).or_insert(0);
         let turn = *next;
         *next += 1;
-        Row { seq, point, replicate, turn, job, seed: seeds[replicate], warnings }
+        Row { seq, point, replicate, turn, job, seed: seeds[replicate], warnings, forecast_s: *forecast_s }
     });
     Ok(rows.collect())
 }
@@ -225,7 +226,7 @@ async fn insert_jobs(
         let mut query = QueryBuilder::<Sqlite>::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings, submitted_by, shared) ",
+                 warnings, submitted_by, shared, forecast_us) ",
         );
         query.push_values(chunk.iter().zip(texts), |mut values, (row, (labels, warnings))| {
             let job = row.job;
@@ -237,6 +238,7 @@ async fn insert_jobs(
             values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
             values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
             values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
+            values.push_bind(forecasts::micros_of(row.forecast_s, job.timeout_s));
         });
         query.build().execute(&mut *connection).await?;
     }

@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use super::super::migrations::migrations_to;
 use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
-use super::super::{Filter, IdempotencyKey, Store, StoreError, StoreLimits};
+use super::super::{Filter, ForecastWork, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
 use crate::accounts::Submitter;
 use crate::failure::{Failure, FailureCode};
@@ -98,6 +98,22 @@ async fn a_study_comes_in_whole_and_its_points_run_in_turn() {
     assert_eq!(again(&store, &study).await.counts.running, 6);
     let page = store.list(&Filter { study: Some(study.id), ..Filter::default() }, None, 4).await.unwrap();
     assert_eq!((page.jobs.len(), page.next_after.is_some()), (4, true));
+}
+
+#[tokio::test]
+async fn the_jobs_of_a_study_bring_the_forecasts_of_their_points() {
+    let (_folder, store) = fresh().await;
+    let mut of_points = new(&two_points(3, &json!({})), None);
+    (of_points.study.points[0].forecast_s, of_points.study.points[1].forecast_s) = (2.0, 50.0);
+    of_points.study.points[1].job.timeout_s = Some(7.0);
+    store.submit_study(of_points).await.unwrap();
+    let work = |queued_s, running_s| ForecastWork { queued_s, running_s };
+    assert_eq!(store.forecast_work().await.unwrap(), work(3.0 * 2.0 + 3.0 * 7.0, 0.0));
+    claim(&store).await;
+    let lease = claim(&store).await;
+    assert_eq!(store.forecast_work().await.unwrap(), work(2.0 * 2.0 + 2.0 * 7.0, 2.0 + 7.0));
+    succeed(&store, lease, 1.0).await;
+    assert_eq!(store.forecast_work().await.unwrap(), work(2.0 * 2.0 + 2.0 * 7.0, 2.0));
 }
 
 #[tokio::test]

@@ -1,16 +1,16 @@
-//! Workers: each leases a job, runs the engine on a thread of the blocking pool, and writes down
-//! how it ended.
+//! The executor: leases a job, runs the engine on a thread of the blocking pool, and tells how it ended.
 //!
-//! There are as many workers as jobs may be packed at once, so the pool is bounded by them. A worker
-//! watches its run from outside: it records progress at most twice a second, renews the lease, and
-//! passes on a client's request to cancel, the job's time limit and the server's stop. It alone
-//! decides what the end of a run means; the engine only ends.
+//! There are as many executors as jobs may be packed at once, so the pool is bounded by them. An executor
+//! watches its run from outside: it tells of progress at most twice a second, renews the lease, and
+//! passes on a client's request to cancel, the job's time limit and the stop of the process. It alone
+//! decides what the end of a run means; the engine only ends. Where the jobs come from, it does not know: see
+//! [`Leases`].
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::export::tables::{EngineInfo, Head};
-use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Plan, Progress};
+use packstone_engine::{Control as _, Grains, PackError, Phase, Plan, Progress};
 use tokio::sync::oneshot;
 
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
@@ -18,116 +18,73 @@ use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
 use super::control::{RunControl, Stop};
-use super::store::{Claimed, Store, StoreError};
-use super::{ArtifactRecord, JobProgress, JobRequest, Lease};
+use super::ending::{End, FailedRun, Run, Stored};
+use super::leases::{LeaseError, Leases, Work};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
 use crate::exports::NewExport;
-use crate::failure::{Failure, FailureCode, FailureFacts};
+use crate::failure::{Failure, FailureCode};
+use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
 use crate::metrics::Metrics;
 use crate::remaining_time::RemainingTime;
-use crate::storage::{Bound, Storage, fits};
+use crate::storage::{Storage, fits};
 use crate::studies::Facts;
 use crate::tasks::{self, Task};
 
-/// Progress is recorded no more often than this.
+/// Progress is told no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
-/// Leases last a multiple of this.
-const RENEW_EVERY: Duration = Duration::from_secs(15);
-/// A store that fails gets this much time before the next try.
-const STORE_PAUSE: Duration = Duration::from_secs(1);
-/// How often the end of a job is offered to a store that fails by a defect, before the lease of the job may run out.
+/// A source of jobs that fails gets this much time before the next try.
+const SOURCE_PAUSE: Duration = Duration::from_secs(1);
+/// How often the end of a job is offered to a source that fails by a defect, before the lease of the job may run out.
 const END_TRIES: u32 = 5;
-/// How often it is offered after the server was asked to stop.
+/// How often it is offered after the process was asked to stop.
 const END_TRIES_AT_STOP: u32 = 3;
 /// Pauses before a result is written once more that a fault of the machine kept from the disk; it stays in memory.
 const WRITE_PAUSES: [Duration; 4] =
     [Duration::from_secs(1), Duration::from_secs(2), Duration::from_secs(4), Duration::from_secs(8)];
 /// How often a job or an export is requeued that finds no memory.
 pub(crate) const MEMORY_FAULTS: i64 = 5;
-/// Time for a last checkpoint after the server was asked to stop.
+/// Time for a last checkpoint after the process was asked to stop.
 const LAST_CHECKPOINT: Duration = Duration::from_secs(5);
 
-/// What every worker needs.
+/// What every executor needs.
 #[derive(Clone, Debug)]
-pub(crate) struct Runner {
-    pub(crate) store: Store,
+pub(crate) struct Executor {
+    pub(crate) leases: Leases,
+    /// Where results are written.
     pub(crate) artifacts: Artifacts,
+    /// Where checkpoints are kept while a job runs.
     pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
-    pub(crate) storage: Storage,
-    pub(crate) limits: Limits,
     pub(crate) metrics: Arc<Metrics>,
-    /// When cancelled, running jobs go back to the queue and workers end.
+    /// When cancelled, running jobs go back to the queue and executors end.
     pub(crate) shutdown: CancellationToken,
 }
 
-/// How a run ended.
-enum End {
-    /// The result is on disk; its place stays claimed until the store refers to it.
-    Stored(Box<Stored>),
-    Stopped(Stop),
-    Failed(FailedRun),
-    /// A fault of the machine kept the result from being stored.
-    Faulted,
-}
-
-/// What a run left on disk, and what is known of it.
-struct Stored {
-    artifact: ArtifactRecord,
-    facts: Facts,
-    grains: u64,
-    postprocess: Vec<NewExport>,
-    _place: InFlight,
-}
-
-/// What is known of a run besides its end.
-#[derive(Clone, Copy)]
-struct Run {
-    took: Duration,
-    timeout_s: Option<f64>,
-    /// Share of the work done.
-    fraction: f64,
-}
-
-/// Why a run made no packing, and what a study keeps of it.
-struct FailedRun {
-    failure: Box<Failure>,
-    facts: Facts,
-}
-
-impl From<Failure> for FailedRun {
-    fn from(failure: Failure) -> Self {
-        Self { failure: Box::new(failure), facts: Facts::default() }
-    }
-}
-
-impl Runner {
-    /// Runs jobs until the server stops. While the result of one is written, which is waiting for the disk, the
-    /// next is packed; one result at a time, so that a slow disk does not pile them up in memory.
+impl Executor {
+    /// Runs jobs until the process stops, or its source has no more for it. While the result of one is written, which
+    /// is waiting for the disk, the next is packed; one result at a time, so that a slow disk does not pile them up in
+    /// memory.
     pub(crate) async fn work(self) {
         let mut writing: Option<Task<()>> = None;
-        while !self.shutdown.is_cancelled() {
-            match self.store.claim().await {
-                Ok(Some(claimed)) => {
-                    let span = tracing::info_span!("job", job_id = %claimed.lease.id, attempt = claimed.lease.attempt);
+        while !self.shutdown.is_cancelled() && !self.leases.are_over() {
+            let claimed = self.leases.claim(&self.shutdown).await;
+            match claimed {
+                Ok(Some(work)) => {
+                    let span =
+                        tracing::info_span!("job", job_id = %work.lease.id, attempt = work.lease.attempt);
                     let (packing, has_packed) = oneshot::channel();
-                    let run = tasks::spawn(self.clone().run(claimed, packing).instrument(span));
+                    let run = tasks::spawn(self.clone().run(work, packing).instrument(span));
                     // Nothing is ever sent: the sender goes when the engine is done, however it ends.
                     let _ = has_packed.await;
                     end_of(writing.replace(run)).await;
                 }
-                Ok(None) => {
-                    tokio::select! {
-                        () = self.store.queue_notified() => {}
-                        () = self.shutdown.cancelled() => {}
-                    }
-                }
+                Ok(None) => {}
                 Err(error) => {
                     tracing::error!(%error, "no job could be leased");
                     tokio::select! {
-                        () = sleep(STORE_PAUSE) => {}
+                        () = sleep(SOURCE_PAUSE) => {}
                         () = self.shutdown.cancelled() => {}
                     }
                 }
@@ -137,21 +94,18 @@ impl Runner {
     }
 
     /// Runs a job to its end; `packing` is dropped when only its result is left to be written.
-    async fn run(self, claimed: Claimed, packing: oneshot::Sender<()>) {
+    async fn run(self, work: Work, packing: oneshot::Sender<()>) {
         let started = Instant::now();
-        let lease = claimed.lease;
-        // Another worker may take the next job of a burst that woke only this one.
-        self.store.wake_next_worker();
+        let lease = work.lease;
         tracing::info!("started");
+        self.leases.prepare(&work, &self.checkpoints).await;
         let checkpoints = self.checkpoints.writer(&lease.id.to_string(), lease.attempt);
         let control = Arc::new(RunControl::with_checkpoints(checkpoints));
-        let timeout_s = claimed.job.timeout_s;
+        let timeout_s = work.timeout_s;
         let deadline = timeout_s.map(|s| started + Duration::from_secs_f64(s));
-        // A store that cannot tell fails the run at its end at the latest.
-        let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let mut running = tasks::blocking({
-            let (control, runner, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
-            move || span.in_scope(|| runner.pack_and_write(&claimed, room, &control, packing))
+            let (control, executor, span) = (Arc::clone(&control), self.clone(), tracing::Span::current());
+            move || span.in_scope(|| executor.pack_and_write(&work, &control, packing))
         });
         let end = tokio::select! {
             end = &mut running => end,
@@ -177,7 +131,7 @@ impl Runner {
         started: Instant,
         deadline: Option<Instant>,
     ) -> std::convert::Infallible {
-        let mut changes = self.store.subscribe(lease.id);
+        let mut changes = self.leases.follow(lease);
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut renewed = Instant::now();
@@ -187,9 +141,10 @@ impl Runner {
         let mut last_checkpoint_by: Option<Instant> = None;
         loop {
             if look {
-                match self.store.get(lease.id).await {
-                    Ok(Some(job)) if job.cancel_requested => control.stop(Stop::Cancelled),
-                    Ok(_) => {}
+                match self.leases.is_cancelled(lease).await {
+                    Ok(true) => control.stop(Stop::Cancelled),
+                    Ok(false) => {}
+                    Err(LeaseError::Lost) => control.stop(Stop::LeaseLost),
                     Err(error) => tracing::warn!(%error, "a request to cancel may have been missed"),
                 }
             }
@@ -207,7 +162,7 @@ impl Runner {
                 () = at(last_checkpoint_by), if !control.should_stop() => control.stop(Stop::Shutdown),
                 _ = tick.tick() => {
                     let news = control.take_progress();
-                    if news.is_none() && renewed.elapsed() < RENEW_EVERY {
+                    if news.is_none() && renewed.elapsed() < self.leases.renew_every() {
                         continue;
                     }
                     renewed = Instant::now();
@@ -215,10 +170,10 @@ impl Runner {
                         remaining.resumed();
                     }
                     let news = news.map(|p| as_recorded(&p, &mut remaining, started.elapsed()));
-                    match self.store.heartbeat(lease, news).await {
-                        Ok(beat) if beat.cancel_requested => control.stop(Stop::Cancelled),
-                        Ok(_) => {}
-                        Err(StoreError::LeaseLost) => control.stop(Stop::LeaseLost),
+                    match self.leases.renew(lease, news).await {
+                        Ok(true) => control.stop(Stop::Cancelled),
+                        Ok(false) => {}
+                        Err(LeaseError::Lost) => control.stop(Stop::LeaseLost),
                         Err(error) => tracing::warn!(%error, "progress was not recorded"),
                     }
                 }
@@ -227,14 +182,8 @@ impl Runner {
     }
 
     /// The run itself, on a thread that may block.
-    fn pack_and_write(
-        &self,
-        claimed: &Claimed,
-        room: (u64, Bound),
-        control: &RunControl,
-        packing: oneshot::Sender<()>,
-    ) -> End {
-        match self.try_pack_and_write(claimed, room, control, packing) {
+    fn pack_and_write(&self, work: &Work, control: &RunControl, packing: oneshot::Sender<()>) -> End {
+        match self.try_pack_and_write(work, control, packing) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
         }
@@ -242,31 +191,30 @@ impl Runner {
 
     fn try_pack_and_write(
         &self,
-        claimed: &Claimed,
-        room: (u64, Bound),
+        work: &Work,
         control: &RunControl,
         packing: oneshot::Sender<()>,
     ) -> Result<End, FailedRun> {
-        let stored: serde_json::Value = serde_json::from_str(&claimed.request).map_err(|error| {
+        let stored: serde_json::Value = serde_json::from_str(&work.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");
             Failure::new(FailureCode::InternalError, "the stored request is unreadable")
         })?;
         let request = JobRequest::read(&stored, 0, None).map_err(Failure::invalid)?;
         let (request, postprocess) = (request.packing(), request.postprocess);
-        if let Ok(plan) = Plan::new(&request, &self.limits)
-            && let Err(no_room) = fits(Storage::bytes_of_result(plan.grains), room)
+        if let Ok(plan) = Plan::new(&request, &work.limits)
+            && let Err(no_room) = fits(Storage::bytes_of_result(plan.grains), work.room)
         {
             tracing::warn!(%no_room, "the result would not fit; the job waits");
             return Ok(End::Faulted);
         }
-        let resume = self.checkpoints.resume(&claimed.lease.id.to_string(), &request);
+        let resume = self.checkpoints.resume(&work.lease.id.to_string(), &request);
         if resume.is_some() {
             control.resumed();
         }
-        let packed = match packstone_engine::pack_or_resume(&request, &self.limits, resume, control) {
+        let packed = match packstone_engine::pack_or_resume(&request, &work.limits, resume, control) {
             Ok(packed) => packed,
             // Another run may have taken the memory; what never finds it is at fault itself.
-            Err(error @ PackError::OutOfMemory { .. }) if claimed.faults < MEMORY_FAULTS => {
+            Err(error @ PackError::OutOfMemory { .. }) if work.faults < MEMORY_FAULTS => {
                 tracing::warn!(%error, "the run found no memory");
                 return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
             }
@@ -293,12 +241,12 @@ impl Runner {
             growth: None,
         });
         let head = Head {
-            job_id: Some(claimed.lease.id.to_string()),
+            job_id: Some(work.lease.id.to_string()),
             request: stored,
             engine: EngineInfo::current(),
             report: packed.report,
         };
-        let place = self.artifacts.begin(&claimed.lease.id.to_string(), claimed.lease.attempt);
+        let place = self.artifacts.begin(&work.lease.id.to_string(), work.lease.attempt);
         let Some(artifact) = self.write(&place, &head, &packed.grains, control) else {
             return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
         };
@@ -331,49 +279,20 @@ impl Runner {
         }
     }
 
-    /// Writes down how a run ended. A fault of the machine is waited out: the work is done and lies on the disk.
+    /// Tells how a run ended. A fault of the machine is waited out: the work is done and lies on the disk.
     async fn record_end(&self, lease: Lease, end: End, run: Run) {
-        let took = run.took;
         let mut tries = 1;
         loop {
-            let (outcome, recorded) = match &end {
-                End::Stored(stored) => {
-                    let Stored { artifact, facts, grains, postprocess, .. } = &**stored;
-                    let progress = complete(*grains);
-                    let (artifact, facts) = (artifact.clone(), facts.clone());
-                    let succeeded =
-                        self.store.succeed(lease, artifact, progress, facts, postprocess.clone()).await;
-                    ("succeeded", succeeded)
-                }
-                End::Failed(FailedRun { failure, facts }) => {
-                    let facts = Facts { time_s: took.as_secs_f64(), ..facts.clone() };
-                    ("failed", self.store.fail(lease, failure, facts).await)
-                }
-                End::Stopped(Stop::Cancelled) => ("cancelled", self.store.finish_cancelled(lease).await),
-                End::Stopped(Stop::TimedOut) => {
-                    let (bound, done) = (run.timeout_s.unwrap_or_default(), 100.0 * run.fraction);
-                    let detail = format!(
-                        "the job ran longer than its timeout_s of {bound} s; about {done:.0} % of the work was done"
-                    );
-                    let known = FailureFacts { fraction_done: Some(run.fraction), ..FailureFacts::default() };
-                    let failure = Failure::new(FailureCode::TimedOut, detail).with_facts(known);
-                    let facts = Facts { time_s: took.as_secs_f64(), ..Facts::default() };
-                    ("failed", self.store.fail(lease, &failure, facts).await)
-                }
-                End::Stopped(Stop::Shutdown) => ("given_back", self.store.give_back(lease).await),
-                End::Faulted => ("requeued", self.store.requeue_after_fault(lease).await),
-                End::Stopped(Stop::LeaseLost) => ("lease_lost", Err(StoreError::LeaseLost)),
-            };
-            match recorded {
+            match self.leases.end(lease, &end, run).await {
                 Ok(()) => {
-                    tracing::info!(outcome, took_s = took.as_secs_f64(), "ended");
-                    self.metrics.job_ended(outcome, took);
+                    tracing::info!(outcome = end.name(), took_s = run.took.as_secs_f64(), "ended");
+                    self.metrics.job_ended(end.name(), run.took);
                     if !matches!(end, End::Stopped(Stop::Shutdown) | End::Faulted) {
                         self.remove_checkpoints(lease).await;
                     }
                     return;
                 }
-                Err(StoreError::LeaseLost) => {
+                Err(LeaseError::Lost) => {
                     tracing::warn!("the lease was lost; this attempt leaves no trace");
                     if let End::Stored(stored) = &end
                         && let Err(error) = self.artifacts.remove(&stored.artifact.path)
@@ -385,7 +304,7 @@ impl Runner {
                 Err(error) if self.may_try_again(&error, tries) => {
                     tracing::error!(%error, tries, "the end of the job was not recorded; trying again");
                     tries += 1;
-                    sleep(STORE_PAUSE).await;
+                    sleep(SOURCE_PAUSE).await;
                 }
                 Err(error) => {
                     tracing::error!(%error, "the end of the job was not recorded; its lease will run out");
@@ -395,12 +314,12 @@ impl Runner {
         }
     }
 
-    /// Whether the end of a job is to be offered to the store once more.
-    fn may_try_again(&self, error: &StoreError, tries: u32) -> bool {
+    /// Whether the end of a job is to be offered once more.
+    fn may_try_again(&self, error: &LeaseError, tries: u32) -> bool {
         if self.shutdown.is_cancelled() {
             tries < END_TRIES_AT_STOP
         } else {
-            error.fault().is_some() || tries < END_TRIES
+            matches!(error, LeaseError::Passing(_)) || tries < END_TRIES
         }
     }
 
@@ -421,20 +340,6 @@ async fn end_of(run: Option<Task<()>>) {
         && let Err(error) = run.await
     {
         tracing::error!(%error, "a run ended by a defect of this program; its lease will run out");
-    }
-}
-
-/// Progress of a job that succeeded: a run can end between two reports.
-fn complete(grains: u64) -> JobProgress {
-    JobProgress {
-        fraction: 1.0,
-        phase: Phase::Write,
-        done: grains,
-        total: grains,
-        unit: "grains".into(),
-        message: String::new(),
-        eta_s: Some(0.0),
-        growth: None,
     }
 }
 

@@ -1,0 +1,120 @@
+//! The checkpoint of a job, from the attempt before and for the attempt after.
+
+use std::fs::File;
+use std::io;
+
+use axum::Extension;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+
+use super::{LeasePath, lost, running, upload};
+use crate::accounts::Caller;
+use crate::disk::is_full;
+use crate::http::app::App;
+use crate::http::files::send_file;
+use crate::http::params::{NoParameters, Query};
+use crate::http::problems::sets::{CheckpointProblems, LeaseFileProblems};
+use crate::problem::{Kind, Problem};
+use crate::tasks;
+
+/// Get the checkpoint that earlier attempts of the job have left
+#[utoipa::path(
+    get, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "get_checkpoint",
+    params(LeasePath),
+    responses(
+        (status = 200, description = "The checkpoint", content_type = "application/octet-stream"),
+        CheckpointProblems
+    )
+)]
+pub(crate) async fn get(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    path: LeasePath,
+    _: Query<NoParameters>,
+) -> Result<Response, Problem> {
+    running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
+    let checkpoints = app.shared.checkpoints.clone();
+    let opened = tasks::blocking(move || {
+        let file = File::open(checkpoints.newest(&path.id.to_string())?).ok()?;
+        let length = file.metadata().ok()?.len();
+        Some((file, length))
+    });
+    let opened = opened.await.map_err(|_| Problem::internal())?;
+    let (file, length) =
+        opened.ok_or_else(|| Problem::new(Kind::NotFound, "the job has no checkpoint any more"))?;
+    let mut response = send_file(&app, file, 0..length).await?.into_response();
+    let fields = response.headers_mut();
+    fields.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+    fields.insert(header::CONTENT_LENGTH, HeaderValue::from(length));
+    Ok(response)
+}
+
+/// Leave a checkpoint
+///
+/// It replaces those of the job before. The lease goes on.
+#[utoipa::path(
+    put, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
+    params(LeasePath),
+    request_body(content_type = "application/octet-stream", description = "The checkpoint"),
+    responses((status = 204, description = "The checkpoint is kept"), LeaseFileProblems)
+)]
+pub(crate) async fn put(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    path: LeasePath,
+    _: Query<NoParameters>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
+    let _alone = app.receive_alone(format!("checkpoint of {}", path.id))?;
+    let room = app.shared.disk.room();
+    check_length(&headers, room)?;
+    let (checkpoints, disk) = (app.shared.checkpoints.clone(), app.shared.disk.clone());
+    let kept = upload::take(body, move |pieces| {
+        let id = path.id.to_string();
+        let mut file = checkpoints.receive(&id, path.attempt)?;
+        let mut bytes = 0;
+        while let Some(piece) = pieces.next() {
+            let Ok(piece) = piece else { return Ok(()) };
+            bytes += piece.len() as u64;
+            if bytes > room {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            file.write(&piece)?;
+        }
+        file.finish()?;
+        checkpoints.remove(&id, path.attempt - 1);
+        Ok(())
+    });
+    kept.await?.map_err(|error| of_disk(&error, |error| disk.note_failure(error)))?;
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// Refuses a file that says that it is longer than there is room.
+pub(super) fn check_length(headers: &HeaderMap, room: u64) -> Result<(), Problem> {
+    let length =
+        headers.get(header::CONTENT_LENGTH).and_then(|length| length.to_str().ok()?.parse::<u64>().ok());
+    if length.is_some_and(|length| length > room) {
+        return Err(no_room().with_header("connection", "close"));
+    }
+    Ok(())
+}
+
+/// A file that the disk does not take.
+pub(super) fn of_disk(error: &io::Error, note: impl FnOnce(&io::Error)) -> Problem {
+    tracing::warn!(%error, "a file of a worker was not kept");
+    note(error);
+    if is_full(error) {
+        return no_room();
+    }
+    Problem::new(Kind::MachineFault, "the server cannot write to its data directory at present")
+        .with_header("retry-after", "5")
+}
+
+fn no_room() -> Problem {
+    Problem::new(Kind::InsufficientStorage, "the server has no room for the file")
+        .with_header("retry-after", "60")
+}

@@ -1,0 +1,55 @@
+//! A worker tells that an attempt has ended without a result.
+
+use axum::Extension;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::{IntoResponse as _, Response};
+
+use super::{LeaseEnded, LeasePath, note_end, read, recorded, refused, remove_checkpoints, running};
+use crate::accounts::Caller;
+use crate::http::app::App;
+use crate::http::body;
+use crate::http::params::{NoParameters, Query};
+use crate::http::problems::sets::LeaseEndProblems;
+use crate::problem::Problem;
+use crate::workers::documents::{EndOutcome, EndRequest};
+
+/// End a lease without a result
+///
+/// The job has failed, was cancelled, or goes back to the queue. A repeated request is answered as the first was.
+#[utoipa::path(
+    post, path = "/v1/leases/{job}/{attempt}/end", tag = "workers", operation_id = "end_lease",
+    params(LeasePath),
+    request_body = EndRequest,
+    responses((status = 200, description = "The end is recorded", body = LeaseEnded), LeaseEndProblems)
+)]
+pub(crate) async fn end(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    path: LeasePath,
+    _: Query<NoParameters>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let request: EndRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
+    let Some(lease) = running(&app, &caller.by.key, path).await? else {
+        return Ok(recorded().into_response());
+    };
+    let store = &app.shared.store;
+    let job = store.get(path.id).await?;
+    let (outcome, ended) = match (request.outcome, request.failure) {
+        (EndOutcome::Failed, Some(failure)) => {
+            ("failed", store.fail(lease, &failure, request.facts.unwrap_or_default()).await)
+        }
+        (EndOutcome::Cancelled, _) => ("cancelled", store.finish_cancelled(lease).await),
+        (EndOutcome::Released, _) => ("given_back", store.give_back(lease).await),
+        (EndOutcome::Faulted | EndOutcome::Failed, _) => ("requeued", store.requeue_after_fault(lease).await),
+    };
+    ended.map_err(refused)?;
+    note_end(&app, path, outcome, job.and_then(|job| job.started_at));
+    if matches!(request.outcome, EndOutcome::Failed | EndOutcome::Cancelled) {
+        remove_checkpoints(&app, path);
+    }
+    Ok(recorded().into_response())
+}

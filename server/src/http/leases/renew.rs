@@ -1,0 +1,100 @@
+//! A worker renews its leases.
+
+use axum::Extension;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::{IntoResponse as _, Response};
+use futures_util::future::select_all;
+use tokio::time::sleep;
+
+use super::read;
+use crate::accounts::Caller;
+use crate::http::app::App;
+use crate::http::body;
+use crate::http::conditional::Wait;
+use crate::http::params::{NoParameters, Query};
+use crate::http::problems::sets::LeaseProblems;
+use crate::http::response::set;
+use crate::http::waiting::PREFERENCE_APPLIED;
+use crate::jobs::store::Renewal;
+use crate::problem::Problem;
+use crate::workers::documents::{LeaseState, RenewalRequest, RenewalsDocument, RenewedDocument};
+
+/// The same where a client watches one of the jobs.
+const WATCHED_EVERY_S: f64 = 0.5;
+
+/// Renew leases
+///
+/// All leases of a process in one request, with the progress of the runs. With `Prefer: wait=N` the leases are renewed
+/// at once, and the answer is held back until one of the jobs changes, by a request to cancel for example.
+#[utoipa::path(
+    post, path = "/v1/leases/renewals", tag = "workers", operation_id = "renew_leases",
+    params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
+    request_body = RenewalRequest,
+    responses((status = 200, description = "What became of the leases", body = RenewalsDocument), LeaseProblems)
+)]
+pub(crate) async fn renew(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    _: Query<NoParameters>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let request: RenewalRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
+    let renewals: Vec<Renewal> = request.renewals.into_iter().map(Renewal::from).collect();
+    let wait = Wait::of(&headers);
+    let mut answer = renewed(&app, &caller, renewals.clone()).await?;
+    let is_quiet = answer.leases.iter().all(|lease| lease.state == LeaseState::Running);
+    if let Some(wait) =
+        wait.filter(|_| is_quiet && answer.report_every_s > WATCHED_EVERY_S && !renewals.is_empty())
+    {
+        let mut following: Vec<_> =
+            renewals.iter().map(|renewal| app.shared.store.subscribe(renewal.id)).collect();
+        // What changed between the renewal and the subscription is seen here.
+        answer = look(&app, &caller, &renewals).await?;
+        if answer.leases.iter().all(|lease| lease.state == LeaseState::Running) {
+            tokio::select! {
+                _ = select_all(following.iter_mut().map(|changes| Box::pin(changes.changed()))) => {}
+                // Not so long that the next renewal would be late.
+                () = sleep(wait.duration().min(app.shared.store.renew_every())) => {}
+                () = app.shared.shutdown.cancelled() => {}
+            }
+            drop(following);
+            answer = look(&app, &caller, &renewals).await?;
+        }
+    }
+    let mut response = axum::Json(answer).into_response();
+    if let Some(wait) = wait {
+        set(&mut response, PREFERENCE_APPLIED, &wait.applied());
+    }
+    Ok(response)
+}
+
+async fn renewed(app: &App, caller: &Caller, renewals: Vec<Renewal>) -> Result<RenewalsDocument, Problem> {
+    let leases: Vec<_> = renewals.iter().map(|renewal| (renewal.id, renewal.attempt)).collect();
+    let held = app.shared.store.renew(caller.by.key.clone(), renewals).await?;
+    let states = held.into_iter().map(LeaseState::from);
+    let leases =
+        leases.into_iter().zip(states).map(|((job, attempt), state)| RenewedDocument { job, attempt, state });
+    Ok(document(app, leases.collect()))
+}
+
+/// What has become of the leases, without a renewal.
+async fn look(app: &App, caller: &Caller, renewals: &[Renewal]) -> Result<RenewalsDocument, Problem> {
+    let mut leases = Vec::with_capacity(renewals.len());
+    for Renewal { id, attempt, .. } in renewals {
+        let state = app.shared.store.held(&caller.by.key, *id, *attempt).await?.into();
+        leases.push(RenewedDocument { job: *id, attempt: *attempt, state });
+    }
+    Ok(document(app, leases))
+}
+
+fn document(app: &App, leases: Vec<RenewedDocument>) -> RenewalsDocument {
+    let is_watched = leases.iter().any(|lease| app.shared.store.is_watched(lease.job));
+    let every_s = app.shared.store.renew_every().as_secs_f64();
+    RenewalsDocument {
+        leases,
+        report_every_s: if is_watched { WATCHED_EVERY_S.min(every_s) } else { every_s },
+    }
+}

@@ -1,0 +1,90 @@
+//! A worker sends the result of an attempt, which ends the job.
+
+use axum::Extension;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::{IntoResponse as _, Response};
+
+use super::checkpoint::{check_length, of_disk};
+use super::{LeaseEnded, LeasePath, lost, note_end, recorded, refused, remove_checkpoints, running, upload};
+use crate::accounts::Caller;
+use crate::artifacts::receive::{Expected, ReceiveError};
+use crate::exports::NewExport;
+use crate::failure::Failure;
+use crate::http::app::App;
+use crate::http::body::linger;
+use crate::http::params::values::Sha256;
+use crate::http::params::{Query, parameters};
+use crate::http::problems::sets::LeaseFileProblems;
+use crate::jobs::JobRequest;
+use crate::problem::{Fault, Problem};
+use crate::studies::Facts;
+use crate::workers::ending::complete;
+
+parameters! {
+    /// What the file is.
+    #[derive(Debug)]
+    pub(crate) struct ResultParameters {
+        /// SHA-256 of the file, in hexadecimal.
+        sha256: Sha256,
+    }
+}
+
+/// End a lease with its result
+///
+/// The body is the stored form of the packing. The server checks its digest, that it is whole, and that it answers the
+/// request of the job. A repeated request is answered as the first was.
+#[utoipa::path(
+    put, path = "/v1/leases/{job}/{attempt}/result", tag = "workers", operation_id = "put_result",
+    params(LeasePath, ResultParameters),
+    request_body(content_type = "application/octet-stream", description = "The stored form of the result"),
+    responses((status = 200, description = "The job has succeeded", body = LeaseEnded), LeaseFileProblems)
+)]
+pub(crate) async fn put(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    path: LeasePath,
+    Query(ResultParameters { sha256: Sha256(sha256) }): Query<ResultParameters>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let Some(lease) = running(&app, &caller.by.key, path).await? else {
+        linger(body);
+        return Ok(recorded().into_response());
+    };
+    let _alone = app.receive_alone(format!("result of {}", path.id))?;
+    let store = &app.shared.store;
+    let job = store.get(path.id).await?.ok_or_else(lost)?;
+    let request = store.request(job.seq).await?;
+    let most_bytes = app.shared.storage.room(&job.owner).await?.0;
+    check_length(&headers, most_bytes)?;
+    let expected = Expected { job: path.id.to_string(), request: request.clone(), sha256, most_bytes };
+    let (artifacts, disk) = (app.shared.artifacts.clone(), app.shared.disk.clone());
+    let place = artifacts.begin(&path.id.to_string(), path.attempt);
+    let received = upload::take(body, move |pieces| {
+        let next = || pieces.next().map(|piece| piece.map_err(|_| ReceiveError::Broken));
+        (artifacts.receive(&place, &expected, next), place)
+    });
+    let (received, place) = received.await?;
+    let received = received.map_err(|error| match error {
+        ReceiveError::Io(error) => of_disk(&error, |error| disk.note_failure(error)),
+        other => Problem::parameters(vec![Fault::parameter("sha256", other.to_string())]),
+    })?;
+    let postprocess = JobRequest::read(&request, 0, None).map_err(Failure::invalid)?.postprocess;
+    let sha256 = &received.artifact.sha256;
+    let exports = postprocess.items().iter().map(|(_, item)| NewExport::new(item, sha256)).collect();
+    let facts = Facts::of_packing(&received.report);
+    let file = received.artifact.path.clone();
+    let ended = store.succeed(lease, received.artifact, complete(received.grains), facts, exports).await;
+    drop(place);
+    if let Err(error) = ended {
+        if let Err(error) = app.shared.artifacts.remove(&file) {
+            tracing::warn!(%error, "a result is left to the sweeper");
+        }
+        return Err(refused(error));
+    }
+    note_end(&app, path, "succeeded", job.started_at);
+    remove_checkpoints(&app, path);
+    Ok(recorded().into_response())
+}

@@ -1,0 +1,155 @@
+//! The forecast of a job: the time that its plan expects it to take on one core, stored at its submission. Triggers
+//! keep the sums of the jobs that wait and run (`migrations/0015_forecasts.sql`).
+
+use std::time::Duration;
+
+use super::{Store, StoreError, micros};
+use crate::jobs::State;
+use crate::jobs::request::MAX_TIMEOUT_S;
+
+/// Stands for the forecast of a job that has none: one of an earlier version, or one whose plan tells no time. The
+/// default of the column is the same.
+pub(crate) const UNKNOWN_FORECAST: Duration = Duration::from_mins(1);
+
+/// The forecasts of all jobs in a state, added up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ForecastWork {
+    /// Of the jobs that wait, in s on one core.
+    pub(crate) queued_s: f64,
+    /// Of the jobs that run, in s on one core; of each the whole, however much of it is done.
+    pub(crate) running_s: f64,
+}
+
+/// The forecast as it is stored, in µs: that of the plan, in s, bounded by the time limit of the job.
+pub(super) fn micros_of(forecast_s: f64, timeout_s: Option<f64>) -> i64 {
+    let most_s = timeout_s.map_or(MAX_TIMEOUT_S, |timeout_s| timeout_s.min(MAX_TIMEOUT_S));
+    let known_s = if forecast_s >= 0.0 { forecast_s } else { UNKNOWN_FORECAST.as_secs_f64() };
+    micros(Duration::from_secs_f64(known_s.min(most_s).max(0.0)))
+}
+
+impl Store {
+    /// The forecast work of the jobs that wait and run.
+    pub(crate) async fn forecast_work(&self) -> Result<ForecastWork, StoreError> {
+        let sums: Vec<(String, i64)> =
+            sqlx::query_as("select state, forecast_us from job_counts").fetch_all(self.readers()).await?;
+        let seconds_of = |state: State| {
+            let found = sums.iter().find(|(name, _)| name == state.name());
+            found.map_or(0.0, |(_, us)| *us as f64 / 1e6)
+        };
+        Ok(ForecastWork { queued_s: seconds_of(State::Queued), running_s: seconds_of(State::Running) })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::json;
+    use sqlx::sqlite::SqliteConnectOptions;
+    use sqlx::{Connection as _, SqliteConnection};
+
+    use super::super::migrations::migrations_to;
+    use super::super::tests::{LIMITS, fresh, open, submit_forecast, succeed};
+    use super::*;
+    use crate::ids::JobId;
+
+    fn work(queued_s: f64, running_s: f64) -> ForecastWork {
+        ForecastWork { queued_s, running_s }
+    }
+
+    #[test]
+    fn a_forecast_is_bounded_by_the_time_limit_and_defaults_to_a_minute() {
+        for (forecast_s, timeout_s, us) in [
+            (2.5, None, 2_500_000),
+            (0.0, None, 0),
+            (90.0, Some(10.0), 10_000_000),
+            (f64::INFINITY, Some(0.5), 500_000),
+            (f64::INFINITY, None, 2_678_400_000_000),
+            (f64::NAN, None, 60_000_000),
+            (f64::NAN, Some(5.0), 5_000_000),
+        ] {
+            assert_eq!(micros_of(forecast_s, timeout_s), us, "{forecast_s} {timeout_s:?}");
+        }
+    }
+
+    /// The sums by trigger, which must be those of the rows.
+    async fn work_of(store: &Store) -> ForecastWork {
+        let of_rows: Vec<(String, i64)> = sqlx::query_as(
+            "select state, coalesce(sum(forecast_us), 0) from jobs where state in ('queued', 'running') group by state",
+        )
+        .fetch_all(store.readers())
+        .await
+        .unwrap();
+        let sum =
+            |name| of_rows.iter().find(|(state, _)| state == name).map_or(0.0, |(_, us)| *us as f64 / 1e6);
+        let work = store.forecast_work().await.unwrap();
+        assert_eq!(work, ForecastWork { queued_s: sum("queued"), running_s: sum("running") });
+        work
+    }
+
+    #[tokio::test]
+    async fn the_work_follows_every_transition() {
+        let (_folder, store) = fresh().await;
+        assert_eq!(work_of(&store).await, work(0.0, 0.0));
+        let first = submit_forecast(&store, 100.0, json!({})).await;
+        let second = submit_forecast(&store, 20.0, json!({"timeout_s": 8})).await;
+        submit_forecast(&store, f64::NAN, json!({"priority": -1})).await;
+        assert_eq!(work_of(&store).await, work(168.0, 0.0));
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        assert_eq!(work_of(&store).await, work(68.0, 100.0));
+        store.give_back(lease).await.unwrap();
+        assert_eq!(work_of(&store).await, work(168.0, 0.0));
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        assert_eq!(lease.id, first.id);
+        store.requeue_after_fault(lease).await.unwrap();
+        assert_eq!(work_of(&store).await, work(168.0, 0.0));
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        assert_eq!(lease.id, second.id);
+        succeed(&store, lease).await;
+        assert_eq!(work_of(&store).await, work(160.0, 0.0));
+        store.cancel(first.id).await.unwrap();
+        assert_eq!(work_of(&store).await, work(60.0, 0.0));
+        store.retry(first.id, None).await.unwrap();
+        assert_eq!(work_of(&store).await, work(160.0, 0.0));
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        assert_eq!(lease.id, first.id);
+        assert_eq!(work_of(&store).await, work(60.0, 100.0));
+        assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
+        assert_eq!(work_of(&store).await, work(160.0, 0.0));
+        store.cancel(first.id).await.unwrap();
+        store.delete(first.id).await.unwrap();
+        store.delete(second.id).await.unwrap();
+        assert_eq!(work_of(&store).await, work(60.0, 0.0));
+    }
+
+    #[tokio::test]
+    async fn jobs_without_a_forecast_count_as_a_minute() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("packstone.sqlite");
+        let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+        let mut old = SqliteConnection::connect_with(&options).await.unwrap();
+        migrations_to(14).run(&mut old).await.unwrap();
+        let states = ["queued", "running", "succeeded", "queued", "failed", "cancelled"];
+        let ids: Vec<JobId> = states.iter().map(|_| JobId::new()).collect();
+        for (id, state) in ids.iter().zip(states) {
+            sqlx::query(
+                "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at,
+                     updated_at, engine)
+                 values (?, ?, '{}', 0, 1, 3, 3, 0, 0, '{}')",
+            )
+            .bind(id.to_string())
+            .bind(state)
+            .execute(&mut old)
+            .await
+            .unwrap();
+        }
+        old.close().await.unwrap();
+        let store = open(&folder, LIMITS).await;
+        let unknown_s = UNKNOWN_FORECAST.as_secs_f64();
+        assert_eq!(work_of(&store).await, work(2.0 * unknown_s, unknown_s));
+        store.delete(ids[2]).await.unwrap();
+        store.cancel(ids[0]).await.unwrap();
+        assert_eq!(work_of(&store).await, work(unknown_s, unknown_s));
+        submit_forecast(&store, 7.0, json!({})).await;
+        assert_eq!(work_of(&store).await, work(unknown_s + 7.0, unknown_s));
+    }
+}

@@ -1,0 +1,182 @@
+//! Leases of workers in other processes, which renew them over HTTP.
+//!
+//! Job and attempt are the fencing token, as for the workers of the server itself: whoever lost the lease changes
+//! nothing. A process may repeat each of its requests. So a claim has an ID, by which a repeated one finds the jobs
+//! that the first one leased, and an attempt is never given out twice: a job that comes back has the next one.
+
+use sqlx::Row as _;
+
+use super::lifecycle::{Claimed, Lessee};
+use super::submit::to_json;
+use super::{Store, StoreError, micros, now_us, rows};
+use crate::jobs::{JobId, JobProgress, Lease, State};
+
+/// A process that asks for jobs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Claim {
+    /// Name of the process.
+    pub(crate) worker: String,
+    /// Name of its API key.
+    pub(crate) key: String,
+    /// The same in each repetition of the request, and in no other.
+    pub(crate) id: String,
+    /// Most jobs that it takes.
+    pub(crate) slots: u32,
+}
+
+/// The renewal of a lease.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Renewal {
+    pub(crate) id: JobId,
+    pub(crate) attempt: i64,
+    /// News of the run, where there are any.
+    pub(crate) progress: Option<JobProgress>,
+}
+
+/// What has become of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Held {
+    /// The attempt runs.
+    Running { lease: Lease, cancel_requested: bool },
+    /// The attempt was the last of the job, which has ended or waits for a client.
+    Ended,
+    /// The job is another attempt's, or gone.
+    Lost,
+}
+
+impl Store {
+    /// Leases up to `slots` jobs to a process, or finds those that an earlier request of the same ID leased.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn claim_for(&self, claim: Claim) -> Result<Vec<Claimed>, StoreError> {
+        let store = self.clone();
+        self.detached(async move {
+            // A power cut that undoes the claim leaves the jobs queued; the leases are then lost.
+            let mut writer = store.quick_writer().await?;
+            let before: Vec<i64> = sqlx::query_scalar(
+                "select seq from jobs where claim = ? and worker_key = ? and state = 'running'",
+            )
+            .bind(&claim.id)
+            .bind(&claim.key)
+            .fetch_all(&mut *writer)
+            .await?;
+            let mut claimed = Vec::new();
+            if before.is_empty() {
+                let lessee = Lessee::Process(&claim);
+                while claimed.len() < claim.slots as usize
+                    && let Some(next) = store.claim_next(&mut writer, lessee).await?
+                {
+                    claimed.push(next);
+                }
+            } else {
+                for seq in before {
+                    claimed.push(Claimed::read(&mut writer, seq).await?);
+                }
+            }
+            drop(writer);
+            for claimed in &claimed {
+                store.notify_job(&claimed.job);
+            }
+            Ok(claimed)
+        })
+        .await
+    }
+
+    /// Renews leases of a process, and records the progress where there is any; what became of each.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn renew(&self, key: String, renewals: Vec<Renewal>) -> Result<Vec<Held>, StoreError> {
+        let store = self.clone();
+        self.detached(async move {
+            let mut writer = store.quick_writer().await?;
+            let mut tx = writer.begin().await?;
+            let now = now_us();
+            let mut held = Vec::with_capacity(renewals.len());
+            for renewal in &renewals {
+                let row = sqlx::query(
+                    "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
+                         version = version + (?2 is not null), updated_at = iif(?2 is null, updated_at, ?3)
+                     where id = ?4 and attempt = ?5 and worker_key = ?6 and worker <> '' and state = 'running'
+                     returning seq, cancel_requested,
+                         (select studies.id from studies where studies.seq = jobs.study) as study_id",
+                )
+                .bind(now.saturating_add(micros(store.limits().lease)))
+                .bind(renewal.progress.as_ref().map(to_json).transpose()?)
+                .bind(now)
+                .bind(renewal.id.to_string())
+                .bind(renewal.attempt)
+                .bind(&key)
+                .fetch_optional(&mut *tx)
+                .await?;
+                held.push(match row {
+                    Some(row) => Held::Running {
+                        lease: lease(&row, renewal.id, renewal.attempt)?,
+                        cancel_requested: row.try_get("cancel_requested")?,
+                    },
+                    None => Held::Lost,
+                });
+            }
+            tx.commit().await?;
+            drop(writer);
+            for renewal in renewals.iter().filter(|renewal| renewal.progress.is_some()) {
+                store.notify(renewal.id);
+            }
+            Ok(held)
+        })
+        .await
+    }
+
+    /// What has become of a lease that a process got with this key.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn held(&self, key: &str, id: JobId, attempt: i64) -> Result<Held, StoreError> {
+        let row = sqlx::query(
+            "select seq, state, cancel_requested,
+                 (select studies.id from studies where studies.seq = jobs.study) as study_id
+             from jobs where id = ? and attempt = ? and worker_key = ? and worker <> ''",
+        )
+        .bind(id.to_string())
+        .bind(attempt)
+        .bind(key)
+        .fetch_optional(self.readers())
+        .await?;
+        let Some(row) = row else { return Ok(Held::Lost) };
+        let state = rows::state(&row.try_get::<String, _>("state")?)?;
+        Ok(match state {
+            State::Running => Held::Running {
+                lease: lease(&row, id, attempt)?,
+                cancel_requested: row.try_get("cancel_requested")?,
+            },
+            state if state.is_finished() => Held::Ended,
+            _ => Held::Lost,
+        })
+    }
+
+    /// Gives every process that runs jobs the time of a lease to find the server again, at its start. Returns how many
+    /// jobs they run.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn await_workers(&self) -> Result<u64, StoreError> {
+        let store = self.clone();
+        self.detached(async move {
+            let mut writer = store.quick_writer().await?;
+            let moved =
+                sqlx::query("update jobs set lease_expires_at = ? where state = 'running' and worker <> ''")
+                    .bind(now_us().saturating_add(micros(store.limits().lease)))
+                    .execute(&mut *writer)
+                    .await?;
+            Ok(moved.rows_affected())
+        })
+        .await
+    }
+}
+
+fn lease(row: &sqlx::sqlite::SqliteRow, id: JobId, attempt: i64) -> Result<Lease, StoreError> {
+    let study = row.try_get::<Option<String>, _>("study_id")?;
+    let study = study.as_deref().map(rows::study_id).transpose()?;
+    Ok(Lease { seq: row.try_get("seq")?, id, attempt, study })
+}

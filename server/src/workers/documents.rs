@@ -1,0 +1,328 @@
+//! The messages between a worker and its server, as both sides read and write them.
+//!
+//! A server leases to its own build only, so that both sides are always of one version.
+
+use packstone_engine::{FieldError, Limits};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use crate::failure::Failure;
+use crate::ids::JobId;
+use crate::jobs::JobProgress;
+use crate::jobs::store::{Claimed, Held, Renewal};
+use crate::storage::Bound;
+use crate::studies::Facts;
+
+/// Most slots of a process.
+pub(crate) const MAX_SLOTS: u32 = 1024;
+/// Most leases that are renewed by one request: a slot packs the next job while it stores a result.
+const MAX_RENEWALS: usize = 2 * MAX_SLOTS as usize;
+/// Longest name of a worker, in characters.
+pub(crate) const MAX_NAME_CHARS: usize = 100;
+/// Longest ID of a claim, in characters.
+const MAX_CLAIM_CHARS: usize = 64;
+
+/// What this process was built from. A server leases to its own build only.
+pub(crate) const BUILD: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("PACKSTONE_COMMIT"), ")");
+
+/// A document that this module's reader has checked.
+pub(crate) trait Checked: DeserializeOwned {
+    /// What is out of its bounds.
+    fn faults(&self) -> Vec<FieldError>;
+
+    /// Reads a document.
+    ///
+    /// # Errors
+    /// Each field that is unknown, missing, of the wrong type or out of its bounds.
+    fn read(value: Value) -> Result<Self, Vec<FieldError>> {
+        let read: Self = serde_path_to_error::deserialize(value).map_err(|error| {
+            let pointer = pointer_of(error.path());
+            vec![FieldError::new(pointer, error.into_inner().to_string())]
+        })?;
+        let faults = read.faults();
+        if faults.is_empty() { Ok(read) } else { Err(faults) }
+    }
+}
+
+fn pointer_of(path: &serde_path_to_error::Path) -> String {
+    use serde_path_to_error::Segment;
+    path.iter()
+        .filter_map(|segment| match segment {
+            Segment::Seq { index } => Some(format!("/{index}")),
+            Segment::Map { key } => Some(format!("/{}", key.replace('~', "~0").replace('/', "~1"))),
+            Segment::Enum { .. } | Segment::Unknown => None,
+        })
+        .collect()
+}
+
+fn bounded(faults: &mut Vec<FieldError>, pointer: &str, text: &str, most: usize) {
+    let length = text.chars().count();
+    if length == 0 || length > most {
+        faults.push(FieldError::new(pointer, format!("has {length} characters: must have from 1 to {most}")));
+    }
+}
+
+/// A process asks for jobs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LeaseRequest {
+    /// An ID of this request. A repeated request with the same ID gets the same jobs again, as long as they run.
+    #[schema(min_length = 1, max_length = 64)]
+    pub(crate) claim: String,
+    /// Name of the process, for people.
+    #[schema(min_length = 1, max_length = 100)]
+    pub(crate) worker: String,
+    /// Most jobs that it takes.
+    #[schema(minimum = 1, maximum = 1024)]
+    pub(crate) slots: u32,
+    /// Version and commit of the process.
+    pub(crate) build: String,
+    /// SHA-256 of two packings that every build packs alike, in hexadecimal.
+    pub(crate) bits: String,
+}
+
+impl Checked for LeaseRequest {
+    fn faults(&self) -> Vec<FieldError> {
+        let mut faults = Vec::new();
+        bounded(&mut faults, "/claim", &self.claim, MAX_CLAIM_CHARS);
+        bounded(&mut faults, "/worker", &self.worker, MAX_NAME_CHARS);
+        if !(1..=MAX_SLOTS).contains(&self.slots) {
+            let detail = format!("{} is out of range: must be from 1 to {MAX_SLOTS}", self.slots);
+            faults.push(FieldError::new("/slots", detail));
+        }
+        faults
+    }
+}
+
+/// The jobs that a process has leased.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct LeasesDocument {
+    pub(crate) leases: Vec<LeaseDocument>,
+}
+
+/// A job that a process has leased.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct LeaseDocument {
+    /// ID of the job.
+    #[schema(value_type = String, format = "uuid")]
+    pub(crate) job: JobId,
+    /// Number of the attempt. Job and attempt name the lease.
+    #[schema(minimum = 1)]
+    pub(crate) attempt: i64,
+    /// Time for which the lease lasts without a renewal, in s.
+    pub(crate) lease_s: f64,
+    /// Longest time of the attempt, in s.
+    #[schema(required)]
+    pub(crate) timeout_s: Option<f64>,
+    /// Faults of machines that earlier attempts have met.
+    #[schema(minimum = 0)]
+    pub(crate) faults: i64,
+    /// Most grains of the packing.
+    pub(crate) max_grains: u64,
+    /// Most memory of the packing, in bytes.
+    pub(crate) max_memory_bytes: u64,
+    /// Bytes that the result may have.
+    pub(crate) room_bytes: u64,
+    /// An earlier attempt has left a checkpoint with the server.
+    pub(crate) has_checkpoint: bool,
+    /// The request of the job.
+    pub(crate) request: Value,
+}
+
+impl LeaseDocument {
+    /// What a process gets of a job that it has leased.
+    ///
+    /// # Errors
+    /// The stored request is unreadable.
+    pub(crate) fn of(
+        claimed: &Claimed,
+        lease_s: f64,
+        limits: &Limits,
+        room: (u64, Bound),
+        has_checkpoint: bool,
+    ) -> Result<Self, serde_json::Error> {
+        Ok(Self {
+            job: claimed.lease.id,
+            attempt: claimed.lease.attempt,
+            lease_s,
+            timeout_s: claimed.job.timeout_s,
+            faults: claimed.faults,
+            max_grains: limits.max_grains,
+            max_memory_bytes: limits.max_memory_bytes,
+            room_bytes: room.0,
+            has_checkpoint,
+            request: serde_json::from_str(&claimed.request)?,
+        })
+    }
+}
+
+/// A process renews its leases.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RenewalRequest {
+    /// One for each job that it runs.
+    #[schema(max_items = 2048)]
+    pub(crate) renewals: Vec<RenewalDocument>,
+}
+
+/// The renewal of a lease.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RenewalDocument {
+    /// ID of the job.
+    #[schema(value_type = String, format = "uuid")]
+    pub(crate) job: JobId,
+    /// Number of the attempt.
+    #[schema(minimum = 1)]
+    pub(crate) attempt: i64,
+    /// How far the run is, where that is news.
+    #[schema(required = false)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) progress: Option<JobProgress>,
+}
+
+impl Checked for RenewalRequest {
+    fn faults(&self) -> Vec<FieldError> {
+        let found = self.renewals.len();
+        if found > MAX_RENEWALS {
+            let detail = format!("has {found} entries: must have at most {MAX_RENEWALS}");
+            return vec![FieldError::new("/renewals", detail)];
+        }
+        Vec::new()
+    }
+}
+
+impl From<RenewalDocument> for Renewal {
+    fn from(document: RenewalDocument) -> Self {
+        let RenewalDocument { job, attempt, progress } = document;
+        Self { id: job, attempt, progress }
+    }
+}
+
+/// What became of the leases of a process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct RenewalsDocument {
+    pub(crate) leases: Vec<RenewedDocument>,
+    /// Time after which the next renewal is expected, in s: short where a client watches one of the jobs.
+    pub(crate) report_every_s: f64,
+}
+
+/// What became of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct RenewedDocument {
+    /// ID of the job.
+    #[schema(value_type = String, format = "uuid")]
+    pub(crate) job: JobId,
+    /// Number of the attempt.
+    #[schema(minimum = 1)]
+    pub(crate) attempt: i64,
+    pub(crate) state: LeaseState,
+}
+
+/// The state of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum LeaseState {
+    /// It is renewed.
+    Running,
+    /// It is renewed, and a client wants the job to end.
+    CancelRequested,
+    /// The job is another attempt's, has ended, or is gone.
+    Lost,
+}
+
+impl From<Held> for LeaseState {
+    fn from(held: Held) -> Self {
+        match held {
+            Held::Running { cancel_requested: false, .. } => Self::Running,
+            Held::Running { cancel_requested: true, .. } => Self::CancelRequested,
+            Held::Ended | Held::Lost => Self::Lost,
+        }
+    }
+}
+
+/// The end of an attempt without a result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct EndRequest {
+    pub(crate) outcome: EndOutcome,
+    /// Why the job failed, with `failed`.
+    #[schema(value_type = Option<Object>, required = false)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) failure: Option<Failure>,
+    /// What a study keeps of the run, with `failed`.
+    #[schema(value_type = Option<Object>, required = false)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) facts: Option<Facts>,
+}
+
+/// How an attempt ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum EndOutcome {
+    /// The job has failed.
+    Failed,
+    /// The run ended because a client had cancelled the job.
+    Cancelled,
+    /// The process stops: the job goes back to the queue. The attempt does not count.
+    Released,
+    /// A fault of the machine: the job goes back to the queue, after a pause. The attempt does not count.
+    Faulted,
+}
+
+impl Checked for EndRequest {
+    fn faults(&self) -> Vec<FieldError> {
+        match (self.outcome, &self.failure) {
+            (EndOutcome::Failed, None) => {
+                vec![FieldError::new("/failure", "is missing: a failed job must have one")]
+            }
+            (EndOutcome::Failed, Some(_)) | (_, None) => Vec::new(),
+            (_, Some(_)) => {
+                vec![FieldError::new(
+                    "/failure",
+                    "is of no use: must be absent unless the outcome is `failed`",
+                )]
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn documents_are_read_strictly() {
+        let request = json!({"claim": "c", "worker": "w", "slots": 2, "build": BUILD, "bits": "ab"});
+        assert!(LeaseRequest::read(request.clone()).is_ok());
+        for (member, value, pointer) in [
+            ("slots", json!(0), "/slots"),
+            ("slots", json!("two"), "/slots"),
+            ("worker", json!(""), "/worker"),
+            ("claim", json!("x".repeat(65)), "/claim"),
+            ("more", json!(1), "/more"),
+        ] {
+            let mut request = request.clone();
+            request[member] = value;
+            let faults = LeaseRequest::read(request).expect_err("a faulty request");
+            assert_eq!(faults[0].pointer, pointer, "{faults:?}");
+        }
+        let renewal = |attempt: Value| json!({"renewals": [{"job": JobId::new(), "attempt": attempt}]});
+        assert!(RenewalRequest::read(renewal(json!(1))).is_ok());
+        let faults = RenewalRequest::read(renewal(json!("1"))).expect_err("a faulty renewal");
+        assert_eq!(faults[0].pointer, "/renewals/0/attempt");
+        for (end, is_read) in [
+            (json!({"outcome": "released"}), true),
+            (json!({"outcome": "failed"}), false),
+            (json!({"outcome": "failed", "failure": {"code": "timed-out", "detail": "x"}}), true),
+            (json!({"outcome": "cancelled", "failure": {"code": "timed-out", "detail": "x"}}), false),
+            (json!({"outcome": "ended"}), false),
+        ] {
+            assert_eq!(EndRequest::read(end.clone()).is_ok(), is_read, "{end}");
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Jobs from the store of this process.
+
+use packstone_engine::Limits;
+use tokio_util::sync::CancellationToken;
+
+use super::ending::{Told, complete};
+use super::leases::{LeaseError, Work};
+use crate::jobs::Lease;
+use crate::jobs::store::Store;
+use crate::storage::{Bound, Storage};
+
+/// The store of this process.
+#[derive(Clone, Debug)]
+pub(crate) struct Here {
+    pub(crate) store: Store,
+    pub(crate) storage: Storage,
+    pub(crate) limits: Limits,
+}
+
+impl Here {
+    /// Leases the next job, or waits until there may be one.
+    pub(super) async fn claim(&self, shutdown: &CancellationToken) -> Result<Option<Work>, LeaseError> {
+        let Some(claimed) = self.store.claim().await? else {
+            tokio::select! {
+                () = self.store.queue_notified() => {}
+                () = shutdown.cancelled() => {}
+            }
+            return Ok(None);
+        };
+        // Another worker may take the next job of a burst that woke only this one.
+        self.store.wake_next_worker();
+        // A store that cannot tell fails the run at its end at the latest.
+        let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
+        Ok(Some(Work {
+            lease: claimed.lease,
+            request: claimed.request,
+            timeout_s: claimed.job.timeout_s,
+            faults: claimed.faults,
+            limits: self.limits,
+            room,
+            has_checkpoint: false,
+        }))
+    }
+
+    /// Records how a run ended.
+    pub(super) async fn end(&self, lease: Lease, told: Told<'_>) -> Result<(), LeaseError> {
+        match told {
+            Told::Succeeded(stored) => {
+                let (progress, postprocess) = (complete(stored.grains), stored.postprocess.clone());
+                let (artifact, facts) = (stored.artifact.clone(), stored.facts.clone());
+                self.store.succeed(lease, artifact, progress, facts, postprocess).await?;
+            }
+            Told::Failed(failure, facts) => self.store.fail(lease, &failure, facts).await?,
+            Told::Cancelled => self.store.finish_cancelled(lease).await?,
+            Told::Released => self.store.give_back(lease).await?,
+            Told::Faulted => self.store.requeue_after_fault(lease).await?,
+            Told::Nothing => return Err(LeaseError::Lost),
+        }
+        Ok(())
+    }
+}

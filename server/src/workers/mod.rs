@@ -1,0 +1,14 @@
+//! Workers: what runs jobs, in the server or in another process.
+//!
+//! [`executor`] runs jobs, wherever they come from ([`leases`]): from the store of this process ([`here`]) or from a
+//! server over HTTP ([`there`], whose messages are [`documents`]). [`probe`] tells whether two processes compute the
+//! same bits.
+
+pub(crate) mod control;
+pub(crate) mod documents;
+pub(crate) mod ending;
+pub(crate) mod executor;
+pub(crate) mod here;
+pub(crate) mod leases;
+pub(crate) mod probe;
+pub(crate) mod there;

@@ -1,0 +1,428 @@
+//! Jobs from a server over HTTP.
+//!
+//! A process renews all its leases by one request, which the server holds back until one of the jobs changes, for 15 s
+//! at most: a request to cancel arrives at once. Checkpoints are written to the disk of the process, and sent to the
+//! server every ten minutes and before a job is released.
+//!
+//! A process whose server does not answer goes on with its jobs. When it is heard again, it learns whether the lease
+//! still holds: a job that was given to another process is stopped here, and its result is not taken. So a server that
+//! is restarted costs no work, and a process that was cut off wastes its own time at most, for runs are deterministic.
+
+mod server;
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use hyper::StatusCode;
+use packstone_engine::Limits;
+use tokio::sync::{Notify, watch};
+use tokio::time::{Instant, sleep};
+use tokio_util::sync::CancellationToken;
+
+use super::documents::{
+    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, RenewalDocument,
+    RenewalRequest, RenewalsDocument,
+};
+use super::ending::Told;
+use super::leases::{CLAIM_WAIT, LeaseError, Work};
+use crate::artifacts::Artifacts;
+use crate::checkpoints::Checkpoints;
+use crate::failure::Failure;
+use crate::ids::JobId;
+use crate::jobs::{JobProgress, Lease};
+use crate::storage::Bound;
+use crate::studies::Facts;
+
+pub(crate) use server::{Server, ServerError};
+
+/// For how long a renewal may be held back; the server answers sooner where its leases are short.
+const RENEWAL_WAIT: Duration = Duration::from_secs(15);
+/// Shortest time between two renewals.
+const LEAST_PAUSE: Duration = Duration::from_millis(200);
+/// Pauses after a request that was not answered, doubled from the first to the last.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(500), Duration::from_secs(10));
+/// How often the checkpoints of a running job are looked at.
+const LOOK_AT_CHECKPOINTS: Duration = Duration::from_secs(5);
+
+/// What became of a lease, as the last renewal told.
+pub(crate) type State = LeaseState;
+
+/// How a process asks for jobs.
+#[derive(Clone, Debug)]
+pub(crate) struct WorkerOptions {
+    /// Its name, for people.
+    pub(crate) name: String,
+    /// Digest of the probe.
+    pub(crate) bits: String,
+    /// Time between two checkpoints of a job that are sent to the server.
+    pub(crate) send_checkpoints_every: Duration,
+    /// No job is taken after this.
+    pub(crate) until: Option<Instant>,
+    /// The process ends when it has had no job for so long.
+    pub(crate) idle: Option<Duration>,
+}
+
+/// A server, and the jobs that this process has of it.
+#[derive(Clone, Debug)]
+pub(crate) struct There {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    server: Server,
+    options: WorkerOptions,
+    artifacts: Artifacts,
+    checkpoints: Checkpoints,
+    /// One slot asks at a time: a process has one connection that waits for jobs.
+    claiming: tokio::sync::Mutex<()>,
+    jobs: Mutex<HashMap<(JobId, i64), Job>>,
+    /// A lease has begun or ended.
+    changed: Notify,
+    /// When this process had a job last.
+    busy: Mutex<Instant>,
+    /// The server has refused this worker for good.
+    refused: Mutex<Option<ServerError>>,
+}
+
+/// A job that this process runs.
+#[derive(Debug)]
+struct Job {
+    state: watch::Sender<State>,
+    /// News that the server has not been told.
+    progress: Option<JobProgress>,
+    /// When its checkpoint was sent last, or it began.
+    sent: Instant,
+}
+
+fn key(lease: Lease) -> (JobId, i64) {
+    (lease.id, lease.attempt)
+}
+
+fn address(lease: Lease, what: &str) -> String {
+    format!("/v1/leases/{}/{}/{what}", lease.id, lease.attempt)
+}
+
+impl There {
+    /// Jobs of a server. Results and checkpoints lie in these folders until they are sent.
+    pub(crate) fn new(
+        server: Server,
+        options: WorkerOptions,
+        artifacts: Artifacts,
+        checkpoints: Checkpoints,
+    ) -> Self {
+        let shared = Shared {
+            server,
+            options,
+            artifacts,
+            checkpoints,
+            claiming: tokio::sync::Mutex::default(),
+            jobs: Mutex::default(),
+            changed: Notify::new(),
+            busy: Mutex::new(Instant::now()),
+            refused: Mutex::default(),
+        };
+        Self { shared: Arc::new(shared) }
+    }
+
+    /// Why the server wants nothing of this worker, where that is so.
+    pub(crate) fn refusal(&self) -> Option<ServerError> {
+        self.shared.refused.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Whether this process takes no more jobs.
+    pub(super) fn is_over(&self) -> bool {
+        let Shared { options, busy, refused, .. } = &*self.shared;
+        let is_idle = |limit: Duration| {
+            let busy = *busy.lock().unwrap_or_else(PoisonError::into_inner);
+            self.jobs().is_empty() && busy.elapsed() >= limit
+        };
+        options.until.is_some_and(|until| Instant::now() >= until)
+            || options.idle.is_some_and(is_idle)
+            || refused.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+
+    /// Leases the next job; `None` where none came for a while, or the process is to stop.
+    pub(super) async fn claim(&self, shutdown: &CancellationToken) -> Result<Option<Work>, LeaseError> {
+        let asking = async {
+            let _turn = self.shared.claiming.lock().await;
+            self.ask().await
+        };
+        tokio::select! {
+            claimed = asking => claimed,
+            // The server sees that the connection is closed, and gives the job to another.
+            () = shutdown.cancelled() => Ok(None),
+        }
+    }
+
+    /// Asks for a job until the server has answered.
+    async fn ask(&self) -> Result<Option<Work>, LeaseError> {
+        let options = &self.shared.options;
+        let mut wait = CLAIM_WAIT;
+        if let Some(left) = options.until.map(|until| until.saturating_duration_since(Instant::now())) {
+            wait = wait.min(left);
+        }
+        if let Some(idle) = options.idle {
+            wait = wait.min(idle);
+        }
+        let request = LeaseRequest {
+            // An ID as good as any other: it is only ever compared.
+            claim: JobId::new().to_string(),
+            worker: options.name.clone(),
+            slots: 1,
+            build: BUILD.into(),
+            bits: options.bits.clone(),
+        };
+        let mut pause = PAUSES.0;
+        while !self.is_over() {
+            match self.shared.server.post::<LeasesDocument>("/v1/leases", &request, wait).await {
+                Ok(found) => {
+                    let first = found.and_then(|found| found.leases.into_iter().next());
+                    return Ok(first.map(|document| self.begin(&document)));
+                }
+                Err(error) if error.is_final() => {
+                    *self.shared.refused.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                }
+                Err(error) => {
+                    tracing::warn!(%error, pause_s = pause.as_secs_f64(), "no answer to the request for a job");
+                    sleep(pause).await;
+                    pause = (2 * pause).min(PAUSES.1);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn begin(&self, document: &LeaseDocument) -> Work {
+        let lease = Lease { seq: 0, id: document.job, attempt: document.attempt, study: None };
+        let state = watch::Sender::new(State::Running);
+        self.jobs().insert(key(lease), Job { state, progress: None, sent: Instant::now() });
+        self.shared.changed.notify_one();
+        let limits = Limits {
+            max_grains: document.max_grains,
+            max_memory_bytes: document.max_memory_bytes,
+            ..Limits::default()
+        };
+        Work {
+            lease,
+            request: document.request.to_string(),
+            timeout_s: document.timeout_s,
+            faults: document.faults,
+            limits,
+            room: (document.room_bytes, Bound::Disk),
+            has_checkpoint: document.has_checkpoint,
+        }
+    }
+
+    /// Fetches the checkpoint of an earlier attempt. Without it the job starts anew.
+    pub(super) async fn fetch_checkpoint(&self, work: &Work, checkpoints: &Checkpoints) {
+        if !work.has_checkpoint {
+            return;
+        }
+        // Below the attempt that runs, as that of the attempt before it would be.
+        let (id, attempt) = (work.lease.id.to_string(), work.lease.attempt - 1);
+        let fetched = async {
+            let mut file = checkpoints.receive(&id, attempt)?;
+            let path = address(work.lease, "checkpoint");
+            self.shared.server.get_file(&path, |piece| file.write(piece)).await?;
+            Ok::<_, ServerError>(file.finish()?)
+        };
+        if let Err(error) = fetched.await {
+            tracing::warn!(%error, "the checkpoint of the job was not fetched; it starts anew");
+        }
+    }
+
+    /// Starts to listen for what becomes of a lease.
+    pub(super) fn follow(&self, lease: Lease) -> watch::Receiver<State> {
+        match self.jobs().get(&key(lease)) {
+            Some(job) => job.state.subscribe(),
+            None => watch::Sender::new(State::Lost).subscribe(),
+        }
+    }
+
+    /// Whether a client has cancelled the job, as the last renewal told.
+    pub(super) fn is_cancelled(&self, lease: Lease) -> Result<bool, LeaseError> {
+        let state = self.jobs().get(&key(lease)).map(|job| *job.state.borrow());
+        match state {
+            Some(State::Running) => Ok(false),
+            Some(State::CancelRequested) => Ok(true),
+            Some(State::Lost) | None => Err(LeaseError::Lost),
+        }
+    }
+
+    /// Leaves news for the next renewal.
+    pub(super) fn renew(&self, lease: Lease, news: Option<JobProgress>) -> Result<bool, LeaseError> {
+        if news.is_some()
+            && let Some(job) = self.jobs().get_mut(&key(lease))
+        {
+            job.progress = news;
+        }
+        self.is_cancelled(lease)
+    }
+
+    /// Sends the result or the end of a run; the lease ends with it.
+    pub(super) async fn end(&self, lease: Lease, told: Told<'_>) -> Result<(), LeaseError> {
+        let ended = self.send_end(lease, told).await;
+        if let Err(error) = &ended
+            && error.passes()
+            && self.is_cancelled(lease).is_ok()
+        {
+            return Err(LeaseError::Passing(error.to_string()));
+        }
+        self.jobs().remove(&key(lease));
+        *self.shared.busy.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        self.shared.changed.notify_one();
+        ended.map_err(|error| {
+            if error.is_lost() || error.passes() {
+                LeaseError::Lost
+            } else {
+                LeaseError::Failed(error.to_string())
+            }
+        })
+    }
+
+    async fn send_end(&self, lease: Lease, told: Told<'_>) -> Result<(), ServerError> {
+        let end = |outcome: EndOutcome, failure: Option<Failure>, facts: Option<Facts>| EndRequest {
+            outcome,
+            failure,
+            facts,
+        };
+        let document = match told {
+            Told::Succeeded(stored) => {
+                let file = self.shared.artifacts.path_of(&stored.artifact);
+                let path = format!("{}?sha256={}", address(lease, "result"), stored.artifact.sha256);
+                match self.shared.server.put_file(&path, &file).await {
+                    Ok(()) => {
+                        self.remove_sent(&stored.artifact.path);
+                        return Ok(());
+                    }
+                    // The job waits until there is room again, as one of the server itself does.
+                    Err(ServerError::Refused {
+                        status: StatusCode::INSUFFICIENT_STORAGE, detail, ..
+                    }) => {
+                        tracing::warn!(detail, "the server has no room for the result; the job waits");
+                        self.remove_sent(&stored.artifact.path);
+                        end(EndOutcome::Faulted, None, None)
+                    }
+                    Err(error) => return Err(error),
+                }
+            }
+            Told::Failed(failure, facts) => end(EndOutcome::Failed, Some(failure), Some(facts)),
+            Told::Cancelled => end(EndOutcome::Cancelled, None, None),
+            Told::Faulted => end(EndOutcome::Faulted, None, None),
+            Told::Released => {
+                if let Some(file) = self.shared.checkpoints.kept_by(&lease.id.to_string(), lease.attempt)? {
+                    self.send_checkpoint(lease, &file).await?;
+                }
+                end(EndOutcome::Released, None, None)
+            }
+            Told::Nothing => {
+                let detail = "another attempt has the job".to_owned();
+                let kind = "lease-lost".to_owned();
+                return Err(ServerError::Refused { status: StatusCode::CONFLICT, kind, detail });
+            }
+        };
+        let path = address(lease, "end");
+        self.shared.server.post::<serde_json::Value>(&path, &document, Duration::ZERO).await?;
+        Ok(())
+    }
+
+    fn remove_sent(&self, path: &str) {
+        if let Err(error) = self.shared.artifacts.remove(path) {
+            tracing::warn!(%error, path, "a result that was sent stays on this disk");
+        }
+    }
+
+    async fn send_checkpoint(&self, lease: Lease, file: &Path) -> Result<(), ServerError> {
+        self.shared.server.put_file(&address(lease, "checkpoint"), file).await?;
+        tracing::info!(job_id = %lease.id, attempt = lease.attempt, "sent a checkpoint");
+        Ok(())
+    }
+
+    /// Renews the leases for as long as the process lives.
+    pub(crate) async fn keep_renewing(self) {
+        let mut pause = PAUSES.0;
+        let mut wait = RENEWAL_WAIT;
+        loop {
+            let renewals = self.take_news();
+            if renewals.is_empty() {
+                self.shared.changed.notified().await;
+                continue;
+            }
+            let request = RenewalRequest { renewals };
+            match self.shared.server.post::<RenewalsDocument>("/v1/leases/renewals", &request, wait).await {
+                Ok(answer) => {
+                    pause = PAUSES.0;
+                    let Some(answer) = answer else { continue };
+                    for renewed in answer.leases {
+                        if let Some(job) = self.jobs().get(&(renewed.job, renewed.attempt)) {
+                            job.state.send_if_modified(|state| {
+                                let changed = *state != renewed.state;
+                                *state = renewed.state;
+                                changed
+                            });
+                        }
+                    }
+                    let every = Duration::try_from_secs_f64(answer.report_every_s).unwrap_or(RENEWAL_WAIT);
+                    // Where a client watches, no answer is held back, and the next news are sent soon.
+                    wait = if every <= Duration::from_secs(1) { Duration::ZERO } else { RENEWAL_WAIT };
+                    sleep(if wait.is_zero() { every } else { LEAST_PAUSE }).await;
+                }
+                Err(error) => {
+                    tracing::warn!(%error, pause_s = pause.as_secs_f64(), "the leases were not renewed");
+                    wait = Duration::ZERO;
+                    sleep(pause).await;
+                    pause = (2 * pause).min(PAUSES.1);
+                }
+            }
+        }
+    }
+
+    fn take_news(&self) -> Vec<RenewalDocument> {
+        let mut jobs = self.jobs();
+        let renewals = jobs.iter_mut().map(|((job, attempt), running)| RenewalDocument {
+            job: *job,
+            attempt: *attempt,
+            progress: running.progress.take(),
+        });
+        renewals.collect()
+    }
+
+    /// Sends checkpoints of running jobs now and then, for as long as the process lives.
+    pub(crate) async fn keep_sending_checkpoints(self) {
+        let every = self.shared.options.send_checkpoints_every;
+        let mut sent: HashMap<(JobId, i64), std::time::SystemTime> = HashMap::new();
+        loop {
+            sleep(LOOK_AT_CHECKPOINTS.min(every)).await;
+            let due: Vec<(JobId, i64)> = {
+                let jobs = self.jobs();
+                sent.retain(|lease, _| jobs.contains_key(lease));
+                jobs.iter().filter(|(_, job)| job.sent.elapsed() >= every).map(|(lease, _)| *lease).collect()
+            };
+            for (id, attempt) in due {
+                let lease = Lease { seq: 0, id, attempt, study: None };
+                let found = self.shared.checkpoints.kept_by(&id.to_string(), attempt);
+                let Ok(Some(file)) = found else { continue };
+                let Ok(changed) = std::fs::metadata(&file).and_then(|found| found.modified()) else {
+                    continue;
+                };
+                if sent.get(&(id, attempt)) == Some(&changed) {
+                    continue;
+                }
+                match self.send_checkpoint(lease, &file).await {
+                    Ok(()) => drop(sent.insert((id, attempt), changed)),
+                    Err(error) => tracing::warn!(%error, "a checkpoint was not sent"),
+                }
+                if let Some(job) = self.jobs().get_mut(&(id, attempt)) {
+                    job.sent = Instant::now();
+                }
+            }
+        }
+    }
+
+    fn jobs(&self) -> MutexGuard<'_, HashMap<(JobId, i64), Job>> {
+        self.shared.jobs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
