@@ -10,11 +10,12 @@ use std::time::Duration;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rustix::process::Signal;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use crate::harness::deadline::eventually;
-use crate::harness::{Client, DataDir, Launch, id_of, jobs};
+use crate::harness::{Client, DataDir, Launch, Running, id_of, jobs, packstone};
 
 #[tokio::test]
 async fn fifteen_power_cuts_lose_nothing() {
@@ -25,6 +26,17 @@ async fn fifteen_power_cuts_lose_nothing() {
 #[ignore = "long: cargo test --release -p packstone-server --test e2e a_thousand -- --ignored"]
 async fn a_thousand_power_cuts_lose_nothing() {
     survive(1000, 2).await;
+}
+
+#[tokio::test]
+async fn kills_of_workers_and_server_lose_nothing() {
+    survive_elsewhere(15, 3).await;
+}
+
+#[tokio::test]
+#[ignore = "long: cargo test --release -p packstone-server --test e2e five_hundred -- --ignored"]
+async fn five_hundred_kills_of_workers_and_server_lose_nothing() {
+    survive_elsewhere(500, 4).await;
 }
 
 /// As many as a job may ask for: one that takes long meets several cuts.
@@ -65,7 +77,68 @@ async fn survive(kills: usize, seed: u64) {
     }
 
     let server = launch(&data_dir).start().await;
-    let client = server.client();
+    account(&server.client(), &data_dir, &mut known).await;
+    server.stop().await;
+    swept(&data_dir, &known).await;
+    known.print(kills);
+}
+
+/// The same with the server and two workers in other processes, each of which may be killed at any moment.
+async fn survive_elsewhere(kills: usize, seed: u64) {
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let launch = || {
+        let short = Launch::new(&data_dir).workers(0).env("PACKSTONE_LEASE_S", "2");
+        short.env("PACKSTONE_SWEEP_INTERVAL_S", "0.2")
+    };
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut known = Known::default();
+    let mut server = launch().start().await;
+    let address = server.address().to_string();
+    let url = format!("http://{address}");
+    let worker = |name: &str| {
+        let often = ["--checkpoint-every-s", "0", "--send-checkpoints-every-s", "0.1"];
+        let args = ["worker", "--server", &url, "--slots", "2", "--name", name, "--scratch", name];
+        Running::spawn(folder.path(), &[&args[..], &often].concat())
+    };
+    let names = ["one", "two"];
+    let mut workers = names.map(worker).map(Some);
+    for _ in 0..kills {
+        let moment = Duration::from_micros(random.next_u64() % 600_000);
+        let client = server.client();
+        tokio::select! {
+            () = order_and_watch(&client, &mut known, &mut random) => unreachable!("a client goes on for ever"),
+            () = tokio::time::sleep(moment) => {}
+        }
+        match random.next_u64() % 3 {
+            2 => {
+                server.kill().await;
+                server = launch().listen(&address).start().await;
+            }
+            i => {
+                let killed = workers[i as usize].take().expect("a worker");
+                killed.signal(Signal::KILL);
+                killed.ended().await;
+                workers[i as usize] = Some(worker(names[i as usize]));
+            }
+        }
+    }
+    account(&server.client(), &data_dir, &mut known).await;
+    for worker in workers.into_iter().flatten() {
+        worker.signal(Signal::TERM);
+        let ended = worker.ended().await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+    }
+    server.stop().await;
+    let path = data_dir.path().display().to_string();
+    let checked = packstone(folder.path(), &["check", &path]).await;
+    assert_eq!(checked.code, Some(0), "{checked:?}");
+    swept(&data_dir, &known).await;
+    known.print(kills);
+}
+
+/// Calls each job to account: every order has made one job, which ends with a result that is stored as it was, and the
+/// same as that of every other job of the same request.
+async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
     for (key, body) in known.orders.clone() {
         let reply = client.post("/v1/jobs").header("idempotency-key", &key).json(&body).send().await;
         let id = id_of(&reply.json()).to_owned();
@@ -79,7 +152,7 @@ async fn survive(kills: usize, seed: u64) {
         known.accepted.insert(key, id);
     }
     assert_eq!(
-        count_jobs(&client).await,
+        count_jobs(client).await,
         known.orders.len(),
         "a key has made two jobs, or a job came from nowhere"
     );
@@ -96,24 +169,30 @@ async fn survive(kills: usize, seed: u64) {
         if let Some(before) = known.succeeded.get(id) {
             assert_eq!(&job, before, "a finished job changed");
         }
-        check_artifact(&data_dir, &job);
+        check_artifact(data_dir, &job);
         let spheres = client.result_in(id, "npy").await.to_vec();
         let same = by_seed.entry(client.request_of(id).await.to_string()).or_insert_with(|| spheres.clone());
         assert!(*same == spheres, "the same request and seed gave two packings");
     }
-    server.stop().await;
+}
 
-    // The sweep at the next start leaves one file for each job, and no half-written one.
-    let server = Launch::new(&data_dir).start().await;
+/// The sweep at the next start leaves one file for each job, and no half-written one.
+async fn swept(data_dir: &DataDir, known: &Known) {
+    let server = Launch::new(data_dir).start().await;
     eventually("orphans to be swept", || data_dir.artifacts().len() == known.accepted.len()).await;
     eventually("checkpoints to go with their jobs", || data_dir.checkpoints().is_empty()).await;
     server.stop().await;
-    println!(
-        "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
-        known.accepted.len(),
-        known.succeeded.len(),
-        known.exhausted
-    );
+}
+
+impl Known {
+    fn print(&self, kills: usize) {
+        println!(
+            "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
+            self.accepted.len(),
+            self.succeeded.len(),
+            self.exhausted
+        );
+    }
 }
 
 /// Few enough open jobs that each has a fair chance to end between two cuts.

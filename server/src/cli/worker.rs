@@ -20,7 +20,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, seconds_or_none};
 use crate::disk::{Disk, Shortage};
 use crate::metrics::Metrics;
-use crate::service::lock;
+use crate::service::{StartError, lock};
 use crate::tasks;
 use crate::telemetry::{self, LogFormat};
 use crate::workers::documents::{MAX_NAME_CHARS, MAX_SLOTS};
@@ -98,7 +98,13 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let temporary = if options.scratch.is_none() { Some(Temporary::make()?) } else { None };
     let scratch = options.scratch.clone().or_else(|| Some(temporary.as_ref()?.0.clone())).unwrap_or_default();
     std::fs::create_dir_all(&scratch).map_err(|error| cannot_be("made", &scratch, &error))?;
-    let _lock = lock(&scratch)?;
+    let _lock = lock(&scratch).map_err(|error| match error {
+        StartError::Locked(folder) => {
+            let text = format!("{} is in use by another worker: name another --scratch", folder.display());
+            Exit::BadInput.because(text)
+        }
+        error => error.into(),
+    })?;
     let bits = probe::bits()?;
     let send_checkpoints_every = Duration::from_secs_f64(options.send_checkpoints_every_s.max(0.1));
     let worker = WorkerOptions {
