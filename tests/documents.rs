@@ -11,7 +11,7 @@ use crate::harness::{Contract, packstone};
 const METHODS: [&str; 6] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"];
 const LONGEST_LINE: usize = 120;
 /// Options of other programs that the documents name by themselves.
-const OF_OTHER_PROGRAMS: [&str; 4] = ["--release", "--example", "--edge", "--size"];
+const OF_OTHER_PROGRAMS: [&str; 6] = ["--release", "--example", "--edge", "--size", "--features", "--signal"];
 
 fn root() -> PathBuf {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).to_owned()

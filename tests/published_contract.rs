@@ -125,7 +125,8 @@ async fn every_route_reads_the_parameters_that_it_is_documented_with() {
         }
         let id = if path.starts_with("/v1/studies") { id_of(&study) } else { id_of(&job) };
         let kind = if path.starts_with("/v1/studies") { "success" } else { "grading" };
-        let path = path.replace("{id}", id).replace("{kind}", kind);
+        let path =
+            path.replace("{id}", id).replace("{kind}", kind).replace("{job}", id).replace("{attempt}", "1");
         let parameters = operation.get("parameters").and_then(Value::as_array);
         let mut documented: Vec<&str> = parameters
             .into_iter()
@@ -139,11 +140,15 @@ async fn every_route_reads_the_parameters_that_it_is_documented_with() {
             "post" => client.post(&target).text("{}"),
             "delete" => client.delete(&target),
             "patch" => client.request(reqwest::Method::PATCH, &target).text("{}"),
+            "put" => client.request(reqwest::Method::PUT, &target).body(""),
             other => panic!("{other}: say here how it is sent"),
         };
         let problem = request.send().await.expect_problem(400, "validation-error");
-        let detail = problem["errors"][0]["detail"].as_str().unwrap();
-        let listed = detail.split_once("this route has ").unwrap_or_else(|| panic!("{name}: {detail}")).1;
+        let details =
+            problem["errors"].as_array().unwrap().iter().map(|error| error["detail"].as_str().unwrap());
+        // One that must be given is missing, too.
+        let listed = details.filter_map(|detail| Some(detail.split_once("this route has ")?.1)).next();
+        let listed = listed.unwrap_or_else(|| panic!("{name}: {problem:#}"));
         let mut read: Vec<&str> = listed.split(", ").filter(|listed| *listed != "none").collect();
         documented.sort_unstable();
         read.sort_unstable();

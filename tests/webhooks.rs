@@ -19,7 +19,7 @@ use sha2::Sha256;
 use tokio::sync::{Semaphore, mpsc};
 
 use crate::harness::deadline::patiently;
-use crate::harness::{Client, Contract, DataDir, Launch, Server, id_of, jobs, packstone, run};
+use crate::harness::{Client, Contract, DataDir, Launch, Running, Server, id_of, jobs, packstone, run};
 
 /// A request that a receiver got.
 #[derive(Debug)]
@@ -471,6 +471,29 @@ async fn files_of_secrets_and_hosts_that_are_none_are_refused() {
     let refused = run(with_port.into_command()).await;
     assert_eq!(refused.code, Some(2));
     assert!(refused.stderr.contains("without scheme and port"), "{}", refused.stderr);
+}
+
+/// The server sends the message of a job that a worker in another process has run. The worker does not learn the URL.
+#[tokio::test]
+async fn a_job_that_runs_elsewhere_ends_in_a_message_too() {
+    let (secret, data_dir, folder) = (Secret::make().await, DataDir::new(), tempfile::tempdir().unwrap());
+    let server = secret.launch(&data_dir).workers(0).start().await;
+    let (client, mut receiver) = (server.client(), Receiver::start("127.0.0.1").await);
+    let job = client.submit(&with_url(jobs::quick(1), &receiver.url("/in?token=geheim"))).await;
+    let url = format!("http://{}", server.address());
+    let args = ["worker", "--server", &url, "--name", "elsewhere", "--slots", "1", "--idle-exit-s", "1"];
+    let worker = Running::spawn(folder.path(), &args);
+    let message = receiver.next().await;
+    assert!(message.verifies(&secret.text));
+    assert_eq!(
+        (&message.json()["type"], &message.json()["data"]["id"]),
+        (&json!("job.succeeded"), &job["id"])
+    );
+    assert_eq!(client.job(id_of(&job)).await["worker"], "elsewhere");
+    let ended = worker.ended().await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(!(ended.stdout + &ended.stderr).contains("geheim"));
+    server.stop().await;
 }
 
 /// Two secrets sign until the old one is taken out of the file, without a restart.
