@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use futures_util::future::join_all;
 use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Launch, RawConnection, Server, id_of, jobs};
+use crate::harness::{Client, DataDir, Launch, RawConnection, Running, Server, id_of, jobs, packstone};
 
 /// Times of one kind of request.
 struct Times(Vec<Duration>);
@@ -367,5 +367,122 @@ async fn overhead_over_the_bare_engine() {
             );
             server.stop().await;
         }
+    }
+}
+
+/// A worker as the server sees it: leases a job, is silent for as long as it would pack, ends it.
+async fn simulated_worker(
+    http: reqwest::Client,
+    base: String,
+    lease: Value,
+    packs_for: Duration,
+    until: Instant,
+) -> (Vec<Duration>, u32) {
+    let (mut claims, mut ended) = (Vec::new(), 0);
+    for number in 0.. {
+        let mut claim = lease.clone();
+        claim["claim"] = json!(format!("{}-{number}", lease["worker"].as_str().unwrap()));
+        let asked = Instant::now();
+        let request = http.post(format!("{base}/v1/leases")).header("prefer", "wait=5").json(&claim);
+        let answer = request.send().await.expect("an answer");
+        if Instant::now() >= until {
+            break;
+        }
+        if answer.status() != 200 {
+            assert_eq!(answer.status(), 204);
+            continue;
+        }
+        claims.push(asked.elapsed());
+        let leased: Value = answer.json().await.expect("leases");
+        tokio::time::sleep(packs_for).await;
+        let path = format!("/v1/leases/{}/1/end", leased["leases"][0]["job"].as_str().unwrap());
+        let failure = json!({"code": "target-not-reached", "detail": "simulated"});
+        let end =
+            json!({"outcome": "failed", "failure": failure, "facts": {"time_s": packs_for.as_secs_f64()}});
+        let answer = http.post(format!("{base}{path}")).json(&end).send().await.expect("an answer");
+        assert_eq!(answer.status(), 200);
+        ended += 1;
+    }
+    (claims, ended)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "prints figures"]
+async fn a_thousand_simulated_workers() {
+    const WORKERS: u32 = 1000;
+    const PACKS_FOR: Duration = Duration::from_secs(3);
+    const LASTS: Duration = Duration::from_secs(60);
+    let data_dir = DataDir::new();
+    let launch = Launch::new(&data_dir).workers(0).env("PACKSTONE_MAX_CONNECTIONS", "3000");
+    let server = launch.env("PACKSTONE_MAX_CONNECTIONS_PER_CLIENT", "3000").start().await;
+    let client = server.client();
+    let lease = json!({"worker": "w", "slots": 1, "build": packstone_build().await, "bits": "none"});
+    let mut lease = jobs::with(lease, "/claim", json!("x"));
+    let refused = client.post("/v1/leases").json(&lease).send().await.expect_problem(409, "worker-refused");
+    lease["bits"] = json!(refused["detail"].as_str().unwrap().rsplit('"').nth(1).unwrap());
+    let base = format!("http://{}", server.address());
+    let http = reqwest::Client::builder().no_proxy().build().unwrap();
+    let run = |until: Instant| {
+        let (http, base, lease) = (http.clone(), base.clone(), lease.clone());
+        join_all((0..WORKERS).map(move |number| {
+            let lease = jobs::with(lease.clone(), "/worker", json!(format!("worker {number}")));
+            tokio::spawn(simulated_worker(http.clone(), base.clone(), lease, PACKS_FOR, until))
+        }))
+    };
+    run(Instant::now() + Duration::from_secs(4)).await;
+    println!("| memory, {WORKERS} workers wait | {:.0} MB |", server.peak_bytes() as f64 / 1e6);
+    for _ in 0..4 {
+        client.submit_study(&study_of(&least_job(), 10_000)).await;
+    }
+    let start = Instant::now();
+    let ended = run(start + LASTS).await;
+    let took = start.elapsed().as_secs_f64();
+    let (mut claims, mut jobs) = (Vec::new(), 0);
+    for worker in ended {
+        let (of_worker, ended) = worker.unwrap();
+        claims.extend(of_worker);
+        jobs += ended;
+    }
+    let packed = f64::from(jobs) * PACKS_FOR.as_secs_f64() / (took * f64::from(WORKERS));
+    println!(
+        "| {WORKERS} workers, jobs of 3 s | {:.0} jobs/s | {:.0} % of the workers pack |",
+        f64::from(jobs) / took,
+        1e2 * packed
+    );
+    Times::new(claims).print("claim of one of them");
+    println!("| memory, most | {:.0} MB |", server.peak_bytes() as f64 / 1e6);
+    server.stop().await;
+}
+
+async fn packstone_build() -> String {
+    let version = packstone(std::path::Path::new("/"), &["--version"]).await.stdout;
+    version.trim().strip_prefix("packstone ").unwrap().to_owned()
+}
+
+/// The same jobs by the server's own workers and by as many in another process.
+#[tokio::test]
+#[ignore = "prints figures"]
+async fn jobs_of_one_grain_here_and_there() {
+    let cores = std::thread::available_parallelism().unwrap().get();
+    for (there, slots) in [(false, cores), (true, cores), (true, 4 * cores)] {
+        let data_dir = DataDir::new();
+        let folder = tempfile::tempdir().unwrap();
+        let server = Launch::new(&data_dir).workers(if there { 0 } else { cores }).start().await;
+        let client = server.client();
+        let url = format!("http://{}", server.address());
+        let slots = slots.to_string();
+        let worker =
+            there.then(|| Running::spawn(folder.path(), &["worker", "--server", &url, "--slots", &slots]));
+        let start = Instant::now();
+        let study = client.submit_study(&study_of(&least_job(), 3000)).await;
+        client.study_finished(id_of(&study)).await;
+        let took = start.elapsed().as_secs_f64();
+        let place = if there { "in another process" } else { "in the server" };
+        println!("| 3000 jobs of one grain, {slots} slots {place} | {:.0} jobs/s |", 3000.0 / took);
+        if let Some(worker) = worker {
+            worker.signal(rustix::process::Signal::TERM);
+            worker.ended().await;
+        }
+        server.stop().await;
     }
 }

@@ -147,8 +147,8 @@ async fn every_route_reads_the_parameters_that_it_is_documented_with() {
         let details =
             problem["errors"].as_array().unwrap().iter().map(|error| error["detail"].as_str().unwrap());
         // One that must be given is missing, too.
-        let listed = details.filter_map(|detail| Some(detail.split_once("this route has ")?.1)).next();
-        let listed = listed.unwrap_or_else(|| panic!("{name}: {problem:#}"));
+        let mut listed = details.filter_map(|detail| Some(detail.split_once("this route has ")?.1));
+        let listed = listed.next().unwrap_or_else(|| panic!("{name}: {problem:#}"));
         let mut read: Vec<&str> = listed.split(", ").filter(|listed| *listed != "none").collect();
         documented.sort_unstable();
         read.sort_unstable();
