@@ -411,7 +411,7 @@ async fn simulated_worker(
 async fn a_thousand_simulated_workers() {
     const WORKERS: u32 = 1000;
     const PACKS_FOR: Duration = Duration::from_secs(3);
-    const LASTS: Duration = Duration::from_secs(60);
+    const LASTS: Duration = Duration::from_mins(1);
     let data_dir = DataDir::new();
     let launch = Launch::new(&data_dir).workers(0).env("PACKSTONE_MAX_CONNECTIONS", "3000");
     let server = launch.env("PACKSTONE_MAX_CONNECTIONS_PER_CLIENT", "3000").start().await;

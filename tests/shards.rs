@@ -2,9 +2,9 @@
 //! has the table and the packings of a study on one machine.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use std::{fs, io};
 
 use rustix::process::Signal;
 use serde_json::{Value, json};
@@ -63,9 +63,12 @@ fn rows_without_times(out: &Path) -> Vec<Value> {
     rows
 }
 
-/// The files of a folder, without those in folders of it.
+/// The files of a folder, without those in folders of it; none where there is no folder yet.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return BTreeMap::new(),
+        entries => entries.unwrap_or_else(|error| panic!("{}: {error}", folder.display())),
+    };
     entries
         .map(Result::unwrap)
         .filter(|entry| entry.file_type().unwrap().is_file())

@@ -263,3 +263,37 @@ fn a_mix_that_is_too_dense_says_how_far_it_came() {
         other => panic!("{other:?}"),
     }
 }
+
+/// Counts the reports of random addition, one for 2000 draws.
+#[derive(Default)]
+struct Draws(Mutex<u32>);
+
+impl Control for Draws {
+    fn report(&self, progress: &Progress) {
+        *self.0.lock().unwrap() += u32::from(progress.phase == packstone_engine::Phase::Rsa);
+    }
+
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+/// It went on for two minutes and 2 GB, for a packing that growth makes in 20 ms.
+#[test]
+fn a_search_near_saturation_gives_way_to_growth() {
+    let request = json!({
+        "specimen": cube(30.0, "periodic"),
+        "mix": {
+            "grading": {"type": "standard", "name": "A8"}, "d_min_mm": 4, "volume_fraction": 0.5,
+            "volume_fraction_of": "placed_grains", "allow_coarse": true,
+            "shape": {"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.5}},
+        },
+        "distance": {"type": "constant", "gap_mm": 0.1},
+    });
+    let request = PackingRequest::from_json(&request, 1).unwrap();
+    let draws = Draws::default();
+    let packing = pack(&request, &Limits::default(), &draws).unwrap();
+    assert!(packing.report.statistics.monte_carlo.is_some(), "random addition reached it");
+    let reports = *draws.0.lock().unwrap();
+    assert!(reports < 500, "{reports} times 2000 draws");
+}

@@ -12,7 +12,7 @@ use crate::gap::grain::ConvexShape;
 use crate::memory::{collected, copied, reserved};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
-use crate::methods::rsa_shapes::ShapeRsa;
+use crate::methods::rsa_shapes::{MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Solids, Statistics};
 use crate::plan::Plan;
@@ -88,15 +88,17 @@ fn place_shapes<S: ConvexShape>(
     let share = &Part::new(control, 0.0, PACKING_SHARE);
     match route(job.request, plan) {
         // A checkpoint shows that growth had begun.
-        Route::RsaThenMonteCarlo if resume.is_none() => match job.insert(None, share) {
-            Err(PackError::TargetNotReached(_)) => {
-                let rest = Part::new(control, share.reached(), PACKING_SHARE);
-                job.grow(MonteCarloStop::default(), None, &rest).map(after_rsa)
+        Route::RsaThenMonteCarlo if resume.is_none() => {
+            match job.insert(None, MOST_DRAWS_BEFORE_GROWTH, share) {
+                Err(PackError::TargetNotReached(_)) => {
+                    let rest = Part::new(control, share.reached(), PACKING_SHARE);
+                    job.grow(MonteCarloStop::default(), None, &rest).map(after_rsa)
+                }
+                other => other,
             }
-            other => other,
-        },
+        }
         Route::RsaThenMonteCarlo => job.grow(MonteCarloStop::default(), resume, share).map(after_rsa),
-        Route::Rsa { attempts_per_grain } => job.insert(attempts_per_grain, share),
+        Route::Rsa { attempts_per_grain } => job.insert(attempts_per_grain, MOST_DRAWS, share),
         Route::MonteCarlo(stop) => job.grow(stop, resume, share),
     }
 }
@@ -124,8 +126,13 @@ impl<S: ConvexShape> Job<'_, S> {
         Ok(Preference::new(self.request, &diameters))
     }
 
-    /// Random sequential addition.
-    fn insert(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
+    /// Random sequential addition, with a bound on the draws for a grain where the attempts have none.
+    fn insert(
+        &self,
+        attempts_per_grain: Option<u64>,
+        most_draws: u64,
+        control: &dyn Control,
+    ) -> Result<Placed, PackError> {
         let start = Instant::now();
         let orientation = self.request.mix.orientation;
         let rsa = ShapeRsa {
@@ -138,7 +145,7 @@ impl<S: ConvexShape> Job<'_, S> {
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
         let preference = self.preference()?;
         let mut rng = stream(self.request.seed, Stream::Rsa);
-        let outcome = rsa.run_with(preference.as_ref(), &mut rng, &control);
+        let outcome = rsa.run_with(preference.as_ref(), most_draws, &mut rng, &control);
         if outcome.end == End::Complete {
             return Ok(inserted((self.grains)(outcome.poses)?, outcome.statistics, start));
         }

@@ -32,7 +32,7 @@ use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::memory::{OutOfMemory, reserved};
 use crate::methods::rsa;
-use crate::methods::rsa_shapes::{Orientation, ShapeRsa};
+use crate::methods::rsa_shapes::{MOST_DRAWS, Orientation, ShapeRsa};
 use crate::mix::sphere_volume;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
@@ -240,7 +240,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 attempts_per_grain: Some(START_ATTEMPTS),
                 orientation: self.orientation,
             };
-            let outcome = rsa.run_with(self.preference, &mut rng, &control);
+            let outcome = rsa.run_with(self.preference, MOST_DRAWS, &mut rng, &control);
             statistics.attempts += outcome.statistics.attempts;
             statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
             statistics.voxels_tested += outcome.statistics.voxels_tested;

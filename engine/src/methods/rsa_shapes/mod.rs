@@ -63,7 +63,12 @@ const CROWDED_LEVEL: usize = 2;
 /// Failed draws after which voxels are split where a draw fails.
 const SPLIT_AFTER: u64 = 200;
 /// Most draws for one grain where the number of attempts is not limited: what voxels cannot prove must end somewhere.
-const MOST_DRAWS: u64 = 20_000_000;
+pub(crate) const MOST_DRAWS: u64 = 20_000_000;
+/// The same where a method follows that does not depend on chance. It is half a second; a grain that needs more is
+/// near saturation, and the grains after it need more still.
+pub(crate) const MOST_DRAWS_BEFORE_GROWTH: u64 = 100_000;
+/// Voxels beyond which none is split any more: 128 MiB of them. So many prove nothing within all draws.
+const MOST_VOXELS: usize = 1 << 23;
 /// Share of the lengths of a pair, and of the specimen, by which gaps are longer than requested, so that the check,
 /// which rounds differently, never sees a violation in the last digit.
 const ROUNDING_MARGIN: f64 = 1e-13;
@@ -107,6 +112,7 @@ struct Search {
     attempts: u64,
     failed: u64,
     limit: Option<u64>,
+    most_draws: u64,
 }
 
 enum Found<T> {
@@ -119,6 +125,7 @@ enum Found<T> {
 struct Run<'a, S: ConvexShape> {
     rsa: &'a ShapeRsa<'a, S>,
     preference: Option<&'a Preference>,
+    most_draws: u64,
     control: &'a dyn Control,
     poses: Vec<Pose>,
     inserted: Vec<Inserted<S::Turned>>,
@@ -143,13 +150,15 @@ pub(crate) struct Stage {
 impl<S: ConvexShape> ShapeRsa<'_, S> {
     /// Inserts the grains.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
-        self.run_with(None, rng, control)
+        self.run_with(None, MOST_DRAWS, rng, control)
     }
 
-    /// Inserts the grains; of several poses that are possible each prefers one.
+    /// Inserts the grains; of several poses that are possible each prefers one. At most so many draws are made for a
+    /// grain where the number of attempts is not limited.
     pub(crate) fn run_with(
         &self,
         preference: Option<&Preference>,
+        most_draws: u64,
         rng: &mut Xoshiro256PlusPlus,
         control: &dyn Control,
     ) -> Outcome {
@@ -165,6 +174,7 @@ impl<S: ConvexShape> ShapeRsa<'_, S> {
         let mut run = Run {
             rsa: self,
             preference,
+            most_draws,
             control,
             poses,
             inserted,
@@ -249,6 +259,7 @@ impl<S: ConvexShape> Run<'_, S> {
                 attempts: 0,
                 failed: 0,
                 limit: rsa.attempts_per_grain,
+                most_draws: self.most_draws,
             };
             let found = loop {
                 match (self.try_once(&mut search, &mut voxels, &grid, rng)?, self.preference) {
@@ -349,7 +360,7 @@ impl<S: ConvexShape> Run<'_, S> {
         search.failed += 1;
         let dropped = blocked_by
             .is_some_and(|(grain, shift)| voxels.drop_if_covered(&draw, &self.inserted[grain], shift));
-        if !dropped && search.failed > SPLIT_AFTER {
+        if !dropped && search.failed > SPLIT_AFTER && voxels.len() < MOST_VOXELS {
             voxels.split(&draw, grid, &self.inserted, &mut self.statistics.voxels_tested)?;
         }
         Ok(Found::NotYet)
@@ -416,7 +427,7 @@ impl Search {
     fn count(&mut self, volume_mm3: f64, rng: &mut Xoshiro256PlusPlus) -> bool {
         let Some(limit) = self.limit else {
             self.attempts += 1;
-            return self.attempts > MOST_DRAWS;
+            return self.attempts > self.most_draws;
         };
         let p = volume_mm3 / self.region_mm3;
         if p < 1.0 {

@@ -103,6 +103,11 @@ impl Voxels {
         Ok(())
     }
 
+    /// Number of the voxels.
+    pub(super) fn len(&self) -> usize {
+        self.levels.iter().map(Vec::len).sum()
+    }
+
     /// Volume of the voxels in mm³.
     #[inline(always)]
     pub(super) fn volume_mm3(&self) -> f64 {
