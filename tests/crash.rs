@@ -86,10 +86,7 @@ async fn survive(kills: usize, seed: u64) {
 /// The same with the server and two workers in other processes, each of which may be killed at any moment.
 async fn survive_elsewhere(kills: usize, seed: u64) {
     let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
-    let launch = || {
-        let short = Launch::new(&data_dir).workers(0).env("PACKSTONE_LEASE_S", "2");
-        short.env("PACKSTONE_SWEEP_INTERVAL_S", "0.2")
-    };
+    let launch = || Launch::new(&data_dir).workers(0).env("PACKSTONE_LEASE_S", "2");
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut known = Known::default();
     let mut server = launch().start().await;

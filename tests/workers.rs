@@ -17,7 +17,7 @@ async fn server(data_dir: &DataDir) -> Server {
 }
 
 fn launch(data_dir: &DataDir) -> Launch {
-    Launch::new(data_dir).workers(0).env("PACKSTONE_LEASE_S", "3").env("PACKSTONE_SWEEP_INTERVAL_S", "0.3")
+    Launch::new(data_dir).workers(0).env("PACKSTONE_LEASE_S", "3")
 }
 
 /// Starts a worker of a server.

@@ -73,6 +73,35 @@ pub(crate) async fn run(
     }
 }
 
+/// Takes back the jobs whose lease ran out, as often as leases are renewed, until the server stops: a job of a machine
+/// that died does not wait for the next sweep.
+pub(crate) async fn take_back(store: Store, checkpoints: Checkpoints, shutdown: CancellationToken) {
+    let mut tick = interval(store.renew_every());
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            _ = tick.tick() => {}
+            () = shutdown.cancelled() => return,
+        }
+        match take_back_expired(&store, &checkpoints).await {
+            Ok(0) => {}
+            Ok(jobs) => tracing::warn!(jobs, "leases ran out; the jobs wait for other workers"),
+            Err(error) => tracing::error!(%error, "leases that ran out were not taken back"),
+        }
+    }
+}
+
+/// How many jobs were taken back.
+async fn take_back_expired(store: &Store, checkpoints: &Checkpoints) -> Result<usize, SweepError> {
+    // A look that costs no write, in most cases.
+    if !store.has_expired_leases().await? {
+        return Ok(0);
+    }
+    let checkpoints = checkpoints.clone();
+    let kept = tasks::blocking(move || checkpoints.kept()).await??;
+    Ok(store.reclaim_expired_leases(kept).await?)
+}
+
 /// One sweep.
 ///
 /// # Errors
@@ -83,12 +112,8 @@ pub(crate) async fn sweep(
     checkpoints: &Checkpoints,
     quarantine_days: u32,
 ) -> Result<Swept, SweepError> {
-    let kept = tasks::blocking({
-        let checkpoints = checkpoints.clone();
-        move || checkpoints.kept()
-    })
-    .await??;
-    let mut swept = Swept { reclaimed: store.reclaim_expired_leases(kept).await?, ..Swept::default() };
+    let reclaimed = take_back_expired(store, checkpoints).await?;
+    let mut swept = Swept { reclaimed, ..Swept::default() };
     while let Some(removed) = store.remove_expired_study().await? {
         swept.expired += 1;
         remove_all(artifacts, removed).await?;

@@ -93,8 +93,9 @@ fn quadratic((shape, pose): (&Ellipsoid, &Pose), p: [f64; 3]) -> f64 {
     local.component_div(&shape.semi_axes_mm()).norm_squared()
 }
 
-/// Polyhedra are closed, turned outwards and convex, keep clear of all other ellipsoids and of the walls, and the plane
-/// that parts a pair parts their polyhedra with half of the gap between them.
+/// Polyhedra are closed, turned outwards and convex but for what the correction of the volume moves, and keep clear of
+/// all other ellipsoids and of the walls. The plane that parts a pair parts their polyhedra with half of the gap
+/// between them.
 fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &SurfaceReport) {
     let rows: Vec<(&Ellipsoid, &Pose)> =
         grains.shapes.iter().map(|shape| shape.ellipsoid().unwrap()).zip(&grains.poses).collect();
@@ -106,13 +107,21 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
         let center = bodies[row].center_mm;
         let from = |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|a| p[a] - q[a]);
         let longest = bodies[row].outer_mm;
+        // What the correction of the volume moves outwards, but for points that would come too close to another grain:
+        // so much deeper may these lie than their neighbours.
+        let outside = |p: &[f64; 3]| longest * (quadratic(rows[row], *p).sqrt() - 1.0);
+        let outside_mm = points.iter().map(outside).fold(0.0, f64::max);
         for corners in triangles {
             let [a, b, c] = corners.map(|p| points[p as usize]);
             let normal = surface::cross(from(b, a), from(c, a));
             sum += surface::dot(from(a, center), normal) / 6.0;
             let above =
                 points.iter().map(|p| surface::dot(normal, from(*p, a))).fold(f64::NEG_INFINITY, f64::max);
-            assert!(above < 1e-4 * longest.powi(3), "{row}: a vertex lies {above} above a triangle");
+            let height_mm = above / surface::dot(normal, normal).sqrt();
+            assert!(
+                height_mm <= outside_mm + 1e-9 * longest,
+                "{row}: a vertex lies {height_mm} mm above a triangle, {outside_mm}"
+            );
         }
         for p in points {
             let inside = match *specimen {

@@ -11,7 +11,7 @@ use axum::response::{IntoResponse as _, Response};
 
 use super::{LeasePath, lost, running, upload};
 use crate::accounts::Caller;
-use crate::disk::is_full;
+use crate::disk::{Disk, is_full};
 use crate::http::app::App;
 use crate::http::files::send_file;
 use crate::http::params::{NoParameters, Query};
@@ -89,7 +89,7 @@ pub(crate) async fn put(
         checkpoints.remove(&id, path.attempt - 1);
         Ok(())
     });
-    kept.await?.map_err(|error| of_disk(&error, |error| disk.note_failure(error)))?;
+    kept.await?.map_err(|error| of_disk(&error, &disk))?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 
@@ -103,10 +103,13 @@ pub(super) fn check_length(headers: &HeaderMap, room: u64) -> Result<(), Problem
     Ok(())
 }
 
-/// A file that the disk does not take.
-pub(super) fn of_disk(error: &io::Error, note: impl FnOnce(&io::Error)) -> Problem {
+/// A file that the disk, or a quota of the owner, does not take.
+pub(super) fn of_disk(error: &io::Error, disk: &Disk) -> Problem {
     tracing::warn!(%error, "a file of a worker was not kept");
-    note(error);
+    // A quota of the owner says nothing about the disk.
+    if error.kind() != io::ErrorKind::QuotaExceeded {
+        disk.note_failure(error);
+    }
     if is_full(error) {
         return no_room();
     }

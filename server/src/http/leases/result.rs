@@ -68,7 +68,7 @@ pub(crate) async fn put(
     });
     let (received, place) = received.await?;
     let received = received.map_err(|error| match error {
-        ReceiveError::Io(error) => of_disk(&error, |error| disk.note_failure(error)),
+        ReceiveError::Io(error) => of_disk(&error, &disk),
         other => Problem::parameters(vec![Fault::parameter("sha256", other.to_string())]),
     })?;
     let postprocess = JobRequest::read(&request, 0, None).map_err(Failure::invalid)?.postprocess;

@@ -75,6 +75,15 @@ impl Store {
         self.reclaim(now_us(), checkpoints).await
     }
 
+    /// Whether a job runs whose lease ran out.
+    pub(crate) async fn has_expired_leases(&self) -> Result<bool, StoreError> {
+        let row = sqlx::query("select 1 from jobs where state = 'running' and lease_expires_at <= ? limit 1")
+            .bind(now_us())
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
     /// An attempt that has written a checkpoint has come further than the one before and does not count.
     async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
