@@ -36,8 +36,18 @@ pub(crate) enum ClientError {
     Request(#[from] axum::http::Error),
     /// This build has no TLS.
     #[cfg(not(feature = "tls"))]
-    #[error("https needs a build with TLS: `cargo install --path server --features tls`")]
+    #[error("{NO_TLS}")]
     NoTls,
+}
+
+/// Why `https` is refused by a build without the feature `tls`.
+const NO_TLS: &str = "https needs a build with TLS: `cargo install --path server --features tls`";
+
+impl ClientError {
+    /// Why a URL is refused by a build without TLS.
+    pub(crate) fn no_tls(url: &str) -> String {
+        format!("{url:?}: {NO_TLS}")
+    }
 }
 
 /// Where requests go: scheme, host and port of a URL.

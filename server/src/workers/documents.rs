@@ -2,6 +2,7 @@
 //!
 //! A server leases to its own build only, so that both sides are always of one version.
 
+use packstone_engine::request::decode::MAX_FAULTS;
 use packstone_engine::{FieldError, Limits};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -190,7 +191,32 @@ impl Checked for RenewalRequest {
             let detail = format!("has {found} entries: must have at most {MAX_RENEWALS}");
             return vec![FieldError::new("/renewals", detail)];
         }
-        Vec::new()
+        let mut faults = Vec::new();
+        for (index, renewal) in self.renewals.iter().enumerate() {
+            let mut fault = |member: &str, detail: String| {
+                if faults.len() < MAX_FAULTS {
+                    faults.push(FieldError::new(format!("/renewals/{index}/{member}"), detail));
+                }
+            };
+            if renewal.attempt < 1 {
+                fault("attempt", format!("{} is out of range: must be at least 1", renewal.attempt));
+            }
+            let Some(progress) = &renewal.progress else { continue };
+            if !(0.0..=1.0).contains(&progress.fraction) {
+                let detail = format!("{} is out of range: must be from 0 to 1", progress.fraction);
+                fault("progress/fraction", detail);
+            }
+            let events = progress.growth.map_or(0, |growth| growth.events);
+            for (member, count) in
+                [("done", progress.done), ("total", progress.total), ("growth/events", events)]
+            {
+                if i64::try_from(count).is_err() {
+                    let detail = format!("{count} is out of range: must be at most {}", i64::MAX);
+                    fault(&format!("progress/{member}"), detail);
+                }
+            }
+        }
+        faults
     }
 }
 
@@ -315,6 +341,23 @@ mod tests {
         assert!(RenewalRequest::read(renewal(json!(1))).is_ok());
         let faults = RenewalRequest::read(renewal(json!("1"))).expect_err("a faulty renewal");
         assert_eq!(faults[0].pointer, "/renewals/0/attempt");
+        let progress = |member: &str, value: Value| {
+            let mut progress = json!({
+                "fraction": 0.5, "phase": "edmd", "done": 1, "total": 2, "unit": "events", "message": "",
+                "eta_s": null,
+            });
+            progress[member] = value;
+            json!({"renewals": [{"job": JobId::new(), "attempt": 1, "progress": progress}]})
+        };
+        assert!(RenewalRequest::read(progress("done", json!(2))).is_ok());
+        for (request, pointer) in [
+            (renewal(json!(0)), "/renewals/0/attempt"),
+            (progress("fraction", json!(1.5)), "/renewals/0/progress/fraction"),
+            (progress("total", json!(1_u64 << 63)), "/renewals/0/progress/total"),
+        ] {
+            let faults = RenewalRequest::read(request).expect_err("a value out of its bounds");
+            assert_eq!(faults[0].pointer, pointer, "{faults:?}");
+        }
         for (end, is_read) in [
             (json!({"outcome": "released"}), true),
             (json!({"outcome": "failed"}), false),
