@@ -178,8 +178,8 @@ pub(crate) struct RenewalDocument {
     /// Number of the attempt.
     #[schema(minimum = 1)]
     pub(crate) attempt: i64,
-    /// How far the run is, where that is news.
-    #[schema(required = false)]
+    /// How far the run is, where that is news; as `progress` of a job shows it.
+    #[schema(value_type = Option<Object>, required = false)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) progress: Option<JobProgress>,
 }
