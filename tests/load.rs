@@ -4,12 +4,13 @@
 //! cargo test --release -p packstone-server --test e2e load:: -- --ignored --nocapture --test-threads 1
 //! ```
 
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use futures_util::future::join_all;
 use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Launch, RawConnection, Running, Server, id_of, jobs, packstone};
+use crate::harness::{Client, DataDir, Launch, RawConnection, Server, id_of, jobs, packstone};
 
 /// Times of one kind of request.
 struct Times(Vec<Duration>);
@@ -471,17 +472,22 @@ async fn jobs_of_one_grain_here_and_there() {
         let client = server.client();
         let url = format!("http://{}", server.address());
         let slots = slots.to_string();
-        let worker =
-            there.then(|| Running::spawn(folder.path(), &["worker", "--server", &url, "--slots", &slots]));
+        // Its log would fill a pipe that nobody reads.
+        let worker = there.then(|| {
+            let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_packstone"));
+            command.args(["worker", "--server", &url, "--slots", &slots]).current_dir(folder.path());
+            command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+            command.spawn().expect("a worker")
+        });
         let start = Instant::now();
         let study = client.submit_study(&study_of(&least_job(), 3000)).await;
         client.study_finished(id_of(&study)).await;
         let took = start.elapsed().as_secs_f64();
         let place = if there { "in another process" } else { "in the server" };
         println!("| 3000 jobs of one grain, {slots} slots {place} | {:.0} jobs/s |", 3000.0 / took);
-        if let Some(worker) = worker {
-            worker.signal(rustix::process::Signal::TERM);
-            worker.ended().await;
+        if let Some(mut worker) = worker {
+            worker.kill().unwrap();
+            worker.wait().unwrap();
         }
         server.stop().await;
     }
