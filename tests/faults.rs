@@ -184,19 +184,30 @@ async fn jobs_can_be_deleted_on_a_full_disk() {
 
 #[tokio::test]
 async fn a_study_goes_on_after_a_full_disk() {
-    let Some(disk) = SmallDisk::mounted(12 << 20) else { return };
-    let server = Launch::new(&disk.data_dir).workers(2).start().await;
-    let client = server.client();
-    // Eight megabytes of results, of which half find room beside the filler.
+    let Some(disk) = SmallDisk::mounted(24 << 20) else { return };
+    let start =
+        |workers| Launch::new(&disk.data_dir).workers(workers).args(&["--min-free-bytes", "5000000"]).start();
+    // It is accepted while there is space, and starts when not half of its eight megabytes of results find room.
+    let server = start(0).await;
     let mut template = jobs::equal_spheres(10_000, 1);
     template.as_object_mut().unwrap().remove("seed");
     let study = json!({"template": template, "replicates": 24});
-    let study = client.post("/v1/studies").json(&study).send().await.expect(201).json();
+    let study = server.client().post("/v1/studies").json(&study).send().await.expect(201).json();
     let path = format!("/v1/studies/{}", id_of(&study));
-    fs::write(disk.filler(), vec![7; 7 << 20]).unwrap();
+    server.stop().await;
+    fs::write(disk.filler(), vec![7; 16 << 20]).unwrap();
+    let server = start(2).await;
+    let client = server.client();
+    patiently("jobs to wait for room", async {
+        while !server.log().contains("pause_s=10") {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    })
+    .await;
+    // Nothing more can be written at all now, not even that a job is leased.
+    disk.fill();
     patiently("the disk to be full", async {
-        // A result cannot be written, or a job cannot be leased: which of the two meets the full disk first is chance.
-        while !["trying again", "disk is full"].iter().any(|fault| server.log().contains(fault)) {
+        while !server.log().contains("disk is full") {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
     })
@@ -204,6 +215,8 @@ async fn a_study_goes_on_after_a_full_disk() {
     disk.clear();
     let ended = client.get(&path).header("prefer", "wait=60").send().await.expect(200).json();
     assert_eq!(ended["counts"]["succeeded"], 24, "{ended:#}");
+    // The pauses did not last to their ends.
+    assert!(server.log().contains("there is room again: jobs wait no longer"), "{}", server.log());
     server.stop().await;
 }
 

@@ -39,8 +39,8 @@ use crate::workers::leases::Leases;
 /// seconds that init systems and container engines grant.
 const STOP_RUNS: Duration = Duration::from_secs(8);
 
-/// Time between two looks at the reserve of disk space.
-const RESERVE_EVERY: Duration = Duration::from_secs(1);
+/// Time between two looks at the room for results, and for the reserve of disk space.
+const ROOM_EVERY: Duration = Duration::from_secs(1);
 
 /// Why the service does not start.
 #[derive(Debug, thiserror::Error)]
@@ -256,7 +256,7 @@ async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_sec
     }
     let checkpoints = executor.checkpoints.clone();
     run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, executor.shutdown.clone())));
-    run(Box::pin(keep_reserve(here.store.clone(), executor.shutdown.clone())));
+    run(Box::pin(watch_room(here.clone(), executor.shutdown.clone())));
     let export_worker = ExportWorker {
         store: here.store,
         artifacts: executor.artifacts.clone(),
@@ -281,12 +281,17 @@ async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_sec
     }
 }
 
-/// Takes the reserve of disk space again, soon after a deletion has used it.
-async fn keep_reserve(store: Store, shutdown: CancellationToken) {
+/// Starts jobs that wait for room as soon as there is some, and takes the reserve of disk space again after a deletion
+/// has used it.
+async fn watch_room(here: Here, shutdown: CancellationToken) {
     loop {
         tokio::select! {
-            () = sleep(RESERVE_EVERY) => store.refill_reserve().await,
+            () = sleep(ROOM_EVERY) => {}
             () = shutdown.cancelled() => return,
+        }
+        here.store.refill_reserve().await;
+        if let Err(error) = here.storage.start_what_fits().await {
+            tracing::warn!(%error, "jobs that wait for room could not be started");
         }
     }
 }

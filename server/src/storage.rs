@@ -4,7 +4,7 @@
 //! before it runs, an export is watched while it is written.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::accounts::Accounts;
 use crate::disk::Disk;
@@ -22,6 +22,8 @@ pub(crate) struct Storage {
     disk: Disk,
     max_bytes: Option<u64>,
     accounts: Arc<Accounts>,
+    /// Owners of jobs that wait because their results would not fit, and the fewest bytes that one of them needs.
+    waiting: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
 /// More than may be stored.
@@ -61,7 +63,7 @@ impl std::fmt::Display for NoRoom {
 impl Storage {
     /// The bounds of a service: `max_bytes` in all, and the quotas of the owners.
     pub(crate) fn new(store: Store, disk: Disk, max_bytes: Option<u64>, accounts: Arc<Accounts>) -> Self {
-        Self { store, disk, max_bytes, accounts }
+        Self { store, disk, max_bytes, accounts, waiting: Arc::default() }
     }
 
     /// Bytes that a result of so many grains takes.
@@ -91,6 +93,44 @@ impl Storage {
             }
         }
         Ok(least)
+    }
+
+    /// Notes that a job of this owner waits for room for so many bytes.
+    pub(crate) fn wait_for_room(&self, owner: String, bytes: u64) {
+        self.waiting().entry(owner).and_modify(|least| *least = bytes.min(*least)).or_insert(bytes);
+    }
+
+    /// Lets jobs start that wait for room, where there is room for the smallest result of their owner. Those that
+    /// still do not fit wait again, and are noted again, for more room than there is: so each change of the room costs
+    /// them one try. While jobs wait, the space of the write-ahead log of the database is given back.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn start_what_fits(&self) -> Result<(), StoreError> {
+        let waiting = self.waiting().clone();
+        if !waiting.is_empty() {
+            self.store.shrink_log().await;
+        }
+        for (owner, bytes) in waiting {
+            if fits(bytes, self.room(&owner).await?).is_err() {
+                continue;
+            }
+            // Before the jobs may start: what is noted from now on stays.
+            self.waiting().remove(&owner);
+            match self.store.end_pauses(owner.clone()).await {
+                Ok(jobs) => tracing::info!(jobs, owner, "there is room again: jobs wait no longer"),
+                Err(error) => {
+                    self.wait_for_room(owner, bytes);
+                    return Err(error);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// One who panicked cannot have left it half-changed.
+    fn waiting(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Bytes that the cache may hold beside what is stored, at most `most`.

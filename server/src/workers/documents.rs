@@ -282,6 +282,10 @@ pub(crate) struct EndRequest {
     #[schema(value_type = Option<Object>, required = false)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) facts: Option<Facts>,
+    /// Bytes for which the server has no room, with `faulted`: the job goes on as soon as there are so many.
+    #[schema(value_type = Option<u64>, maximum = 9_223_372_036_854_775_807_u64, required = false)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) needed_bytes: Option<u64>,
 }
 
 /// How an attempt ended.
@@ -300,18 +304,27 @@ pub(crate) enum EndOutcome {
 
 impl Checked for EndRequest {
     fn faults(&self) -> Vec<FieldError> {
+        let mut faults = Vec::new();
         match (self.outcome, &self.failure) {
             (EndOutcome::Failed, None) => {
-                vec![FieldError::new("/failure", "is missing: a failed job must have one")]
+                faults.push(FieldError::new("/failure", "is missing: a failed job must have one"));
             }
-            (EndOutcome::Failed, Some(_)) | (_, None) => Vec::new(),
+            (EndOutcome::Failed, Some(_)) | (_, None) => {}
             (_, Some(_)) => {
-                vec![FieldError::new(
-                    "/failure",
-                    "is of no use: must be absent unless the outcome is `failed`",
-                )]
+                let detail = "is of no use: must be absent unless the outcome is `failed`";
+                faults.push(FieldError::new("/failure", detail));
             }
         }
+        if let Some(bytes) = self.needed_bytes {
+            if self.outcome != EndOutcome::Faulted {
+                let detail = "is of no use: must be absent unless the outcome is `faulted`";
+                faults.push(FieldError::new("/needed_bytes", detail));
+            } else if i64::try_from(bytes).is_err() {
+                let detail = format!("{bytes} is out of range: must be at most {}", i64::MAX);
+                faults.push(FieldError::new("/needed_bytes", detail));
+            }
+        }
+        faults
     }
 }
 
@@ -364,6 +377,9 @@ mod tests {
             (json!({"outcome": "failed", "failure": {"code": "timed-out", "detail": "x"}}), true),
             (json!({"outcome": "cancelled", "failure": {"code": "timed-out", "detail": "x"}}), false),
             (json!({"outcome": "ended"}), false),
+            (json!({"outcome": "faulted", "needed_bytes": 336_383}), true),
+            (json!({"outcome": "faulted", "needed_bytes": 1_u64 << 63}), false),
+            (json!({"outcome": "released", "needed_bytes": 1}), false),
         ] {
             assert_eq!(EndRequest::read(end.clone()).is_ok(), is_read, "{end}");
         }

@@ -18,7 +18,18 @@ pub(crate) enum End {
     Stopped(Stop),
     Failed(FailedRun),
     /// A fault of the machine kept the result from being stored.
-    Faulted,
+    Faulted(Cause),
+}
+
+/// Which fault of the machine a run met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cause {
+    /// A result of so many bytes would not fit into the room that the source of the job told of.
+    NoRoom(u64),
+    /// A result of so many bytes could not be written to the disk of this process.
+    NotWritten(u64),
+    /// Another.
+    Other,
 }
 
 /// What a run left on disk, and what is known of it.
@@ -59,7 +70,7 @@ pub(crate) enum Told<'a> {
     /// The process stops: the job goes back to the queue.
     Released,
     /// The job goes back to the queue, for a fault of the machine.
-    Faulted,
+    Faulted(Cause),
     /// Nothing: the job is another attempt's.
     Nothing,
 }
@@ -73,7 +84,7 @@ impl End {
             Self::Stopped(Stop::Cancelled) => "cancelled",
             Self::Stopped(Stop::Shutdown) => "given_back",
             Self::Stopped(Stop::LeaseLost) => "lease_lost",
-            Self::Faulted => "requeued",
+            Self::Faulted(_) => "requeued",
         }
     }
 
@@ -96,7 +107,7 @@ impl End {
                 Told::Failed(failure, Facts { time_s, ..Facts::default() })
             }
             Self::Stopped(Stop::Shutdown) => Told::Released,
-            Self::Faulted => Told::Faulted,
+            Self::Faulted(cause) => Told::Faulted(*cause),
             Self::Stopped(Stop::LeaseLost) => Told::Nothing,
         }
     }

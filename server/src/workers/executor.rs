@@ -18,7 +18,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
 use super::control::{RunControl, Stop};
-use super::ending::{End, FailedRun, Run, Stored};
+use super::ending::{Cause, End, FailedRun, Run, Stored};
 use super::leases::{LeaseError, Leases, Work};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
@@ -201,11 +201,10 @@ impl Executor {
         })?;
         let request = JobRequest::read(&stored, 0, None).map_err(Failure::invalid)?;
         let (request, postprocess) = (request.packing(), request.postprocess);
-        if let Ok(plan) = Plan::new(&request, &work.limits)
-            && let Err(no_room) = fits(Storage::bytes_of_result(plan.grains), work.room)
-        {
+        let bytes = Plan::new(&request, &work.limits).map_or(0, |plan| Storage::bytes_of_result(plan.grains));
+        if let Err(no_room) = fits(bytes, work.room) {
             tracing::warn!(%no_room, "the result would not fit; the job waits");
-            return Ok(End::Faulted);
+            return Ok(End::Faulted(Cause::NoRoom(bytes)));
         }
         let resume = self.checkpoints.resume(&work.lease.id.to_string(), &request);
         if resume.is_some() {
@@ -216,7 +215,7 @@ impl Executor {
             // Another run may have taken the memory; what never finds it is at fault itself.
             Err(error @ PackError::OutOfMemory { .. }) if work.faults < MEMORY_FAULTS => {
                 tracing::warn!(%error, "the run found no memory");
-                return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
+                return Ok(control.stopped().map_or(End::Faulted(Cause::Other), End::Stopped));
             }
             Err(error) => {
                 if let PackError::CheckFailed(what) = &error {
@@ -248,7 +247,7 @@ impl Executor {
         };
         let place = self.artifacts.begin(&work.lease.id.to_string(), work.lease.attempt);
         let Some(artifact) = self.write(&place, &head, &packed.grains, control) else {
-            return Ok(control.stopped().map_or(End::Faulted, End::Stopped));
+            return Ok(control.stopped().map_or(End::Faulted(Cause::NotWritten(bytes)), End::Stopped));
         };
         let postprocess =
             postprocess.items().iter().map(|(_, item)| NewExport::new(item, &artifact.sha256)).collect();
@@ -287,7 +286,7 @@ impl Executor {
                 Ok(()) => {
                     tracing::info!(outcome = end.name(), took_s = run.took.as_secs_f64(), "ended");
                     self.metrics.job_ended(end.name(), run.took);
-                    if !matches!(end, End::Stopped(Stop::Shutdown) | End::Faulted) {
+                    if !matches!(end, End::Stopped(Stop::Shutdown) | End::Faulted(_)) {
                         self.remove_checkpoints(lease).await;
                     }
                     return;

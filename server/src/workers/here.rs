@@ -3,7 +3,7 @@
 use packstone_engine::Limits;
 use tokio_util::sync::CancellationToken;
 
-use super::ending::{Told, complete};
+use super::ending::{Cause, Told, complete};
 use super::leases::{LeaseError, Work};
 use crate::jobs::Lease;
 use crate::jobs::store::Store;
@@ -53,7 +53,12 @@ impl Here {
             Told::Failed(failure, facts) => self.store.fail(lease, &failure, facts).await?,
             Told::Cancelled => self.store.finish_cancelled(lease).await?,
             Told::Released => self.store.give_back(lease).await?,
-            Told::Faulted => self.store.requeue_after_fault(lease).await?,
+            Told::Faulted(cause) => {
+                let owner = self.store.requeue_after_fault(lease).await?;
+                if let Cause::NoRoom(bytes) | Cause::NotWritten(bytes) = cause {
+                    self.storage.wait_for_room(owner, bytes);
+                }
+            }
             Told::Nothing => return Err(LeaseError::Lost),
         }
         Ok(())

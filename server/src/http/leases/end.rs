@@ -44,7 +44,14 @@ pub(crate) async fn end(
         }
         (EndOutcome::Cancelled, _) => ("cancelled", store.finish_cancelled(lease).await),
         (EndOutcome::Released, _) => ("given_back", store.give_back(lease).await),
-        (EndOutcome::Faulted | EndOutcome::Failed, _) => ("requeued", store.requeue_after_fault(lease).await),
+        (EndOutcome::Faulted | EndOutcome::Failed, _) => {
+            let requeued = store.requeue_after_fault(lease).await.map(|owner| {
+                if let Some(bytes) = request.needed_bytes {
+                    app.shared.storage.wait_for_room(owner, bytes);
+                }
+            });
+            ("requeued", requeued)
+        }
     };
     ended.map_err(refused)?;
     note_end(&app, path, outcome, job.and_then(|job| job.started_at));

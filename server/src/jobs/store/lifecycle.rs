@@ -236,27 +236,26 @@ impl Store {
     }
 
     /// Requeues a job that met a fault of the machine. The attempt does not count, as in [`Self::give_back`]; the next
-    /// one starts after a pause that doubles with each fault.
+    /// one starts after a pause that doubles with each fault, or when [`Self::end_pauses`] ends it. Returns the owner.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
-    pub(crate) async fn requeue_after_fault(&self, lease: Lease) -> Result<(), StoreError> {
+    pub(crate) async fn requeue_after_fault(&self, lease: Lease) -> Result<String, StoreError> {
         let store = self.clone();
-        let pause = self.detached(async move {
+        let (pause, owner) = self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let now = now_us();
-            let faults: i64 = sqlx::query(
+            let row = sqlx::query(
                 "update jobs set faults = faults + 1 where seq = ? and attempt = ? and state = 'running'
-                 returning faults",
+                 returning faults, owner",
             )
             .bind(lease.seq)
             .bind(lease.attempt)
             .fetch_optional(&mut *tx)
             .await?
-            .ok_or(StoreError::LeaseLost)?
-            .try_get("faults")?;
-            let pause = fault_pause(faults);
+            .ok_or(StoreError::LeaseLost)?;
+            let pause = fault_pause(row.try_get("faults")?);
             sqlx::query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1, lease_expires_at = null,
                      started_at = null, progress = null, not_before = ?2,
@@ -272,12 +271,37 @@ impl Store {
             drop(writer);
             store.notify_lease(lease);
             store.wake_worker_for_held_back();
-            Ok(pause)
+            Ok((pause, row.try_get("owner")?))
         })
         .await?;
         tracing::warn!(pause_s = pause.as_secs(), "a fault of the machine: the job is requeued");
         self.wake_worker_after(pause);
-        Ok(())
+        Ok(owner)
+    }
+
+    /// Ends the pauses of the jobs of an owner that met faults of the machine; how many they were.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn end_pauses(&self, owner: String) -> Result<u64, StoreError> {
+        let store = self.clone();
+        self.detached(async move {
+            let mut writer = store.quick_writer().await?;
+            let ended = sqlx::query(
+                "update jobs set not_before = null where state = 'queued' and owner = ? and not_before > ?",
+            )
+            .bind(owner)
+            .bind(now_us())
+            .execute(&mut *writer)
+            .await?
+            .rows_affected();
+            drop(writer);
+            if ended > 0 {
+                store.wake_worker();
+            }
+            Ok(ended)
+        })
+        .await
     }
 
     async fn leave_running(

@@ -303,6 +303,11 @@ impl Store {
     pub(crate) async fn close(&self) {
         self.shared.readers.close().await;
         // The connection itself closes with the last clone; what is not folded in is folded in later.
+        self.shrink_log().await;
+    }
+
+    /// Folds the write-ahead log into the file, and gives its space back to the file system.
+    pub(crate) async fn shrink_log(&self) {
         if let Err(error) = self.shared.writer.fold_log().await {
             tracing::warn!(%error, "the write-ahead log was not folded in");
         }
@@ -314,9 +319,7 @@ impl Store {
             return;
         }
         // The log that the deletion wrote lies in the space of the reserve.
-        if let Err(error) = self.shared.writer.fold_log().await {
-            tracing::warn!(%error, "the write-ahead log was not folded in");
-        }
+        self.shrink_log().await;
         let reserve = self.shared.reserve.clone();
         // A panic in there is logged by the hook; the next call tries again.
         let _ = tasks::blocking(move || reserve.refill()).await;

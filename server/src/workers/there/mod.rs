@@ -25,7 +25,7 @@ use super::documents::{
     BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, RenewalDocument,
     RenewalRequest, RenewalsDocument,
 };
-use super::ending::Told;
+use super::ending::{Cause, Told};
 use super::leases::{CLAIM_WAIT, LeaseError, Work};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
@@ -288,7 +288,10 @@ impl There {
             outcome,
             failure,
             facts,
+            needed_bytes: None,
         };
+        let no_room =
+            |bytes: u64| EndRequest { needed_bytes: Some(bytes), ..end(EndOutcome::Faulted, None, None) };
         let document = match told {
             Told::Succeeded(stored) => {
                 let file = self.shared.artifacts.path_of(&stored.artifact);
@@ -304,14 +307,15 @@ impl There {
                     }) => {
                         tracing::warn!(detail, "the server has no room for the result; the job waits");
                         self.remove_sent(&stored.artifact.path);
-                        end(EndOutcome::Faulted, None, None)
+                        no_room(stored.artifact.bytes)
                     }
                     Err(error) => return Err(error),
                 }
             }
             Told::Failed(failure, facts) => end(EndOutcome::Failed, Some(failure), Some(facts)),
             Told::Cancelled => end(EndOutcome::Cancelled, None, None),
-            Told::Faulted => end(EndOutcome::Faulted, None, None),
+            Told::Faulted(Cause::NoRoom(bytes)) => no_room(bytes),
+            Told::Faulted(Cause::NotWritten(_) | Cause::Other) => end(EndOutcome::Faulted, None, None),
             Told::Released => {
                 if let Some(file) = self.shared.checkpoints.kept_by(&lease.id.to_string(), lease.attempt)? {
                     self.send_checkpoint(lease, &file).await?;
