@@ -29,6 +29,8 @@ SHAPES = {
 }
 HXT = 10
 FLAT_BELOW = 0.03
+# Exit code of a packing that jams before its target.
+NOT_REACHED = 4
 
 
 def job(shape, seed):
@@ -74,7 +76,11 @@ def main(packstone, seeds="1", *names):
                 with open(f"{folder}/job.json", "w") as file:
                     json.dump(job(SHAPES[name], seed), file)
                 command = [packstone, "run", "job.json", "--out", "made", "--export", "mesh:format=msh"]
-                subprocess.run(command, cwd=folder, check=True, capture_output=True)
+                run = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+                if run.returncode == NOT_REACHED:
+                    print(f"{name}, seed {seed}: {run.stderr.splitlines()[-1]}")
+                    continue
+                run.check_returncode()
                 matrix, grains, took = fill(f"{folder}/made/result.msh")
             parts = [
                 f"{part} {np.min(of):.3f} ({np.sum(of < FLAT_BELOW)} of {len(of)} below {FLAT_BELOW})"

@@ -206,7 +206,9 @@ async fn pilots_pack_the_jobs_of_a_server_and_hand_them_on() {
         assert_eq!(submitted.code, Some(0), "{submitted:?}");
         submitted.stdout.trim().to_owned()
     };
-    let submitted = client.submit(&jobs::growth()).await;
+    // Some seconds more than growth takes in the smaller cube.
+    let long = jobs::with(jobs::growth(), "/specimen/size_mm", json!([110, 110, 110]));
+    let submitted = client.submit(&long).await;
     let id = id_of(&submitted);
     let first = array("--array=0").await;
     client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;

@@ -1,6 +1,6 @@
 """Renders the picture of docs/delaunay.md:
 
-    cargo run --release -p packstone-engine --example delaunay print 1200 | python delaunay.py OUT.png
+    cargo run --release -p packstone-engine --features examples --example delaunay print 1200 | python delaunay.py OUT.png
 
 Needs the wheels `numpy` and `vtk`. Whole tetrahedra are left out where the corner is cut away; what the cut shows is coloured by
 the distance of the tetrahedron from the surface, the hull is pale.

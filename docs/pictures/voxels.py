@@ -1,6 +1,6 @@
 """Makes the pictures of docs/voxels.md: python voxels.py DIRECTORY OUT
 
-DIRECTORY has the files that `cargo run --release -p packstone-engine --example voxels DIRECTORY` wrote, of which
+DIRECTORY has the files that `cargo run --release -p packstone-engine --features examples --example voxels DIRECTORY` wrote, of which
 voxels.vti and slice-apart-0.5.geo are read. voxels.png and slice-mesh.png are written to OUT. Needs the wheels `vtk`,
 `gmsh`, `matplotlib`, `pillow`.
 """

@@ -1,5 +1,5 @@
 //! Measures the Delaunay tetrahedralisation:
-//! `cargo run --release -p packstone-engine --example delaunay [POINTS [CASE]]`, or prints one for
+//! `cargo run --release -p packstone-engine --features examples --example delaunay [POINTS [CASE]]`, or prints one for
 //! `docs/pictures/delaunay.py`: `... --example delaunay print POINTS`.
 #![allow(clippy::unwrap_used)]
 

@@ -1,6 +1,6 @@
 //! How far sizes are apart by strength of the gradient and method: the table of `docs/gradient.md`.
 //!
-//! `cargo run --release -p packstone-engine --example gradient [DIR]`; with a folder, the packings of its picture
+//! `cargo run --release -p packstone-engine --features examples --example gradient [DIR]`; with a folder, the packings of its picture
 //! are written there as CSV.
 
 use std::error::Error;

@@ -1,7 +1,7 @@
 //! Packs a mix, makes its lattice, writes all files, and says how long each took and
 //! what the checks found:
 //!
-//!     cargo run --release -p packstone-engine --example lattice -- edge=200 [KEY=VALUE ...]
+//!     cargo run --release -p packstone-engine --features examples --example lattice -- edge=200 [KEY=VALUE ...]
 //!
 //! A Fuller mix of 2 to 16 mm, 60 % by volume, in a cube of that edge or, with `shape=cylinder`, in a cylinder of that
 //! diameter and twice its height. Grains keep the clearance that the documentation recommends, or none with

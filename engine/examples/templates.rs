@@ -1,5 +1,5 @@
 //! What drawing and measuring the templates of angular grains takes, each the least of some repetitions in ms, and what
-//! they are like: `cargo run --release -p packstone-engine --example templates`.
+//! they are like: `cargo run --release -p packstone-engine --features examples --example templates`.
 
 use std::time::Instant;
 

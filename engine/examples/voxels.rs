@@ -1,6 +1,6 @@
 //! What docs/voxels.md says was measured: time of grids and cuts, and the error of volume fractions by resolution.
 //!
-//!     cargo run --release -p packstone-engine --example voxels [DIRECTORY]
+//!     cargo run --release -p packstone-engine --features examples --example voxels [DIRECTORY]
 //!
 //! With a directory it writes the files there that the pictures are made of.
 #![allow(clippy::unwrap_used)]

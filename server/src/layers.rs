@@ -22,6 +22,7 @@ const LAYERS: &[&[&str]] = &[
         "remaining_time",
         "tasks",
         "telemetry",
+        "watched_file",
     ],
     &["strict_json"],
     &[

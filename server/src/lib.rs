@@ -35,6 +35,7 @@ mod strict_json;
 mod studies;
 mod tasks;
 mod telemetry;
+mod watched_file;
 mod webhooks;
 mod workers;
 

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
+use std::sync::Arc;
+use std::time::Duration;
 
 use super::quotas::QuotaWords;
 use super::{ApiKey, ApiKeys};
+use crate::watched_file::WatchedFile;
 
 /// The file of keys is looked at no more often than this.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -60,18 +61,7 @@ impl ApiKeys {
 
 /// The file of keys, read again when it has changed: a key added or removed counts without a restart.
 #[derive(Debug)]
-pub(crate) struct KeysFile {
-    path: PathBuf,
-    state: Mutex<KeysState>,
-}
-
-#[derive(Debug)]
-struct KeysState {
-    keys: Arc<ApiKeys>,
-    /// Time of change and length of the file that was read last.
-    stamp: Option<(SystemTime, u64)>,
-    looked: Instant,
-}
+pub(crate) struct KeysFile(WatchedFile<ApiKeys>);
 
 impl KeysFile {
     /// Reads the file for the first time.
@@ -79,44 +69,31 @@ impl KeysFile {
     /// # Errors
     /// As [`ApiKeys::read`].
     pub(crate) fn open(path: PathBuf) -> Result<Self, KeysError> {
-        let stamp = stamp(&path);
-        let keys = Arc::new(ApiKeys::read(&path)?);
-        Ok(Self { path, state: Mutex::new(KeysState { keys, stamp, looked: Instant::now() }) })
+        Self::looked_at_every(LOOK_EVERY, path)
+    }
+
+    fn looked_at_every(time: Duration, path: PathBuf) -> Result<Self, KeysError> {
+        WatchedFile::open(path, time, ApiKeys::read).map(Self)
     }
 
     /// The keys as of at most a second ago. An emptied file opens for nobody; a file that cannot be read or has a
     /// faulty line leaves the keys as they were, with an error in the log.
     pub(crate) fn current(&self) -> Arc<ApiKeys> {
-        self.as_of(LOOK_EVERY)
-    }
-
-    fn as_of(&self, age: Duration) -> Arc<ApiKeys> {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        if state.looked.elapsed() >= age {
-            state.looked = Instant::now();
-            let stamp = stamp(&self.path);
-            if stamp != state.stamp {
-                state.stamp = stamp;
-                match ApiKeys::read(&self.path) {
-                    Ok(keys) => {
-                        tracing::info!(?keys, "API keys read again");
-                        state.keys = Arc::new(keys);
-                    }
-                    Err(error @ KeysError::Empty(_)) => {
-                        tracing::warn!(%error, "no key opens this server any more");
-                        state.keys = Arc::default();
-                    }
-                    Err(error) => tracing::error!(%error, "the API keys stay as they were"),
-                }
+        self.0.current(|path| match ApiKeys::read(path) {
+            Ok(keys) => {
+                tracing::info!(?keys, "API keys read again");
+                Some(keys)
             }
-        }
-        Arc::clone(&state.keys)
+            Err(error @ KeysError::Empty(_)) => {
+                tracing::warn!(%error, "no key opens this server any more");
+                Some(ApiKeys::default())
+            }
+            Err(error) => {
+                tracing::error!(%error, "the API keys stay as they were");
+                None
+            }
+        })
     }
-}
-
-fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 #[cfg(test)]
@@ -151,10 +128,10 @@ mod tests {
         let path = folder.path().join("keys");
         let write = |text: &str| std::fs::write(&path, text).unwrap();
         let ((key, line), (other, other_line)) = (generate("lab", &[]), generate("field", &[]));
-        let opens = |keys: &KeysFile, key: &str| keys.as_of(Duration::ZERO).find(key).is_some();
+        let opens = |keys: &KeysFile, key: &str| keys.current().find(key).is_some();
         // A byte order mark at the start, as some editors write it.
         write(&format!("\u{feff}{line}\n"));
-        let keys = KeysFile::open(path.clone()).unwrap();
+        let keys = KeysFile::looked_at_every(Duration::ZERO, path.clone()).unwrap();
         assert!(opens(&keys, &key) && !opens(&keys, &other));
         write(&format!("# both\n{line}\n{other_line}\n"));
         assert!(opens(&keys, &key) && opens(&keys, &other));

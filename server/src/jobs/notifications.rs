@@ -30,9 +30,9 @@ impl<Id: Copy + Eq + Hash> Notifications<Id> {
         Subscription { id, receiver: Some(receiver), waiters: Arc::clone(&self.waiters) }
     }
 
-    /// Whether anybody listens for changes of what has this id.
-    pub(crate) fn has_listener(&self, id: Id) -> bool {
-        lock(&self.waiters).contains_key(&id)
+    /// How many listen for changes of what has this id.
+    pub(crate) fn listeners(&self, id: Id) -> usize {
+        lock(&self.waiters).get(&id).map_or(0, watch::Sender::receiver_count)
     }
 
     /// Wakes all who wait for what has this id.
@@ -94,7 +94,9 @@ mod tests {
         changes.notify(id);
         first.changed().await;
         second.changed().await;
+        assert_eq!(changes.listeners(id), 2);
         drop(first);
+        assert_eq!(changes.listeners(id), 1);
         assert_eq!(lock(&changes.waiters).len(), 1);
         drop(second);
         assert_eq!(lock(&changes.waiters).len(), 0);

@@ -6,13 +6,15 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
+use std::sync::Arc;
+use std::time::Duration;
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use hmac::{Hmac, Mac as _};
 use sha2::Sha256;
+
+use crate::watched_file::WatchedFile;
 
 /// What a secret begins with.
 const PREFIX: &str = "whsec_";
@@ -97,17 +99,7 @@ pub(crate) fn generate() -> String {
 
 /// The file of secrets, read again when it has changed.
 #[derive(Debug)]
-pub(crate) struct SecretsFile {
-    path: PathBuf,
-    state: Mutex<State>,
-}
-
-#[derive(Debug)]
-struct State {
-    secrets: Arc<Secrets>,
-    /// Time of change and length of the file that was read last.
-    stamp: Option<(SystemTime, u64)>,
-}
+pub(crate) struct SecretsFile(WatchedFile<Secrets>);
 
 impl SecretsFile {
     /// Reads the file for the first time.
@@ -115,33 +107,21 @@ impl SecretsFile {
     /// # Errors
     /// When the file cannot be read, has a faulty line, no secret or too many.
     pub(crate) fn open(path: PathBuf) -> Result<Self, SecretsError> {
-        let stamp = stamp(&path);
-        let secrets = Arc::new(Secrets::read(&path)?);
-        Ok(Self { path, state: Mutex::new(State { secrets, stamp }) })
+        WatchedFile::open(path, Duration::ZERO, Secrets::read).map(Self)
     }
 
     /// The secrets as the file has them now. A file that cannot be used leaves them as they were, with an error in the
     /// log.
     pub(crate) fn current(&self) -> Arc<Secrets> {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let stamp = stamp(&self.path);
-        if stamp != state.stamp {
-            state.stamp = stamp;
-            match Secrets::read(&self.path) {
-                Ok(secrets) => {
-                    tracing::info!(?secrets, "webhook secrets read again");
-                    state.secrets = Arc::new(secrets);
-                }
+        self.0.current(|path| {
+            let read = Secrets::read(path);
+            match &read {
+                Ok(secrets) => tracing::info!(?secrets, "webhook secrets read again"),
                 Err(error) => tracing::error!(%error, "the webhook secrets stay as they were"),
             }
-        }
-        Arc::clone(&state.secrets)
+            read.ok()
+        })
     }
-}
-
-fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 #[cfg(test)]

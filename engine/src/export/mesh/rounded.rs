@@ -3,12 +3,14 @@
 //! Triangles with their corners on flat faces and on narrow curved parts leave dents or needles, and beyond a dent Gmsh
 //! is left with a flat tetrahedron; flat facets have neither. It begins with the planes of the faces, moved outwards by
 //! the radius of the rounding. Then it is cut where it is farthest outside of the body: by the plane that touches the
-//! body there, or a deeper one, where all edges made by that are long enough.
+//! body there, or a deeper one, where all edges made by that are long enough and no facet becomes narrow. What has too
+//! little volume then is cut anew, with shorter edges.
 //!
 //! Of a sharp body with faces or edges that are too narrow, planes are moved inwards, and faces left out, until no face
 //! is narrower than the edges asked for allow. `polyhedron` meshes what is left, scaled.
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
@@ -16,6 +18,10 @@ use crate::geometry::convex::{Convex, directed_edges};
 
 /// Shortest edges that a cut may make, in edges asked for where nothing is close.
 const LEAST_EDGE: f64 = 0.15;
+/// Those that are tried before, with facets that are nowhere narrow: flat tetrahedra stand on small triangles.
+const LEAST_EDGES: [f64; 2] = [0.3, 0.22];
+/// Share of the volume of the body that is enough, of the largest copy of the polyhedron that lies inside.
+const LEAST_VOLUME: f64 = 0.88;
 /// Depths of cuts below the touching plane, over the distance from the body that is cut away.
 const DEPTHS: [f64; 9] = [0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0];
 /// Distance from the body that is not cut away, in edges asked for.
@@ -52,7 +58,21 @@ pub(super) struct Facets {
 impl Facets {
     /// Of a rounded body, in its units, for edges of that length where nothing is close.
     pub(super) fn new(body: &Convex, edge: f64) -> Self {
+        for least in LEAST_EDGES {
+            let solid = Self::with_edges(body, least * edge, Some(LEAST_WIDTH * edge), edge);
+            // The body has an equivalent diameter of 1.
+            if solid.inscribed(body).powi(3) * solid.volume() >= LEAST_VOLUME * PI / 6.0 {
+                return solid;
+            }
+        }
+        Self::with_edges(body, LEAST_EDGE * edge, None, edge)
+    }
+
+    /// Of a rounded body, by cuts that make no edges shorter than `least`, and no facets narrower than `width`.
+    fn with_edges(body: &Convex, least: f64, width: Option<f64>, edge: f64) -> Self {
+        let short_of = |solid: &Self| width.map_or(0.0, |width| solid.narrow_places(width).0);
         let mut solid = Self::of_planes(&body.planes, body.rounding);
+        let mut short = short_of(&solid);
         let mut tried: Vec<Vector3<f64>> = Vec::new();
         for _ in 0..MOST_CUTS {
             let is_new = |normal: &Vector3<f64>| tried.iter().all(|old| old.dot(normal) < SAME_NORMAL);
@@ -66,13 +86,21 @@ impl Facets {
             let highest = body.vertices.iter().map(|v| normal.dot(v)).fold(f64::NEG_INFINITY, f64::max);
             for depth in DEPTHS {
                 let mut next = solid.clone();
-                if next.cut(&normal, highest + body.rounding - depth * away) >= LEAST_EDGE * edge {
-                    solid = next;
+                if next.cut(&normal, highest + body.rounding - depth * away) < least {
+                    continue;
+                }
+                let next_short = short_of(&next);
+                if next_short <= short {
+                    (solid, short) = (next, next_short);
                     break;
                 }
             }
         }
-        solid.compacted()
+        let solid = solid.compacted();
+        match width {
+            Some(width) if short > 0.0 => solid.widened(body, width),
+            _ => solid,
+        }
     }
 
     /// Of a body whose rounding is too fine to be meshed, or that is sharp; `None` where its core has no place that is
@@ -132,6 +160,15 @@ impl Facets {
             planes = solid.planes();
         }
         solid
+    }
+
+    fn volume(&self) -> f64 {
+        let at = |v: u32| self.vertices[v as usize];
+        let fan = |corners: &Vec<u32>| {
+            let start = at(corners[0]);
+            corners.windows(2).map(|pair| start.dot(&at(pair[0]).cross(&at(pair[1])))).sum::<f64>() / 6.0
+        };
+        self.faces.iter().map(fan).sum()
     }
 
     /// The planes of the facets, in their order.

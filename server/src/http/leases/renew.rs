@@ -1,12 +1,14 @@
 //! A worker renews its leases.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 use futures_util::future::select_all;
-use tokio::time::sleep;
+use tokio::time::{interval, sleep};
 
 use super::read;
 use crate::accounts::Caller;
@@ -21,13 +23,14 @@ use crate::jobs::store::Renewal;
 use crate::problem::Problem;
 use crate::workers::documents::{LeaseState, RenewalRequest, RenewalsDocument, RenewedDocument};
 
-/// The same where a client watches one of the jobs.
+/// Time between two reports where a client watches one of the jobs, and between two looks whether one does.
 const WATCHED_EVERY_S: f64 = 0.5;
 
 /// Renew leases
 ///
 /// All leases of a process in one request, with the progress of the runs. With `Prefer: wait=N` the leases are renewed
-/// at once, and the answer is held back until one of the jobs changes, by a request to cancel for example.
+/// at once, and the answer is held back until one of the jobs changes, by a request to cancel for example, or a client
+/// begins to watch one of them.
 #[utoipa::path(
     post, path = "/v1/leases/renewals", tag = "workers", operation_id = "renew_leases",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
@@ -54,7 +57,15 @@ pub(crate) async fn renew(
         // What changed between the renewal and the subscription is seen here.
         answer = look(&app, &caller, &renewals).await?;
         if answer.leases.iter().all(|lease| lease.state == LeaseState::Running) {
+            let watched = async {
+                let mut look_again = interval(Duration::from_secs_f64(WATCHED_EVERY_S));
+                // One listener of each job is this request.
+                while renewals.iter().all(|renewal| app.shared.store.listeners(renewal.id) <= 1) {
+                    look_again.tick().await;
+                }
+            };
             tokio::select! {
+                () = watched => {}
                 _ = select_all(following.iter_mut().map(|changes| Box::pin(changes.changed()))) => {}
                 // Not so long that the next renewal would be late.
                 () = sleep(wait.duration().min(app.shared.store.renew_every())) => {}
@@ -91,7 +102,7 @@ async fn look(app: &App, caller: &Caller, renewals: &[Renewal]) -> Result<Renewa
 }
 
 fn document(app: &App, leases: Vec<RenewedDocument>) -> RenewalsDocument {
-    let is_watched = leases.iter().any(|lease| app.shared.store.is_watched(lease.job));
+    let is_watched = leases.iter().any(|lease| app.shared.store.listeners(lease.job) > 0);
     let every_s = app.shared.store.renew_every().as_secs_f64();
     RenewalsDocument {
         leases,

@@ -227,9 +227,9 @@ impl Store {
         self.shared.changes.subscribe(id)
     }
 
-    /// Whether somebody listens for changes of a job.
-    pub(crate) fn is_watched(&self, id: JobId) -> bool {
-        self.shared.changes.has_listener(id)
+    /// How many listen for changes of a job.
+    pub(crate) fn listeners(&self, id: JobId) -> usize {
+        self.shared.changes.listeners(id)
     }
 
     /// How long a lease lasts without being renewed.

@@ -318,7 +318,15 @@ impl There {
             Told::Faulted(Cause::NotWritten(_) | Cause::Other) => end(EndOutcome::Faulted, None, None),
             Told::Released => {
                 if let Some(file) = self.shared.checkpoints.kept_by(&lease.id.to_string(), lease.attempt)? {
-                    self.send_checkpoint(lease, &file).await?;
+                    match self.send_checkpoint(lease, &file).await {
+                        // The next attempt goes on from an older one, sooner than if the lease ran out.
+                        Err(ServerError::Refused {
+                            status: StatusCode::INSUFFICIENT_STORAGE,
+                            detail,
+                            ..
+                        }) => tracing::warn!(detail, "the server has no room for the last checkpoint"),
+                        sent => sent?,
+                    }
                 }
                 end(EndOutcome::Released, None, None)
             }
