@@ -1,7 +1,7 @@
 //! How far sizes are apart by strength of the gradient and method: the table of `docs/gradient.md`.
 //!
-//! `cargo run --release -p packstone-engine --features examples --example gradient [DIR]`; with a folder, the packings of its picture
-//! are written there as CSV.
+//! `cargo run --release -p packstone-engine --features examples --example gradient [DIR]`; with a folder, the packings
+//! of its picture are written there as CSV.
 
 use std::error::Error;
 use std::fmt::Write as _;
