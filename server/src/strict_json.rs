@@ -1,9 +1,9 @@
 //! Parses JSON into a value, and reports the place and the reason of a fault.
 //!
 //! Stricter than [`serde_json::Value`]: a key that occurs twice is refused, because one of the two values would be lost
-//! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded: a
-//! value takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes and as little as four
-//! bytes of text.
+//! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded by the
+//! length of the text: a value takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes
+//! and as little as four bytes of text.
 
 use std::cell::Cell;
 use std::fmt;
@@ -19,6 +19,10 @@ use crate::failure::{Failure, FailureCode};
 const MAX_POINTER_CHARS: usize = 256;
 /// Most values of a document.
 const MAX_VALUES: usize = 4_000_000;
+/// Most values of a document of any length.
+const VALUES: usize = 100_000;
+/// One more value is allowed for so many bytes of text.
+const BYTES_PER_VALUE: usize = 4;
 /// Most objects and arrays of a document of any length.
 const CONTAINERS: usize = 20_000;
 /// One more object or array is allowed for so many bytes of text.
@@ -32,8 +36,10 @@ const BYTES_PER_CONTAINER: usize = 16;
 pub(crate) fn parse(text: &[u8]) -> Result<Value, Failure> {
     let mut json = serde_json::Deserializer::from_slice(text);
     let mut track = serde_path_to_error::Track::new();
+    let most_values = (VALUES + text.len() / BYTES_PER_VALUE).min(MAX_VALUES);
     let room = Room {
-        values: Cell::new(MAX_VALUES),
+        most_values,
+        values: Cell::new(most_values),
         containers: Cell::new(CONTAINERS + text.len() / BYTES_PER_CONTAINER),
     };
     let value = Strict { room: &room }
@@ -101,6 +107,7 @@ fn pointer(path: &Path) -> String {
 
 /// How many more values, and among them objects and arrays, a document may have.
 struct Room {
+    most_values: usize,
     values: Cell<usize>,
     containers: Cell<usize>,
 }
@@ -109,7 +116,11 @@ impl Room {
     fn take_value<E: serde::de::Error>(&self) -> Result<(), E> {
         let left = self.values.get().checked_sub(1);
         self.values.set(left.ok_or_else(|| {
-            E::custom(format!("the document has more than {MAX_VALUES} values: must have at most as many"))
+            E::custom(format!(
+                "the document has more than {} values: must have at most {VALUES} and one more for each \
+                 {BYTES_PER_VALUE} bytes, {MAX_VALUES} in all",
+                self.most_values
+            ))
         })?);
         Ok(())
     }
@@ -241,10 +252,16 @@ mod tests {
 
     #[test]
     fn the_number_of_values_is_bounded() {
-        let list = |n: usize| format!("[{}0]", "0,".repeat(n - 1));
-        assert!(parse(list(MAX_VALUES - 1).as_bytes()).is_ok());
-        let (code, _, detail) = refused(&list(MAX_VALUES));
+        let list = |value: &str, n: usize| format!("[{}{value}]", format!("{value},").repeat(n - 1));
+        // A hundred thousand and one more for two numbers of one digit: less than 200 000.
+        assert!(parse(list("0", 199_990).as_bytes()).is_ok());
+        let (code, _, detail) = refused(&list("0", 200_010));
         assert_eq!(code, ValidationError);
+        assert!(
+            detail.starts_with("the document has more than 200005 values: must have at most 100000 and"),
+            "{detail}"
+        );
+        let (_, _, detail) = refused(&list("0.5", MAX_VALUES));
         assert!(detail.starts_with("the document has more than 4000000 values"), "{detail}");
     }
 
