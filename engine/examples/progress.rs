@@ -1,11 +1,13 @@
 //! How well the reported progress follows the time that a run takes: the table of `docs/estimates.md`.
 //!
-//! `cargo run --release -p packstone-engine --features examples --example progress [--seeds N] [--samples DIR] [CASE]`
-//! packs every case with several seeds and samples the reported fraction and the CPU time of the thread. It prints, for
-//! each case, the median and the largest difference between the fraction and the share of time, and the median factor
-//! between the predicted and the true remaining time, over the samples between 20 and 90 % of the time. CPU time is
-//! read from `/proc` (Linux), so other programs on the machine do not disturb the measurement. With `--samples`, all
-//! samples of each run are written as CSV.
+//!     cargo run --release -p packstone-engine --features examples --example progress -- \
+//!         [--seeds N] [--samples DIR] [CASE ...]
+//!
+//! The program packs every case with several seeds and samples the reported fraction and the CPU time of the thread. It
+//! prints, for each case, the median and the largest difference between the fraction and the share of time, and the
+//! median factor between the predicted and the true remaining time, over the samples between 20 and 90 % of the time.
+//! CPU time is read from `/proc` (Linux), so other programs on the machine do not disturb the measurement. With
+//! `--samples`, all samples of each run are written as CSV.
 
 use std::error::Error;
 use std::fmt::Write as _;

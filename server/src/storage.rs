@@ -22,7 +22,8 @@ pub(crate) struct Storage {
     disk: Disk,
     max_bytes: Option<u64>,
     accounts: Arc<Accounts>,
-    /// Owners of jobs that wait because their results would not fit, and the fewest bytes that one of them needs.
+    /// Owners of jobs that wait because their results would not fit, and the fewest bytes that one of them needs. Kept
+    /// in memory only: a restart ends all pauses.
     waiting: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
@@ -95,24 +96,32 @@ impl Storage {
         Ok(least)
     }
 
-    /// Notes that a job of this owner waits for room for so many bytes.
-    pub(crate) fn wait_for_room(&self, owner: String, bytes: u64) {
+    /// Notes that a job of this owner waits for room for so many bytes. Where there is as much room, something else
+    /// kept the result from being stored, as a limit that is not counted here: then the pause of the job stays.
+    pub(crate) async fn wait_for_room(&self, owner: &str, bytes: u64) {
+        match self.room(owner).await {
+            Ok(room) if fits(bytes, room).is_ok() => {}
+            Ok(_) => self.note_waiting(owner.into(), bytes),
+            Err(error) => tracing::warn!(%error, "the room is not known: a job waits until its pause ends"),
+        }
+    }
+
+    fn note_waiting(&self, owner: String, bytes: u64) {
         self.waiting().entry(owner).and_modify(|least| *least = bytes.min(*least)).or_insert(bytes);
     }
 
-    /// Lets jobs start that wait for room, where there is room for the smallest result of their owner. Those that
-    /// still do not fit wait again, and are noted again, for more room than there is: so each change of the room costs
-    /// them one try. While jobs wait, the space of the write-ahead log of the database is given back.
+    /// Ends the pauses of the jobs of each owner for whose smallest waiting result there is room. Those that still do
+    /// not fit are noted again, for more room than there is: so each change of the room costs them one try. While jobs
+    /// wait for the disk, the space of the write-ahead log of the database is given back.
     ///
     /// # Errors
     /// The database's.
     pub(crate) async fn start_what_fits(&self) -> Result<(), StoreError> {
         let waiting = self.waiting().clone();
-        if !waiting.is_empty() {
-            self.store.shrink_log().await;
-        }
+        let mut is_disk_short = false;
         for (owner, bytes) in waiting {
-            if fits(bytes, self.room(&owner).await?).is_err() {
+            if let Err(no_room) = fits(bytes, self.room(&owner).await?) {
+                is_disk_short |= no_room.bound == Bound::Disk;
                 continue;
             }
             // Before the jobs may start: what is noted from now on stays.
@@ -120,10 +129,13 @@ impl Storage {
             match self.store.end_pauses(owner.clone()).await {
                 Ok(jobs) => tracing::info!(jobs, owner, "there is room again: jobs wait no longer"),
                 Err(error) => {
-                    self.wait_for_room(owner, bytes);
+                    self.note_waiting(owner, bytes);
                     return Err(error);
                 }
             }
+        }
+        if is_disk_short {
+            self.store.shrink_log().await;
         }
         Ok(())
     }
@@ -163,7 +175,63 @@ pub(crate) fn fits(needed: u64, (left, bound): (u64, Bound)) -> Result<(), NoRoo
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use std::time::Duration;
+
+    use serde_json::json;
+
     use super::*;
+    use crate::accounts::Submitter;
+    use crate::disk::Shortage;
+    use crate::jobs::JobRequest;
+    use crate::jobs::store::{NewJob, StoreLimits};
+
+    /// A job that is queued, and met a fault at its first attempt.
+    async fn paused(store: &Store) {
+        let request = json!({
+            "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}
+        });
+        let new = NewJob {
+            request: JobRequest::read(&request, 1, None).unwrap(),
+            warnings: Vec::new(),
+            forecast_s: 1.0,
+            by: Submitter::default(),
+            idempotency_key: None,
+        };
+        store.submit(new).await.unwrap();
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        assert_eq!(store.requeue_after_fault(lease).await.unwrap(), "");
+        assert!(store.claim().await.unwrap().is_none(), "it waits");
+    }
+
+    #[tokio::test]
+    async fn a_pause_ends_as_soon_as_there_is_room_and_no_pause_but_for_room() {
+        let folder = tempfile::tempdir().unwrap();
+        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
+        let store = Store::open(&folder.path().join("db"), limits, Arc::default()).await.unwrap();
+        let disk = Disk::new(folder.path().into(), Some(0), Shortage::default());
+        let mut storage = Storage::new(store.clone(), disk, Some(1000), Arc::default());
+        paused(&store).await;
+        // Something else than the room kept its result from being stored.
+        storage.wait_for_room("", 1000).await;
+        storage.start_what_fits().await.unwrap();
+        assert!(store.claim().await.unwrap().is_none());
+        storage.wait_for_room("", 2000).await;
+        storage.wait_for_room("", 1500).await;
+        storage.wait_for_room("other", 1001).await;
+        storage.start_what_fits().await.unwrap();
+        assert!(store.claim().await.unwrap().is_none());
+        storage.max_bytes = Some(1499);
+        storage.start_what_fits().await.unwrap();
+        assert!(store.claim().await.unwrap().is_none(), "for another owner there is room");
+        storage.max_bytes = Some(1500);
+        storage.start_what_fits().await.unwrap();
+        let lease = store.claim().await.unwrap().unwrap().lease;
+        // What was noted is forgotten.
+        store.requeue_after_fault(lease).await.unwrap();
+        storage.start_what_fits().await.unwrap();
+        assert!(store.claim().await.unwrap().is_none());
+    }
 
     #[test]
     fn a_refusal_has_the_figures() {

@@ -17,7 +17,7 @@ pub(crate) enum End {
     Stored(Box<Stored>),
     Stopped(Stop),
     Failed(FailedRun),
-    /// A fault of the machine kept the result from being stored.
+    /// A fault of the machine kept the run from its end, or the result from being stored.
     Faulted(Cause),
 }
 

@@ -56,7 +56,7 @@ impl Here {
             Told::Faulted(cause) => {
                 let owner = self.store.requeue_after_fault(lease).await?;
                 if let Cause::NoRoom(bytes) | Cause::NotWritten(bytes) = cause {
-                    self.storage.wait_for_room(owner, bytes);
+                    self.storage.wait_for_room(&owner, bytes).await;
                 }
             }
             Told::Nothing => return Err(LeaseError::Lost),

@@ -45,12 +45,11 @@ pub(crate) async fn end(
         (EndOutcome::Cancelled, _) => ("cancelled", store.finish_cancelled(lease).await),
         (EndOutcome::Released, _) => ("given_back", store.give_back(lease).await),
         (EndOutcome::Faulted | EndOutcome::Failed, _) => {
-            let requeued = store.requeue_after_fault(lease).await.map(|owner| {
-                if let Some(bytes) = request.needed_bytes {
-                    app.shared.storage.wait_for_room(owner, bytes);
-                }
-            });
-            ("requeued", requeued)
+            let requeued = store.requeue_after_fault(lease).await;
+            if let (Ok(owner), Some(bytes)) = (&requeued, request.needed_bytes) {
+                app.shared.storage.wait_for_room(owner, bytes).await;
+            }
+            ("requeued", requeued.map(drop))
         }
     };
     ended.map_err(refused)?;
