@@ -10,6 +10,7 @@ use clap::{Args, Command};
 use packstone_engine::Limits;
 
 use crate::accounts::{Quotas, read_rate};
+use crate::jobs::store::Database;
 use crate::memory;
 use crate::telemetry::LogFormat;
 use crate::webhooks::WebhookRules;
@@ -35,6 +36,10 @@ pub(crate) struct ServeOptions {
     /// Directory of the database and the results; made where it is missing
     #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
     pub(crate) data_dir: PathBuf,
+    /// Where jobs are kept: a database of PostgreSQL, as `postgres://user@host/database`, which several servers may share
+    /// [default: the file `packstone.sqlite` of the data directory]
+    #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
+    pub(crate) store: Option<Database>,
     /// Jobs that run at once [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
@@ -145,6 +150,11 @@ pub(crate) struct ServeOptions {
 }
 
 impl ServeOptions {
+    /// Where jobs are kept.
+    pub(crate) fn database(&self) -> Database {
+        self.store.clone().unwrap_or_else(|| Database::File(self.data_dir.join("packstone.sqlite")))
+    }
+
     /// Jobs that run at once.
     pub(crate) fn workers(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);

@@ -73,11 +73,10 @@ pub(crate) enum StartError {
     Store(#[from] StoreError),
     /// Results lie there that the database does not know.
     #[error(
-        "{count} results in {data_dir}/artifacts belong to no job of the database {data_dir}/packstone.sqlite, as \
-         {example}: the database is missing, empty, or older than they are. Put the right database back; or start with \
+        "{count} results in {data_dir}/artifacts belong to no job of the database {database}, as {example}: the database is missing, empty, or older than they are. Put the right database back; or start with \
          --adopt-orphans, which moves them to {data_dir}/quarantine, where they are removed after --quarantine-days"
     )]
-    Orphans { data_dir: String, count: usize, example: String },
+    Orphans { data_dir: String, database: String, count: usize, example: String },
     /// The system allows too few open files.
     #[error(transparent)]
     Descriptors(#[from] TooFew),
@@ -124,10 +123,10 @@ impl Service {
         let artifacts = Artifacts::open(options.data_dir.join("artifacts")).map_err(data_dir)?;
         let checkpoints = Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
             .map_err(data_dir)?;
-        let database = options.data_dir.join("packstone.sqlite");
-        let empty = std::fs::metadata(&database).map_or(true, |found| found.len() == 0);
-        if empty && !options.adopt_orphans {
-            refuse_orphans(&options.data_dir, &artifacts.results().map_err(data_dir)?)?;
+        let database = options.database();
+        let is_empty = |file: &Path| std::fs::metadata(file).map_or(true, |found| found.len() == 0);
+        if database.file().is_some_and(is_empty) && !options.adopt_orphans {
+            refuse_orphans(&options, &artifacts.results().map_err(data_dir)?)?;
         }
         let listener = TcpListener::bind(options.listen)
             .await
@@ -137,7 +136,7 @@ impl Service {
             Accounts::new(keys, options.quotas())
                 .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
         );
-        let store = Store::open(&database, limits, Arc::clone(&accounts)).await?;
+        let store = Store::open(&database, &options.data_dir, limits, Arc::clone(&accounts)).await?;
         let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
@@ -146,7 +145,7 @@ impl Service {
                     orphans.push((job, path));
                 }
             }
-            refuse_orphans(&options.data_dir, &orphans)?;
+            refuse_orphans(&options, &orphans)?;
         }
         let recovered = store.recover(checkpoints.kept().map_err(data_dir)?).await?;
         if recovered > 0 {
@@ -297,10 +296,11 @@ async fn watch_room(here: Here, shutdown: CancellationToken) {
 }
 
 /// Refuses to start over results that the database does not know.
-fn refuse_orphans(data_dir: &Path, orphans: &[(String, String)]) -> Result<(), StartError> {
+fn refuse_orphans(options: &ServeOptions, orphans: &[(String, String)]) -> Result<(), StartError> {
     let Some((_, example)) = orphans.first() else { return Ok(()) };
     Err(StartError::Orphans {
-        data_dir: data_dir.display().to_string(),
+        data_dir: options.data_dir.display().to_string(),
+        database: options.database().to_string(),
         count: orphans.len(),
         example: example.clone(),
     })

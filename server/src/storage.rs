@@ -208,7 +208,10 @@ mod tests {
     async fn a_pause_ends_as_soon_as_there_is_room_and_no_pause_but_for_room() {
         let folder = tempfile::tempdir().unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store = Store::open(&folder.path().join("db"), limits, Arc::default()).await.unwrap();
+        let store =
+            Store::open(&folder.path().join("db").as_path().into(), folder.path(), limits, Arc::default())
+                .await
+                .unwrap();
         let disk = Disk::new(folder.path().into(), Some(0), Shortage::default());
         let mut storage = Storage::new(store.clone(), disk, Some(1000), Arc::default());
         paused(&store).await;

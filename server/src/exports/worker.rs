@@ -13,7 +13,7 @@ use packstone_engine::Limits;
 use packstone_engine::export::tables;
 use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
+use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
@@ -128,6 +128,9 @@ impl ExportWorker {
             (self.store.subscribe_export(record.id), self.store.subscribe(record.job));
         let mut tick = interval(PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let renew_every = self.store.renew_every();
+        let mut renew = interval_at(Instant::now() + renew_every, renew_every);
+        renew.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut remaining = RemainingTime::default();
         loop {
             let wanted = tokio::select! {
@@ -137,6 +140,7 @@ impl ExportWorker {
                     control.stop(Stop::Shutdown);
                     continue;
                 }
+                _ = renew.tick() => self.store.renew_export(record).await,
                 _ = tick.tick() => match control.take_progress() {
                     Some(progress) => {
                         let news = as_recorded(&progress, &mut remaining, started.elapsed());

@@ -99,6 +99,10 @@ async fn take_back_expired(store: &Store, checkpoints: &Checkpoints) -> Result<u
     }
     let checkpoints = checkpoints.clone();
     let kept = tasks::blocking(move || checkpoints.kept()).await??;
+    let exports = store.reclaim_expired_exports().await?;
+    if exports > 0 {
+        tracing::warn!(exports, "leases ran out; the exports wait for other workers");
+    }
     Ok(store.reclaim_expired_leases(kept).await?)
 }
 
@@ -218,8 +222,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store =
-            Store::open(&folder.path().join("packstone.sqlite"), limits, Arc::default()).await.unwrap();
+        let store = Store::open(
+            &folder.path().join("packstone.sqlite").as_path().into(),
+            folder.path(),
+            limits,
+            Arc::default(),
+        )
+        .await
+        .unwrap();
         let checkpoints =
             Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
         let file = |name: &str| folder.path().join("artifacts/ab").join(name);
@@ -256,8 +266,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store =
-            Store::open(&folder.path().join("packstone.sqlite"), limits, Arc::default()).await.unwrap();
+        let store = Store::open(
+            &folder.path().join("packstone.sqlite").as_path().into(),
+            folder.path(),
+            limits,
+            Arc::default(),
+        )
+        .await
+        .unwrap();
         let checkpoints =
             Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
         let id = submit(&store, "2999-01-01T00:00:00Z").await;

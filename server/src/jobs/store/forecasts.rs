@@ -3,7 +3,8 @@
 
 use std::time::Duration;
 
-use super::{Store, StoreError, micros};
+use super::db::query;
+use super::{Store, StoreError, micros, rows};
 use crate::jobs::State;
 use crate::jobs::request::MAX_TIMEOUT_S;
 
@@ -30,13 +31,16 @@ pub(super) fn micros_of(forecast_s: f64, timeout_s: Option<f64>) -> i64 {
 impl Store {
     /// The forecast work of the jobs that wait and run.
     pub(crate) async fn forecast_work(&self) -> Result<ForecastWork, StoreError> {
-        let sums: Vec<(String, i64)> =
-            sqlx::query_as("select state, forecast_us from job_counts").fetch_all(self.readers()).await?;
-        let seconds_of = |state: State| {
-            let found = sums.iter().find(|(name, _)| name == state.name());
-            found.map_or(0.0, |(_, us)| *us as f64 / 1e6)
-        };
-        Ok(ForecastWork { queued_s: seconds_of(State::Queued), running_s: seconds_of(State::Running) })
+        let mut work = ForecastWork::default();
+        for row in query("select state, forecast_us from job_counts").fetch_all(self.readers()).await? {
+            let work_s = row.try_get::<i64>("forecast_us")? as f64 / 1e6;
+            match rows::state(row.text("state")?)? {
+                State::Queued => work.queued_s = work_s,
+                State::Running => work.running_s = work_s,
+                _ => {}
+            }
+        }
+        Ok(work)
     }
 }
 
@@ -44,11 +48,9 @@ impl Store {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use serde_json::json;
-    use sqlx::sqlite::SqliteConnectOptions;
-    use sqlx::{Connection as _, SqliteConnection};
+    use sqlx::Connection as _;
 
-    use super::super::migrations::migrations_to;
-    use super::super::tests::{LIMITS, fresh, open, submit_forecast, succeed};
+    use super::super::tests::{file_of_version, fresh, open_file, submit_forecast, succeed};
     use super::*;
     use crate::ids::JobId;
 
@@ -73,16 +75,14 @@ mod tests {
 
     /// The sums by trigger, which must be those of the rows.
     async fn work_of(store: &Store) -> ForecastWork {
-        let of_rows: Vec<(String, i64)> = sqlx::query_as(
-            "select state, coalesce(sum(forecast_us), 0) from jobs where state in ('queued', 'running') group by state",
-        )
-        .fetch_all(store.readers())
-        .await
-        .unwrap();
-        let sum =
-            |name| of_rows.iter().find(|(state, _)| state == name).map_or(0.0, |(_, us)| *us as f64 / 1e6);
+        let mut of_rows = ForecastWork::default();
+        for (state, work_s) in [("queued", &mut of_rows.queued_s), ("running", &mut of_rows.running_s)] {
+            let sum = query("select cast(coalesce(sum(forecast_us), 0) as bigint) from jobs where state = ?");
+            let us: i64 = sum.bind(state).scalar(store.readers()).await.unwrap();
+            *work_s = us as f64 / 1e6;
+        }
         let work = store.forecast_work().await.unwrap();
-        assert_eq!(work, ForecastWork { queued_s: sum("queued"), running_s: sum("running") });
+        assert_eq!(work, of_rows);
         work
     }
 
@@ -124,10 +124,7 @@ mod tests {
     #[tokio::test]
     async fn jobs_without_a_forecast_count_as_a_minute() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("packstone.sqlite");
-        let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
-        let mut old = SqliteConnection::connect_with(&options).await.unwrap();
-        migrations_to(14).run(&mut old).await.unwrap();
+        let mut old = file_of_version(&folder, 14).await;
         let states = ["queued", "running", "succeeded", "queued", "failed", "cancelled"];
         let ids: Vec<JobId> = states.iter().map(|_| JobId::new()).collect();
         for (id, state) in ids.iter().zip(states) {
@@ -143,7 +140,7 @@ mod tests {
             .unwrap();
         }
         old.close().await.unwrap();
-        let store = open(&folder, LIMITS).await;
+        let store = open_file(&folder).await;
         let unknown_s = UNKNOWN_FORECAST.as_secs_f64();
         assert_eq!(work_of(&store).await, work(2.0 * unknown_s, unknown_s));
         store.delete(ids[2]).await.unwrap();

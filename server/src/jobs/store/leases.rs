@@ -4,11 +4,10 @@
 //! nothing. A process may repeat each of its requests. So a claim has an ID, by which a repeated one finds the jobs
 //! that the first one leased, and an attempt is never given out twice: a job that comes back has the next one.
 
-use sqlx::Row as _;
-
+use super::db::{Row, query};
 use super::lifecycle::{Claimed, Lessee};
 use super::submit::to_json;
-use super::{Store, StoreError, micros, now_us, rows};
+use super::{Store, StoreError, micros, rows};
 use crate::jobs::{JobId, JobProgress, Lease, State};
 
 /// A process that asks for jobs.
@@ -54,13 +53,12 @@ impl Store {
         self.detached(async move {
             // A power cut that undoes the claim leaves the jobs queued; the leases are then lost.
             let mut writer = store.quick_writer().await?;
-            let before: Vec<i64> = sqlx::query_scalar(
-                "select seq from jobs where claim = ? and worker_key = ? and state = 'running'",
-            )
-            .bind(&claim.id)
-            .bind(&claim.key)
-            .fetch_all(&mut *writer)
-            .await?;
+            let before: Vec<i64> =
+                query("select seq from jobs where claim = ? and worker_key = ? and state = 'running'")
+                    .bind(&claim.id)
+                    .bind(&claim.key)
+                    .scalars(&mut writer)
+                    .await?;
             let mut claimed = Vec::new();
             if before.is_empty() {
                 let lessee = Lessee::Process(&claim);
@@ -70,9 +68,11 @@ impl Store {
                     claimed.push(next);
                 }
             } else {
+                let mut tx = writer.begin().await?;
                 for seq in before {
-                    claimed.push(Claimed::read(&mut writer, seq).await?);
+                    claimed.push(Claimed::read(&mut tx, seq).await?);
                 }
+                tx.rollback().await?;
             }
             drop(writer);
             for claimed in &claimed {
@@ -92,12 +92,12 @@ impl Store {
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
             let mut tx = writer.begin().await?;
-            let now = now_us();
+            let now = store.now_us();
             let mut held = Vec::with_capacity(renewals.len());
             for renewal in &renewals {
-                let row = sqlx::query(
+                let row = query(
                     "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
-                         version = version + (?2 is not null), updated_at = iif(?2 is null, updated_at, ?3)
+                         version = version + case when ?2 is null then 0 else 1 end, updated_at = case when ?2 is null then updated_at else ?3 end
                      where id = ?4 and attempt = ?5 and worker_key = ?6 and worker <> '' and state = 'running'
                      returning seq, cancel_requested,
                          (select studies.id from studies where studies.seq = jobs.study) as study_id",
@@ -108,7 +108,7 @@ impl Store {
                 .bind(renewal.id.to_string())
                 .bind(renewal.attempt)
                 .bind(&key)
-                .fetch_optional(&mut *tx)
+                .fetch_optional(&mut tx)
                 .await?;
                 held.push(match row {
                     Some(row) => Held::Running {
@@ -133,7 +133,7 @@ impl Store {
     /// # Errors
     /// The database's.
     pub(crate) async fn held(&self, key: &str, id: JobId, attempt: i64) -> Result<Held, StoreError> {
-        let row = sqlx::query(
+        let row = query(
             "select seq, state, cancel_requested,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id
              from jobs where id = ? and attempt = ? and worker_key = ? and worker <> ''",
@@ -144,7 +144,7 @@ impl Store {
         .fetch_optional(self.readers())
         .await?;
         let Some(row) = row else { return Ok(Held::Lost) };
-        let state = rows::state(&row.try_get::<String, _>("state")?)?;
+        let state = rows::state(row.text("state")?)?;
         Ok(match state {
             State::Running => Held::Running {
                 lease: lease(&row, id, attempt)?,
@@ -165,9 +165,9 @@ impl Store {
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
             let moved =
-                sqlx::query("update jobs set lease_expires_at = ? where state = 'running' and worker <> ''")
-                    .bind(now_us().saturating_add(micros(store.limits().lease)))
-                    .execute(&mut *writer)
+                query("update jobs set lease_expires_at = ? where state = 'running' and worker <> ''")
+                    .bind(store.now_us().saturating_add(micros(store.limits().lease)))
+                    .execute(&mut writer)
                     .await?;
             Ok(moved.rows_affected())
         })
@@ -175,8 +175,8 @@ impl Store {
     }
 }
 
-fn lease(row: &sqlx::sqlite::SqliteRow, id: JobId, attempt: i64) -> Result<Lease, StoreError> {
-    let study = row.try_get::<Option<String>, _>("study_id")?;
+fn lease(row: &Row, id: JobId, attempt: i64) -> Result<Lease, StoreError> {
+    let study = row.try_get::<Option<String>>("study_id")?;
     let study = study.as_deref().map(rows::study_id).transpose()?;
     Ok(Lease { seq: row.try_get("seq")?, id, attempt, study })
 }

@@ -3,14 +3,13 @@
 //! Each is one transaction whose update names the state it leaves; those of a running job also name
 //! the attempt, so that a worker that lost its lease changes nothing.
 
-use sqlx::{Row as _, SqliteConnection};
-
+use super::db::{Transaction, either, query};
 use super::exports::{files_of_job, insert_beforehand};
 use super::leases::Claim;
 use super::studies::runs;
 use super::submit::to_json;
 use super::writer::Writing;
-use super::{Store, StoreError, Target, fault_pause, micros, now_us, rows, turns};
+use super::{Store, StoreError, Target, fault_pause, micros, rows, turns};
 use crate::exports::NewExport;
 use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
@@ -20,7 +19,17 @@ use crate::studies::{Facts, Outcome};
 /// those whose jobs are not held back, of which `?4` is a list in JSON. The index is named, because the planner of
 /// SQLite would choose the index of all states and sort the queue at every claim.
 macro_rules! next_in_queue {
-    () => {
+    (postgres) => {
+        "select head.seq from queue_owners cross join lateral (
+             select jobs.seq from jobs
+             where jobs.state = 'queued' and jobs.owner = queue_owners.owner
+                 and (jobs.not_before is null or jobs.not_before <= ?1)
+             order by jobs.priority desc, jobs.turn, jobs.seq limit 1
+         ) as head
+         where queue_owners.queued > 0 and queue_owners.owner not in (select value from json_each(?4))
+         order by greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+    };
+    (sqlite) => {
         "select head.seq from queue_owners cross join jobs as head
          where queue_owners.queued > 0
              and queue_owners.owner not in (select value from json_each(?4))
@@ -36,6 +45,20 @@ macro_rules! next_in_queue {
 #[cfg(test)]
 pub(super) use next_in_queue;
 
+/// The statement that leases the next job.
+macro_rules! claim {
+    ($database:ident) => {
+        concat!(
+            "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
+                 worker = ?5, worker_key = ?6, claim = ?7
+             where seq = (",
+            next_in_queue!($database),
+            ") returning seq, owner, priority, turn",
+        )
+    };
+}
+
 /// A job that is leased to the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Claimed {
@@ -49,14 +72,14 @@ pub(crate) struct Claimed {
 
 impl Claimed {
     /// A running job with its request, as the one who leases it gets it.
-    pub(super) async fn read(connection: &mut SqliteConnection, seq: i64) -> Result<Self, StoreError> {
-        let row = sqlx::query(
+    pub(super) async fn read(tx: &mut Transaction<'_>, seq: i64) -> Result<Self, StoreError> {
+        let row = query(
             "select faults, (select body from job_requests where job = seq) as body from jobs where seq = ?",
         )
         .bind(seq)
-        .fetch_one(&mut *connection)
+        .fetch_one(&mut *tx)
         .await?;
-        let job = rows::by_seq(connection, seq).await?;
+        let job = rows::by_seq(tx, seq).await?;
         let study = job.study.map(|place| place.id);
         let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
         Ok(Self { lease, job, request: row.try_get("body")?, faults: row.try_get("faults")? })
@@ -121,11 +144,11 @@ impl Store {
         self.detached(async move {
             let news = progress.as_ref().map(to_json).transpose()?;
             let mut writer = store.writer().await?;
-            let now = now_us();
-            let row = sqlx::query(
+            let now = store.now_us();
+            let row = query(
                 "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
-                     version = version + (?2 is not null),
-                     updated_at = iif(?2 is null, updated_at, ?3)
+                     version = version + case when ?2 is null then 0 else 1 end,
+                     updated_at = case when ?2 is null then updated_at else ?3 end
                  where seq = ?4 and attempt = ?5 and state = 'running' returning cancel_requested",
             )
             .bind(now.saturating_add(micros(store.limits().lease)))
@@ -133,7 +156,7 @@ impl Store {
             .bind(now)
             .bind(lease.seq)
             .bind(lease.attempt)
-            .fetch_optional(&mut *writer)
+            .fetch_optional(&mut writer)
             .await?;
             drop(writer);
             let cancel_requested = row.ok_or(StoreError::LeaseLost)?.try_get("cancel_requested")?;
@@ -162,8 +185,8 @@ impl Store {
         self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let now = now_us();
-            let moved = sqlx::query(
+            let now = store.now_us();
+            let moved = query(
                 "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
                      lease_expires_at = null, error = null, progress = ?4
                  where seq = ?2 and attempt = ?3 and state = 'running' returning study, point, replicate",
@@ -172,10 +195,10 @@ impl Store {
             .bind(lease.seq)
             .bind(lease.attempt)
             .bind(to_json(&progress)?)
-            .fetch_optional(&mut *tx)
+            .fetch_optional(&mut tx)
             .await?
             .ok_or(StoreError::LeaseLost)?;
-            sqlx::query(
+            query(
                 "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths,
                      owner)
                  values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, (select owner from jobs where seq = ?1))",
@@ -188,7 +211,7 @@ impl Store {
             .bind(to_json(&artifact.report)?)
             .bind(artifact.format_revision)
             .bind(to_json(&artifact.format_lengths)?)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
             insert_beforehand(&mut tx, lease.seq, &postprocess, now).await?;
             let called_off = runs::record(&mut tx, &moved, Outcome::Succeeded, &facts, now).await?;
@@ -245,27 +268,28 @@ impl Store {
         let (pause, owner) = self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let now = now_us();
-            let row = sqlx::query(
+            let now = store.now_us();
+            let row = query(
                 "update jobs set faults = faults + 1 where seq = ? and attempt = ? and state = 'running'
                  returning faults, owner",
             )
             .bind(lease.seq)
             .bind(lease.attempt)
-            .fetch_optional(&mut *tx)
+            .fetch_optional(&mut tx)
             .await?
             .ok_or(StoreError::LeaseLost)?;
             let pause = fault_pause(row.try_get("faults")?);
-            sqlx::query(
+            query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1, lease_expires_at = null,
                      started_at = null, progress = null, not_before = ?2,
-                     attempt = attempt + (worker <> ''), max_attempts = max_attempts + (worker <> '')
+                     attempt = attempt + case when worker <> '' then 1 else 0 end,
+                     max_attempts = max_attempts + case when worker <> '' then 1 else 0 end
                  where seq = ?3",
             )
             .bind(now)
             .bind(now.saturating_add(micros(pause)))
             .bind(lease.seq)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
             tx.commit().await?;
             drop(writer);
@@ -287,12 +311,12 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
-            let ended = sqlx::query(
+            let ended = query(
                 "update jobs set not_before = null where state = 'queued' and owner = ? and not_before > ?",
             )
             .bind(owner)
-            .bind(now_us())
-            .execute(&mut *writer)
+            .bind(store.now_us())
+            .execute(&mut writer)
             .await?
             .rows_affected();
             drop(writer);
@@ -315,15 +339,15 @@ impl Store {
         self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let now = now_us();
-            let moved = sqlx::query(
+            let now = store.now_us();
+            let moved = query(
                 "update jobs set state = ?1, version = version + 1, updated_at = ?2, lease_expires_at = null,
                      error = ?3,
-                     finished_at = iif(?1 = 'queued', null, ?2),
-                     started_at = iif(?1 = 'queued', null, started_at),
-                     progress = iif(?1 = 'queued', null, progress),
-                     attempt = attempt + (?1 = 'queued' and worker <> ''),
-                     max_attempts = max_attempts + (?1 = 'queued' and worker <> '')
+                     finished_at = case when ?1 = 'queued' then null else ?2 end,
+                     started_at = case when ?1 = 'queued' then null else started_at end,
+                     progress = case when ?1 = 'queued' then null else progress end,
+                     attempt = attempt + case when ?1 = 'queued' and worker <> '' then 1 else 0 end,
+                     max_attempts = max_attempts + case when ?1 = 'queued' and worker <> '' then 1 else 0 end
                  where seq = ?4 and attempt = ?5 and state = 'running' returning study, point, replicate",
             )
             .bind(to.name())
@@ -331,7 +355,7 @@ impl Store {
             .bind(error)
             .bind(lease.seq)
             .bind(lease.attempt)
-            .fetch_optional(&mut *tx)
+            .fetch_optional(&mut tx)
             .await?
             .ok_or(StoreError::LeaseLost)?;
             let called_off = match run {
@@ -368,16 +392,16 @@ impl Store {
                 if before.state.is_finished() {
                     return Err(StoreError::Forbidden(before.state));
                 }
-                sqlx::query(
-                    "update jobs set cancel_requested = 1, version = version + (not cancel_requested),
-                     updated_at = iif(cancel_requested, updated_at, ?2),
-                     finished_at = iif(state = 'queued', ?2, finished_at),
-                     state = iif(state = 'queued', 'cancelled', state)
+                query(
+                    "update jobs set cancel_requested = true, version = version + case when cancel_requested then 0 else 1 end,
+                     updated_at = case when cancel_requested then updated_at else ?2 end,
+                     finished_at = case when state = 'queued' then ?2 else finished_at end,
+                     state = case when state = 'queued' then 'cancelled' else state end
                  where seq = ?1",
                 )
                 .bind(before.seq)
-                .bind(now_us())
-                .execute(&mut *tx)
+                .bind(store.now_us())
+                .execute(&mut tx)
                 .await?;
                 let job = rows::by_seq(&mut tx, before.seq).await?;
                 tx.commit().await?;
@@ -411,22 +435,22 @@ impl Store {
             if !may_retry {
                 return Err(StoreError::Forbidden(before.state));
             }
-            sqlx::query("delete from artifacts where job = ?").bind(before.seq).execute(&mut *tx).await?;
+            query("delete from artifacts where job = ?").bind(before.seq).execute(&mut tx).await?;
             store.check_queue(&mut tx, &before.owner, 1).await?;
             let number = runs::flow_of(&mut tx, before.seq).await?;
             let flow = turns::Flow { owner: &before.owner, number, priority: before.priority };
             let turn = turns::assign_start_times(&mut tx, flow, 1).await?;
-            sqlx::query(
+            query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
-                     max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
+                     max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = false,
                      started_at = null, finished_at = null, progress = null, error = null, turn = ?3,
                      faults = 0, not_before = null
                  where seq = ?1",
             )
             .bind(before.seq)
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(turn)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
@@ -455,7 +479,7 @@ impl Store {
                     return Err(StoreError::Forbidden(job.state));
                 }
                 let (mut files, export) = files_of_job(&mut tx, job.seq).await?;
-                sqlx::query("delete from jobs where seq = ?").bind(job.seq).execute(&mut *tx).await?;
+                query("delete from jobs where seq = ?").bind(job.seq).execute(&mut tx).await?;
                 tx.commit().await?;
                 drop(writer);
                 store.notify(job.id);
@@ -481,24 +505,17 @@ impl Store {
         };
         let mut tx = writer.begin().await?;
         let held_back = self.held_back(&mut tx).await?;
-        let now = now_us();
-        let row = sqlx::query(concat!(
-            "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
-                 worker = ?5, worker_key = ?6, claim = ?7
-             where seq = (",
-            next_in_queue!(),
-            ") returning seq, owner, priority, turn",
-        ))
-        .bind(now)
-        .bind(now.saturating_add(micros(self.limits().lease)))
-        .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
-        .bind(to_json(&held_back)?)
-        .bind(worker)
-        .bind(key)
-        .bind(claim)
-        .fetch_optional(&mut *tx)
-        .await?;
+        let now = self.now_us();
+        let row = query(either(claim!(sqlite), claim!(postgres)))
+            .bind(now)
+            .bind(now.saturating_add(micros(self.limits().lease)))
+            .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
+            .bind(to_json(&held_back)?)
+            .bind(worker)
+            .bind(key)
+            .bind(claim)
+            .fetch_optional(&mut tx)
+            .await?;
         let Some(row) = row else {
             tx.rollback().await?;
             return Ok(None);
@@ -511,13 +528,11 @@ impl Store {
     }
 
     /// The owners of whom as many jobs run as may.
-    async fn held_back(&self, connection: &mut SqliteConnection) -> Result<Vec<String>, StoreError> {
+    async fn held_back(&self, tx: &mut Transaction<'_>) -> Result<Vec<String>, StoreError> {
         if !self.accounts().bounds_running() {
             return Ok(Vec::new());
         }
-        let found = sqlx::query("select owner, running from queue_owners where queued > 0")
-            .fetch_all(connection)
-            .await?;
+        let found = query("select owner, running from queue_owners where queued > 0").fetch_all(tx).await?;
         let mut held_back = Vec::new();
         for row in found {
             let (owner, running): (String, i64) = (row.try_get("owner")?, row.try_get("running")?);

@@ -24,11 +24,15 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (13, "leases", include_str!("../../../../migrations/0013_leases.sql")),
     (14, "webhooks", include_str!("../../../../migrations/0014_webhooks.sql")),
     (15, "forecasts", include_str!("../../../../migrations/0015_forecasts.sql")),
+    (16, "export_leases", include_str!("../../../../migrations/0016_export_leases.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
 pub(super) fn migrations_to(last: i64) -> Migrator {
-    let migrations = MIGRATIONS.iter().filter(|(version, ..)| *version <= last);
+    migrator(MIGRATIONS.iter().filter(|(version, ..)| *version <= last))
+}
+
+fn migrator<'m>(migrations: impl Iterator<Item = &'m (i64, &'static str, &'static str)>) -> Migrator {
     Migrator::with_migrations(
         migrations
             .map(|&(version, description, sql)| {
@@ -42,4 +46,16 @@ pub(super) fn migrations_to(last: i64) -> Migrator {
             })
             .collect(),
     )
+}
+
+/// The same for PostgreSQL: the tables as the migrations of SQLite have left them when it was added, and each change
+/// since. A test holds both against each other.
+#[cfg(feature = "postgres")]
+const OF_POSTGRES: &[(i64, &str, &str)] =
+    &[(16, "schema", include_str!("../../../../migrations/postgres/0016_schema.sql"))];
+
+/// All migrations of PostgreSQL. Servers that start together run them one after another, by a lock of sqlx.
+#[cfg(feature = "postgres")]
+pub(super) fn of_postgres() -> Migrator {
+    migrator(OF_POSTGRES.iter())
 }

@@ -8,6 +8,9 @@
 //! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the
 //! machine does not outlast its cause: see [`writer`] and [`faults`].
 
+mod clock;
+mod database;
+mod db;
 mod exports;
 mod faults;
 mod forecasts;
@@ -38,9 +41,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use jiff::Timestamp;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 use tokio::sync::Notify;
 
 use super::notifications::{Notifications, Subscription};
@@ -50,8 +50,10 @@ use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
 use crate::tasks;
-use writer::{Durability, Writer, Writing};
+use db::{Durability, Readers};
+use writer::{Writer, Writing};
 
+pub(crate) use database::Database;
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
@@ -64,11 +66,6 @@ pub(crate) use target::Target;
 pub(crate) use upkeep::{Kept, Removed, StoredKind};
 pub(crate) use webhooks::{Attempt, Delivery, DeliveryState, WebhookRecord};
 
-/// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
-const READERS: u32 = 4;
-/// How long a reader waits for a connection, and a writer for a lock that another program holds on
-/// the file (a backup, `sqlite3` in a terminal).
-const WAIT: Duration = Duration::from_secs(10);
 /// Name of the reserve of disk space, beside the database.
 const RESERVE: &str = "reserve";
 /// A pause by the monotonic clock may end before it does by the clock of the database.
@@ -155,7 +152,9 @@ pub(crate) struct Store {
 #[derive(Debug)]
 struct Shared {
     writer: Writer,
-    readers: SqlitePool,
+    readers: Readers,
+    /// Whether other servers may use the database.
+    is_shared: bool,
     reserve: Reserve,
     shortage: Shortage,
     changes: Notifications<JobId>,
@@ -171,44 +170,28 @@ struct Shared {
 }
 
 impl Store {
-    /// Opens the file, makes it where it is missing, and brings its tables up to date.
+    /// Opens the database, makes a file that is missing, and brings its tables up to date. `folder` is where a reserve of
+    /// disk space lies.
     ///
     /// # Errors
-    /// When the file cannot be opened or migrated, by an older version for example.
+    /// When the database cannot be opened or migrated, by an older version for example.
     pub(crate) async fn open(
-        file: &Path,
+        database: &Database,
+        folder: &Path,
         limits: StoreLimits,
         accounts: Arc<Accounts>,
     ) -> Result<Self, StoreError> {
-        let options = SqliteConnectOptions::new()
-            .filename(file)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            // A 201 promises that the job survives a power cut.
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
-            .pragma("temp_store", "memory")
-            .busy_timeout(WAIT);
-        let mut writer = SqliteConnection::connect_with(&options).await?;
-        migrations::migrations_to(i64::MAX).run(&mut writer).await?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .min_connections(1)
-            .acquire_timeout(WAIT)
-            // Readers only ever close with the process: no pings, no recycling.
-            .test_before_acquire(false)
-            .idle_timeout(None)
-            .max_lifetime(None)
-            .connect_with(options.clone().create_if_missing(false).read_only(true))
-            .await?;
-        let writer = Writer::new(writer, options.create_if_missing(false));
-        upgrade::run(&mut writer.lock(Durability::PowerCut).await?).await?;
+        let (connection, options) = database.open().await?;
+        let readers = options.readers().await?;
+        let writer = Writer::new(connection, options);
+        // Sets the clock.
+        writer.lock(Durability::PowerCut).await?.begin().await?.rollback().await?;
         Ok(Self {
             shared: Arc::new(Shared {
                 writer,
                 readers,
-                reserve: Reserve::open(file.with_file_name(RESERVE)),
+                is_shared: database.is_shared(),
+                reserve: Reserve::open(folder.join(RESERVE)),
                 shortage: Shortage::default(),
                 changes: Notifications::default(),
                 study_changes: Notifications::default(),
@@ -376,12 +359,22 @@ impl Store {
         ended
     }
 
-    fn readers(&self) -> &SqlitePool {
+    fn readers(&self) -> &Readers {
         &self.shared.readers
     }
 
     fn accounts(&self) -> &Accounts {
         &self.shared.accounts
+    }
+
+    /// Whether other servers may use the database.
+    fn is_shared(&self) -> bool {
+        self.shared.is_shared
+    }
+
+    /// The clock of the database, in microseconds since the Unix epoch.
+    fn now_us(&self) -> i64 {
+        self.shared.writer.clock().now_us()
     }
 
     fn limits(&self) -> StoreLimits {
@@ -441,11 +434,6 @@ impl Store {
     fn wake_worker(&self) {
         self.shared.queue.notify_one();
     }
-}
-
-/// The store's clock, in microseconds since the Unix epoch.
-fn now_us() -> i64 {
-    Timestamp::now().as_microsecond()
 }
 
 /// How long a job or an export waits after so many faults of the machine: 5 s, doubled by each, at most 10 min.

@@ -3,8 +3,9 @@
 #![allow(clippy::unwrap_used)]
 
 use serde_json::json;
+use sqlx::Connection as _;
 
-use super::tests::{LIMITS, fresh, open, submit_as, succeed, with_quotas};
+use super::tests::{LIMITS, file_of_version, fresh, open_file, submit_as, succeed, with_quotas};
 use super::*;
 use crate::accounts::Quotas;
 
@@ -129,10 +130,7 @@ async fn the_share_of_an_owner_in_the_queue_is_bounded() {
 #[tokio::test]
 async fn what_waits_keeps_its_order_when_owners_come() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("packstone.sqlite");
-    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
-    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
-    migrations::migrations_to(10).run(&mut old).await.unwrap();
+    let mut old = file_of_version(&folder, 10).await;
     let mut ids = Vec::new();
     for (turn, owner, state) in [
         (5, "a", "queued"),
@@ -166,7 +164,7 @@ async fn what_waits_keeps_its_order_when_owners_come() {
         .await
         .unwrap();
     old.close().await.unwrap();
-    let store = open(&folder, LIMITS).await;
+    let store = open_file(&folder).await;
     assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 2, running: 1, stored_bytes: 0 });
     assert_eq!(store.usage_of("b").await.unwrap(), Usage { queued: 1, running: 0, stored_bytes: 0 });
     let late = submit_as(&store, "a", json!({})).await.unwrap().id;
@@ -180,10 +178,7 @@ async fn what_waits_keeps_its_order_when_owners_come() {
 #[tokio::test]
 async fn jobs_and_studies_of_before_owners_belong_to_their_keys() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("packstone.sqlite");
-    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
-    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
-    migrations::migrations_to(9).run(&mut old).await.unwrap();
+    let mut old = file_of_version(&folder, 9).await;
     let (study, gone) = (StudyId::new(), StudyId::new());
     for (id, jobs) in [(study, 1), (gone, 0)] {
         sqlx::query(
@@ -214,7 +209,7 @@ async fn jobs_and_studies_of_before_owners_belong_to_their_keys() {
         ids.push(id);
     }
     old.close().await.unwrap();
-    let store = open(&folder, LIMITS).await;
+    let store = open_file(&folder).await;
     let holder = |owner: &str| Some(Holder { owner: owner.into(), shared: false });
     assert_eq!(store.holder_of_job(ids[0]).await.unwrap(), holder("lab"));
     assert_eq!(store.holder_of_job(ids[1]).await.unwrap(), holder(""));

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use sqlx::SqliteConnection;
-
+use super::db::{Transaction, query};
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, Target, now_us, rows, turns};
+use super::{Store, StoreError, Target, rows, turns};
 use crate::jobs::request::{JobPatch, MAX_LABELS};
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -34,8 +33,8 @@ impl Store {
                 let labels = if patch.clear_labels { BTreeMap::new() } else { before.labels.clone() };
                 set_labels(&mut tx, &before, merged(labels, patch.labels)?).await?;
             }
-            sqlx::query(
-                "update jobs set name = iif(?2, ?3, name), expires_at = iif(?4, ?5, expires_at),
+            query(
+                "update jobs set name = case when ?2 then ?3 else name end, expires_at = case when ?4 then ?5 else expires_at end,
                      shared = coalesce(?7, shared), version = version + 1, updated_at = ?6
                  where seq = ?1",
             )
@@ -44,9 +43,9 @@ impl Store {
             .bind(patch.name.value())
             .bind(patch.expires_at.is_some())
             .bind(patch.expires_at.value())
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(patch.shared)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
@@ -76,46 +75,41 @@ fn merged(
     }
 }
 
-async fn set_priority(
-    connection: &mut SqliteConnection,
-    job: &JobRecord,
-    priority: i64,
-) -> Result<(), StoreError> {
+async fn set_priority(tx: &mut Transaction<'_>, job: &JobRecord, priority: i64) -> Result<(), StoreError> {
     if job.state != State::Queued {
         return Err(StoreError::Forbidden(job.state));
     }
-    let flow = runs::flow_of(connection, job.seq).await?;
+    let flow = runs::flow_of(tx, job.seq).await?;
     let turn =
-        turns::assign_start_times(connection, turns::Flow { owner: &job.owner, number: flow, priority }, 1)
-            .await?;
-    sqlx::query("update jobs set priority = ?, turn = ? where seq = ?")
+        turns::assign_start_times(tx, turns::Flow { owner: &job.owner, number: flow, priority }, 1).await?;
+    query("update jobs set priority = ?, turn = ? where seq = ?")
         .bind(priority)
         .bind(turn)
         .bind(job.seq)
-        .execute(connection)
+        .execute(tx)
         .await?;
     Ok(())
 }
 
 async fn set_labels(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     job: &JobRecord,
     labels: BTreeMap<String, String>,
 ) -> Result<(), StoreError> {
-    sqlx::query("delete from job_labels where job = ?").bind(job.seq).execute(&mut *connection).await?;
+    query("delete from job_labels where job = ?").bind(job.seq).execute(&mut *tx).await?;
     for (key, value) in &labels {
-        sqlx::query("insert into job_labels (key, value, job, state) values (?, ?, ?, ?)")
+        query("insert into job_labels (key, value, job, state) values (?, ?, ?, ?)")
             .bind(key)
             .bind(value)
             .bind(job.seq)
             .bind(job.state.name())
-            .execute(&mut *connection)
+            .execute(&mut *tx)
             .await?;
     }
-    sqlx::query("update jobs set labels = ? where seq = ?")
+    query("update jobs set labels = ? where seq = ?")
         .bind(to_json(&labels)?)
         .bind(job.seq)
-        .execute(connection)
+        .execute(tx)
         .await?;
     Ok(())
 }

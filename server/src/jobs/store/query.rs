@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row as _, Sqlite};
 
+use super::db::{QueryBuilder, Row, query};
 use super::rows::select_jobs;
 use super::submit::to_json;
-use super::{Store, StoreError, now_us, rows};
+use super::{Store, StoreError, rows};
 use crate::ids::StudyId;
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -45,7 +44,7 @@ pub(crate) struct Holder {
 }
 
 impl Holder {
-    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
+    fn read(row: &Row) -> Result<Self, StoreError> {
         Ok(Self { owner: row.try_get("owner")?, shared: row.try_get("shared")? })
     }
 }
@@ -114,7 +113,7 @@ pub(crate) struct Page {
 impl Store {
     /// The job, or `None` where there is none (any more).
     pub(crate) async fn get(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {
-        let row = sqlx::query(select_jobs!("where jobs.id = ?"))
+        let row = query(select_jobs!("where jobs.id = ?"))
             .bind(id.to_string())
             .fetch_optional(self.readers())
             .await?;
@@ -123,7 +122,7 @@ impl Store {
 
     /// Whose the job is, or `None` where there is none (any more).
     pub(crate) async fn holder_of_job(&self, id: JobId) -> Result<Option<Holder>, StoreError> {
-        let row = sqlx::query("select owner, shared from jobs where id = ?")
+        let row = query("select owner, shared from jobs where id = ?")
             .bind(id.to_string())
             .fetch_optional(self.readers())
             .await?;
@@ -132,7 +131,7 @@ impl Store {
 
     /// Whose the study is, or `None` where there is none (any more).
     pub(crate) async fn holder_of_study(&self, id: StudyId) -> Result<Option<Holder>, StoreError> {
-        let row = sqlx::query("select owner, shared from studies where id = ?")
+        let row = query("select owner, shared from studies where id = ?")
             .bind(id.to_string())
             .fetch_optional(self.readers())
             .await?;
@@ -144,12 +143,12 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoJob`], or the database's.
     pub(crate) async fn request(&self, seq: i64) -> Result<Value, StoreError> {
-        let row = sqlx::query("select body from job_requests where job = ?")
+        let row = query("select body from job_requests where job = ?")
             .bind(seq)
             .fetch_optional(self.readers())
             .await?
             .ok_or(StoreError::NoJob)?;
-        serde_json::from_str(row.try_get("body")?).map_err(|error| StoreError::Row(error.to_string()))
+        serde_json::from_str(row.text("body")?).map_err(|error| StoreError::Row(error.to_string()))
     }
 
     /// A page of at most `limit` jobs beyond the position `after` in the order of the filter.
@@ -165,7 +164,7 @@ impl Store {
         limit: u32,
     ) -> Result<Page, StoreError> {
         let after = after.unwrap_or(filter.order.start());
-        let mut query = list_query(filter, after, i64::from(limit) + 1);
+        let query = list_query(filter, after, i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
         let mut jobs = rows.iter().map(rows::job).collect::<Result<Vec<_>, _>>()?;
         let more = jobs.len() > limit as usize;
@@ -176,41 +175,41 @@ impl Store {
 
     /// What the jobs of an owner take.
     pub(crate) async fn usage_of(&self, owner: &str) -> Result<Usage, StoreError> {
-        let row = sqlx::query("select queued, running from queue_owners where owner = ?")
+        let row = query("select queued, running from queue_owners where owner = ?")
             .bind(owner)
             .fetch_optional(self.readers())
             .await?;
         let count = |column| -> Result<u64, StoreError> {
-            let count = row.as_ref().map(|row| row.try_get::<i64, _>(column)).transpose()?;
+            let count = row.as_ref().map(|row| row.try_get::<i64>(column)).transpose()?;
             Ok(count.unwrap_or(0) as u64)
         };
-        let stored: i64 = sqlx::query_scalar(
-            "select coalesce(sum(bytes), 0) from stored_bytes where owner = ? and kind <> 'cache'",
+        let stored: i64 = query(
+            "select cast(coalesce(sum(bytes), 0) as bigint) from stored_bytes where owner = ? and kind <> 'cache'",
         )
         .bind(owner)
-        .fetch_one(self.readers())
+        .scalar(self.readers())
         .await?;
         Ok(Usage { queued: count("queued")?, running: count("running")?, stored_bytes: stored as u64 })
     }
 
     /// How long the job that was accepted first has waited, of those that wait.
     pub(crate) async fn queue_age(&self) -> Result<std::time::Duration, StoreError> {
-        let oldest: Option<i64> = sqlx::query_scalar(
+        let oldest: Option<i64> = query(
             "select created_at from jobs indexed by jobs_by_state where state = 'queued' order by seq limit 1",
         )
-        .fetch_optional(self.readers())
+        .optional_scalar(self.readers())
         .await?;
-        let waited_us = oldest.map_or(0, |created_at| now_us().saturating_sub(created_at).max(0));
+        let waited_us = oldest.map_or(0, |created_at| self.now_us().saturating_sub(created_at).max(0));
         Ok(std::time::Duration::from_micros(waited_us.cast_unsigned()))
     }
 
     /// How many jobs are in each state.
     pub(crate) async fn counts(&self) -> Result<BTreeMap<State, u64>, StoreError> {
-        let rows = sqlx::query("select state, jobs from job_counts").fetch_all(self.readers()).await?;
+        let rows = query("select state, jobs from job_counts").fetch_all(self.readers()).await?;
         rows.iter()
             .map(|row| {
-                let state = rows::state(&row.try_get::<String, _>("state")?)?;
-                Ok((state, row.try_get::<i64, _>("jobs")? as u64))
+                let state = rows::state(row.text("state")?)?;
+                Ok((state, row.try_get::<i64>("jobs")? as u64))
             })
             .collect()
     }
@@ -225,11 +224,11 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.writer().await?;
-            sqlx::query("update artifacts set format_revision = ?, format_lengths = ? where job = ?")
+            query("update artifacts set format_revision = ?, format_lengths = ? where job = ?")
                 .bind(revision)
                 .bind(to_json(&lengths)?)
                 .bind(seq)
-                .execute(&mut *writer)
+                .execute(&mut writer)
                 .await?;
             Ok(())
         })
@@ -259,12 +258,12 @@ impl Order {
         match self.key {
             SortKey::Created => None,
             SortKey::Priority => Some("jobs.priority"),
-            SortKey::Finished => Some("ifnull(jobs.finished_at, 0)"),
+            SortKey::Finished => Some("coalesce(jobs.finished_at, 0)"),
         }
     }
 
     /// Limits a query to the jobs beyond a position; `seq` is the column with their numbers.
-    fn push_after(self, query: &mut QueryBuilder<Sqlite>, seq: &str, after: Position) {
+    fn push_after(self, query: &mut QueryBuilder, seq: &str, after: Position) {
         let beyond = if self.descending { " < " } else { " > " };
         match self.expression() {
             None => query.push(seq).push(beyond).push_bind(after.seq),
@@ -283,7 +282,7 @@ impl Order {
     }
 
     /// Adds order and length of the page.
-    fn push_end(self, query: &mut QueryBuilder<Sqlite>, seq: &str, limit: i64) {
+    fn push_end(self, query: &mut QueryBuilder, seq: &str, limit: i64) {
         let direction = if self.descending { " desc" } else { "" };
         query.push(" order by ");
         if let Some(key) = self.expression() {
@@ -296,10 +295,12 @@ impl Order {
 impl Filter {
     /// Limits a query to the jobs beyond a position, and adds the filters without an index; `seq` is the column with
     /// the numbers of the jobs.
-    fn push(&self, query: &mut QueryBuilder<Sqlite>, seq: &str, after: Position) {
+    fn push(&self, query: &mut QueryBuilder, seq: &str, after: Position) {
         self.order.push_after(query, seq, after);
-        if let Some(name) = &self.name {
-            query.push(" and instr(jobs.name, ").push_bind(name.clone()).push(") > 0");
+        if self.name.as_ref().is_some_and(String::is_empty) {
+            query.push(" and jobs.name is not null");
+        } else if let Some(name) = &self.name {
+            query.push(" and replace(jobs.name, ").push_bind(name.clone()).push(", '') <> jobs.name");
         }
         if let Some(method) = &self.method {
             query.push(" and jobs.method = ").push_bind(method.clone());
@@ -315,14 +316,14 @@ impl Filter {
 
 impl Filter {
     /// Adds the condition that the owner may see a job.
-    fn push_visible(&self, query: &mut QueryBuilder<Sqlite>) {
+    fn push_visible(&self, query: &mut QueryBuilder) {
         if let Some(owner) = &self.visible_to {
             query.push(" and (jobs.owner = ").push_bind(owner.clone()).push(" or jobs.shared)");
         }
     }
 }
 
-fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
+fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder {
     if let Some(study) = filter.study {
         return list_of_study(study, filter, after, limit);
     }
@@ -333,10 +334,10 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqli
         let mut query = QueryBuilder::new(select_jobs!("where "));
         filter.push(&mut query, "jobs.seq", after);
         if let Some(state) = filter.state {
-            // Jobs that have ended are many: they are walked in their order. The sign keeps the index by state out of
-            // it.
+            // Jobs that have ended are many: they are walked in their order. An expression keeps the index by state
+            // out of it.
             let walked = filter.order.expression().is_some() && state.is_finished();
-            query.push(if walked { " and +jobs.state = " } else { " and jobs.state = " });
+            query.push(if walked { " and jobs.state || '' = " } else { " and jobs.state = " });
             query.push_bind(state.name());
         }
         filter.order.push_end(&mut query, "jobs.seq", limit);
@@ -346,10 +347,9 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqli
     let mut query = QueryBuilder::new(
         "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report,
              artifacts.format_revision, artifacts.format_lengths, studies.id as study_id
-         from job_labels cross join jobs on jobs.seq = job_labels.job
-             left join artifacts on artifacts.job = jobs.seq
+         from job_labels cross join jobs left join artifacts on artifacts.job = jobs.seq
              left join studies on studies.seq = jobs.study
-         where job_labels.key = ",
+         where jobs.seq = job_labels.job and job_labels.key = ",
     );
     query.push_bind(key.clone()).push(" and job_labels.value = ").push_bind(value.clone());
     filter.push(query.push(" and "), "job_labels.job", after);
@@ -367,32 +367,32 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqli
 }
 
 /// Two ranges, each of one index and as long as a page: the jobs of the owner, and those that others share.
-fn list_of_owner(owner: &str, filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
+fn list_of_owner(owner: &str, filter: &Filter, after: Position, limit: i64) -> QueryBuilder {
     let mut query = QueryBuilder::new(select_jobs!(
         "where jobs.seq in (select seq from (select jobs.seq from jobs indexed by jobs_by_owner where jobs.owner = "
     ));
     query.push_bind(owner.to_owned());
-    let rest = |query: &mut QueryBuilder<Sqlite>| {
+    let rest = |query: &mut QueryBuilder| {
         filter.push(query.push(" and "), "jobs.seq", after);
         if let Some(state) = filter.state {
-            query.push(" and +jobs.state = ").push_bind(state.name());
+            query.push(" and jobs.state || '' = ").push_bind(state.name());
         }
         filter.order.push_end(query, "jobs.seq", limit);
     };
     rest(&mut query);
     query.push(
-        ") union all select seq from (select jobs.seq from jobs indexed by jobs_shared where jobs.shared \
+        ") as own union all select seq from (select jobs.seq from jobs indexed by jobs_shared where jobs.shared \
          and jobs.owner <> ",
     );
     query.push_bind(owner.to_owned());
     rest(&mut query);
-    query.push("))");
+    query.push(") as shared)");
     filter.order.push_end(&mut query, "jobs.seq", limit);
     query
 }
 
 /// A study has its own index; labels are looked up for each of its jobs, of which there are not many.
-fn list_of_study(study: StudyId, filter: &Filter, after: Position, limit: i64) -> QueryBuilder<Sqlite> {
+fn list_of_study(study: StudyId, filter: &Filter, after: Position, limit: i64) -> QueryBuilder {
     let mut query = QueryBuilder::new(select_jobs!(
         "where jobs.study = (select known.seq from studies as known where known.id = "
     ));
@@ -414,6 +414,5 @@ fn list_of_study(study: StudyId, filter: &Filter, after: Position, limit: i64) -
 /// The statement behind a listing, for a look at its plan.
 #[cfg(test)]
 pub(super) fn list_sql(filter: &Filter) -> String {
-    use sqlx::Execute as _;
-    list_query(filter, filter.order.start(), 1).build().sql().as_str().to_owned()
+    list_query(filter, filter.order.start(), 1).sql().to_owned()
 }

@@ -1,9 +1,7 @@
 //! Rows of the database as jobs.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
-
 use super::StoreError;
+use super::db::{Row, Transaction, query};
 use crate::ids::StudyId;
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StudyPlace};
 
@@ -22,19 +20,19 @@ macro_rules! select_jobs {
 pub(super) use select_jobs;
 
 /// Reads a row of [`select_jobs!`].
-pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
-    let artifact = match row.try_get::<Option<String>, _>("path")? {
+pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
+    let artifact = match row.try_get::<Option<String>>("path")? {
         None => None,
         Some(path) => Some(ArtifactRecord {
             path,
-            bytes: row.try_get::<i64, _>("bytes")? as u64,
+            bytes: row.try_get::<i64>("bytes")? as u64,
             sha256: row.try_get("sha256")?,
-            report: json(&row.try_get::<String, _>("report")?)?,
+            report: json(row.text("report")?)?,
             format_revision: row.try_get("format_revision")?,
-            format_lengths: json(&row.try_get::<String, _>("format_lengths")?)?,
+            format_lengths: json(row.text("format_lengths")?)?,
         }),
     };
-    let study = match row.try_get::<Option<String>, _>("study_id")? {
+    let study = match row.try_get::<Option<String>>("study_id")? {
         None => None,
         Some(id) => Some(StudyPlace {
             id: study_id(&id)?,
@@ -43,14 +41,14 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         }),
     };
     let optional_json = |column| -> Result<_, StoreError> {
-        row.try_get::<Option<String>, _>(column)?.as_deref().map(json).transpose()
+        row.try_get::<Option<String>>(column)?.as_deref().map(json).transpose()
     };
     Ok(JobRecord {
         seq: row.try_get("seq")?,
-        id: job_id(&row.try_get::<String, _>("id")?)?,
-        state: state(&row.try_get::<String, _>("state")?)?,
+        id: job_id(row.text("id")?)?,
+        state: state(row.text("state")?)?,
         name: row.try_get("name")?,
-        labels: json(&row.try_get::<String, _>("labels")?)?,
+        labels: json(row.text("labels")?)?,
         priority: row.try_get("priority")?,
         seed: row.try_get("seed")?,
         timeout_s: row.try_get("timeout_s")?,
@@ -63,10 +61,10 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
         finished_at: row.try_get("finished_at")?,
         updated_at: row.try_get("updated_at")?,
         expires_at: row.try_get("expires_at")?,
-        engine: json(&row.try_get::<String, _>("engine")?)?,
-        plan_warnings: json(&row.try_get::<String, _>("warnings")?)?,
+        engine: json(row.text("engine")?)?,
+        plan_warnings: json(row.text("warnings")?)?,
         progress: optional_json("progress")?,
-        error: row.try_get::<Option<String>, _>("error")?.as_deref().map(json).transpose()?,
+        error: row.try_get::<Option<String>>("error")?.as_deref().map(json).transpose()?,
         artifact,
         study,
         owner: row.try_get("owner")?,
@@ -77,18 +75,14 @@ pub(super) fn job(row: &SqliteRow) -> Result<JobRecord, StoreError> {
 }
 
 /// The job of that number, which the caller knows to exist.
-pub(super) async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<JobRecord, StoreError> {
-    let row =
-        sqlx::query(select_jobs!("where jobs.seq = ?")).bind(seq).fetch_optional(&mut *connection).await?;
+pub(super) async fn by_seq(tx: &mut Transaction<'_>, seq: i64) -> Result<JobRecord, StoreError> {
+    let row = query(select_jobs!("where jobs.seq = ?")).bind(seq).fetch_optional(&mut *tx).await?;
     job(&row.ok_or(StoreError::NoJob)?)
 }
 
 /// The job of that id.
-pub(super) async fn by_id(connection: &mut SqliteConnection, id: JobId) -> Result<JobRecord, StoreError> {
-    let row = sqlx::query(select_jobs!("where jobs.id = ?"))
-        .bind(id.to_string())
-        .fetch_optional(&mut *connection)
-        .await?;
+pub(super) async fn by_id(tx: &mut Transaction<'_>, id: JobId) -> Result<JobRecord, StoreError> {
+    let row = query(select_jobs!("where jobs.id = ?")).bind(id.to_string()).fetch_optional(&mut *tx).await?;
     job(&row.ok_or(StoreError::NoJob)?)
 }
 

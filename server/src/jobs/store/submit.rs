@@ -4,9 +4,9 @@
 //! submissions with one key that arrive together, one inserts and the other finds it.
 
 use packstone_engine::export::tables::EngineInfo;
-use sqlx::{Row as _, SqliteConnection};
 
-use super::{Store, StoreError, forecasts, now_us, rows, turns, webhooks};
+use super::db::{Transaction, query};
+use super::{Store, StoreError, forecasts, rows, turns, webhooks};
 use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
 
@@ -76,8 +76,8 @@ impl Store {
         let flow =
             turns::Flow { owner: &new.by.owner, number: turns::SINGLE_JOBS, priority: request.priority };
         let turn = turns::assign_start_times(&mut tx, flow, 1).await?;
-        let now = now_us();
-        let seq: i64 = sqlx::query(
+        let now = self.now_us();
+        let seq: i64 = query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
                  shared, forecast_us)
@@ -101,30 +101,30 @@ impl Store {
         .bind(&new.by.key)
         .bind(request.shared)
         .bind(forecasts::micros_of(new.forecast_s, request.timeout_s))
-        .fetch_one(&mut *tx)
+        .fetch_one(&mut tx)
         .await?
         .try_get("seq")?;
-        sqlx::query("insert into job_requests (job, body) values (?, ?)")
+        query("insert into job_requests (job, body) values (?, ?)")
             .bind(seq)
             .bind(body)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
         webhooks::insert(&mut tx, webhooks::Ending::Job(seq), request.webhook_url.as_ref()).await?;
         for (key, value) in &request.labels {
-            sqlx::query("insert into job_labels (key, value, job, state) values (?, ?, ?, 'queued')")
+            query("insert into job_labels (key, value, job, state) values (?, ?, ?, 'queued')")
                 .bind(key)
                 .bind(value)
                 .bind(seq)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
         }
         if let Some(key) = &new.idempotency_key {
-            sqlx::query("insert into idempotency_keys (scope, key, body_sha256, job) values (?, ?, ?, ?)")
+            query("insert into idempotency_keys (scope, key, body_sha256, job) values (?, ?, ?, ?)")
                 .bind(&key.scope)
                 .bind(&key.key)
                 .bind(&key.body_sha256)
                 .bind(seq)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
         }
         let record = rows::by_seq(&mut tx, seq).await?;
@@ -135,12 +135,12 @@ impl Store {
     /// Refuses where the queue, or the share of the owner in it, has no room for so many jobs more.
     pub(super) async fn check_queue(
         &self,
-        connection: &mut SqliteConnection,
+        tx: &mut Transaction<'_>,
         owner: &str,
         more: u64,
     ) -> Result<(), StoreError> {
-        let queued: i64 = sqlx::query("select jobs from job_counts where state = 'queued'")
-            .fetch_one(&mut *connection)
+        let queued: i64 = query("select jobs from job_counts where state = 'queued'")
+            .fetch_one(&mut *tx)
             .await?
             .try_get("jobs")?;
         let (queued, most) = (queued as u64, self.limits().max_queued);
@@ -148,10 +148,8 @@ impl Store {
             return Err(StoreError::QueueFull { queued, more, most });
         }
         let Some(most) = self.accounts().quotas(owner).queued else { return Ok(()) };
-        let queued: Option<i64> = sqlx::query_scalar("select queued from queue_owners where owner = ?")
-            .bind(owner)
-            .fetch_optional(connection)
-            .await?;
+        let queued: Option<i64> =
+            query("select queued from queue_owners where owner = ?").bind(owner).optional_scalar(tx).await?;
         let queued = queued.unwrap_or(0) as u64;
         if queued + more > most {
             return Err(StoreError::OwnerQueueFull { owner: owner.to_owned(), queued, more, most });
@@ -161,20 +159,20 @@ impl Store {
 }
 
 async fn find_key(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     key: Option<&IdempotencyKey>,
 ) -> Result<Option<JobRecord>, StoreError> {
     let Some(key) = key else { return Ok(None) };
-    let row = sqlx::query("select body_sha256, job from idempotency_keys where scope = ? and key = ?")
+    let row = query("select body_sha256, job from idempotency_keys where scope = ? and key = ?")
         .bind(&key.scope)
         .bind(&key.key)
-        .fetch_optional(&mut *connection)
+        .fetch_optional(&mut *tx)
         .await?;
     let Some(row) = row else { return Ok(None) };
-    if row.try_get::<String, _>("body_sha256")? != key.body_sha256 {
+    if row.try_get::<String>("body_sha256")? != key.body_sha256 {
         return Err(StoreError::KeyReused);
     }
-    rows::by_seq(connection, row.try_get("job")?).await.map(Some)
+    rows::by_seq(tx, row.try_get("job")?).await.map(Some)
 }
 
 pub(super) fn to_json(value: &impl serde::Serialize) -> Result<String, StoreError> {

@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use serde_json::json;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 
 use super::*;
@@ -19,7 +21,54 @@ pub(super) async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
 
 pub(super) async fn with_quotas(folder: &TempDir, limits: StoreLimits, quotas: Quotas) -> Store {
     let accounts = Arc::new(Accounts::new(None, quotas));
-    Store::open(&folder.path().join("packstone.sqlite"), limits, accounts).await.unwrap()
+    Store::open(&database(folder).await, folder.path(), limits, accounts).await.unwrap()
+}
+
+/// The database of a test: a file in its folder, or one of its own in the PostgreSQL that `PACKSTONE_TEST_POSTGRES`
+/// names, a URL without a database.
+#[cfg(feature = "postgres")]
+async fn database(folder: &TempDir) -> Database {
+    let Ok(server) = std::env::var("PACKSTONE_TEST_POSTGRES") else { return file_of(folder) };
+    let server = db::postgres::options(&server).unwrap();
+    let name = folder.path().file_name().unwrap().to_str().unwrap();
+    let name: String = name.bytes().map(|byte| format!("{byte:02x}")).collect();
+    let mut maintenance =
+        sqlx::PgConnection::connect_with(&server.clone().database("postgres")).await.unwrap();
+    let create = sqlx::AssertSqlSafe(format!("create database \"{name}\""));
+    // It exists where a test opens its store again.
+    let created = sqlx::query(create).execute(&mut maintenance).await;
+    assert!(created.is_ok() || created.unwrap_err().as_database_error().unwrap().code().unwrap() == "42P04");
+    Database::Postgres { options: Box::new(server.database(&name)), is_shared: false }
+}
+
+#[cfg(not(feature = "postgres"))]
+async fn database(folder: &TempDir) -> Database {
+    std::future::ready(file_of(folder)).await
+}
+
+/// A file of SQLite as an older version made it.
+pub(super) async fn file_of_version(folder: &TempDir, version: i64) -> SqliteConnection {
+    let options =
+        SqliteConnectOptions::new().filename(folder.path().join("packstone.sqlite")).create_if_missing(true);
+    let mut connection = SqliteConnection::connect_with(&options).await.unwrap();
+    migrations::migrations_to(version).run(&mut connection).await.unwrap();
+    connection
+}
+
+/// Opens that file as this version does.
+pub(super) async fn open_file(folder: &TempDir) -> Store {
+    Store::open(&file_of(folder), folder.path(), LIMITS, Arc::default()).await.unwrap()
+}
+
+/// A store in SQLite, whatever the tests run on.
+pub(super) async fn fresh_file() -> (TempDir, Store) {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open_file(&folder).await;
+    (folder, store)
+}
+
+fn file_of(folder: &TempDir) -> Database {
+    folder.path().join("packstone.sqlite").as_path().into()
 }
 
 pub(super) async fn fresh() -> (TempDir, Store) {
@@ -100,9 +149,8 @@ pub(super) async fn succeed(store: &Store, lease: Lease) {
 
 #[tokio::test]
 async fn the_library_has_no_known_corruption_bugs() {
-    let (_folder, store) = fresh().await;
-    let version: String =
-        sqlx::query_scalar("select sqlite_version()").fetch_one(store.readers()).await.unwrap();
+    let (_folder, store) = fresh_file().await;
+    let version: String = db::query("select sqlite_version()").scalar(store.readers()).await.unwrap();
     let parts: Vec<u32> = version.split('.').map(|part| part.parse().unwrap()).collect();
     assert!(parts >= vec![3, 51, 3], "SQLite {version}");
 }
@@ -375,7 +423,7 @@ async fn changes_wake_whoever_waits_for_the_job() {
 
 #[tokio::test]
 async fn every_listing_and_claim_uses_an_index() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let label = |key: &str| (key.to_owned(), "v".to_owned());
     for (state, labels) in [
         (None, vec![]),
@@ -411,7 +459,7 @@ async fn every_listing_and_claim_uses_an_index() {
             assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
         }
     }
-    let plan = plan_of(&store, lifecycle::next_in_queue!()).await;
+    let plan = plan_of(&store, lifecycle::next_in_queue!(sqlite)).await;
     let walked = plan.iter().position(|step| step.contains("jobs_queue")).unwrap();
     assert!(plan[walked].contains("SEARCH") && plan[walked].contains("owner=?"), "{plan:?}");
     // Only the owners' first jobs are sorted, and no row of the jobs is scanned.
@@ -423,12 +471,11 @@ async fn every_listing_and_claim_uses_an_index() {
     );
 }
 
+/// The steps by which SQLite runs a statement.
 pub(super) async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
-    let rows = sqlx::query(sqlx::AssertSqlSafe(format!("explain query plan {sql}")))
-        .fetch_all(store.readers())
-        .await
-        .unwrap();
-    rows.iter().map(|row| sqlx::Row::get(row, "detail")).collect()
+    let explained = db::QueryBuilder::new(&format!("explain query plan {sql}")).build();
+    let rows = explained.fetch_all(store.readers()).await.unwrap();
+    rows.iter().map(|row| row.try_get("detail").unwrap()).collect()
 }
 
 #[tokio::test]
@@ -444,10 +491,7 @@ async fn a_store_that_can_be_written_says_so_and_stays_as_it_is() {
 #[tokio::test]
 async fn stored_problem_documents_become_failures() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("packstone.sqlite");
-    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
-    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
-    migrations::migrations_to(4).run(&mut old).await.unwrap();
+    let mut old = file_of_version(&folder, 4).await;
     let documents = [
         r#"{"type":"/problems/packing-not-reached","title":"x","status":422,"detail":"stopped","grains":7,
             "scale_reached":0.1000000000000000055,"proven":true}"#,
@@ -477,7 +521,7 @@ async fn stored_problem_documents_become_failures() {
     .unwrap();
     old.close().await.unwrap();
 
-    let store = open(&folder, LIMITS).await;
+    let store = open_file(&folder).await;
     let error = |id| {
         let store = &store;
         async move { store.get(id).await.unwrap().unwrap().error.unwrap() }
@@ -487,11 +531,10 @@ async fn stored_problem_documents_become_failures() {
     assert_eq!((reached.facts.grains, reached.facts.saturation_proven), (Some(7), Some(true)));
     assert_eq!(reached.facts.scale_reached, Some(0.1));
     let text: String =
-        sqlx::query_scalar("select error from jobs where seq = 1").fetch_one(store.readers()).await.unwrap();
+        db::query("select error from jobs where seq = 1").scalar(store.readers()).await.unwrap();
     assert!(text.contains("0.1000000000000000055"), "a number keeps its text: {text}");
     let invalid = error(ids[1]).await;
     assert_eq!(invalid, Failure::invalid(vec![packstone_engine::FieldError::new("/mix", "9 is too much")]));
-    let text: String =
-        sqlx::query_scalar("select error from exports").fetch_one(store.readers()).await.unwrap();
+    let text: String = db::query("select error from exports").scalar(store.readers()).await.unwrap();
     assert_eq!(serde_json::from_str::<Failure>(&text).unwrap(), invalid);
 }

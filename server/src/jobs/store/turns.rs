@@ -12,9 +12,8 @@
 //! while ten thousand jobs of a study wait starts next, and the study still gets every other start. Each priority of
 //! each owner has a virtual time of its own, so that jobs of a higher priority do not advance that of a lower one.
 
-use sqlx::{Row as _, SqliteConnection};
-
 use super::StoreError;
+use super::db::{Transaction, query};
 
 /// Number of the flow of all jobs of an owner that belong to no study.
 pub(super) const SINGLE_JOBS: i64 = 0;
@@ -30,24 +29,28 @@ pub(super) struct Flow<'a> {
 
 /// Assigns the next `jobs` virtual start times of a flow, and returns the first of them.
 pub(super) async fn assign_start_times(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     flow: Flow<'_>,
     jobs: i64,
 ) -> Result<i64, StoreError> {
-    let last: i64 = sqlx::query(
+    let last: i64 = query(
         "insert into queue_owner_flows (owner, flow, priority, last_turn)
          values (?4, ?1, ?2,
              coalesce((select turn from queue_starts where owner = ?4 and priority = ?2), 0) + ?3 - 1)
          on conflict (owner, flow, priority) do update set last_turn =
-             max(last_turn + 1, coalesce((select turn from queue_starts where owner = ?4 and priority = ?2), 0))
-             + ?3 - 1
+             ?3 + case
+                 when queue_owner_flows.last_turn
+                     < coalesce((select turn from queue_starts where owner = ?4 and priority = ?2), 0)
+                 then (select turn from queue_starts where owner = ?4 and priority = ?2) - 1
+                 else queue_owner_flows.last_turn
+             end
          returning last_turn",
     )
     .bind(flow.number)
     .bind(flow.priority)
     .bind(jobs)
     .bind(flow.owner)
-    .fetch_one(connection)
+    .fetch_one(tx)
     .await?
     .try_get("last_turn")?;
     Ok(last - jobs + 1)
@@ -56,19 +59,20 @@ pub(super) async fn assign_start_times(
 /// Advances the virtual time of a priority of an owner to the virtual start time of a job that starts. The virtual time
 /// of the owners follows the state of the job by trigger.
 pub(super) async fn advance_virtual_time(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     owner: &str,
     priority: i64,
     start_time: i64,
 ) -> Result<(), StoreError> {
-    sqlx::query(
+    query(
         "insert into queue_starts (owner, priority, turn) values (?, ?, ?)
-         on conflict (owner, priority) do update set turn = max(turn, excluded.turn)",
+         on conflict (owner, priority) do update set
+             turn = case when excluded.turn > queue_starts.turn then excluded.turn else queue_starts.turn end",
     )
     .bind(owner)
     .bind(priority)
     .bind(start_time)
-    .execute(connection)
+    .execute(tx)
     .await?;
     Ok(())
 }

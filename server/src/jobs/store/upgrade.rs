@@ -8,9 +8,8 @@ use packstone_engine::export::ExportRequest;
 use packstone_engine::packing::Report;
 use packstone_engine::request::{upgrade, upgrade_export};
 use serde_json::{Map, Value};
-use sqlx::{Row as _, SqliteConnection};
+use sqlx::{Connection as _, Row as _, SqliteConnection};
 
-use super::writer::Writing;
 use super::{StoreError, rows};
 use crate::exports::NewExport;
 use crate::hex;
@@ -26,12 +25,12 @@ const ROWS_AT_ONCE: i64 = 100;
 ///
 /// # Errors
 /// The database's; then nothing was changed.
-pub(super) async fn run(writer: &mut Writing<'_>) -> Result<(), StoreError> {
-    let version: i64 = sqlx::query_scalar("pragma user_version").fetch_one(&mut **writer).await?;
+pub(super) async fn run(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    let version: i64 = sqlx::query_scalar("pragma user_version").fetch_one(&mut *connection).await?;
     if version >= PRESENT {
         return Ok(());
     }
-    let mut tx = writer.begin().await?;
+    let mut tx = connection.begin_with("begin immediate").await?;
     let requests = upgrade_bodies(&mut tx, "job_requests", "job", upgrade).await?;
     upgrade_bodies(&mut tx, "study_requests", "study", upgrade_study).await?;
     upgrade_columns(&mut tx).await?;

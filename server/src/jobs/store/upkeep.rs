@@ -1,12 +1,10 @@
 //! Maintenance of the store that no client requests: recovery after a crash, leases that ran out, jobs that expired.
 
-use sqlx::Row as _;
 use std::collections::BTreeMap;
 
-use sqlx::sqlite::SqliteRow;
-
+use super::db::{Row, query};
 use super::submit::to_json;
-use super::{Store, StoreError, now_us, rows};
+use super::{Store, StoreError, rows};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
 
@@ -65,22 +63,26 @@ pub(crate) struct Removed {
 
 impl Store {
     /// Requeues every running job of this server's own workers at start-up, when there is none that has it, with its
-    /// next attempt, or ends it where it has none left. Returns how many were running.
+    /// next attempt, or ends it where it has none left. Returns how many were running. Where other servers may share the
+    /// database, only those whose lease ran out are taken.
     pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
-        self.reclaim(i64::MAX, checkpoints).await
+        self.reclaim(if self.is_shared() { self.now_us() } else { i64::MAX }, checkpoints).await
     }
 
     /// Does the same for the jobs whose lease ran out, after a suspended machine for example.
     pub(crate) async fn reclaim_expired_leases(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
-        self.reclaim(now_us(), checkpoints).await
+        self.reclaim(self.now_us(), checkpoints).await
     }
 
-    /// Whether a job runs whose lease ran out.
+    /// Whether a job or an export runs whose lease ran out.
     pub(crate) async fn has_expired_leases(&self) -> Result<bool, StoreError> {
-        let row = sqlx::query("select 1 from jobs where state = 'running' and lease_expires_at <= ? limit 1")
-            .bind(now_us())
-            .fetch_optional(self.readers())
-            .await?;
+        let row = query(
+            "select 1 from jobs where state = 'running' and lease_expires_at <= ?1
+             union all select 1 from exports where state = 'running' and lease_expires_at <= ?1",
+        )
+        .bind(self.now_us())
+        .fetch_optional(self.readers())
+        .await?;
         Ok(row.is_some())
     }
 
@@ -96,7 +98,7 @@ impl Store {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             for kept in &checkpoints {
-                sqlx::query(
+                query(
                     "update jobs set max_attempts = max_attempts + 1
                      where id = ? and attempt = ? and state = 'running' and lease_expires_at <= ?
                          and (worker = '' or not ?) and started_at <= ? and attempt < ?",
@@ -107,38 +109,38 @@ impl Store {
                 .bind(at_start)
                 .bind(kept.at_us.saturating_add(FILE_CLOCK_TICK_US))
                 .bind(MOST_ATTEMPTS)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
             }
-            let moved = sqlx::query(
+            let moved = query(
                 "update jobs set
                      state = case when cancel_requested then 'cancelled'
                                   when attempt >= max_attempts then 'failed' else 'queued' end,
-                     error = iif(attempt >= max_attempts and not cancel_requested, ?3, null),
-                     finished_at = iif(attempt >= max_attempts or cancel_requested, ?1, null),
-                     started_at = iif(attempt >= max_attempts or cancel_requested, started_at, null),
-                     attempt = iif(attempt >= max_attempts or cancel_requested, attempt, attempt + 1),
+                     error = case when attempt >= max_attempts and not cancel_requested then ?3 else null end,
+                     finished_at = case when attempt >= max_attempts or cancel_requested then ?1 else null end,
+                     started_at = case when attempt >= max_attempts or cancel_requested then started_at else null end,
+                     attempt = case when attempt >= max_attempts or cancel_requested then attempt else attempt + 1 end,
                      progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
                  where state = 'running' and lease_expires_at <= ?2 and (worker = '' or not ?4)
                  returning id, (select studies.id from studies where studies.seq = jobs.study) as study_id",
             )
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(leases_until)
             .bind(to_json(&exhausted)?)
             .bind(at_start)
-            .fetch_all(&mut *tx)
+            .fetch_all(&mut tx)
             .await?;
             if at_start {
                 // A restart may end a fault of the machine.
-                sqlx::query("update jobs set not_before = null where not_before is not null")
-                    .execute(&mut *tx)
+                query("update jobs set not_before = null where not_before is not null")
+                    .execute(&mut tx)
                     .await?;
             }
             tx.commit().await?;
             drop(writer);
             for row in &moved {
-                store.notify(rows::job_id(&row.try_get::<String, _>("id")?)?);
-                if let Some(study) = row.try_get::<Option<String>, _>("study_id")? {
+                store.notify(rows::job_id(row.text("id")?)?);
+                if let Some(study) = row.try_get::<Option<String>>("study_id")? {
                     store.notify_study(rows::study_id(&study)?);
                 }
                 store.wake_worker();
@@ -155,9 +157,9 @@ impl Store {
         self.freeing(move |store| async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let expired = sqlx::query(
+            let expired = query(
                 "select jobs.seq, jobs.id, artifacts.path,
-                     (select json_group_array(exports.path) from exports
+                     (select string_agg(exports.path, '|') from exports
                       where exports.job = jobs.seq and exports.path is not null) as export_paths
                  from jobs left join artifacts on artifacts.job = jobs.seq
                  where jobs.expires_at <= ? and jobs.state in ('succeeded', 'failed', 'cancelled')
@@ -166,13 +168,13 @@ impl Store {
                      )
                  order by jobs.expires_at limit ?",
             )
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(EXPIRED_AT_ONCE)
-            .fetch_all(&mut *tx)
+            .fetch_all(&mut tx)
             .await?;
             for row in &expired {
                 let seq: i64 = row.try_get("seq")?;
-                sqlx::query("delete from jobs where seq = ?").bind(seq).execute(&mut *tx).await?;
+                query("delete from jobs where seq = ?").bind(seq).execute(&mut tx).await?;
             }
             tx.commit().await?;
             drop(writer);
@@ -187,18 +189,17 @@ impl Store {
 
     /// Whether the result of a job, or an export, is at this path.
     pub(crate) async fn refers_to(&self, path: &str) -> Result<bool, StoreError> {
-        let row = sqlx::query(
-            "select 1 from artifacts where path = ?1 union all select 1 from exports where path = ?1",
-        )
-        .bind(path)
-        .fetch_optional(self.readers())
-        .await?;
+        let row =
+            query("select 1 from artifacts where path = ?1 union all select 1 from exports where path = ?1")
+                .bind(path)
+                .fetch_optional(self.readers())
+                .await?;
         Ok(row.is_some())
     }
 
     /// Whether a job waits or runs.
     pub(crate) async fn is_open(&self, id: JobId) -> Result<bool, StoreError> {
-        let row = sqlx::query("select 1 from jobs where id = ? and state in ('queued', 'running')")
+        let row = query("select 1 from jobs where id = ? and state in ('queued', 'running')")
             .bind(id.to_string())
             .fetch_optional(self.readers())
             .await?;
@@ -207,16 +208,14 @@ impl Store {
 
     /// At most `limit` paths of files whose rows have been deleted and that have not been removed yet.
     pub(crate) async fn removals(&self, limit: u32) -> Result<Vec<String>, StoreError> {
-        let paths = sqlx::query_scalar("select path from removals limit ?");
-        Ok(paths.bind(limit).fetch_all(self.readers()).await?)
+        let paths = query("select path from removals limit ?");
+        Ok(paths.bind(limit).scalars(self.readers()).await?)
     }
 
     /// Whether the row of the file at this path has been deleted and the file has not been removed yet.
     pub(crate) async fn is_removed(&self, path: &str) -> Result<bool, StoreError> {
-        let row = sqlx::query("select 1 from removals where path = ?")
-            .bind(path)
-            .fetch_optional(self.readers())
-            .await?;
+        let row =
+            query("select 1 from removals where path = ?").bind(path).fetch_optional(self.readers()).await?;
         Ok(row.is_some())
     }
 
@@ -227,9 +226,9 @@ impl Store {
             async move {
                 let paths = to_json(&paths)?;
                 let mut writer = store.quick_writer().await?;
-                sqlx::query("delete from removals where path in (select value from json_each(?))")
+                query("delete from removals where path in (select value from json_each(?))")
                     .bind(paths)
-                    .execute(&mut *writer)
+                    .execute(&mut writer)
                     .await?;
                 Ok(())
             }
@@ -239,15 +238,13 @@ impl Store {
 
     /// Whether a job of this ID exists, in any state.
     pub(crate) async fn knows_job(&self, id: &str) -> Result<bool, StoreError> {
-        let row =
-            sqlx::query("select 1 from jobs where id = ?").bind(id).fetch_optional(self.readers()).await?;
+        let row = query("select 1 from jobs where id = ?").bind(id).fetch_optional(self.readers()).await?;
         Ok(row.is_some())
     }
 
     /// Bytes of files by name of the API key and kind.
     pub(crate) async fn stored_bytes(&self) -> Result<BTreeMap<(String, StoredKind), u64>, StoreError> {
-        let rows =
-            sqlx::query("select owner, kind, bytes from stored_bytes").fetch_all(self.readers()).await?;
+        let rows = query("select owner, kind, bytes from stored_bytes").fetch_all(self.readers()).await?;
         rows.iter()
             .map(|row| {
                 let name: String = row.try_get("kind")?;
@@ -255,7 +252,7 @@ impl Store {
                     .into_iter()
                     .find(|kind| kind.name() == name)
                     .ok_or_else(|| StoreError::Row(format!("unknown kind of file {name:?}")))?;
-                Ok(((row.try_get("owner")?, kind), row.try_get::<i64, _>("bytes")?.max(0).cast_unsigned()))
+                Ok(((row.try_get("owner")?, kind), row.try_get::<i64>("bytes")?.max(0).cast_unsigned()))
             })
             .collect()
     }
@@ -266,7 +263,7 @@ impl Store {
         self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            sqlx::query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut *tx).await?;
+            query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut tx).await?;
             Ok(tx.rollback().await?)
         })
         .await
@@ -274,10 +271,12 @@ impl Store {
 }
 
 impl Removed {
-    /// Reads a row with `id`, `path` of the result, and `export_paths` as an array.
-    pub(super) fn read(row: &SqliteRow) -> Result<Self, StoreError> {
-        let mut files: Vec<String> = rows::json(&row.try_get::<String, _>("export_paths")?)?;
-        files.extend(row.try_get::<Option<String>, _>("path")?);
-        Ok(Self { id: rows::job_id(&row.try_get::<String, _>("id")?)?, files })
+    /// Reads a row with `id`, `path` of the result, and `export_paths` between bars.
+    pub(super) fn read(row: &Row) -> Result<Self, StoreError> {
+        let exports: Option<String> = row.try_get("export_paths")?;
+        let mut files: Vec<String> =
+            exports.iter().flat_map(|paths| paths.split('|')).map(str::to_owned).collect();
+        files.extend(row.try_get::<Option<String>>("path")?);
+        Ok(Self { id: rows::job_id(row.text("id")?)?, files })
     }
 }

@@ -4,12 +4,11 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
 use utoipa::ToSchema;
 
+use super::db::{Row, Transaction, query};
 use super::submit::to_json;
-use super::{Store, StoreError, micros, now_us, rows};
+use super::{Store, StoreError, micros, rows};
 use crate::webhooks::WebhookUrl;
 
 /// Whether a message has arrived.
@@ -125,13 +124,13 @@ impl Store {
 
     /// The webhook of a job.
     pub(crate) async fn webhook_of_job(&self, job: i64) -> Result<Option<WebhookRecord>, StoreError> {
-        let row = sqlx::query(concat!(select_webhook!(), " where webhooks.job = ?")).bind(job);
+        let row = query(concat!(select_webhook!(), " where webhooks.job = ?")).bind(job);
         row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
     }
 
     /// The webhook of a study.
     pub(crate) async fn webhook_of_study(&self, study: i64) -> Result<Option<WebhookRecord>, StoreError> {
-        let row = sqlx::query(concat!(select_webhook!(), " where webhooks.study = ?")).bind(study);
+        let row = query(concat!(select_webhook!(), " where webhooks.study = ?")).bind(study);
         row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
     }
 
@@ -143,17 +142,17 @@ impl Store {
         sent_before: bool,
         limit: usize,
     ) -> Result<Vec<Delivery>, StoreError> {
-        let now = now_us();
-        let found = sqlx::query(concat!(
+        let now = self.now_us();
+        let found = query(concat!(
             waiting_hosts!(),
             "select due.seq, due.id, due.host, due.body, due.attempts, due.created_at, webhooks.url
-             from hosts cross join webhook_deliveries as due on due.seq = (
+             from hosts cross join webhook_deliveries as due join webhooks on webhooks.seq = due.webhook
+             where due.seq = (
                      select seq from webhook_deliveries
                      where state = 'waiting' and host = hosts.host and sent_before = ?3 and next_at <= ?1
                      order by next_at, seq limit 1
                  )
-                 join webhooks on webhooks.seq = due.webhook
-             where hosts.host not in (select value from json_each(?2))
+                 and hosts.host not in (select value from json_each(?2))
              order by due.next_at, due.seq limit ?4",
         ))
         .bind(now)
@@ -186,7 +185,7 @@ impl Store {
         busy: &[String],
         sent_before: bool,
     ) -> Result<Option<Duration>, StoreError> {
-        let next: Option<i64> = sqlx::query_scalar(concat!(
+        let next: Option<i64> = query(concat!(
             waiting_hosts!(),
             "select min((
                  select min(next_at) from webhook_deliveries
@@ -195,18 +194,18 @@ impl Store {
         ))
         .bind(to_json(&busy)?)
         .bind(sent_before)
-        .fetch_one(self.readers())
+        .scalar(self.readers())
         .await?;
-        let until = |next: i64| Duration::from_micros(next.saturating_sub(now_us()).max(0).cast_unsigned());
+        let until =
+            |next: i64| Duration::from_micros(next.saturating_sub(self.now_us()).max(0).cast_unsigned());
         Ok(next.map(until))
     }
 
     /// How many deliveries wait.
     pub(crate) async fn waiting_deliveries(&self) -> Result<u64, StoreError> {
-        let waiting: i64 =
-            sqlx::query_scalar("select count(*) from webhook_deliveries where state = 'waiting'")
-                .fetch_one(self.readers())
-                .await?;
+        let waiting: i64 = query("select count(*) from webhook_deliveries where state = 'waiting'")
+            .scalar(self.readers())
+            .await?;
         Ok(waiting.cast_unsigned())
     }
 
@@ -216,7 +215,7 @@ impl Store {
     pub(crate) async fn record_attempt(&self, delivery: i64, attempt: Attempt) -> Result<(), StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let now = now_us();
+            let now = store.now_us();
             let (state, error, status, pause) = match attempt {
                 Attempt::Delivered { status } => (DeliveryState::Delivered, None, Some(status), Duration::ZERO),
                 Attempt::Again { error, status, pause } => {
@@ -228,9 +227,9 @@ impl Store {
             };
             let mut writer = store.quick_writer().await?;
             let mut tx = writer.begin().await?;
-            let recorded: Option<i64> = sqlx::query_scalar(
+            let recorded: Option<i64> = query(
                 "update webhook_deliveries set state = ?1, attempts = attempts + 1, last_error = ?2, last_status = ?3,
-                     next_at = ?4, delivered_at = iif(?1 = 'delivered', ?5, null)
+                     next_at = ?4, delivered_at = case when ?1 = 'delivered' then ?5 else null end
                  where seq = ?6 and state = 'waiting' returning webhook",
             )
             .bind(state.name())
@@ -239,24 +238,24 @@ impl Store {
             .bind(now.saturating_add(micros(pause)))
             .bind(now)
             .bind(delivery)
-            .fetch_optional(&mut *tx)
+            .optional_scalar(&mut tx)
             .await?;
             let Some(webhook) = recorded else { return Ok(()) };
-            let job: Option<String> = sqlx::query_scalar(
+            let job: Option<String> = query(
                 "update jobs set version = version + 1, updated_at = ?2
                  where seq = (select job from webhooks where seq = ?1) returning id",
             )
             .bind(webhook)
             .bind(now)
-            .fetch_optional(&mut *tx)
+            .optional_scalar(&mut tx)
             .await?;
-            let study: Option<String> = sqlx::query_scalar(
+            let study: Option<String> = query(
                 "update studies set version = version + 1, updated_at = ?2
                  where seq = (select study from webhooks where seq = ?1) returning id",
             )
             .bind(webhook)
             .bind(now)
-            .fetch_optional(&mut *tx)
+            .optional_scalar(&mut tx)
             .await?;
             tx.commit().await?;
             drop(writer);
@@ -286,7 +285,7 @@ pub(super) enum Ending {
 
 /// Records the webhook of a submission.
 pub(super) async fn insert(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     of: Ending,
     url: Option<&WebhookUrl>,
 ) -> Result<(), StoreError> {
@@ -295,17 +294,17 @@ pub(super) async fn insert(
         Ending::Job(seq) => (Some(seq), None),
         Ending::Study(seq) => (None, Some(seq)),
     };
-    sqlx::query("insert into webhooks (job, study, url, host) values (?, ?, ?, ?)")
+    query("insert into webhooks (job, study, url, host) values (?, ?, ?, ?)")
         .bind(job)
         .bind(study)
         .bind(url.as_str())
         .bind(url.host_text())
-        .execute(connection)
+        .execute(tx)
         .await?;
     Ok(())
 }
 
-fn webhook(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
+fn webhook(row: &Row) -> Result<WebhookRecord, StoreError> {
     let name: Option<String> = row.try_get("state")?;
     let state = match &name {
         None => DeliveryState::Waiting,
@@ -318,7 +317,7 @@ fn webhook(row: &SqliteRow) -> Result<WebhookRecord, StoreError> {
     Ok(WebhookRecord {
         url: row.try_get("url")?,
         state,
-        attempts: row.try_get::<Option<u32>, _>("attempts")?.unwrap_or(0),
+        attempts: row.try_get::<Option<u32>>("attempts")?.unwrap_or(0),
         last_error: row.try_get("last_error")?,
         last_status: row.try_get("last_status")?,
         next_attempt_at: next_at.filter(|_| state == DeliveryState::Waiting),

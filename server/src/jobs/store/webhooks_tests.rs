@@ -4,6 +4,7 @@
 
 use std::collections::BTreeSet;
 
+use jiff::Timestamp;
 use packstone_engine::Limits;
 use serde_json::{Value, json};
 
@@ -146,7 +147,7 @@ async fn every_end_has_its_message_and_a_retried_job_sends_again() {
     deliver(&store, &third).await;
     let mut left = BTreeSet::new();
     for table in ["select count(*) from webhooks", "select count(*) from webhook_deliveries"] {
-        left.insert(sqlx::query_scalar::<_, i64>(table).fetch_one(store.readers()).await.unwrap());
+        left.insert(db::query(table).scalar::<i64>(store.readers()).await.unwrap());
     }
     assert_eq!(left, BTreeSet::from([0]));
 }

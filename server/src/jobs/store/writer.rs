@@ -5,31 +5,22 @@
 //! sqlx 0.9 lowers its count of open transactions on success only: from then on it refuses every `BEGIN`. So each write
 //! first asks whether the connection is in no transaction, and opens another one where it is.
 
-use std::ops::{Deref, DerefMut};
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{Connection as _, Sqlite, SqliteConnection, Transaction};
 use tokio::sync::{Mutex, MutexGuard};
 
 use super::StoreError;
+use super::clock::Clock;
+use super::db::{Connection, Durability, Options, Source, Transaction, Via};
 use super::faults::{Fault, fault_of};
-
-/// What a commit survives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Durability {
-    /// A power cut: the commit waits for the disk.
-    PowerCut,
-    /// The end of the process only; the next commit of the other kind takes this one to the disk with it.
-    ProcessEnd,
-}
 
 /// The connection, one writer at a time.
 #[derive(Debug)]
 pub(super) struct Writer {
-    options: SqliteConnectOptions,
+    options: Options,
+    clock: Clock,
     state: Mutex<State>,
     /// Since when no connection could be opened in place of an unusable one.
     lost_since: std::sync::Mutex<Option<Instant>>,
@@ -39,7 +30,7 @@ pub(super) struct Writer {
 
 #[derive(Debug)]
 struct State {
-    connection: SqliteConnection,
+    connection: Connection,
     durability: Durability,
     unusable: bool,
 }
@@ -47,19 +38,26 @@ struct State {
 /// The right to write; dropped, it lets the next writer in.
 #[derive(Debug)]
 pub(super) struct Writing<'a> {
+    clock: &'a Clock,
     state: MutexGuard<'a, State>,
 }
 
 impl Writer {
-    /// Takes over an open connection; `options` open its successors, and set `synchronous = full`.
-    pub(super) fn new(connection: SqliteConnection, options: SqliteConnectOptions) -> Self {
+    /// Takes over an open connection; `options` open its successors.
+    pub(super) fn new(connection: Connection, options: Options) -> Self {
         let state = State { connection, durability: Durability::PowerCut, unusable: false };
         Self {
             options,
+            clock: Clock::default(),
             state: Mutex::new(state),
             lost_since: std::sync::Mutex::default(),
             replaced: AtomicU64::default(),
         }
+    }
+
+    /// The clock of the database, as the last write has found it.
+    pub(super) fn clock(&self) -> &Clock {
+        &self.clock
     }
 
     /// Waits for the writers before, and hands out a connection that is in no transaction.
@@ -68,22 +66,18 @@ impl Writer {
     /// The database's, where the connection is unusable and no other one can be opened.
     pub(super) async fn lock(&self, durability: Durability) -> Result<Writing<'_>, StoreError> {
         let mut state = self.state.lock().await;
-        if state.unusable || !is_idle(&mut state.connection).await {
+        if state.unusable || !state.connection.is_idle().await {
             self.replace(&mut state).await?;
         }
         if state.durability != durability {
-            let pragma = match durability {
-                Durability::PowerCut => "pragma synchronous = full",
-                Durability::ProcessEnd => "pragma synchronous = normal",
-            };
-            sqlx::query(pragma).execute(&mut state.connection).await?;
+            state.connection.set_durability(durability).await?;
             state.durability = durability;
         }
-        Ok(Writing { state })
+        Ok(Writing { clock: &self.clock, state })
     }
 
     async fn replace(&self, state: &mut State) -> Result<(), StoreError> {
-        let opened = SqliteConnection::connect_with(&self.options).await;
+        let opened = self.options.connect().await;
         let mut lost_since = self.lost_since.lock().unwrap_or_else(PoisonError::into_inner);
         match opened {
             Ok(connection) => {
@@ -120,25 +114,23 @@ impl Writer {
     /// Waits for the writers before and copies the write-ahead log into the database.
     pub(super) async fn fold_log(&self) -> Result<(), StoreError> {
         let mut state = self.state.lock().await;
-        sqlx::query("pragma wal_checkpoint(truncate)").execute(&mut state.connection).await?;
-        Ok(())
+        Ok(state.connection.fold_log().await?)
     }
 }
 
-/// Whether the connection answers and is in no transaction. A transaction that was dropped is rolled back by the
-/// connection's thread, before the thread answers here.
-async fn is_idle(connection: &mut SqliteConnection) -> bool {
-    connection.ping().await.is_ok() && !connection.is_in_transaction()
-}
-
 impl Writing<'_> {
+    /// The clock of the database, in microseconds since the Unix epoch.
+    pub(super) fn now_us(&self) -> i64 {
+        self.clock.now_us()
+    }
+
     /// Begins a transaction that may write from its start on.
     ///
     /// # Errors
     /// The database's. Unless another program holds the lock, the connection is replaced before the next write.
-    pub(super) async fn begin(&mut self) -> Result<Transaction<'_, Sqlite>, sqlx::Error> {
+    pub(super) async fn begin(&mut self) -> Result<Transaction<'_>, sqlx::Error> {
         let State { connection, unusable, .. } = &mut *self.state;
-        match connection.begin_with("begin immediate").await {
+        match connection.begin_write(self.clock).await {
             Ok(transaction) => Ok(transaction),
             Err(error) => {
                 *unusable = fault_of(&error) != Some(Fault::Locked);
@@ -148,16 +140,9 @@ impl Writing<'_> {
     }
 }
 
-impl Deref for Writing<'_> {
-    type Target = SqliteConnection;
-
-    fn deref(&self) -> &SqliteConnection {
-        &self.state.connection
-    }
-}
-
-impl DerefMut for Writing<'_> {
-    fn deref_mut(&mut self) -> &mut SqliteConnection {
-        &mut self.state.connection
+/// A single statement is a transaction of its own.
+impl<'s> Source<'s> for &'s mut Writing<'_> {
+    fn via(self) -> Via<'s> {
+        self.state.connection.via_write(self.clock)
     }
 }

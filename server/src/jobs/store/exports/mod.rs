@@ -1,9 +1,8 @@
 //! Exports in the store.
 //!
 //! The unique key `(job, key)` makes one row of all requests for the same export. The row is deleted with its job.
-//! Exports have no leases: one service owns the data directory, so that no worker has a row that is running when the
-//! service starts, and such rows are requeued. The update of a worker names its attempt, so that a worker whose export
-//! was requeued changes nothing.
+//! Exports are leased as jobs are: who makes one renews its lease, and one whose lease ran out is requeued. The update of
+//! a worker names its attempt, so that a worker whose export was requeued changes nothing.
 
 mod query;
 mod request;
@@ -12,9 +11,8 @@ mod tests;
 mod work;
 
 use serde_json::Value;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
 
+use super::db::{Row, Transaction, query};
 use super::{StoreError, rows};
 use crate::exports::{ExportRecord, ExportState, StoredFile};
 use crate::ids::ExportId;
@@ -36,28 +34,28 @@ macro_rules! select_exports {
 use select_exports;
 
 /// Reads a row of [`select_exports!`].
-fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
-    let file = match row.try_get::<Option<String>, _>("path")? {
+fn export(row: &Row) -> Result<ExportRecord, StoreError> {
+    let file = match row.try_get::<Option<String>>("path")? {
         None => None,
         Some(path) => Some(StoredFile {
             path,
-            bytes: row.try_get::<i64, _>("bytes")? as u64,
+            bytes: row.try_get::<i64>("bytes")? as u64,
             sha256: row.try_get("sha256")?,
         }),
     };
     let optional_json = |column| -> Result<Option<Value>, StoreError> {
-        row.try_get::<Option<String>, _>(column)?.as_deref().map(rows::json).transpose()
+        row.try_get::<Option<String>>(column)?.as_deref().map(rows::json).transpose()
     };
     let name: String = row.try_get("state")?;
     let state = ExportState::from_name(&name);
     Ok(ExportRecord {
         seq: row.try_get("seq")?,
-        id: export_id(&row.try_get::<String, _>("id")?)?,
-        job: rows::job_id(&row.try_get::<String, _>("job_id")?)?,
+        id: export_id(row.text("id")?)?,
+        job: rows::job_id(row.text("job_id")?)?,
         job_seq: row.try_get("job")?,
         key: row.try_get("key")?,
-        kind: rows::json(&format!("\"{}\"", row.try_get::<String, _>("type")?))?,
-        options: rows::json(&row.try_get::<String, _>("options")?)?,
+        kind: rows::json(&format!("\"{}\"", row.try_get::<String>("type")?))?,
+        options: rows::json(row.text("options")?)?,
         kept: row.try_get("kept")?,
         state: state.ok_or_else(|| StoreError::Row(format!("unknown state {name:?}")))?,
         attempt: row.try_get("attempt")?,
@@ -65,7 +63,7 @@ fn export(row: &SqliteRow) -> Result<ExportRecord, StoreError> {
         progress: optional_json("progress")?,
         file,
         report: optional_json("report")?,
-        error: row.try_get::<Option<String>, _>("error")?.as_deref().map(rows::json).transpose()?,
+        error: row.try_get::<Option<String>>("error")?.as_deref().map(rows::json).transpose()?,
         created_at: row.try_get("created_at")?,
         started_at: row.try_get("started_at")?,
         finished_at: row.try_get("finished_at")?,
@@ -79,20 +77,17 @@ fn export_id(text: &str) -> Result<ExportId, StoreError> {
 }
 
 /// The export of that number, which the caller knows to exist.
-async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<ExportRecord, StoreError> {
-    let row = sqlx::query(select_exports!("where exports.seq = ?"))
-        .bind(seq)
-        .fetch_optional(&mut *connection)
-        .await?;
+async fn by_seq(tx: &mut Transaction<'_>, seq: i64) -> Result<ExportRecord, StoreError> {
+    let row = query(select_exports!("where exports.seq = ?")).bind(seq).fetch_optional(&mut *tx).await?;
     export(&row.ok_or(StoreError::NoExport)?)
 }
 
 /// Increments the version of a job whose list of kept exports has changed.
-async fn touch_job(connection: &mut SqliteConnection, job: i64, now: i64) -> Result<(), StoreError> {
-    sqlx::query("update jobs set version = version + 1, updated_at = ? where seq = ?")
+async fn touch_job(tx: &mut Transaction<'_>, job: i64, now: i64) -> Result<(), StoreError> {
+    query("update jobs set version = version + 1, updated_at = ? where seq = ?")
         .bind(now)
         .bind(job)
-        .execute(connection)
+        .execute(tx)
         .await?;
     Ok(())
 }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use packstone_engine::export::ExportType;
 use serde_json::Value;
-use sqlx::{Row as _, SqliteConnection};
 
+use super::super::db::{Transaction, query};
 use super::super::{Store, StoreError, rows};
 use super::{export, export_id, select_exports};
 use crate::exports::{ExportRecord, ExportState, NewExport};
@@ -21,7 +21,7 @@ pub(crate) struct ExportCounts {
 impl Store {
     /// The export of a job; `None` where the job does not have it.
     pub(crate) async fn export(&self, job: JobId, id: ExportId) -> Result<Option<ExportRecord>, StoreError> {
-        let row = sqlx::query(select_exports!("where exports.id = ? and jobs.id = ?"))
+        let row = query(select_exports!("where exports.id = ? and jobs.id = ?"))
             .bind(id.to_string())
             .bind(job.to_string())
             .fetch_optional(self.readers())
@@ -31,7 +31,7 @@ impl Store {
 
     /// Whether a job has the export of a key, or had it before it was removed from the cache.
     pub(crate) async fn knows_export(&self, job: i64, key: &str) -> Result<bool, StoreError> {
-        let row = sqlx::query("select 1 from exports where job = ? and key = ?")
+        let row = query("select 1 from exports where job = ? and key = ?")
             .bind(job)
             .bind(key)
             .fetch_optional(self.readers())
@@ -45,7 +45,7 @@ impl Store {
         job: i64,
         new: &NewExport,
     ) -> Result<Option<ExportRecord>, StoreError> {
-        let row = sqlx::query(select_exports!(
+        let row = query(select_exports!(
             "where exports.job = ?1 and (exports.key = ?2 or exports.options = ?3)
              order by exports.key = ?2 desc, exports.seq desc limit 1"
         ))
@@ -65,7 +65,7 @@ impl Store {
         before: Option<i64>,
         limit: u32,
     ) -> Result<(Vec<ExportRecord>, Option<i64>), StoreError> {
-        let rows = sqlx::query(select_exports!(
+        let rows = query(select_exports!(
             "where exports.job = ? and exports.seq < ? order by exports.seq desc limit ?"
         ))
         .bind(job)
@@ -82,30 +82,29 @@ impl Store {
 
     /// Types and options of the exports that are kept with a job, oldest first. The job's version changes with them.
     pub(crate) async fn kept_of(&self, job: i64) -> Result<Vec<(ExportType, Value)>, StoreError> {
-        let rows = sqlx::query("select type, options from exports where job = ? and kept order by seq")
+        let rows = query("select type, options from exports where job = ? and kept order by seq")
             .bind(job)
             .fetch_all(self.readers())
             .await?;
         rows.iter()
             .map(|row| {
-                let kind = rows::json(&format!("\"{}\"", row.try_get::<String, _>("type")?))?;
-                Ok((kind, rows::json(&row.try_get::<String, _>("options")?)?))
+                let kind = rows::json(&format!("\"{}\"", row.try_get::<String>("type")?))?;
+                Ok((kind, rows::json(row.text("options")?)?))
             })
             .collect()
     }
 
     /// Number of exports in each state, and size of the cache.
     pub(crate) async fn export_counts(&self) -> Result<ExportCounts, StoreError> {
-        let rows = sqlx::query("select state, exports, cache_bytes from export_counts")
-            .fetch_all(self.readers())
-            .await?;
+        let rows =
+            query("select state, exports, cache_bytes from export_counts").fetch_all(self.readers()).await?;
         let mut counts = ExportCounts::default();
         for row in rows {
             let name: String = row.try_get("state")?;
             let state = ExportState::from_name(&name)
                 .ok_or_else(|| StoreError::Row(format!("unknown state {name:?}")))?;
-            counts.states.insert(state, row.try_get::<i64, _>("exports")? as u64);
-            counts.cache_bytes += row.try_get::<i64, _>("cache_bytes")? as u64;
+            counts.states.insert(state, row.try_get::<i64>("exports")? as u64);
+            counts.cache_bytes += row.try_get::<i64>("cache_bytes")? as u64;
         }
         Ok(counts)
     }
@@ -113,18 +112,15 @@ impl Store {
 
 /// The files that a job has besides its result, and its exports that are not finished.
 pub(in crate::jobs::store) async fn files_of_job(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     job: i64,
 ) -> Result<(Vec<String>, Vec<ExportId>), StoreError> {
-    let rows = sqlx::query("select id, path, state from exports where job = ?")
-        .bind(job)
-        .fetch_all(connection)
-        .await?;
+    let rows = query("select id, path, state from exports where job = ?").bind(job).fetch_all(tx).await?;
     let (mut files, mut open) = (Vec::new(), Vec::new());
     for row in rows {
-        files.extend(row.try_get::<Option<String>, _>("path")?);
-        if ["queued", "running"].contains(&row.try_get::<String, _>("state")?.as_str()) {
-            open.push(export_id(&row.try_get::<String, _>("id")?)?);
+        files.extend(row.try_get::<Option<String>>("path")?);
+        if ["queued", "running"].contains(&row.text("state")?) {
+            open.push(export_id(row.text("id")?)?);
         }
     }
     Ok((files, open))

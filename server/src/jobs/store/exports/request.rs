@@ -1,9 +1,8 @@
 //! Requesting and deleting exports.
 
-use sqlx::{Row as _, SqliteConnection};
-
+use super::super::db::{Transaction, query};
 use super::super::writer::Writing;
-use super::super::{Store, StoreError, now_us};
+use super::super::{Store, StoreError};
 use super::{by_seq, export, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport};
 use crate::ids::{ExportId, JobId};
@@ -57,16 +56,16 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.writer().await?;
-            sqlx::query(
+            query(
                 "update exports set state = 'queued', attempt = attempt + 1, version = version + 1, rank = 0,
                      path = null, bytes = null, sha256 = null, report = null, progress = null, started_at = null,
                      finished_at = null, updated_at = ?1
                  where seq = ?2 and state = 'succeeded' and path = ?3",
             )
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(seq)
             .bind(path)
-            .execute(&mut *writer)
+            .execute(&mut writer)
             .await?;
             drop(writer);
             store.wake_export_workers();
@@ -84,15 +83,15 @@ impl Store {
         self.freeing(move |store| async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let row = sqlx::query(select_exports!("where exports.id = ? and jobs.id = ?"))
+            let row = query(select_exports!("where exports.id = ? and jobs.id = ?"))
                 .bind(id.to_string())
                 .bind(job.to_string())
-                .fetch_optional(&mut *tx)
+                .fetch_optional(&mut tx)
                 .await?;
             let record = export(&row.ok_or(StoreError::NoExport)?)?;
-            sqlx::query("delete from exports where seq = ?").bind(record.seq).execute(&mut *tx).await?;
+            query("delete from exports where seq = ?").bind(record.seq).execute(&mut tx).await?;
             if record.kept {
-                touch_job(&mut tx, record.job_seq, now_us()).await?;
+                touch_job(&mut tx, record.job_seq, store.now_us()).await?;
             }
             tx.commit().await?;
             drop(writer);
@@ -119,18 +118,18 @@ async fn find_or_insert(
     new: &NewExport,
     retention: Retention,
 ) -> Result<Requested, StoreError> {
+    let now = writer.now_us();
     let mut tx = writer.begin().await?;
-    let job: i64 = sqlx::query("select seq from jobs where id = ? and state = 'succeeded'")
+    let job: i64 = query("select seq from jobs where id = ? and state = 'succeeded'")
         .bind(job.to_string())
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await?
         .ok_or(StoreError::NoJob)?
         .try_get("seq")?;
-    let now = now_us();
-    let known = sqlx::query(select_exports!("where exports.job = ? and exports.key = ?"))
+    let known = query(select_exports!("where exports.job = ? and exports.key = ?"))
         .bind(job)
         .bind(&new.key)
-        .fetch_optional(&mut *tx)
+        .fetch_optional(&mut tx)
         .await?;
     let known = known.as_ref().map(export).transpose()?;
     let keep = retention == Retention::Kept && !known.as_ref().is_some_and(|known| known.kept);
@@ -158,31 +157,31 @@ async fn find_or_insert(
 /// A client is waiting: the export moves to the front of the queue, is requeued if it failed (`retried`), and is kept
 /// from now on if `keep` is set.
 async fn update(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     known: &ExportRecord,
     retried: bool,
     keep: bool,
     now: i64,
 ) -> Result<(), StoreError> {
-    sqlx::query(
-        "update exports set used_at = ?2, rank = iif(state = 'queued' or ?3, 0, rank), kept = kept or ?4,
-             version = version + (?3 or ?4), updated_at = iif(?3 or ?4, ?2, updated_at)
+    query(
+        "update exports set used_at = ?2, rank = case when state = 'queued' or ?3 then 0 else rank end, kept = kept or ?4,
+             version = version + case when ?3 or ?4 then 1 else 0 end, updated_at = case when ?3 or ?4 then ?2 else updated_at end
          where seq = ?1",
     )
     .bind(known.seq)
     .bind(now)
     .bind(retried)
     .bind(keep)
-    .execute(&mut *connection)
+    .execute(&mut *tx)
     .await?;
     if retried {
-        sqlx::query(
+        query(
             "update exports set state = 'queued', attempt = 1, error = null, progress = null, started_at = null,
                  finished_at = null
              where seq = ?",
         )
         .bind(known.seq)
-        .execute(connection)
+        .execute(tx)
         .await?;
     }
     Ok(())
@@ -190,13 +189,13 @@ async fn update(
 
 /// Queues the exports that the request of a job lists, in the transaction that ends the job.
 pub(in crate::jobs::store) async fn insert_beforehand(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     job: i64,
     new: &[NewExport],
     now: i64,
 ) -> Result<(), StoreError> {
     for new in new {
-        insert(connection, job, new, Row { kept: true, rank: 1, now }).await?;
+        insert(tx, job, new, Row { kept: true, rank: 1, now }).await?;
     }
     Ok(())
 }
@@ -209,12 +208,12 @@ struct Row {
 
 /// Inserts a row and returns its number; `None` where the job already has the export.
 async fn insert(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     job: i64,
     new: &NewExport,
     row: Row,
 ) -> Result<Option<i64>, StoreError> {
-    let inserted = sqlx::query(
+    let inserted = query(
         "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at,
              owner)
          values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9, (select owner from jobs where seq = ?2))
@@ -229,24 +228,20 @@ async fn insert(
     .bind(new.quick)
     .bind(row.rank)
     .bind(row.now)
-    .fetch_optional(connection)
+    .fetch_optional(tx)
     .await?;
     Ok(inserted.map(|row| row.try_get("seq")).transpose()?)
 }
 
-async fn check_kept(connection: &mut SqliteConnection, job: i64) -> Result<(), StoreError> {
-    let kept: i64 = sqlx::query_scalar("select count(*) from exports where job = ? and kept")
-        .bind(job)
-        .fetch_one(connection)
-        .await?;
+async fn check_kept(tx: &mut Transaction<'_>, job: i64) -> Result<(), StoreError> {
+    let kept: i64 = query("select count(*) from exports where job = ? and kept").bind(job).scalar(tx).await?;
     if kept as u64 >= MAX_KEPT { Err(StoreError::TooManyKept { most: MAX_KEPT }) } else { Ok(()) }
 }
 
-async fn check_waiting(connection: &mut SqliteConnection) -> Result<(), StoreError> {
-    let waiting: i64 = sqlx::query_scalar(
-        "select count(*) from exports indexed by exports_queue where state = 'queued' and rank = 0",
-    )
-    .fetch_one(connection)
-    .await?;
+async fn check_waiting(tx: &mut Transaction<'_>) -> Result<(), StoreError> {
+    let waiting: i64 =
+        query("select count(*) from exports indexed by exports_queue where state = 'queued' and rank = 0")
+            .scalar(tx)
+            .await?;
     if waiting as u64 >= MAX_WAITING { Err(StoreError::TooManyWait { most: MAX_WAITING }) } else { Ok(()) }
 }

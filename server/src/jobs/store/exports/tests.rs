@@ -5,11 +5,11 @@
 
 use packstone_engine::export::ExportRequest;
 use serde_json::json;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{Connection as _, SqliteConnection};
+use sqlx::Connection as _;
 
-use super::super::migrations::migrations_to;
-use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
+use super::super::tests::{
+    LIMITS, artifact, file_of_version, fresh, fresh_file, open, open_file, plan_of, progress, submit,
+};
 use super::super::{Retention, Store, StoreError};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -262,8 +262,9 @@ async fn what_waits_and_what_is_kept_is_bounded() {
     store.claim_export(false).await.unwrap().unwrap();
     request(&store, other.id, cut(0.0), Retention::Cached).await;
     // However much waits, the next is found by an index.
+    let (_folder, file) = fresh_file().await;
     for quick in [false, true] {
-        let plan = plan_of(&store, super::work::claim_sql(quick)).await;
+        let plan = plan_of(&file, super::work::claim_sql(quick)).await;
         let index = if quick { "exports_quick" } else { "exports_queue" };
         assert!(plan.iter().any(|step| step.contains(index)), "{plan:?}");
         assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:?}");
@@ -273,10 +274,7 @@ async fn what_waits_and_what_is_kept_is_bounded() {
 #[tokio::test]
 async fn a_file_of_the_second_version_is_brought_up_to_date() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("packstone.sqlite");
-    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
-    let mut old = SqliteConnection::connect_with(&options).await.unwrap();
-    migrations_to(2).run(&mut old).await.unwrap();
+    let mut old = file_of_version(&folder, 2).await;
     let id = JobId::new();
     for statement in [
         "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
@@ -289,7 +287,7 @@ async fn a_file_of_the_second_version_is_brought_up_to_date() {
     }
     old.close().await.unwrap();
 
-    let store = open(&folder, LIMITS).await;
+    let store = open_file(&folder).await;
     assert_eq!(store.recover_exports().await.unwrap(), 0);
     let (requested, created) = request(&store, id, cut(1.0), Retention::Kept).await;
     assert!(created && requested.job == id);

@@ -1,10 +1,11 @@
 //! The state transitions of an export by its worker.
 
-use sqlx::Row as _;
+use std::time::Duration;
 
+use super::super::db::query;
 use super::super::submit::to_json;
 use super::super::writer::Writing;
-use super::super::{Store, StoreError, fault_pause, micros, now_us, rows};
+use super::super::{Store, StoreError, fault_pause, micros, rows};
 use super::{by_seq, export_id};
 use crate::exports::{ExportRecord, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -19,6 +20,7 @@ macro_rules! next {
     ($tail:literal) => {
         concat!(
             "update exports set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                 lease_expires_at = ?2,
                  progress = null, error = null, not_before = null
              where seq = (select seq from exports ",
             $tail,
@@ -39,8 +41,17 @@ pub(crate) struct ClaimedExport {
 
 impl Store {
     /// Requeues every running export at start-up, when no worker has it; an export without attempts left fails. Returns
-    /// how many were running.
+    /// how many were running. Where other servers may share the database, only those whose lease ran out are taken.
     pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
+        self.reclaim_exports(if self.is_shared() { self.now_us() } else { i64::MAX }).await
+    }
+
+    /// Does the same for the exports whose lease ran out.
+    pub(crate) async fn reclaim_expired_exports(&self) -> Result<usize, StoreError> {
+        self.reclaim_exports(self.now_us()).await
+    }
+
+    async fn reclaim_exports(&self, leases_until: i64) -> Result<usize, StoreError> {
         let store = self.clone();
         self.detached(async move {
             let exhausted = Failure::new(
@@ -48,19 +59,25 @@ impl Store {
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
             );
             let mut writer = store.writer().await?;
-            let moved = sqlx::query(
+            let moved = query(
                 "update exports set
-                     state = iif(attempt >= ?2, 'failed', 'queued'), error = iif(attempt >= ?2, ?3, null),
-                     finished_at = iif(attempt >= ?2, ?1, null), attempt = attempt + 1, progress = null,
-                     version = version + 1, updated_at = ?1
-                 where state = 'running'",
+                     state = case when attempt >= ?2 then 'failed' else 'queued' end, error = case when attempt >= ?2 then ?3 else null end,
+                     finished_at = case when attempt >= ?2 then ?1 else null end, attempt = attempt + 1, progress = null,
+                     lease_expires_at = null, version = version + 1, updated_at = ?1
+                 where state = 'running' and coalesce(lease_expires_at, 0) <= ?4 returning id",
             )
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(MAX_ATTEMPTS)
             .bind(to_json(&exhausted)?)
-            .execute(&mut *writer)
+            .bind(leases_until)
+            .fetch_all(&mut writer)
             .await?;
-            Ok(moved.rows_affected() as usize)
+            drop(writer);
+            for row in &moved {
+                store.notify_export(export_id(row.text("id")?)?);
+                store.wake_export_workers();
+            }
+            Ok(moved.len())
         })
         .await
     }
@@ -72,7 +89,7 @@ impl Store {
         self.detached(async move {
             // A power cut that undoes the claim leaves the export queued.
             let mut writer = store.quick_writer().await?;
-            let claimed = claim(&mut writer, quick).await?;
+            let claimed = claim(&mut writer, store.lease(), quick).await?;
             drop(writer);
             if let Some(claimed) = &claimed {
                 store.notify_export(claimed.export.id);
@@ -92,15 +109,17 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
-            let moved = sqlx::query(
-                "update exports set progress = ?1, version = version + 1, updated_at = ?2
+            let now = writer.now_us();
+            let moved = query(
+                "update exports set progress = ?1, version = version + 1, updated_at = ?2, lease_expires_at = ?5
                  where seq = ?3 and attempt = ?4 and state = 'running'",
             )
             .bind(to_json(&progress)?)
-            .bind(now_us())
+            .bind(now)
             .bind(seq)
             .bind(attempt)
-            .execute(&mut *writer)
+            .bind(now.saturating_add(micros(store.lease())))
+            .execute(&mut writer)
             .await?;
             drop(writer);
             let still = moved.rows_affected() > 0;
@@ -112,9 +131,28 @@ impl Store {
         .await
     }
 
+    /// Renews the lease of an export that has no news; `false` where it is no longer the caller's.
+    pub(crate) async fn renew_export(&self, of: &ExportRecord) -> Result<bool, StoreError> {
+        let (seq, attempt) = (of.seq, of.attempt);
+        let store = self.clone();
+        self.detached(async move {
+            let mut writer = store.quick_writer().await?;
+            let renewed = query(
+                "update exports set lease_expires_at = ? where seq = ? and attempt = ? and state = 'running'",
+            )
+            .bind(writer.now_us().saturating_add(micros(store.lease())))
+            .bind(seq)
+            .bind(attempt)
+            .execute(&mut writer)
+            .await?;
+            Ok(renewed.rows_affected() > 0)
+        })
+        .await
+    }
+
     /// Whether the export is still running in the attempt of the caller.
     pub(crate) async fn export_is_wanted(&self, of: &ExportRecord) -> Result<bool, StoreError> {
-        let row = sqlx::query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
+        let row = query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
             .bind(of.seq)
             .bind(of.attempt)
             .fetch_optional(self.readers())
@@ -156,23 +194,23 @@ impl Store {
         let pause = self.detached(async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let now = now_us();
-            let row = sqlx::query(
+            let now = store.now_us();
+            let row = query(
                 "update exports set state = 'queued', faults = faults + 1, version = version + 1, updated_at = ?1,
-                     started_at = null, progress = null
+                     started_at = null, progress = null, lease_expires_at = null
                  where seq = ?2 and attempt = ?3 and state = 'running' returning faults",
             )
             .bind(now)
             .bind(seq)
             .bind(attempt)
-            .fetch_optional(&mut *tx)
+            .fetch_optional(&mut tx)
             .await?;
             let Some(row) = row else { return Ok(None) };
             let pause = fault_pause(row.try_get("faults")?);
-            sqlx::query("update exports set not_before = ? where seq = ?")
+            query("update exports set not_before = ? where seq = ?")
                 .bind(now.saturating_add(micros(pause)))
                 .bind(seq)
-                .execute(&mut *tx)
+                .execute(&mut tx)
                 .await?;
             tx.commit().await?;
             drop(writer);
@@ -192,12 +230,12 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.writer().await?;
-            let moved = sqlx::query(
+            let moved = query(
                 "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,
-                     progress = null, version = version + 1, updated_at = ?7,
-                     finished_at = iif(?1 = 'queued', null, ?7),
-                     started_at = iif(?1 = 'queued', null, started_at),
-                     used_at = max(used_at, ?7)
+                     progress = null, lease_expires_at = null, version = version + 1, updated_at = ?7,
+                     finished_at = case when ?1 = 'queued' then null else ?7 end,
+                     started_at = case when ?1 = 'queued' then null else started_at end,
+                     used_at = case when used_at > ?7 then used_at else ?7 end
                  where seq = ?8 and attempt = ?9 and state = 'running'",
             )
             .bind(end.state)
@@ -206,10 +244,10 @@ impl Store {
             .bind(end.file.as_ref().map(|file| file.sha256.clone()))
             .bind(end.report.as_ref().map(to_json).transpose()?)
             .bind(end.error.as_ref().map(to_json).transpose()?)
-            .bind(now_us())
+            .bind(store.now_us())
             .bind(seq)
             .bind(attempt)
-            .execute(&mut *writer)
+            .execute(&mut writer)
             .await?;
             drop(writer);
             store.notify_export(id);
@@ -229,22 +267,22 @@ impl Store {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let mut held: i64 =
-                sqlx::query_scalar("select sum(cache_bytes) from export_counts").fetch_one(&mut *tx).await?;
+                query("select cast(sum(cache_bytes) as bigint) from export_counts").scalar(&mut tx).await?;
             let (mut paths, mut dropped) = (Vec::new(), Vec::new());
             while held.cast_unsigned() > most_bytes {
-                let oldest = sqlx::query(
+                let oldest = query(
                     "delete from exports where seq = (
                          select seq from exports where not kept and path is not null and state = 'succeeded'
                              and id <> ? order by used_at limit 1
                      ) returning id, path, bytes",
                 )
                 .bind(but.to_string())
-                .fetch_optional(&mut *tx)
+                .fetch_optional(&mut tx)
                 .await?;
                 let Some(oldest) = oldest else { break };
-                held -= oldest.try_get::<i64, _>("bytes")?;
+                held -= oldest.try_get::<i64>("bytes")?;
                 paths.push(oldest.try_get("path")?);
-                dropped.push(export_id(&oldest.try_get::<String, _>("id")?)?);
+                dropped.push(export_id(oldest.text("id")?)?);
             }
             tx.commit().await?;
             drop(writer);
@@ -274,9 +312,18 @@ pub(super) fn claim_sql(quick: bool) -> &'static str {
     }
 }
 
-async fn claim(writer: &mut Writing<'_>, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
+async fn claim(
+    writer: &mut Writing<'_>,
+    lease: Duration,
+    quick: bool,
+) -> Result<Option<ClaimedExport>, StoreError> {
+    let now = writer.now_us();
     let mut tx = writer.begin().await?;
-    let row = sqlx::query(claim_sql(quick)).bind(now_us()).fetch_optional(&mut *tx).await?;
+    let row = query(claim_sql(quick))
+        .bind(now)
+        .bind(now.saturating_add(micros(lease)))
+        .fetch_optional(&mut tx)
+        .await?;
     let Some(row) = row else {
         tx.rollback().await?;
         return Ok(None);

@@ -1,10 +1,8 @@
 //! What a client may do to a study as a whole, and its end by time.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
-
+use super::super::db::{Row, Transaction, query};
 use super::super::upkeep::Removed;
-use super::super::{Store, StoreError, Target, now_us, rows, turns};
+use super::super::{Store, StoreError, Target, rows, turns};
 use super::{StudyRecord, StudyState, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::State;
@@ -30,16 +28,16 @@ impl Store {
                 if before.state() == StudyState::Finished {
                     return Err(StoreError::StudyForbidden(before.state()));
                 }
-                let asked = sqlx::query(
-                    "update jobs set cancel_requested = 1, version = version + 1, updated_at = ?2,
-                     finished_at = iif(state = 'queued', ?2, finished_at),
-                     state = iif(state = 'queued', 'cancelled', state)
+                let asked = query(
+                    "update jobs set cancel_requested = true, version = version + 1, updated_at = ?2,
+                     finished_at = case when state = 'queued' then ?2 else finished_at end,
+                     state = case when state = 'queued' then 'cancelled' else state end
                  where study = ?1 and (state = 'queued' or (state = 'running' and not cancel_requested))
                  returning id",
                 )
                 .bind(before.seq)
-                .bind(now_us())
-                .fetch_all(&mut *tx)
+                .bind(store.now_us())
+                .fetch_all(&mut tx)
                 .await?;
                 let study = query::by_seq(&mut tx, before.seq).await?;
                 tx.commit().await?;
@@ -68,24 +66,24 @@ impl Store {
             let mut tx = writer.begin().await?;
             let before = query::by_id(&mut tx, target.id).await?;
             target.check(before.version)?;
-            let now = now_us();
-            sqlx::query(
+            let now = store.now_us();
+            query(
                 "update studies set shared = coalesce(?2, shared), version = version + 1, updated_at = ?3
                  where seq = ?1",
             )
             .bind(before.seq)
             .bind(shared)
             .bind(now)
-            .execute(&mut *tx)
+            .execute(&mut tx)
             .await?;
-            let jobs = sqlx::query(
+            let jobs = query(
                 "update jobs set shared = ?2, version = version + 1, updated_at = ?3
                  where study = ?1 and shared <> ?2 returning id",
             )
             .bind(before.seq)
             .bind(shared)
             .bind(now)
-            .fetch_all(&mut *tx)
+            .fetch_all(&mut tx)
             .await?;
             let study = query::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
@@ -134,28 +132,27 @@ impl Store {
 
     async fn retry_all(
         &self,
-        connection: &mut SqliteConnection,
+        tx: &mut Transaction<'_>,
         study: &StudyRecord,
         state: State,
     ) -> Result<Vec<(JobId, i64)>, StoreError> {
         let (study, owner) = (study.seq, &study.owner);
-        let waiting = sqlx::query(
+        let waiting = query(
             "select priority, count(*) as jobs from jobs where study = ? and state = ? group by priority",
         )
         .bind(study)
         .bind(state.name())
-        .fetch_all(&mut *connection)
+        .fetch_all(&mut *tx)
         .await?;
         let mut retried = Vec::new();
         for row in waiting {
             let (priority, jobs): (i64, i64) = (row.try_get("priority")?, row.try_get("jobs")?);
-            self.check_queue(connection, owner, jobs as u64).await?;
+            self.check_queue(tx, owner, jobs as u64).await?;
             let turn =
-                turns::assign_start_times(connection, turns::Flow { owner, number: study, priority }, jobs)
-                    .await?;
-            let rows = sqlx::query(
+                turns::assign_start_times(tx, turns::Flow { owner, number: study, priority }, jobs).await?;
+            let rows = query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
-                     max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = 0,
+                     max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = false,
                      started_at = null, finished_at = null, progress = null, error = null,
                      turn = ?2 + ranked.place
                  from (
@@ -164,15 +161,15 @@ impl Store {
                  ) as ranked
                  where jobs.seq = ranked.seq returning jobs.id, jobs.attempt",
             )
-            .bind(now_us())
+            .bind(self.now_us())
             .bind(turn)
             .bind(study)
             .bind(state.name())
             .bind(priority)
-            .fetch_all(&mut *connection)
+            .fetch_all(&mut *tx)
             .await?;
             for row in &rows {
-                retried.push((rows::job_id(&row.try_get::<String, _>("id")?)?, row.try_get("attempt")?));
+                retried.push((rows::job_id(row.text("id")?)?, row.try_get("attempt")?));
             }
         }
         Ok(retried)
@@ -216,12 +213,12 @@ impl Store {
         self.freeing(move |store| async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let expired = sqlx::query(
+            let expired = query(
                 "select seq, id from studies where expires_at <= ? and finished_at is not null
                  order by expires_at limit 1",
             )
-            .bind(now_us())
-            .fetch_optional(&mut *tx)
+            .bind(store.now_us())
+            .fetch_optional(&mut tx)
             .await?;
             let Some(expired) = expired else { return Ok(None) };
             let removed = remove(&mut tx, expired.try_get("seq")?).await?;
@@ -230,29 +227,29 @@ impl Store {
             for job in &removed {
                 store.notify(job.id);
             }
-            store.notify_study(rows::study_id(&expired.try_get::<String, _>("id")?)?);
+            store.notify_study(rows::study_id(expired.text("id")?)?);
             Ok(Some(removed))
         })
         .await
     }
 }
 
-async fn remove(connection: &mut SqliteConnection, study: i64) -> Result<Vec<Removed>, StoreError> {
-    let jobs = sqlx::query(
+async fn remove(tx: &mut Transaction<'_>, study: i64) -> Result<Vec<Removed>, StoreError> {
+    let jobs = query(
         "select jobs.id, artifacts.path,
-             (select json_group_array(exports.path) from exports
+             (select string_agg(exports.path, '|') from exports
               where exports.job = jobs.seq and exports.path is not null) as export_paths
          from jobs left join artifacts on artifacts.job = jobs.seq
          where jobs.study = ?",
     )
     .bind(study)
-    .fetch_all(&mut *connection)
+    .fetch_all(&mut *tx)
     .await?;
     // The jobs and all else that belongs to it follow.
-    sqlx::query("delete from studies where seq = ?").bind(study).execute(connection).await?;
+    query("delete from studies where seq = ?").bind(study).execute(tx).await?;
     jobs.iter().map(Removed::read).collect()
 }
 
-fn ids(jobs: &[SqliteRow]) -> Result<Vec<JobId>, StoreError> {
-    jobs.iter().map(|row| rows::job_id(&row.try_get::<String, _>("id")?)).collect()
+fn ids(jobs: &[Row]) -> Result<Vec<JobId>, StoreError> {
+    jobs.iter().map(|row| rows::job_id(row.text("id")?)).collect()
 }

@@ -13,9 +13,7 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
-
+use super::db::Row;
 use super::{StoreError, rows};
 use crate::ids::StudyId;
 use crate::studies::StopWhen;
@@ -102,19 +100,19 @@ impl StudyRecord {
         if self.finished_at.is_none() { StudyState::Open } else { StudyState::Finished }
     }
 
-    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
-        let count = |column| row.try_get::<i64, _>(column).map(|count| count as u64);
+    fn read(row: &Row) -> Result<Self, StoreError> {
+        let count = |column| row.try_get::<i64>(column).map(|count| count as u64);
         Ok(Self {
             seq: row.try_get("seq")?,
-            id: rows::study_id(&row.try_get::<String, _>("id")?)?,
+            id: rows::study_id(row.text("id")?)?,
             name: row.try_get("name")?,
-            labels: rows::json(&row.try_get::<String, _>("labels")?)?,
+            labels: rows::json(row.text("labels")?)?,
             seed: row.try_get("seed")?,
-            columns: rows::json(&row.try_get::<String, _>("columns")?)?,
-            key_columns: rows::json(&row.try_get::<String, _>("key_columns")?)?,
+            columns: rows::json(row.text("columns")?)?,
+            key_columns: rows::json(row.text("key_columns")?)?,
             points: row.try_get("points")?,
             replicates: row.try_get("replicates")?,
-            stop_when: rows::json(&row.try_get::<String, _>("stop_when")?)?,
+            stop_when: rows::json(row.text("stop_when")?)?,
             counts: StudyCounts {
                 queued: count("queued")?,
                 running: count("running")?,

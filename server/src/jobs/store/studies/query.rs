@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 
 use serde_json::Value;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
+use super::super::db::{QueryBuilder, Row, Transaction, query};
 use super::super::{Store, StoreError, rows};
 use super::{StudyRecord, StudyState, runs};
 use crate::ids::StudyId;
@@ -34,7 +33,7 @@ pub(crate) struct StudyPage {
 impl Store {
     /// The study, or `None` where there is none (any more).
     pub(crate) async fn study(&self, id: StudyId) -> Result<Option<StudyRecord>, StoreError> {
-        let row = sqlx::query("select * from studies where id = ?")
+        let row = query("select * from studies where id = ?")
             .bind(id.to_string())
             .fetch_optional(self.readers())
             .await?;
@@ -46,12 +45,12 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoStudy`], or the database's.
     pub(crate) async fn study_request(&self, seq: i64) -> Result<Value, StoreError> {
-        let row = sqlx::query("select body from study_requests where study = ?")
+        let row = query("select body from study_requests where study = ?")
             .bind(seq)
             .fetch_optional(self.readers())
             .await?
             .ok_or(StoreError::NoStudy)?;
-        rows::json(row.try_get("body")?)
+        rows::json(row.text("body")?)
     }
 
     /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first
@@ -64,7 +63,7 @@ impl Store {
         seq: i64,
         limit: u32,
     ) -> Result<Vec<(u32, Vec<String>)>, StoreError> {
-        let found = sqlx::query(
+        let found = query(
             "select point, warnings from jobs where study = ? and replicate = 0 and warnings <> '[]' order by point
              limit ?",
         )
@@ -72,9 +71,7 @@ impl Store {
         .bind(limit)
         .fetch_all(self.readers())
         .await?;
-        let of_point = |row: &SqliteRow| {
-            Ok((row.try_get("point")?, rows::json(&row.try_get::<String, _>("warnings")?)?))
-        };
+        let of_point = |row: &Row| Ok((row.try_get("point")?, rows::json(row.text("warnings")?)?));
         found.iter().map(of_point).collect()
     }
 
@@ -85,7 +82,7 @@ impl Store {
         before: Option<i64>,
         limit: u32,
     ) -> Result<StudyPage, StoreError> {
-        let mut query = list_query(filter, before.unwrap_or(i64::MAX), i64::from(limit) + 1);
+        let query = list_query(filter, before.unwrap_or(i64::MAX), i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
         let mut studies = rows.iter().map(StudyRecord::read).collect::<Result<Vec<_>, _>>()?;
         let more = studies.len() > limit as usize;
@@ -96,10 +93,10 @@ impl Store {
 
     /// How many studies have jobs left to run.
     pub(crate) async fn open_studies(&self) -> Result<u64, StoreError> {
-        let row = sqlx::query("select count(*) as open from studies where finished_at is null")
+        let row = query("select count(*) as open from studies where finished_at is null")
             .fetch_one(self.readers())
             .await?;
-        Ok(row.try_get::<i64, _>("open")? as u64)
+        Ok(row.try_get::<i64>("open")? as u64)
     }
 
     /// What the runs of a study came to so far.
@@ -107,13 +104,13 @@ impl Store {
         // One snapshot for both: a run must not be missing because it ended between them.
         let mut tx = self.readers().begin().await?;
         let points =
-            sqlx::query("select key_values, stopped_early from study_points where study = ? order by point")
+            query("select key_values, stopped_early from study_points where study = ? order by point")
                 .bind(study.seq)
-                .fetch_all(&mut *tx)
+                .fetch_all(&mut tx)
                 .await?;
-        let ended = sqlx::query("select point, replicate, outcome, facts from study_runs where study = ?")
+        let ended = query("select point, replicate, outcome, facts from study_runs where study = ?")
             .bind(study.seq)
-            .fetch_all(&mut *tx)
+            .fetch_all(&mut tx)
             .await?;
         tx.commit().await?;
         let key_columns = study.key_columns.clone();
@@ -129,8 +126,8 @@ impl Store {
                 }
             }
             for (row, ended) in points.iter().zip(ended) {
-                keys.values.push(rows::json(row.try_get("key_values")?)?);
-                let stopped_early = row.try_get::<i64, _>("stopped_early")? as u64;
+                keys.values.push(rows::json(row.text("key_values")?)?);
+                let stopped_early = row.try_get::<i64>("stopped_early")? as u64;
                 rest.push(Rest { waiting: replicates.saturating_sub(ended + stopped_early), stopped_early });
             }
             Ok::<_, StoreError>(Table::new(&keys, &runs, &rest))
@@ -140,7 +137,7 @@ impl Store {
 
     /// The engine's reports on the first replicate of each point that has one, by point.
     pub(crate) async fn study_reports(&self, seq: i64) -> Result<BTreeMap<usize, Value>, StoreError> {
-        let reports = sqlx::query(
+        let reports = query(
             "select jobs.point, artifacts.report from jobs indexed by jobs_by_point
                  join artifacts on artifacts.job = jobs.seq
              where jobs.study = ? and jobs.replicate = 0",
@@ -150,42 +147,39 @@ impl Store {
         .await?;
         reports
             .iter()
-            .map(|row| Ok((row.try_get::<u32, _>("point")? as usize, rows::json(row.try_get("report")?)?)))
+            .map(|row| Ok((row.try_get::<u32>("point")? as usize, rows::json(row.text("report")?)?)))
             .collect()
     }
 }
 
-fn run(row: &SqliteRow) -> Result<Run, StoreError> {
+fn run(row: &Row) -> Result<Run, StoreError> {
     Ok(Run {
-        point: row.try_get::<u32, _>("point")? as usize,
-        replicate: row.try_get::<u32, _>("replicate")? as usize,
-        outcome: runs::outcome(row.try_get("outcome")?)?,
-        facts: rows::json(row.try_get("facts")?)?,
+        point: row.try_get::<u32>("point")? as usize,
+        replicate: row.try_get::<u32>("replicate")? as usize,
+        outcome: runs::outcome(row.text("outcome")?)?,
+        facts: rows::json(row.text("facts")?)?,
     })
 }
 
 /// The study of that number, which the caller knows to exist.
-pub(super) async fn by_seq(connection: &mut SqliteConnection, seq: i64) -> Result<StudyRecord, StoreError> {
-    let row = sqlx::query("select * from studies where seq = ?").bind(seq).fetch_optional(connection).await?;
+pub(super) async fn by_seq(tx: &mut Transaction<'_>, seq: i64) -> Result<StudyRecord, StoreError> {
+    let row = query("select * from studies where seq = ?").bind(seq).fetch_optional(tx).await?;
     StudyRecord::read(&row.ok_or(StoreError::NoStudy)?)
 }
 
 /// The study of that id.
-pub(super) async fn by_id(connection: &mut SqliteConnection, id: StudyId) -> Result<StudyRecord, StoreError> {
-    let row = sqlx::query("select * from studies where id = ?")
-        .bind(id.to_string())
-        .fetch_optional(connection)
-        .await?;
+pub(super) async fn by_id(tx: &mut Transaction<'_>, id: StudyId) -> Result<StudyRecord, StoreError> {
+    let row = query("select * from studies where id = ?").bind(id.to_string()).fetch_optional(tx).await?;
     StudyRecord::read(&row.ok_or(StoreError::NoStudy)?)
 }
 
 /// Each is the range of one index; what of it a further filter drops is few: studies are.
-fn list_query(filter: &StudyFilter, before: i64, limit: i64) -> QueryBuilder<Sqlite> {
+fn list_query(filter: &StudyFilter, before: i64, limit: i64) -> QueryBuilder {
     let mut query = QueryBuilder::new("select studies.* from ");
     match filter.labels.split_first() {
         None => query.push("studies where studies.seq < ").push_bind(before),
         Some(((key, value), _)) => query
-            .push("study_labels cross join studies on studies.seq = study_labels.study where study_labels.key = ")
+            .push("study_labels cross join studies where studies.seq = study_labels.study and study_labels.key = ")
             .push_bind(key.clone())
             .push(" and study_labels.value = ")
             .push_bind(value.clone())
@@ -217,6 +211,5 @@ fn list_query(filter: &StudyFilter, before: i64, limit: i64) -> QueryBuilder<Sql
 /// The statement behind a listing, for a look at its plan.
 #[cfg(test)]
 pub(super) fn list_sql(filter: &StudyFilter) -> String {
-    use sqlx::Execute as _;
-    list_query(filter, i64::MAX, 1).build().sql().as_str().to_owned()
+    list_query(filter, i64::MAX, 1).sql().to_owned()
 }

@@ -1,8 +1,6 @@
 //! What became of the runs of a study, and the stop rule that looks at them.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row as _, SqliteConnection};
-
+use super::super::db::{Row, Transaction, query};
 use super::super::submit::to_json;
 use super::super::turns::SINGLE_JOBS;
 use super::super::{StoreError, rows};
@@ -24,14 +22,11 @@ pub(in super::super) fn outcome_of(code: FailureCode) -> Outcome {
 }
 
 /// The flow of a job in the queue: its study, or that of all single jobs.
-pub(in super::super) async fn flow_of(
-    connection: &mut SqliteConnection,
-    job: i64,
-) -> Result<i64, StoreError> {
-    let row = sqlx::query("select coalesce(study, ?) as flow from jobs where seq = ?")
+pub(in super::super) async fn flow_of(tx: &mut Transaction<'_>, job: i64) -> Result<i64, StoreError> {
+    let row = query("select coalesce(study, ?) as flow from jobs where seq = ?")
         .bind(SINGLE_JOBS)
         .bind(job)
-        .fetch_one(connection)
+        .fetch_one(tx)
         .await?;
     Ok(row.try_get("flow")?)
 }
@@ -39,63 +34,62 @@ pub(in super::super) async fn flow_of(
 /// Records the run of a job that ends in this transaction, if it is part of a study: `job` has its `study`,
 /// `point` and `replicate`. Returns the jobs that the study's stop rule cancelled because of it.
 pub(in super::super) async fn record(
-    connection: &mut SqliteConnection,
-    job: &SqliteRow,
+    tx: &mut Transaction<'_>,
+    job: &Row,
     outcome: Outcome,
     facts: &Facts,
     now: i64,
 ) -> Result<Vec<JobId>, StoreError> {
-    let Some(study) = job.try_get::<Option<i64>, _>("study")? else { return Ok(Vec::new()) };
+    let Some(study) = job.try_get::<Option<i64>>("study")? else { return Ok(Vec::new()) };
     let point: i64 = job.try_get("point")?;
-    sqlx::query(
-        "insert or replace into study_runs (study, point, replicate, outcome, facts, ended_at)
-         values (?, ?, ?, ?, ?, ?)",
+    query(
+        "insert into study_runs (study, point, replicate, outcome, facts, ended_at) values (?, ?, ?, ?, ?, ?)
+         on conflict (study, point, replicate) do update set
+             outcome = excluded.outcome, facts = excluded.facts, ended_at = excluded.ended_at",
     )
     .bind(study)
     .bind(point)
-    .bind(job.try_get::<i64, _>("replicate")?)
+    .bind(job.try_get::<i64>("replicate")?)
     .bind(OUTCOMES.iter().find(|(known, _)| *known == outcome).map(|(_, name)| *name))
     .bind(to_json(facts)?)
     .bind(now)
-    .execute(&mut *connection)
+    .execute(&mut *tx)
     .await?;
     if outcome == Outcome::Void {
         return Ok(Vec::new());
     }
-    let study_row = sqlx::query(
+    let study_row = query(
         "update studies set runs = runs + 1, runs_time_s = runs_time_s + ? where seq = ? returning stop_when",
     )
     .bind(facts.time_s)
     .bind(study)
-    .fetch_one(&mut *connection)
+    .fetch_one(&mut *tx)
     .await?;
-    let rule: StopWhen = rows::json(study_row.try_get("stop_when")?)?;
-    if rule == StopWhen::default() || !is_met(connection, &rule, study, point).await? {
+    let rule: StopWhen = rows::json(study_row.text("stop_when")?)?;
+    if rule == StopWhen::default() || !is_met(tx, &rule, study, point).await? {
         return Ok(Vec::new());
     }
-    call_off(connection, study, point, now).await
+    call_off(tx, study, point, now).await
 }
 
 /// Whether a point needs no more runs. The runs are asked for anew each time, because a retry takes some back;
 /// as one row, because a point may have thousands.
 async fn is_met(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     rule: &StopWhen,
     study: i64,
     point: i64,
 ) -> Result<bool, StoreError> {
-    let row = sqlx::query(
-        "select group_concat(outcome) as outcomes from (
-             select outcome from study_runs where study = ? and point = ? order by ended_at
-         )",
+    let row = query(
+        "select string_agg(outcome, ',' order by ended_at) as outcomes from study_runs where study = ? and point = ?",
     )
     .bind(study)
     .bind(point)
-    .fetch_one(connection)
+    .fetch_one(tx)
     .await?;
     let mut tally = Tally::default();
     let mut met = false;
-    for name in row.try_get::<&str, _>("outcomes")?.split(',') {
+    for name in row.text("outcomes")?.split(',') {
         met = tally.ended(outcome(name)?, rule);
     }
     Ok(met)
@@ -103,21 +97,21 @@ async fn is_met(
 
 /// Cancels what still waits of a point. No client asked for it: by that these jobs are known as called off.
 async fn call_off(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     study: i64,
     point: i64,
     now: i64,
 ) -> Result<Vec<JobId>, StoreError> {
-    let cancelled = sqlx::query(
+    let cancelled = query(
         "update jobs set state = 'cancelled', version = version + 1, finished_at = ?3, updated_at = ?3
          where study = ?1 and point = ?2 and state = 'queued' returning id",
     )
     .bind(study)
     .bind(point)
     .bind(now)
-    .fetch_all(connection)
+    .fetch_all(tx)
     .await?;
-    cancelled.iter().map(|row| rows::job_id(&row.try_get::<String, _>("id")?)).collect()
+    cancelled.iter().map(|row| rows::job_id(row.text("id")?)).collect()
 }
 
 /// The outcome of that name.

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use packstone_engine::export::tables::EngineInfo;
 use serde_json::Value;
-use sqlx::{QueryBuilder, Row as _, Sqlite, SqliteConnection};
 
+use super::super::db::{QueryBuilder, Transaction, either, query};
 use super::super::submit::{IdempotencyKey, to_json};
-use super::super::{Store, StoreError, forecasts, now_us, turns, webhooks};
+use super::super::{Store, StoreError, forecasts, turns, webhooks};
 use super::{StudyRecord, query};
 use crate::accounts::Submitter;
 use crate::ids::{JobId, StudyId};
@@ -76,7 +76,7 @@ impl Store {
             return Ok(SubmittedStudy::Existing(existing));
         }
         self.check_queue(&mut tx, &new.by.owner, jobs).await?;
-        let now = now_us();
+        let now = self.now_us();
         let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
         let rows = rows_of(&mut tx, study, new).await?;
@@ -90,31 +90,31 @@ impl Store {
 }
 
 async fn find_key(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     key: Option<&IdempotencyKey>,
 ) -> Result<Option<StudyRecord>, StoreError> {
     let Some(key) = key else { return Ok(None) };
-    let row = sqlx::query("select body_sha256, study from study_keys where scope = ? and key = ?")
+    let row = query("select body_sha256, study from study_keys where scope = ? and key = ?")
         .bind(&key.scope)
         .bind(&key.key)
-        .fetch_optional(&mut *connection)
+        .fetch_optional(&mut *tx)
         .await?;
     let Some(row) = row else { return Ok(None) };
-    if row.try_get::<String, _>("body_sha256")? != key.body_sha256 {
+    if row.try_get::<String>("body_sha256")? != key.body_sha256 {
         return Err(StoreError::KeyReused);
     }
-    query::by_seq(connection, row.try_get("study")?).await.map(Some)
+    query::by_seq(tx, row.try_get("study")?).await.map(Some)
 }
 
 /// Writes all that there is of a study but its points and jobs, and returns its number.
 async fn insert_head(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     new: &NewStudy,
     request: &str,
     now: i64,
 ) -> Result<i64, StoreError> {
     let study = &new.study;
-    let seq: i64 = sqlx::query(
+    let seq: i64 = query(
         "insert into studies (id, name, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
              created_at, updated_at, expires_at, owner, submitted_by, shared)
          values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
@@ -135,30 +135,30 @@ async fn insert_head(
     .bind(&new.by.owner)
     .bind(&new.by.key)
     .bind(study.shared)
-    .fetch_one(&mut *connection)
+    .fetch_one(&mut *tx)
     .await?
     .try_get("seq")?;
-    sqlx::query("insert into study_requests (study, body) values (?, ?)")
+    query("insert into study_requests (study, body) values (?, ?)")
         .bind(seq)
         .bind(request)
-        .execute(&mut *connection)
+        .execute(&mut *tx)
         .await?;
-    webhooks::insert(connection, webhooks::Ending::Study(seq), study.webhook_url.as_ref()).await?;
+    webhooks::insert(tx, webhooks::Ending::Study(seq), study.webhook_url.as_ref()).await?;
     for (key, value) in &study.labels {
-        sqlx::query("insert into study_labels (key, value, study) values (?, ?, ?)")
+        query("insert into study_labels (key, value, study) values (?, ?, ?)")
             .bind(key)
             .bind(value)
             .bind(seq)
-            .execute(&mut *connection)
+            .execute(&mut *tx)
             .await?;
     }
     if let Some(key) = &new.idempotency_key {
-        sqlx::query("insert into study_keys (scope, key, body_sha256, study) values (?, ?, ?, ?)")
+        query("insert into study_keys (scope, key, body_sha256, study) values (?, ?, ?, ?)")
             .bind(&key.scope)
             .bind(&key.key)
             .bind(&key.body_sha256)
             .bind(seq)
-            .execute(&mut *connection)
+            .execute(&mut *tx)
             .await?;
     }
     Ok(seq)
@@ -170,28 +170,35 @@ fn expires_at_us(study: &Study) -> Option<i64> {
     jobs.collect::<Option<Vec<_>>>()?.into_iter().max()
 }
 
-async fn insert_points(connection: &mut SqliteConnection, study: i64, of: &Study) -> Result<(), StoreError> {
+async fn insert_points(tx: &mut Transaction<'_>, study: i64, of: &Study) -> Result<(), StoreError> {
     let keys = of.keys().values.iter().map(to_json).collect::<Result<Vec<_>, _>>()?;
     let points: Vec<_> = keys.into_iter().enumerate().collect();
     for chunk in points.chunks(ROWS_AT_ONCE) {
-        let mut query = QueryBuilder::<Sqlite>::new("insert into study_points (study, point, key_values) ");
-        query.push_values(chunk, |mut row, (point, keys)| {
+        let mut query = QueryBuilder::new("insert into study_points (study, point, key_values) ");
+        query.push_values(chunk, |row, (point, keys)| {
             row.push_bind(study).push_bind(*point as i64).push_bind(keys.clone());
         });
-        query.build().execute(&mut *connection).await?;
+        query.build().execute(&mut *tx).await?;
     }
     Ok(())
 }
 
+/// The number that was given last. Jobs inserted with numbers of their own raise it.
+const LAST_NUMBER: &str = "select seq from sqlite_sequence where name = 'jobs' and ?1 > 0";
+/// The same, with so many numbers beyond it reserved: the sequence of PostgreSQL is not raised by inserts.
+const RESERVE_NUMBERS: &str = "select setval(name::regclass, nextval(name::regclass) + ?1 - 1) - ?1
+    from (select pg_get_serial_sequence('jobs', 'seq') as name) as sequence";
+
 /// Gives every job its number and its turn.
 async fn rows_of<'a>(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     study: i64,
     new: &'a NewStudy,
 ) -> Result<Vec<Row<'a>>, StoreError> {
     let of = &new.study;
-    let last: Option<i64> = sqlx::query_scalar("select seq from sqlite_sequence where name = 'jobs'")
-        .fetch_optional(&mut *connection)
+    let last: Option<i64> = query(either(LAST_NUMBER, RESERVE_NUMBERS))
+        .bind(new.study.jobs() as i64)
+        .optional_scalar(&mut *tx)
         .await?;
     let mut jobs_of: BTreeMap<i64, i64> = BTreeMap::new();
     for point in &of.points {
@@ -200,7 +207,7 @@ async fn rows_of<'a>(
     let mut next_turn = BTreeMap::new();
     for (priority, jobs) in jobs_of {
         let flow = turns::Flow { owner: &new.by.owner, number: study, priority };
-        next_turn.insert(priority, turns::assign_start_times(connection, flow, jobs).await?);
+        next_turn.insert(priority, turns::assign_start_times(tx, flow, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
         let Point { job, seeds, warnings, forecast_s, .. } = &of.points[point];
@@ -213,7 +220,7 @@ async fn rows_of<'a>(
 }
 
 async fn insert_jobs(
-    connection: &mut SqliteConnection,
+    tx: &mut Transaction<'_>,
     study: i64,
     rows: &[Row<'_>],
     new: &NewStudy,
@@ -223,12 +230,12 @@ async fn insert_jobs(
     for chunk in rows.chunks(ROWS_AT_ONCE) {
         let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
         let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
-        let mut query = QueryBuilder::<Sqlite>::new(
+        let mut query = QueryBuilder::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
                  warnings, submitted_by, shared, forecast_us) ",
         );
-        query.push_values(chunk.iter().zip(texts), |mut values, (row, (labels, warnings))| {
+        query.push_values(chunk.iter().zip(texts), |values, (row, (labels, warnings))| {
             let job = row.job;
             values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
             values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
@@ -240,37 +247,33 @@ async fn insert_jobs(
             values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
             values.push_bind(forecasts::micros_of(row.forecast_s, job.timeout_s));
         });
-        query.build().execute(&mut *connection).await?;
+        query.build().execute(&mut *tx).await?;
     }
     Ok(())
 }
 
-async fn insert_bodies(
-    connection: &mut SqliteConnection,
-    study: &Study,
-    rows: &[Row<'_>],
-) -> Result<(), StoreError> {
+async fn insert_bodies(tx: &mut Transaction<'_>, study: &Study, rows: &[Row<'_>]) -> Result<(), StoreError> {
     for chunk in rows.chunks(ROWS_AT_ONCE) {
         let body = |row: &Row<'_>| to_json(&study.points[row.point].replicate(row.replicate));
         let bodies = chunk.iter().map(body).collect::<Result<Vec<_>, _>>()?;
-        let mut query = QueryBuilder::<Sqlite>::new("insert into job_requests (job, body) ");
-        query.push_values(chunk.iter().zip(bodies), |mut values, (row, body)| {
+        let mut query = QueryBuilder::new("insert into job_requests (job, body) ");
+        query.push_values(chunk.iter().zip(bodies), |values, (row, body)| {
             values.push_bind(row.seq).push_bind(body);
         });
-        query.build().execute(&mut *connection).await?;
+        query.build().execute(&mut *tx).await?;
     }
     Ok(())
 }
 
-async fn insert_labels(connection: &mut SqliteConnection, rows: &[Row<'_>]) -> Result<(), StoreError> {
+async fn insert_labels(tx: &mut Transaction<'_>, rows: &[Row<'_>]) -> Result<(), StoreError> {
     let labels: Vec<_> =
         rows.iter().flat_map(|row| row.job.labels.iter().map(|(key, value)| (row.seq, key, value))).collect();
     for chunk in labels.chunks(ROWS_AT_ONCE) {
-        let mut query = QueryBuilder::<Sqlite>::new("insert into job_labels (key, value, job, state) ");
-        query.push_values(chunk, |mut values, (job, key, value)| {
+        let mut query = QueryBuilder::new("insert into job_labels (key, value, job, state) ");
+        query.push_values(chunk, |values, (job, key, value)| {
             values.push_bind((*key).clone()).push_bind((*value).clone()).push_bind(*job).push_bind("queued");
         });
-        query.build().execute(&mut *connection).await?;
+        query.build().execute(&mut *tx).await?;
     }
     Ok(())
 }

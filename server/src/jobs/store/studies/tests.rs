@@ -6,11 +6,13 @@ use std::collections::BTreeMap;
 
 use packstone_engine::Limits;
 use serde_json::{Value, json};
-use sqlx::{Connection as _, SqliteConnection};
+use sqlx::Connection as _;
 use tempfile::TempDir;
 
-use super::super::migrations::migrations_to;
-use super::super::tests::{LIMITS, artifact, fresh, open, plan_of, progress, submit};
+use super::super::db::QueryBuilder;
+use super::super::tests::{
+    LIMITS, artifact, file_of_version, fresh, fresh_file, open, open_file, plan_of, progress, submit,
+};
 use super::super::{Filter, ForecastWork, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
 use crate::accounts::Submitter;
@@ -328,8 +330,8 @@ async fn a_study_is_cancelled_retried_and_deleted_as_a_whole() {
     assert!(matches!(store.delete_study(study.id).await, Err(StoreError::NoStudy)));
     assert!(store.get(other).await.unwrap().is_some());
     for table in ["study_runs", "study_points", "study_requests", "job_requests", "artifacts"] {
-        let sql = sqlx::AssertSqlSafe(format!("select count(*) from {table}"));
-        let left: i64 = sqlx::query_scalar(sql).fetch_one(store.readers()).await.unwrap();
+        let count = QueryBuilder::new(&format!("select count(*) from {table}")).build();
+        let left: i64 = count.scalar(store.readers()).await.unwrap();
         assert_eq!(left, i64::from(table == "job_requests"), "{table}");
     }
 }
@@ -396,17 +398,18 @@ async fn listings_are_filtered_and_use_their_indexes() {
     let rest = store.list_studies(&StudyFilter::default(), first.next_before, 2).await.unwrap();
     assert_eq!((rest.studies[0].id, rest.next_before), (ids[2], None));
 
+    let (_folder, file) = fresh_file().await;
     for (state, labels) in
         [(None, vec![]), (Some(StudyState::Open), vec![]), (Some(StudyState::Finished), label("a"))]
     {
         assert_indexed(
-            &plan_of(&store, &query::list_sql(&StudyFilter { state, labels, visible_to: None })).await,
+            &plan_of(&file, &query::list_sql(&StudyFilter { state, labels, visible_to: None })).await,
         );
     }
     for (state, labels) in [(None, vec![]), (Some(State::Queued), vec![]), (Some(State::Failed), label("a"))]
     {
         let filter = Filter { state, labels, study: Some(ids[0]), ..Filter::default() };
-        let plan = plan_of(&store, &super::super::query::list_sql(&filter)).await;
+        let plan = plan_of(&file, &super::super::query::list_sql(&filter)).await;
         assert_indexed(&plan);
         assert!(plan.iter().any(|step| step.contains("jobs_by_study")), "{plan:?}");
     }
@@ -419,10 +422,7 @@ fn assert_indexed(plan: &[String]) {
 
 /// A file as the first version made it, with jobs in every state.
 async fn old_file(folder: &TempDir) -> Vec<String> {
-    let path = folder.path().join("packstone.sqlite");
-    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path).create_if_missing(true);
-    let mut file = SqliteConnection::connect_with(&options).await.unwrap();
-    migrations_to(1).run(&mut file).await.unwrap();
+    let mut file = file_of_version(folder, 1).await;
     let mut ids = Vec::new();
     for (i, state) in ["queued", "running", "succeeded", "failed", "cancelled", "queued"].iter().enumerate() {
         let id = crate::ids::JobId::new().to_string();
@@ -451,7 +451,7 @@ async fn old_file(folder: &TempDir) -> Vec<String> {
 async fn a_file_of_the_first_version_is_brought_up_to_date() {
     let folder = tempfile::tempdir().unwrap();
     let ids = old_file(&folder).await;
-    let store = open(&folder, LIMITS).await;
+    let store = open_file(&folder).await;
     assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
     let counts = store.counts().await.unwrap();
     assert_eq!((counts[&State::Queued], counts[&State::Succeeded]), (3, 1));

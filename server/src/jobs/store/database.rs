@@ -1,0 +1,164 @@
+//! Which database the store lies in.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{Connection as _, SqliteConnection};
+
+use super::db::{Connection, Options, WAIT};
+use super::{StoreError, migrations, upgrade};
+
+/// A database that a store can be opened in.
+#[derive(Clone, Debug)]
+pub(crate) enum Database {
+    /// A file of SQLite, of which this process is the only writer.
+    File(PathBuf),
+    /// PostgreSQL.
+    #[cfg(feature = "postgres")]
+    Postgres {
+        options: Box<sqlx::postgres::PgConnectOptions>,
+        /// Whether other servers may use it at the same time.
+        is_shared: bool,
+    },
+}
+
+/// A text that names no database which this program can use.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum NoDatabase {
+    /// It is no URL of PostgreSQL.
+    #[error("must be a URL as postgres://user@host/database")]
+    Scheme,
+    /// The URL cannot be read.
+    #[cfg(feature = "postgres")]
+    #[error("{0}")]
+    Url(String),
+    /// The build is without PostgreSQL.
+    #[cfg(not(feature = "postgres"))]
+    #[error("this build of packstone is without PostgreSQL: build it with `--features postgres`")]
+    NotBuilt,
+}
+
+impl From<&Path> for Database {
+    fn from(file: &Path) -> Self {
+        Self::File(file.to_owned())
+    }
+}
+
+impl FromStr for Database {
+    type Err = NoDatabase;
+
+    fn from_str(text: &str) -> Result<Self, NoDatabase> {
+        if !["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme)) {
+            return Err(NoDatabase::Scheme);
+        }
+        #[cfg(feature = "postgres")]
+        return super::db::postgres::options(text)
+            .map(|options| Self::Postgres { options: Box::new(options), is_shared: true })
+            .map_err(|error| NoDatabase::Url(error.to_string()));
+        #[cfg(not(feature = "postgres"))]
+        Err(NoDatabase::NotBuilt)
+    }
+}
+
+/// Without a password.
+impl fmt::Display for Database {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(file) => file.display().fmt(f),
+            #[cfg(feature = "postgres")]
+            Self::Postgres { options, .. } => {
+                let database = options.get_database().unwrap_or_else(|| options.get_username());
+                write!(
+                    f,
+                    "postgres://{}@{}:{}/{database}",
+                    options.get_username(),
+                    options.get_host(),
+                    options.get_port()
+                )
+            }
+        }
+    }
+}
+
+impl Database {
+    /// Whether other servers may use it at the same time.
+    pub(crate) fn is_shared(&self) -> bool {
+        match self {
+            Self::File(_) => false,
+            #[cfg(feature = "postgres")]
+            Self::Postgres { is_shared, .. } => *is_shared,
+        }
+    }
+
+    /// The file, where it is one.
+    pub(crate) fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(file) => Some(file),
+            #[cfg(feature = "postgres")]
+            Self::Postgres { .. } => None,
+        }
+    }
+
+    /// Opens the connection that writes, makes a file that is missing, and brings the tables up to date. Returns also
+    /// how further connections are opened.
+    ///
+    /// # Errors
+    /// The database's, or a newer version has made its tables.
+    pub(super) async fn open(&self) -> Result<(Connection, Options), StoreError> {
+        match self {
+            Self::File(file) => {
+                let options = SqliteConnectOptions::new()
+                    .filename(file)
+                    .create_if_missing(true)
+                    .journal_mode(SqliteJournalMode::Wal)
+                    // A 201 promises that the job survives a power cut.
+                    .synchronous(SqliteSynchronous::Full)
+                    .foreign_keys(true)
+                    // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
+                    .pragma("temp_store", "memory")
+                    .busy_timeout(WAIT);
+                let mut connection = SqliteConnection::connect_with(&options).await?;
+                migrations::migrations_to(i64::MAX).run(&mut connection).await?;
+                upgrade::run(&mut connection).await?;
+                Ok((Connection::Sqlite(connection), Options::Sqlite(options.create_if_missing(false))))
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres { options, .. } => {
+                let mut connection = sqlx::PgConnection::connect_with(options).await?;
+                migrations::of_postgres().run(&mut connection).await?;
+                Ok((Connection::Postgres(connection), Options::Postgres(options.clone())))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_url_of_another_database_is_refused_with_the_form_that_is_asked_for() {
+        for text in ["", "mysql://host/db", "packstone.sqlite", "postgres:/host"] {
+            assert_eq!(text.parse::<Database>().err(), Some(NoDatabase::Scheme), "{text}");
+        }
+    }
+
+    #[cfg(feature = "postgres")]
+    #[test]
+    fn a_url_is_shown_without_its_password() {
+        let database: Database = "postgres://lab:secret@db.example:5433/packstone".parse().unwrap();
+        assert_eq!(database.to_string(), "postgres://lab@db.example:5433/packstone");
+        assert!(database.is_shared() && database.file().is_none());
+        assert!(matches!("postgres://host:port/db".parse::<Database>(), Err(NoDatabase::Url(_))));
+    }
+
+    #[cfg(not(feature = "postgres"))]
+    #[test]
+    fn a_build_without_postgresql_names_the_feature() {
+        let refused = "postgres://lab@db.example/packstone".parse::<Database>().err();
+        assert_eq!(refused, Some(NoDatabase::NotBuilt));
+        assert!(NoDatabase::NotBuilt.to_string().contains("--features postgres"));
+    }
+}

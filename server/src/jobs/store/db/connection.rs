@@ -1,0 +1,228 @@
+//! The connection that writes, and those that read.
+
+use std::time::Duration;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+use sqlx::{Connection as _, SqliteConnection, SqlitePool};
+
+use super::transaction::Transaction;
+use crate::jobs::store::clock::Clock;
+
+/// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
+const READERS: u32 = 4;
+/// How long a reader waits for a connection, and a writer for a lock that another program holds on the file (a backup,
+/// `sqlite3` in a terminal).
+pub(in super::super) const WAIT: Duration = Duration::from_secs(10);
+
+/// What a commit survives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in super::super) enum Durability {
+    /// A power cut: the commit waits for the disk.
+    PowerCut,
+    /// The end of the process only; the next commit of the other kind takes this one to the disk with it.
+    ProcessEnd,
+}
+
+/// How to reach the database.
+#[derive(Clone, Debug)]
+pub(in super::super) enum Options {
+    Sqlite(SqliteConnectOptions),
+    #[cfg(feature = "postgres")]
+    Postgres(Box<sqlx::postgres::PgConnectOptions>),
+}
+
+/// A connection that may write.
+#[derive(Debug)]
+pub(in super::super) enum Connection {
+    Sqlite(SqliteConnection),
+    #[cfg(feature = "postgres")]
+    Postgres(sqlx::PgConnection),
+}
+
+/// The connections that only read, and never wait for a writer.
+#[derive(Clone, Debug)]
+pub(in super::super) enum Readers {
+    Sqlite(SqlitePool),
+    #[cfg(feature = "postgres")]
+    Postgres(sqlx::PgPool),
+}
+
+/// The way of one query to the database.
+#[derive(Debug)]
+pub(in super::super) enum Via<'c> {
+    Sqlite(&'c mut SqliteConnection),
+    SqliteReaders(&'c SqlitePool),
+    #[cfg(feature = "postgres")]
+    Postgres(&'c mut sqlx::PgConnection),
+    #[cfg(feature = "postgres")]
+    PostgresReaders(&'c sqlx::PgPool),
+    /// A write outside a transaction, which gets one of its own.
+    #[cfg(feature = "postgres")]
+    PostgresWriter(&'c mut sqlx::PgConnection, &'c Clock),
+}
+
+impl Options {
+    /// Opens a connection that may write, for [`Durability::PowerCut`].
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn connect(&self) -> Result<Connection, sqlx::Error> {
+        match self {
+            Self::Sqlite(options) => SqliteConnection::connect_with(options).await.map(Connection::Sqlite),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(options) => {
+                sqlx::PgConnection::connect_with(options).await.map(Connection::Postgres)
+            }
+        }
+    }
+
+    /// Opens the connections that read.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn readers(&self) -> Result<Readers, sqlx::Error> {
+        match self {
+            Self::Sqlite(options) => {
+                let pool = SqlitePoolOptions::new()
+                    .max_connections(READERS)
+                    .min_connections(1)
+                    .acquire_timeout(WAIT)
+                    // Readers only ever close with the process: no pings, no recycling.
+                    .test_before_acquire(false)
+                    .idle_timeout(None)
+                    .max_lifetime(None)
+                    .connect_with(options.clone().create_if_missing(false).read_only(true));
+                Ok(Readers::Sqlite(pool.await?))
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(options) => {
+                super::postgres::readers(options, READERS).await.map(Readers::Postgres)
+            }
+        }
+    }
+}
+
+impl Connection {
+    /// Whether it answers and is in no transaction. A transaction that was dropped is rolled back before it answers.
+    pub(in super::super) async fn is_idle(&mut self) -> bool {
+        match self {
+            Self::Sqlite(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
+        }
+    }
+
+    /// Decides what the commits that follow survive.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn set_durability(
+        &mut self,
+        durability: Durability,
+    ) -> Result<(), sqlx::Error> {
+        match self {
+            Self::Sqlite(connection) => {
+                let pragma = match durability {
+                    Durability::PowerCut => "pragma synchronous = full",
+                    Durability::ProcessEnd => "pragma synchronous = normal",
+                };
+                sqlx::query(pragma).execute(connection).await?;
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(connection) => {
+                let setting = match durability {
+                    Durability::PowerCut => "set synchronous_commit = on",
+                    Durability::ProcessEnd => "set synchronous_commit = off",
+                };
+                sqlx::query(setting).execute(connection).await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins a transaction that may write from its start on, and is the only one that does. The clock is set by that of
+    /// the database where it has one of its own.
+    ///
+    /// # Errors
+    /// The database's.
+    #[cfg_attr(
+        not(feature = "postgres"),
+        expect(unused_variables, reason = "SQLite has the clock of the process")
+    )]
+    pub(in super::super) async fn begin_write(
+        &mut self,
+        clock: &Clock,
+    ) -> Result<Transaction<'_>, sqlx::Error> {
+        match self {
+            Self::Sqlite(connection) => {
+                connection.begin_with("begin immediate").await.map(Transaction::Sqlite)
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(connection) => {
+                super::postgres::begin_write(connection, clock).await.map(Transaction::Postgres)
+            }
+        }
+    }
+
+    /// The way of a single write.
+    #[cfg_attr(
+        not(feature = "postgres"),
+        expect(unused_variables, reason = "SQLite has the clock of the process")
+    )]
+    pub(in super::super) fn via_write<'c>(&'c mut self, clock: &'c Clock) -> Via<'c> {
+        match self {
+            Self::Sqlite(connection) => Via::Sqlite(connection),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(connection) => Via::PostgresWriter(connection, clock),
+        }
+    }
+
+    /// Copies the write-ahead log into the file, where the database is one.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn fold_log(&mut self) -> Result<(), sqlx::Error> {
+        match self {
+            Self::Sqlite(connection) => {
+                sqlx::query("pragma wal_checkpoint(truncate)").execute(connection).await?;
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(_) => {}
+        }
+        Ok(())
+    }
+}
+
+impl Readers {
+    /// Begins a transaction that sees one state of the database throughout.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn begin(&self) -> Result<Transaction<'static>, sqlx::Error> {
+        match self {
+            Self::Sqlite(pool) => pool.begin().await.map(Transaction::Sqlite),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(pool) => {
+                let begun = pool.begin_with("begin isolation level repeatable read read only").await;
+                begun.map(Transaction::Postgres)
+            }
+        }
+    }
+
+    /// Closes all of them.
+    pub(in super::super) async fn close(&self) {
+        match self {
+            Self::Sqlite(pool) => pool.close().await,
+            #[cfg(feature = "postgres")]
+            Self::Postgres(pool) => pool.close().await,
+        }
+    }
+
+    pub(super) fn via(&self) -> Via<'_> {
+        match self {
+            Self::Sqlite(pool) => Via::SqliteReaders(pool),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(pool) => Via::PostgresReaders(pool),
+        }
+    }
+}

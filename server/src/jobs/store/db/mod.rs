@@ -1,0 +1,20 @@
+//! The databases that the store can lie in: SQLite, and PostgreSQL with the feature `postgres`.
+//!
+//! The store has one text of SQL. Both databases know most of it; where they differ, a query has two texts
+//! ([`either()`]). A text marks its parameters as SQLite does, `?` in their order or `?1` by number. This module binds
+//! values ([`Value`]), runs the text in the database at hand, and reads the rows ([`Row`]).
+
+mod bind;
+mod builder;
+mod connection;
+#[cfg(feature = "postgres")]
+pub(super) mod postgres;
+mod row;
+mod statement;
+mod transaction;
+
+pub(super) use builder::QueryBuilder;
+pub(super) use connection::{Connection, Durability, Options, Readers, Via, WAIT};
+pub(super) use row::Row;
+pub(super) use statement::{Source, either, query};
+pub(super) use transaction::Transaction;

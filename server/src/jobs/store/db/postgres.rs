@@ -1,0 +1,113 @@
+//! What PostgreSQL needs besides the texts.
+//!
+//! One writer at a time, as in SQLite: each write takes an advisory lock of the database until its end. So every
+//! transition of a job sees all others complete, whichever server made them, and no transaction waits for rows of
+//! another. The lock is held from the begin to the commit: a few round trips and one write of PostgreSQL's log.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+use sqlx::{Connection as _, PgConnection, PgPool, Postgres, Row as _, Transaction};
+
+use super::connection::WAIT;
+use crate::jobs::store::clock::Clock;
+
+/// Begins a write. The lock is the word "packston" in ASCII; it is released with the transaction. The second statement
+/// runs when the lock is held: its time is not that of the wait.
+const BEGIN_WRITE: &str = "begin; select pg_advisory_xact_lock(8097862918138523502)";
+
+/// The database's clock, in microseconds since the Unix epoch.
+const CLOCK: &str = "select (extract(epoch from clock_timestamp()) * 1e6)::bigint";
+
+/// Time after which a connection that nobody uses is closed.
+const IDLE: Duration = Duration::from_mins(10);
+
+/// How to reach the database of a URL, as libpq reads it: with `PGPASSWORD`, `PGPASSFILE` and the like where the URL says
+/// nothing.
+///
+/// # Errors
+/// The URL cannot be read.
+pub(in super::super) fn options(url: &str) -> Result<PgConnectOptions, sqlx::Error> {
+    Ok(url.parse::<PgConnectOptions>()?.application_name("packstone"))
+}
+
+/// Connections that read.
+///
+/// # Errors
+/// The database's.
+pub(super) async fn readers(options: &PgConnectOptions, most: u32) -> Result<PgPool, sqlx::Error> {
+    PgPoolOptions::new()
+        .max_connections(most)
+        .acquire_timeout(WAIT)
+        .idle_timeout(IDLE)
+        .connect_with(options.clone().options([("default_transaction_read_only", "on")]))
+        .await
+}
+
+/// Waits for the writers before, those of other servers among them, and begins a transaction.
+///
+/// # Errors
+/// The database's.
+pub(super) async fn begin_write<'c>(
+    connection: &'c mut PgConnection,
+    clock: &Clock,
+) -> Result<Transaction<'c, Postgres>, sqlx::Error> {
+    let mut tx = connection.begin_with(BEGIN_WRITE).await?;
+    let now: i64 = sqlx::query(CLOCK).fetch_one(&mut *tx).await?.try_get(0)?;
+    clock.set(now);
+    Ok(tx)
+}
+
+/// The hint to SQLite, before the name of an index.
+const HINT: &str = " indexed by ";
+
+/// The text as PostgreSQL takes it: its parameters are `$1` for `?1`, and for each bare `?` the next number; the names of
+/// indices that SQLite is told to use are left out.
+pub(super) fn translated(text: &str) -> String {
+    let mut translated = String::with_capacity(text.len() + 16);
+    let mut next = 1;
+    let mut is_quoted = false;
+    let mut rest = text;
+    while let Some(character) = rest.chars().next() {
+        if !is_quoted && let Some(hinted) = rest.strip_prefix(HINT) {
+            let name = hinted.find(|c: char| !c.is_ascii_alphanumeric() && c != '_').unwrap_or(hinted.len());
+            rest = &hinted[name..];
+            continue;
+        }
+        rest = &rest[character.len_utf8()..];
+        is_quoted ^= character == '\'';
+        if character != '?' || is_quoted {
+            translated.push(character);
+            continue;
+        }
+        translated.push('$');
+        if !rest.starts_with(|c: char| c.is_ascii_digit()) {
+            // Writing to a string cannot fail.
+            let _ = write!(translated, "{next}");
+            next += 1;
+        }
+    }
+    translated
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_get_the_numbers_that_they_have_in_sqlite_and_hints_are_left_out() {
+        for (text, expected) in [
+            ("select 1", "select 1"),
+            ("values (?, ?, ?)", "values ($1, $2, $3)"),
+            ("where a = ?2 and b = ?1 or c = ?12", "where a = $2 and b = $1 or c = $12"),
+            ("where a = '?' and b = ?", "where a = '?' and b = $1"),
+            ("where a = 'it''s ?' and b in (?,?)", "where a = 'it''s ?' and b in ($1,$2)"),
+            ("from jobs indexed by jobs_by_state where a = ?", "from jobs where a = $1"),
+            ("from jobs indexed by jobs_queue", "from jobs"),
+            ("where a = ' indexed by x'", "where a = ' indexed by x'"),
+        ] {
+            assert_eq!(translated(text), expected);
+        }
+    }
+}

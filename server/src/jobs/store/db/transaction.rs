@@ -1,0 +1,50 @@
+//! Transactions.
+
+use sqlx::Sqlite;
+
+use super::connection::Via;
+use super::statement::Source;
+
+/// A transaction; dropped without [`Self::commit`], it is rolled back.
+#[derive(Debug)]
+pub(in super::super) enum Transaction<'c> {
+    Sqlite(sqlx::Transaction<'c, Sqlite>),
+    #[cfg(feature = "postgres")]
+    Postgres(sqlx::Transaction<'c, sqlx::Postgres>),
+}
+
+impl Transaction<'_> {
+    /// Makes its changes last.
+    ///
+    /// # Errors
+    /// The database's; then nothing is changed, unless the connection broke off in the very moment.
+    pub(in super::super) async fn commit(self) -> Result<(), sqlx::Error> {
+        match self {
+            Self::Sqlite(tx) => tx.commit().await,
+            #[cfg(feature = "postgres")]
+            Self::Postgres(tx) => tx.commit().await,
+        }
+    }
+
+    /// Takes its changes back.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn rollback(self) -> Result<(), sqlx::Error> {
+        match self {
+            Self::Sqlite(tx) => tx.rollback().await,
+            #[cfg(feature = "postgres")]
+            Self::Postgres(tx) => tx.rollback().await,
+        }
+    }
+}
+
+impl<'s> Source<'s> for &'s mut Transaction<'_> {
+    fn via(self) -> Via<'s> {
+        match self {
+            Transaction::Sqlite(tx) => Via::Sqlite(tx),
+            #[cfg(feature = "postgres")]
+            Transaction::Postgres(tx) => Via::Postgres(tx),
+        }
+    }
+}
