@@ -42,6 +42,7 @@ mod operations;
 mod packings;
 mod planning;
 mod plots;
+mod postgres;
 mod published_contract;
 mod python_readers;
 mod ranges;

@@ -5,9 +5,11 @@
 -- are JSON that the program writes and reads as text: their numbers keep the digits that they were written with.
 --
 -- Triggers keep counts and sums, and record what must not be forgotten when a job changes its state, whatever statement
--- changes it. PostgreSQL runs them when the statement has changed all of its rows, for each row in the order of their
--- names; none relies on another of the same table. When a row is deleted, the rows that belong to it are deleted after
--- it: a trigger of theirs no longer finds the parent, so each uses only what the deleted row itself holds.
+-- changes it. Counts are kept once for each statement, not for each row: PostgreSQL keeps every version of a row until
+-- the transaction ends, so that n changes of one count in a transaction would take time of n squared. Triggers run when
+-- the statement has changed all of its rows; none relies on another of the same table. When a row is deleted, the rows
+-- that belong to it are deleted after it: a trigger of theirs no longer finds the parent, so each uses only what the
+-- deleted row itself holds.
 
 -- The elements of a JSON list as text: the table-valued function that SQLite has under this name.
 create function json_each(list text, out value text) returns setof text
@@ -394,44 +396,59 @@ create index webhook_deliveries_by_webhook on webhook_deliveries (webhook, seq);
 create function job_counts_insert() returns trigger language plpgsql as $$
 begin
     update job_counts set
-        jobs = jobs + 1,
-        forecast_us = forecast_us + case when state in ('queued', 'running') then new.forecast_us else 0 end
-    where state = new.state;
+        jobs = job_counts.jobs + added.jobs,
+        forecast_us = job_counts.forecast_us
+            + case when job_counts.state in ('queued', 'running') then added.forecast_us else 0 end
+    from (
+        select state, count(*) as jobs, sum(forecast_us)::bigint as forecast_us from new_jobs group by state
+    ) as added
+    where job_counts.state = added.state;
     return null;
 end
 $$;
 
-create trigger job_counts_insert after insert on jobs for each row execute function job_counts_insert();
+create trigger job_counts_insert after insert on jobs referencing new table as new_jobs
+for each statement execute function job_counts_insert();
 
 create function job_counts_update() returns trigger language plpgsql as $$
 begin
     update job_counts set
-        jobs = jobs - 1,
-        forecast_us = forecast_us - case when state in ('queued', 'running') then old.forecast_us else 0 end
-    where state = old.state;
-    update job_counts set
-        jobs = jobs + 1,
-        forecast_us = forecast_us + case when state in ('queued', 'running') then new.forecast_us else 0 end
-    where state = new.state;
+        jobs = job_counts.jobs + moved.jobs,
+        forecast_us = job_counts.forecast_us
+            + case when job_counts.state in ('queued', 'running') then moved.forecast_us else 0 end
+    from (
+        select change.state, sum(change.jobs)::bigint as jobs, sum(change.forecast_us)::bigint as forecast_us
+        from old_jobs join new_jobs using (seq) cross join lateral (
+            values (old_jobs.state, -1, -old_jobs.forecast_us), (new_jobs.state, 1, new_jobs.forecast_us)
+        ) as change (state, jobs, forecast_us)
+        where old_jobs.state <> new_jobs.state
+        group by change.state
+    ) as moved
+    where job_counts.state = moved.state;
     return null;
 end
 $$;
 
-create trigger job_counts_update after update of state on jobs for each row
-when (new.state <> old.state)
-execute function job_counts_update();
+-- A trigger with rows of the statement cannot name columns: the function looks whether a state has changed.
+create trigger job_counts_update after update on jobs referencing old table as old_jobs new table as new_jobs
+for each statement execute function job_counts_update();
 
 create function job_counts_delete() returns trigger language plpgsql as $$
 begin
     update job_counts set
-        jobs = jobs - 1,
-        forecast_us = forecast_us - case when state in ('queued', 'running') then old.forecast_us else 0 end
-    where state = old.state;
+        jobs = job_counts.jobs - gone.jobs,
+        forecast_us = job_counts.forecast_us
+            - case when job_counts.state in ('queued', 'running') then gone.forecast_us else 0 end
+    from (
+        select state, count(*) as jobs, sum(forecast_us)::bigint as forecast_us from old_jobs group by state
+    ) as gone
+    where job_counts.state = gone.state;
     return null;
 end
 $$;
 
-create trigger job_counts_delete after delete on jobs for each row execute function job_counts_delete();
+create trigger job_counts_delete after delete on jobs referencing old table as old_jobs
+for each statement execute function job_counts_delete();
 
 create function job_labels_follow_state() returns trigger language plpgsql as $$
 begin
@@ -460,70 +477,99 @@ create trigger job_methods after insert on job_requests for each row execute fun
 create function queue_owners_insert() returns trigger language plpgsql as $$
 begin
     insert into queue_owners (owner, queued, running)
-    values (new.owner, (new.state = 'queued')::integer, (new.state = 'running')::integer)
+    select owner, count(*) filter (where state = 'queued'), count(*) filter (where state = 'running')
+    from new_jobs group by owner order by owner
     on conflict (owner) do update set
         queued = queue_owners.queued + excluded.queued, running = queue_owners.running + excluded.running;
     return null;
 end
 $$;
 
-create trigger queue_owners_insert after insert on jobs for each row execute function queue_owners_insert();
+create trigger queue_owners_insert after insert on jobs referencing new table as new_jobs
+for each statement execute function queue_owners_insert();
 
 -- A job that starts takes the turn of its owner here: one statement less at every start.
 create function queue_owners_update() returns trigger language plpgsql as $$
 begin
     update queue_owners set
-        queued = queued + (new.state = 'queued')::integer - (old.state = 'queued')::integer,
-        running = running + (new.state = 'running')::integer - (old.state = 'running')::integer,
+        queued = queue_owners.queued + moved.queued,
+        running = queue_owners.running + moved.running,
         last_start = case
-            when new.state = 'running' then greatest(last_start + 1, (select max(last_start) from queue_owners))
-            else last_start
+            when moved.started > 0 then
+                greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)) + moved.started - 1
+            else queue_owners.last_start
         end
-    where owner = new.owner;
+    from (
+        select
+            new_jobs.owner,
+            sum((new_jobs.state = 'queued')::integer - (old_jobs.state = 'queued')::integer) as queued,
+            sum((new_jobs.state = 'running')::integer - (old_jobs.state = 'running')::integer) as running,
+            sum((new_jobs.state = 'running')::integer) as started
+        from old_jobs join new_jobs using (seq)
+        where new_jobs.state <> old_jobs.state
+            and (new_jobs.state in ('queued', 'running') or old_jobs.state in ('queued', 'running'))
+        group by new_jobs.owner
+    ) as moved
+    where queue_owners.owner = moved.owner;
     return null;
 end
 $$;
 
-create trigger queue_owners_update after update of state on jobs for each row
-when (new.state <> old.state and (new.state in ('queued', 'running') or old.state in ('queued', 'running')))
-execute function queue_owners_update();
+create trigger queue_owners_update after update on jobs referencing old table as old_jobs new table as new_jobs
+for each statement execute function queue_owners_update();
 
 create function queue_owners_delete() returns trigger language plpgsql as $$
 begin
     update queue_owners set
-        queued = queued - (old.state = 'queued')::integer, running = running - (old.state = 'running')::integer
-    where owner = old.owner;
+        queued = queue_owners.queued - gone.queued, running = queue_owners.running - gone.running
+    from (
+        select
+            owner,
+            count(*) filter (where state = 'queued') as queued, count(*) filter (where state = 'running') as running
+        from old_jobs where state in ('queued', 'running') group by owner
+    ) as gone
+    where queue_owners.owner = gone.owner;
     return null;
 end
 $$;
 
-create trigger queue_owners_delete after delete on jobs for each row
-when (old.state in ('queued', 'running'))
-execute function queue_owners_delete();
+create trigger queue_owners_delete after delete on jobs referencing old table as old_jobs
+for each statement execute function queue_owners_delete();
 
 create function study_counts_update() returns trigger language plpgsql as $$
 begin
     update studies set
-        queued = queued + (new.state = 'queued')::integer - (old.state = 'queued')::integer,
-        running = running + (new.state = 'running')::integer - (old.state = 'running')::integer,
-        succeeded = succeeded + (new.state = 'succeeded')::integer - (old.state = 'succeeded')::integer,
-        failed = failed + (new.state = 'failed')::integer - (old.state = 'failed')::integer,
-        cancelled = cancelled + (new.state = 'cancelled')::integer - (old.state = 'cancelled')::integer,
+        queued = studies.queued + moved.queued,
+        running = studies.running + moved.running,
+        succeeded = studies.succeeded + moved.succeeded,
+        failed = studies.failed + moved.failed,
+        cancelled = studies.cancelled + moved.cancelled,
         finished_at = case
-            when queued + running
-                + (new.state in ('queued', 'running'))::integer - (old.state in ('queued', 'running'))::integer = 0
-            then new.updated_at
+            when studies.queued + studies.running + moved.queued + moved.running = 0 then moved.updated_at
         end,
-        version = version + 1,
-        updated_at = new.updated_at
-    where seq = new.study;
+        version = studies.version + moved.jobs,
+        updated_at = moved.updated_at
+    from (
+        select
+            new_jobs.study,
+            count(*) as jobs,
+            max(new_jobs.updated_at) as updated_at,
+            sum((new_jobs.state = 'queued')::integer - (old_jobs.state = 'queued')::integer) as queued,
+            sum((new_jobs.state = 'running')::integer - (old_jobs.state = 'running')::integer) as running,
+            sum((new_jobs.state = 'succeeded')::integer - (old_jobs.state = 'succeeded')::integer) as succeeded,
+            sum((new_jobs.state = 'failed')::integer - (old_jobs.state = 'failed')::integer) as failed,
+            sum((new_jobs.state = 'cancelled')::integer - (old_jobs.state = 'cancelled')::integer) as cancelled
+        from old_jobs join new_jobs using (seq)
+        where new_jobs.study is not null and new_jobs.state <> old_jobs.state
+        group by new_jobs.study
+    ) as moved
+    where studies.seq = moved.study;
     return null;
 end
 $$;
 
-create trigger study_counts_update after update of state on jobs for each row
-when (new.study is not null and new.state <> old.state)
-execute function study_counts_update();
+create trigger study_counts_update after update on jobs referencing old table as old_jobs new table as new_jobs
+for each statement execute function study_counts_update();
 
 -- An end that says nothing about the mix. A statement that knows more replaces the row in the same transaction. Where a
 -- client has cancelled, `cancel_requested` is set; without it the job was cancelled by the stop rule, and has not run.

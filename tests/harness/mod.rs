@@ -6,6 +6,7 @@ mod client;
 mod contract;
 pub(crate) mod deadline;
 pub(crate) mod jobs;
+mod postgres;
 mod process;
 mod raw;
 pub(crate) mod results;
@@ -15,6 +16,7 @@ mod sse;
 
 pub(crate) use client::{Client, Reply, Request, id_of};
 pub(crate) use contract::{Contract, text as contract_text};
+pub(crate) use postgres::Postgres;
 pub(crate) use process::{Finished, Running, packstone, run};
 pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};

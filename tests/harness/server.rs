@@ -78,6 +78,10 @@ impl Launch {
         for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("PACKSTONE_")) {
             command.env_remove(name);
         }
+        if let Some(store) = super::postgres::store_of(data_dir.path()) {
+            // Servers that may share a database take nothing back at their start: a job goes on when its lease runs out.
+            command.env("PACKSTONE_STORE", store).env("PACKSTONE_LEASE_S", "3");
+        }
         Self { command }.listen("127.0.0.1:0").workers(1)
     }
 

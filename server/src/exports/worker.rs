@@ -70,7 +70,7 @@ impl ExportWorker {
             match self.store.claim_export(quick).await {
                 Ok(Some(claimed)) => {
                     // Another may take the next of a burst that woke only this one.
-                    self.store.wake_export_workers();
+                    self.store.wake_next_export_worker();
                     let of = &claimed.export;
                     let span = tracing::info_span!("derive", job_id = %of.job, export_id = %of.id,
                         kind = of.kind.name(), attempt = of.attempt);

@@ -41,6 +41,14 @@ impl<Id: Copy + Eq + Hash> Notifications<Id> {
             sender.send_replace(());
         }
     }
+
+    /// Wakes all who wait for anything.
+    #[cfg(feature = "postgres")]
+    pub(crate) fn notify_all(&self) {
+        for sender in lock(&self.waiters).values() {
+            sender.send_replace(());
+        }
+    }
 }
 
 /// One waiter.

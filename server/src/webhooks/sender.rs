@@ -39,6 +39,8 @@ const JITTER: f64 = 0.2;
 const STORE_PAUSE: Duration = Duration::from_secs(5);
 /// The store is asked this often at least: the clock of the machine may be set.
 const LOOK_EVERY: Duration = Duration::from_mins(1);
+/// Where another server of the same database sends: time between two looks whether it still does.
+const LOOK_FOR_LEAD: Duration = Duration::from_secs(1);
 
 /// Sends the webhooks of a store.
 #[derive(Debug)]
@@ -93,6 +95,13 @@ impl WebhookSender {
         let sender = Arc::new(self);
         let mut on_the_way = OnTheWay::default();
         loop {
+            if !sender.store.is_leader() {
+                // Another server sends them, or this one is about to.
+                tokio::select! {
+                    () = sleep(LOOK_FOR_LEAD) => continue,
+                    () = sender.shutdown.cancelled() => return,
+                }
+            }
             let pause = sender.send_due(&mut on_the_way).await.unwrap_or_else(|error| {
                 tracing::error!(%error, "the webhooks that are due could not be read");
                 STORE_PAUSE

@@ -8,6 +8,8 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection as _, SqliteConnection};
 
 use super::db::{Connection, Options, WAIT};
+#[cfg(feature = "postgres")]
+use super::servers::{Others, Servers};
 use super::{StoreError, migrations, upgrade};
 
 /// A database that a store can be opened in.
@@ -98,6 +100,15 @@ impl Database {
             Self::File(file) => Some(file),
             #[cfg(feature = "postgres")]
             Self::Postgres { .. } => None,
+        }
+    }
+
+    /// The way to the other servers, with its other end, where there may be any.
+    #[cfg(feature = "postgres")]
+    pub(super) fn servers(&self) -> Option<(Servers, Others)> {
+        match self {
+            Self::Postgres { options, is_shared: true } => Some(Servers::to(options)),
+            _ => None,
         }
     }
 

@@ -18,6 +18,12 @@ pub(crate) enum Fault {
 /// The fault behind an error of the database; `None` where the program is at fault.
 pub(super) fn fault_of(error: &sqlx::Error) -> Option<Fault> {
     match error {
+        #[cfg(feature = "postgres")]
+        sqlx::Error::Database(error)
+            if error.try_downcast_ref::<sqlx::postgres::PgDatabaseError>().is_some() =>
+        {
+            by_sqlstate(&error.code()?)
+        }
         sqlx::Error::Database(error) => by_code(error.code()?.parse().ok()?),
         sqlx::Error::Io(error) if crate::disk::is_full(error) => Some(Fault::NoSpace),
         // What is left of a transaction that SQLite rolled back by itself; see `writer`.
@@ -43,6 +49,22 @@ fn by_code(code: i32) -> Option<Fault> {
     }
 }
 
+/// By the SQLSTATE of PostgreSQL (<https://www.postgresql.org/docs/current/errcodes-appendix.html>).
+#[cfg(feature = "postgres")]
+fn by_sqlstate(code: &str) -> Option<Fault> {
+    match code {
+        "53100" => Some(Fault::NoSpace),
+        "53200" => Some(Fault::NoMemory),
+        // A lock was not to be had, or a transaction had to give way.
+        "55P03" | "40001" | "40P01" => Some(Fault::Locked),
+        // Too many connections, the database stops or starts, an error of input or output, a lost connection, a
+        // server that lets nobody write.
+        "53300" | "57P01" | "57P02" | "57P03" | "58030" | "25006" => Some(Fault::Io),
+        _ if code.starts_with("08") => Some(Fault::Io),
+        _ => None,
+    }
+}
+
 impl StoreError {
     /// The fault of the machine behind it, if it is one.
     pub(crate) fn fault(&self) -> Option<Fault> {
@@ -61,6 +83,21 @@ impl StoreError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(feature = "postgres")]
+    #[test]
+    fn sqlstates_tell_faults_of_the_machine_from_others() {
+        for (code, fault) in [
+            ("53100", Some(Fault::NoSpace)),
+            ("57P01", Some(Fault::Io)),
+            ("08006", Some(Fault::Io)),
+            ("40P01", Some(Fault::Locked)),
+            ("23505", None),
+            ("42601", None),
+        ] {
+            assert_eq!(by_sqlstate(code), fault, "{code}");
+        }
+    }
 
     #[test]
     fn result_codes_tell_faults_of_the_machine_from_others() {

@@ -8,6 +8,7 @@
 //! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the
 //! machine does not outlast its cause: see [`writer`] and [`faults`].
 
+mod changes;
 mod clock;
 mod database;
 mod db;
@@ -24,6 +25,8 @@ mod owners_tests;
 mod patch;
 mod query;
 mod rows;
+#[cfg(feature = "postgres")]
+mod servers;
 mod studies;
 mod submit;
 mod target;
@@ -44,7 +47,7 @@ use std::time::Duration;
 use tokio::sync::Notify;
 
 use super::notifications::{Notifications, Subscription};
-use super::{JobId, JobRecord, Lease, State};
+use super::{JobId, Lease, State};
 use crate::accounts::Accounts;
 use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
@@ -68,12 +71,8 @@ pub(crate) use webhooks::{Attempt, Delivery, DeliveryState, WebhookRecord};
 
 /// Name of the reserve of disk space, beside the database.
 const RESERVE: &str = "reserve";
-/// A pause by the monotonic clock may end before it does by the clock of the database.
-const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
 /// An unusable database is lost for good after so long.
 const LOST_AFTER: Duration = Duration::from_mins(1);
-/// How often an idle worker looks for jobs that are held back no longer, where the number of running jobs is bounded.
-const LOOK_AT_QUOTAS: Duration = Duration::from_secs(2);
 
 /// Why the store did not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -165,6 +164,9 @@ struct Shared {
     export_workers: [Notify; 2],
     /// Of the task that sends webhooks.
     webhooks: Notify,
+    /// The other servers of the same database.
+    #[cfg(feature = "postgres")]
+    servers: Option<servers::Servers>,
     limits: StoreLimits,
     accounts: Arc<Accounts>,
 }
@@ -186,33 +188,39 @@ impl Store {
         let writer = Writer::new(connection, options);
         // Sets the clock.
         writer.lock(Durability::PowerCut).await?.begin().await?.rollback().await?;
-        Ok(Self {
-            shared: Arc::new(Shared {
-                writer,
-                readers,
-                is_shared: database.is_shared(),
-                reserve: Reserve::open(folder.join(RESERVE)),
-                shortage: Shortage::default(),
-                changes: Notifications::default(),
-                study_changes: Notifications::default(),
-                export_changes: Notifications::default(),
-                queue: Notify::new(),
-                export_workers: [Notify::new(), Notify::new()],
-                webhooks: Notify::new(),
-                limits,
-                accounts,
-            }),
-        })
+        #[cfg(feature = "postgres")]
+        let (servers, others) = database.servers().unzip();
+        let shared = Arc::new(Shared {
+            writer,
+            readers,
+            is_shared: database.is_shared(),
+            reserve: Reserve::open(folder.join(RESERVE)),
+            shortage: Shortage::default(),
+            changes: Notifications::default(),
+            study_changes: Notifications::default(),
+            export_changes: Notifications::default(),
+            queue: Notify::new(),
+            export_workers: [Notify::new(), Notify::new()],
+            webhooks: Notify::new(),
+            #[cfg(feature = "postgres")]
+            servers,
+            limits,
+            accounts,
+        });
+        #[cfg(feature = "postgres")]
+        if let Some(others) = others {
+            others.talk(&shared);
+        }
+        Ok(Self { shared })
     }
 
-    /// Starts to listen for changes of a job. Subscribe first, then read.
-    pub(crate) fn subscribe(&self, id: JobId) -> Subscription<JobId> {
-        self.shared.changes.subscribe(id)
-    }
-
-    /// How many listen for changes of a job.
-    pub(crate) fn listeners(&self, id: JobId) -> usize {
-        self.shared.changes.listeners(id)
+    /// Whether this server does what only one of those that share the database may do.
+    pub(crate) fn is_leader(&self) -> bool {
+        #[cfg(feature = "postgres")]
+        if let Some(servers) = &self.shared.servers {
+            return servers.is_leader();
+        }
+        true
     }
 
     /// How long a lease lasts without being renewed.
@@ -225,61 +233,9 @@ impl Store {
         self.limits().lease / 4
     }
 
-    /// Starts to listen for changes of a study. Subscribe first, then read.
-    pub(crate) fn subscribe_study(&self, id: StudyId) -> Subscription<StudyId> {
-        self.shared.study_changes.subscribe(id)
-    }
-
-    /// Starts to listen for changes of an export. Subscribe first, then read.
-    pub(crate) fn subscribe_export(&self, id: ExportId) -> Subscription<ExportId> {
-        self.shared.export_changes.subscribe(id)
-    }
-
-    /// Waits until there may be something to derive.
-    pub(crate) async fn exports_queued(&self, quick: bool) {
-        self.shared.export_workers[usize::from(quick)].notified().await;
-    }
-
-    /// After a commit that put an export into the queue; of a burst, each worker that wakes wakes one more.
-    pub(crate) fn wake_export_workers(&self) {
-        self.shared.export_workers.iter().for_each(Notify::notify_one);
-    }
-
-    /// The same for an export that may not start yet.
-    fn wake_export_workers_after(&self, pause: Duration) {
-        let store = self.clone();
-        tasks::spawn(async move {
-            tokio::time::sleep(pause + CLOCKS_DIFFER).await;
-            store.wake_export_workers();
-        });
-    }
-
-    /// Waits until a job may have come into the queue.
-    pub(crate) async fn queue_notified(&self) {
-        let notified = self.shared.queue.notified();
-        if self.bounds_running() {
-            // A quota may have been raised, of which nobody tells.
-            let _ = tokio::time::timeout(LOOK_AT_QUOTAS, notified).await;
-        } else {
-            notified.await;
-        }
-    }
-
     /// Whether jobs may be held back until others of their owner have ended.
     fn bounds_running(&self) -> bool {
         self.shared.accounts.bounds_running()
-    }
-
-    /// After a commit by which a job runs no longer: another of its owner may be held back.
-    fn wake_worker_for_held_back(&self) {
-        if self.bounds_running() {
-            self.wake_worker();
-        }
-    }
-
-    /// Wakes one more worker: of a burst of submissions, only the last may have left its mark.
-    pub(crate) fn wake_next_worker(&self) {
-        self.wake_worker();
     }
 
     /// Closes the file, after which every call fails; folds the write-ahead log into it.
@@ -379,60 +335,6 @@ impl Store {
 
     fn limits(&self) -> StoreLimits {
         self.shared.limits
-    }
-
-    /// After a commit that changed what clients see of the job.
-    fn notify(&self, id: JobId) {
-        self.shared.changes.notify(id);
-    }
-
-    /// After a commit that changed what clients see of these jobs.
-    fn notify_all(&self, ids: &[JobId]) {
-        for id in ids {
-            self.notify(*id);
-        }
-    }
-
-    /// After a commit that moved the job to another state.
-    fn notify_job(&self, job: &JobRecord) {
-        self.notify(job.id);
-        if let Some(place) = job.study {
-            self.notify_study(place.id);
-        }
-        self.wake_webhooks();
-    }
-
-    /// The same for a job that was leased.
-    fn notify_lease(&self, lease: Lease) {
-        self.notify(lease.id);
-        if let Some(study) = lease.study {
-            self.notify_study(study);
-        }
-        self.wake_webhooks();
-    }
-
-    /// After a commit that changed what clients see of the study.
-    fn notify_study(&self, id: StudyId) {
-        self.shared.study_changes.notify(id);
-    }
-
-    /// After a commit that changed what clients see of an export.
-    fn notify_export(&self, id: ExportId) {
-        self.shared.export_changes.notify(id);
-    }
-
-    /// After a commit that put a job into the queue which may not start yet.
-    fn wake_worker_after(&self, pause: Duration) {
-        let store = self.clone();
-        tasks::spawn(async move {
-            tokio::time::sleep(pause + CLOCKS_DIFFER).await;
-            store.wake_worker();
-        });
-    }
-
-    /// After a commit that put a job into the queue.
-    fn wake_worker(&self) {
-        self.shared.queue.notify_one();
     }
 }
 

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::accounts::{Quotas, Submitter};
 use crate::failure::{Failure, FailureCode};
-use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
+use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest};
 use crate::studies::Facts;
 
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };

@@ -117,11 +117,6 @@ macro_rules! select_webhook {
 }
 
 impl Store {
-    /// Waits until a delivery may have been recorded.
-    pub(crate) async fn webhooks_notified(&self) {
-        self.shared.webhooks.notified().await;
-    }
-
     /// The webhook of a job.
     pub(crate) async fn webhook_of_job(&self, job: i64) -> Result<Option<WebhookRecord>, StoreError> {
         let row = query(concat!(select_webhook!(), " where webhooks.job = ?")).bind(job);
@@ -268,11 +263,6 @@ impl Store {
             Ok(())
         })
         .await
-    }
-
-    /// After a commit that may have ended a job or finished a study.
-    pub(super) fn wake_webhooks(&self) {
-        self.shared.webhooks.notify_one();
     }
 }
 

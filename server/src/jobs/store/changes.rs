@@ -1,0 +1,200 @@
+//! Who is told of changes: those who wait for a job, a study or an export, workers without work, and the other servers of
+//! the same database. Each is told after the commit.
+
+use std::time::Duration;
+
+use tokio::sync::Notify;
+
+use super::{Lease, Shared, Store, Subscription};
+use crate::ids::{ExportId, StudyId};
+use crate::jobs::{JobId, JobRecord};
+use crate::tasks;
+
+/// A pause by the monotonic clock may end before it does by the clock of the database.
+const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
+/// How often an idle worker looks for jobs that are held back no longer, where the number of running jobs is bounded.
+const LOOK_AT_QUOTAS: Duration = Duration::from_secs(2);
+
+/// What has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Change {
+    /// Jobs wait for workers.
+    Queue,
+    /// Exports wait for workers.
+    Exports,
+    /// Webhooks wait to be sent.
+    Webhooks,
+    /// Clients see another state of a job.
+    Job(JobId),
+    /// Clients see another state of a study.
+    Study(StudyId),
+    /// Clients see another state of an export.
+    Export(ExportId),
+}
+
+impl Shared {
+    /// Wakes those who wait in this process.
+    pub(super) fn wake(&self, change: Change) {
+        match change {
+            Change::Queue => self.queue.notify_one(),
+            Change::Exports => self.export_workers.iter().for_each(Notify::notify_one),
+            Change::Webhooks => self.webhooks.notify_one(),
+            Change::Job(id) => self.changes.notify(id),
+            Change::Study(id) => self.study_changes.notify(id),
+            Change::Export(id) => self.export_changes.notify(id),
+        }
+    }
+
+    /// Wakes all who wait in this process, for any change.
+    #[cfg(feature = "postgres")]
+    pub(super) fn wake_all(&self) {
+        for change in [Change::Queue, Change::Exports, Change::Webhooks] {
+            self.wake(change);
+        }
+        self.changes.notify_all();
+        self.study_changes.notify_all();
+        self.export_changes.notify_all();
+    }
+}
+
+impl Store {
+    /// Starts to listen for changes of a job. Subscribe first, then read.
+    pub(crate) fn subscribe(&self, id: JobId) -> Subscription<JobId> {
+        self.shared.changes.subscribe(id)
+    }
+
+    /// How many listen for changes of a job.
+    pub(crate) fn listeners(&self, id: JobId) -> usize {
+        self.shared.changes.listeners(id)
+    }
+
+    /// Starts to listen for changes of a study. Subscribe first, then read.
+    pub(crate) fn subscribe_study(&self, id: StudyId) -> Subscription<StudyId> {
+        self.shared.study_changes.subscribe(id)
+    }
+
+    /// Starts to listen for changes of an export. Subscribe first, then read.
+    pub(crate) fn subscribe_export(&self, id: ExportId) -> Subscription<ExportId> {
+        self.shared.export_changes.subscribe(id)
+    }
+
+    /// Waits until there may be something to derive.
+    pub(crate) async fn exports_queued(&self, quick: bool) {
+        self.shared.export_workers[usize::from(quick)].notified().await;
+    }
+
+    /// Waits until a job may have come into the queue.
+    pub(crate) async fn queue_notified(&self) {
+        let notified = self.shared.queue.notified();
+        if self.bounds_running() {
+            // A quota may have been raised, of which nobody tells.
+            let _ = tokio::time::timeout(LOOK_AT_QUOTAS, notified).await;
+        } else {
+            notified.await;
+        }
+    }
+
+    /// Waits until a delivery may have been recorded.
+    pub(crate) async fn webhooks_notified(&self) {
+        self.shared.webhooks.notified().await;
+    }
+
+    /// Wakes one more worker: of a burst of submissions, only the last may have left its mark.
+    pub(crate) fn wake_next_worker(&self) {
+        self.shared.wake(Change::Queue);
+    }
+
+    /// After a commit that put an export into the queue.
+    pub(super) fn wake_export_workers(&self) {
+        self.announce(Change::Exports);
+    }
+
+    /// Wakes one more export worker: of a burst of requests, only the last may have left its mark.
+    pub(crate) fn wake_next_export_worker(&self) {
+        self.shared.wake(Change::Exports);
+    }
+
+    /// The same for an export that may not start yet.
+    pub(super) fn wake_export_workers_after(&self, pause: Duration) {
+        let store = self.clone();
+        tasks::spawn(async move {
+            tokio::time::sleep(pause + CLOCKS_DIFFER).await;
+            store.wake_export_workers();
+        });
+    }
+
+    /// After a commit by which a job runs no longer: another of its owner may be held back.
+    pub(super) fn wake_worker_for_held_back(&self) {
+        if self.bounds_running() {
+            self.wake_worker();
+        }
+    }
+
+    /// After a commit that put a job into the queue which may not start yet.
+    pub(super) fn wake_worker_after(&self, pause: Duration) {
+        let store = self.clone();
+        tasks::spawn(async move {
+            tokio::time::sleep(pause + CLOCKS_DIFFER).await;
+            store.wake_worker();
+        });
+    }
+
+    /// After a commit that put a job into the queue.
+    pub(super) fn wake_worker(&self) {
+        self.announce(Change::Queue);
+    }
+
+    /// After a commit that may have ended a job or finished a study.
+    pub(super) fn wake_webhooks(&self) {
+        self.announce(Change::Webhooks);
+    }
+
+    /// After a commit that changed what clients see of the job.
+    pub(super) fn notify(&self, id: JobId) {
+        self.announce(Change::Job(id));
+    }
+
+    /// After a commit that changed what clients see of these jobs.
+    pub(super) fn notify_all(&self, ids: &[JobId]) {
+        for id in ids {
+            self.notify(*id);
+        }
+    }
+
+    /// After a commit that moved the job to another state.
+    pub(super) fn notify_job(&self, job: &JobRecord) {
+        self.notify(job.id);
+        if let Some(place) = job.study {
+            self.notify_study(place.id);
+        }
+        self.wake_webhooks();
+    }
+
+    /// The same for a job that was leased.
+    pub(super) fn notify_lease(&self, lease: Lease) {
+        self.notify(lease.id);
+        if let Some(study) = lease.study {
+            self.notify_study(study);
+        }
+        self.wake_webhooks();
+    }
+
+    /// After a commit that changed what clients see of the study.
+    pub(super) fn notify_study(&self, id: StudyId) {
+        self.announce(Change::Study(id));
+    }
+
+    /// After a commit that changed what clients see of an export.
+    pub(super) fn notify_export(&self, id: ExportId) {
+        self.announce(Change::Export(id));
+    }
+
+    /// Tells all whom it concerns, in this process and in others.
+    fn announce(&self, change: Change) {
+        self.shared.wake(change);
+        #[cfg(feature = "postgres")]
+        if let Some(servers) = &self.shared.servers {
+            servers.tell(change);
+        }
+    }
+}

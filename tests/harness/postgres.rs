@@ -1,0 +1,169 @@
+//! A PostgreSQL of its own for tests, from the distribution's package, on a Unix socket in a temporary folder.
+
+use std::io::Write as _;
+use std::os::unix::fs::{PermissionsExt as _, chown};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tempfile::TempDir;
+
+/// Set where the tests that need PostgreSQL must not be left out.
+const REQUIRED: &str = "PACKSTONE_POSTGRES";
+/// URL of a running PostgreSQL, without a database: then every server of the suite has its store there.
+const FOR_ALL: &str = "PACKSTONE_TEST_POSTGRES";
+
+/// A running PostgreSQL; dropped, it is stopped and its folder removed.
+pub(crate) struct Postgres {
+    programs: PathBuf,
+    /// The user whom it runs as, where the tests run as root: PostgreSQL refuses that one.
+    user: Option<String>,
+    folder: TempDir,
+}
+
+impl Postgres {
+    /// Starts one. `None`, said aloud, where it is not installed or the binary under test was built without it.
+    pub(crate) fn start() -> Option<Self> {
+        let required = std::env::var_os(REQUIRED).is_some_and(|value| !value.is_empty());
+        let found = if cfg!(feature = "postgres") {
+            programs().ok_or("no PostgreSQL (initdb, pg_ctl); install postgresql (Debian)")
+        } else {
+            Err("the binary is built without it: cargo test --features postgres")
+        };
+        let programs = match found {
+            Ok(programs) => programs,
+            Err(why) => {
+                assert!(!required, "{REQUIRED} is set, but {why}");
+                // Past the capture of the test harness: that nothing was tested must be seen.
+                let warning = format!("\n*** SKIPPED: nothing was tested with PostgreSQL: {why}\n");
+                std::io::stderr().write_all(warning.as_bytes()).unwrap();
+                return None;
+            }
+        };
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let user = rustix::process::getuid().is_root().then(|| "postgres".to_owned());
+        std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
+        let home = folder.path().join("home");
+        std::fs::create_dir(&home).unwrap();
+        if let Some(user) = &user {
+            let (uid, gid) = ids(user);
+            chown(&home, Some(uid), Some(gid)).expect("root may do this");
+        }
+        let postgres = Self { programs, user, folder };
+        postgres.run("initdb", &format!("-A trust --no-sync -U packstone -D {}", postgres.data().display()));
+        postgres.up();
+        Some(postgres)
+    }
+
+    /// The URL of a database of that name, which is made where it is missing.
+    pub(crate) fn database(&self, name: &str) -> String {
+        let url = format!("postgres://packstone@localhost/?host={}", self.home().display());
+        database_of(&url, name)
+    }
+
+    /// Starts it again after [`Self::crash`].
+    pub(crate) fn up(&self) {
+        let home = self.home();
+        self.run(
+            "pg_ctl",
+            &format!(
+                "-D {} -w -l {} -o \"-c listen_addresses='' -c unix_socket_directories={} -c fsync=off\" start",
+                self.data().display(),
+                home.join("log").display(),
+                home.display()
+            ),
+        );
+    }
+
+    /// Ends it without a word, as a crash does.
+    pub(crate) fn crash(&self) {
+        self.run("pg_ctl", &format!("-D {} -w -m immediate stop", self.data().display()));
+    }
+
+    /// The answer to a query in a database, fields separated by bars.
+    pub(crate) fn ask(&self, name: &str, query: &str) -> String {
+        psql(&self.database(name), query).expect("psql answers")
+    }
+
+    fn home(&self) -> PathBuf {
+        self.folder.path().join("home")
+    }
+
+    fn data(&self) -> PathBuf {
+        self.home().join("data")
+    }
+
+    fn run(&self, program: &str, arguments: &str) {
+        let line = format!("{} {arguments}", self.programs.join(program).display());
+        let mut command = match &self.user {
+            Some(user) => {
+                let mut command = Command::new("su");
+                command.args([user, "-s", "/bin/sh", "-c", &line]);
+                command
+            }
+            None => {
+                let mut command = Command::new("/bin/sh");
+                command.args(["-c", &line]);
+                command
+            }
+        };
+        // A database that goes on running must not keep a pipe of this process open.
+        let status = command.current_dir("/").stdout(std::process::Stdio::null()).status().expect("a shell");
+        assert!(status.success(), "{line}: {status}");
+    }
+}
+
+impl Drop for Postgres {
+    fn drop(&mut self) {
+        if self.data().join("postmaster.pid").exists() {
+            self.crash();
+        }
+    }
+}
+
+/// The store of a server on this data directory, where `PACKSTONE_TEST_POSTGRES` asks for PostgreSQL throughout.
+pub(super) fn store_of(data_dir: &Path) -> Option<String> {
+    let url = std::env::var(FOR_ALL).ok()?;
+    let name = data_dir.to_str().expect("a path in UTF-8").replace(|c: char| !c.is_ascii_alphanumeric(), "_");
+    Some(database_of(&url, &name[name.len().saturating_sub(60)..].to_lowercase()))
+}
+
+/// A database of the PostgreSQL at this URL, made where it is missing.
+fn database_of(url: &str, name: &str) -> String {
+    let (server, parameters) = url.split_once("/?").expect("a URL as postgres://user@host/?parameters");
+    let parameters = format!("?{parameters}");
+    let made = psql(&format!("{server}/postgres{parameters}"), &format!("create database \"{name}\""));
+    assert!(made.as_ref().err().is_none_or(|error| error.contains("already exists")), "{made:?}");
+    format!("{server}/{name}{parameters}")
+}
+
+fn psql(url: &str, query: &str) -> Result<String, String> {
+    let output =
+        Command::new("psql").args(["-X", "-A", "-t", "-c", query, url]).output().expect("psql starts");
+    if output.status.success() {
+        Ok(String::from_utf8_lossy(&output.stdout).trim_end().to_owned())
+    } else {
+        Err(String::from_utf8_lossy(&output.stderr).into_owned())
+    }
+}
+
+/// Where the programs of the newest version are: Debian keeps them out of the path.
+fn programs() -> Option<PathBuf> {
+    let versions = std::fs::read_dir("/usr/lib/postgresql").ok().into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = versions.map(|version| version.path().join("bin")).collect();
+    folders.sort();
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    folders
+        .into_iter()
+        .rev()
+        .chain(std::env::split_paths(&path))
+        .find(|folder| ["initdb", "pg_ctl"].iter().all(|program| folder.join(program).exists()))
+}
+
+/// Number of a user and of their group.
+fn ids(user: &str) -> (u32, u32) {
+    let users = std::fs::read_to_string("/etc/passwd").expect("a list of users");
+    let line =
+        users.lines().find(|line| line.starts_with(&format!("{user}:"))).expect("the user of PostgreSQL");
+    let mut fields = line.split(':').skip(2).map(|field| field.parse().expect("a number"));
+    (fields.next().unwrap(), fields.next().unwrap())
+}
