@@ -36,8 +36,8 @@ pub(crate) struct ServeOptions {
     /// Directory of the database and the results; made where it is missing
     #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
     pub(crate) data_dir: PathBuf,
-    /// Where jobs are kept: a database of PostgreSQL, as `postgres://user@host/database`, which several servers may share
-    /// [default: the file `packstone.sqlite` of the data directory]
+    /// Where jobs are kept: a database of PostgreSQL, as `postgres://user@host/database`, which several servers may
+    /// share [default: the file `packstone.sqlite` of the data directory]
     #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
     pub(crate) store: Option<Database>,
     /// Jobs that run at once [default: the number of cores]

@@ -1,5 +1,5 @@
-//! Who is told of changes: those who wait for a job, a study or an export, workers without work, and the other servers of
-//! the same database. Each is told after the commit.
+//! Who is told of changes: those who wait for a job, a study or an export, workers without work, and the other servers
+//! of the same database. Each is told after the commit.
 
 use std::time::Duration;
 
