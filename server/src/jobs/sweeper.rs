@@ -289,6 +289,7 @@ mod tests {
                 request,
                 warnings: Vec::new(),
                 forecast_s: 1.0,
+                keeps_checkpoints: true,
                 by: crate::accounts::Submitter::default(),
                 idempotency_key: None,
             })

@@ -1,5 +1,7 @@
 //! A worker asks for jobs.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
@@ -46,17 +48,24 @@ pub(crate) async fn lease(
 ) -> Result<Response, Problem> {
     let request: LeaseRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
     check_build(&app, &request).await?;
-    let claim = Claim { worker: request.worker, key: caller.by.key, id: request.claim, slots: request.slots };
+    let asked = Instant::now();
+    let remaining = request.remaining_s.map(Duration::from_secs_f64);
+    let (worker, id, slots) = (request.worker, request.claim, request.slots);
+    let claim = || {
+        let remaining = remaining.map(|remaining| remaining.saturating_sub(asked.elapsed()));
+        let (worker, id) = (worker.clone(), id.clone());
+        Claim { worker, key: caller.by.key.clone(), id, slots, remaining }
+    };
     let wait = Wait::of(&headers);
-    let until = Instant::now() + wait.map(Wait::duration).unwrap_or_default();
-    let mut claimed = claim_heard(&app, claim.clone()).await?;
+    let until = asked + wait.map(Wait::duration).unwrap_or_default();
+    let mut claimed = claim_heard(&app, claim()).await?;
     while claimed.is_empty() && Instant::now() < until {
         tokio::select! {
             () = app.shared.store.queue_notified() => {}
             () = sleep_until(until) => {}
             () = app.shared.shutdown.cancelled() => break,
         }
-        claimed = claim_heard(&app, claim.clone()).await?;
+        claimed = claim_heard(&app, claim()).await?;
     }
     let mut response = if claimed.is_empty() {
         StatusCode::NO_CONTENT.into_response()

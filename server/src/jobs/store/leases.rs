@@ -4,6 +4,8 @@
 //! nothing. A process may repeat each of its requests. So a claim has an ID, by which a repeated one finds the jobs
 //! that the first one leased, and an attempt is never given out twice: a job that comes back has the next one.
 
+use std::time::Duration;
+
 use sqlx::Row as _;
 
 use super::lifecycle::{Claimed, Lessee};
@@ -22,6 +24,9 @@ pub(crate) struct Claim {
     pub(crate) id: String,
     /// Most jobs that it takes.
     pub(crate) slots: u32,
+    /// Time that it has left, where that is limited. It gets no job whose work would be lost with the process: see
+    /// [`forecasts`](super::forecasts).
+    pub(crate) remaining: Option<Duration>,
 }
 
 /// The renewal of a lease.

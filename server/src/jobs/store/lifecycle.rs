@@ -16,25 +16,65 @@ use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::studies::{Facts, Outcome};
 
+/// The jobs of an owner in the order of the queue, at the time `?1`. The index is named, because the planner of SQLite
+/// would choose the index of all states and sort the queue at every claim.
+macro_rules! line_of_owner {
+    ($columns:literal) => {
+        concat!(
+            "select ",
+            $columns,
+            " from jobs indexed by jobs_queue
+              where jobs.state = 'queued' and jobs.owner = queue_owners.owner
+                  and (jobs.not_before is null or jobs.not_before <= ?1)
+              order by jobs.priority desc, jobs.turn, jobs.seq"
+        )
+    };
+}
+
 /// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
-/// those whose jobs are not held back, of which `?4` is a list in JSON. The index is named, because the planner of
-/// SQLite would choose the index of all states and sort the queue at every claim.
+/// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 1000 jobs
+/// of the owner for which a worker with `?8` µs left has the time; an owner of whom there is none is passed over.
 macro_rules! next_in_queue {
     () => {
-        "select head.seq from queue_owners cross join jobs as head
-         where queue_owners.queued > 0
-             and queue_owners.owner not in (select value from json_each(?4))
-             and head.seq = (
-                 select jobs.seq from jobs indexed by jobs_queue
-                 where jobs.state = 'queued' and jobs.owner = queue_owners.owner
-                     and (jobs.not_before is null or jobs.not_before <= ?1)
-                 order by jobs.priority desc, jobs.turn, jobs.seq limit 1
-             )
-         order by max(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+        next_in_queue!(line_of_owner!("jobs.seq"))
+    };
+    (within) => {
+        next_in_queue!(
+            "select line.seq from (",
+            line_of_owner!("jobs.seq, jobs.priority, jobs.turn, jobs.least_time_us"),
+            " limit 1000) as line where line.least_time_us <= ?8 order by line.priority desc, line.turn, line.seq"
+        )
+    };
+    ($($first_of_owner:tt)+) => {
+        concat!(
+            "select head.seq from queue_owners cross join jobs as head
+             where queue_owners.queued > 0
+                 and queue_owners.owner not in (select value from json_each(?4))
+                 and head.seq = (",
+            $($first_of_owner)+,
+            " limit 1)
+             order by max(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+        )
     };
 }
 #[cfg(test)]
-pub(super) use next_in_queue;
+pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!();
+#[cfg(test)]
+pub(super) const NEXT_WITHIN: &str = next_in_queue!(within);
+
+/// Leases a job to a worker.
+macro_rules! lease {
+    ($next:expr) => {
+        concat!(
+            "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
+                 worker = ?5, worker_key = ?6, claim = ?7
+             where seq = (",
+            $next,
+            ") returning seq, owner, priority, turn"
+        )
+    };
+}
 
 /// A job that is leased to the caller.
 #[derive(Clone, Debug, PartialEq)]
@@ -482,23 +522,26 @@ impl Store {
         let mut tx = writer.begin().await?;
         let held_back = self.held_back(&mut tx).await?;
         let now = now_us();
-        let row = sqlx::query(concat!(
-            "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
-                 worker = ?5, worker_key = ?6, claim = ?7
-             where seq = (",
-            next_in_queue!(),
-            ") returning seq, owner, priority, turn",
-        ))
-        .bind(now)
-        .bind(now.saturating_add(micros(self.limits().lease)))
-        .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
-        .bind(to_json(&held_back)?)
-        .bind(worker)
-        .bind(key)
-        .bind(claim)
-        .fetch_optional(&mut *tx)
-        .await?;
+        let remaining = match lessee {
+            Lessee::Here => None,
+            Lessee::Process(claim) => claim.remaining,
+        };
+        let sql = match remaining {
+            None => lease!(next_in_queue!()),
+            Some(_) => lease!(next_in_queue!(within)),
+        };
+        let mut leasing = sqlx::query(sql)
+            .bind(now)
+            .bind(now.saturating_add(micros(self.limits().lease)))
+            .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
+            .bind(to_json(&held_back)?)
+            .bind(worker)
+            .bind(key)
+            .bind(claim);
+        if let Some(remaining) = remaining {
+            leasing = leasing.bind(micros(remaining));
+        }
+        let row = leasing.fetch_optional(&mut *tx).await?;
         let Some(row) = row else {
             tx.rollback().await?;
             return Ok(None);

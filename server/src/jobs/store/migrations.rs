@@ -24,6 +24,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (13, "leases", include_str!("../../../../migrations/0013_leases.sql")),
     (14, "webhooks", include_str!("../../../../migrations/0014_webhooks.sql")),
     (15, "forecasts", include_str!("../../../../migrations/0015_forecasts.sql")),
+    (16, "least time", include_str!("../../../../migrations/0016_least_time.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
