@@ -25,6 +25,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (14, "webhooks", include_str!("../../../../migrations/0014_webhooks.sql")),
     (15, "forecasts", include_str!("../../../../migrations/0015_forecasts.sql")),
     (16, "least time", include_str!("../../../../migrations/0016_least_time.sql")),
+    (17, "webhook urls", include_str!("../../../../migrations/0017_webhook_urls.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.

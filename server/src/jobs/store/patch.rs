@@ -1,4 +1,4 @@
-//! Changes that a client makes to a job: name, labels, priority, expiry.
+//! Changes that a client makes to a job: name, labels, priority, expiry, webhook.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use sqlx::SqliteConnection;
 
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, Target, now_us, rows, turns};
+use super::{Store, StoreError, Target, now_us, rows, turns, webhooks};
 use crate::jobs::request::{JobPatch, MAX_LABELS};
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -48,6 +48,7 @@ impl Store {
             .bind(patch.shared)
             .execute(&mut *tx)
             .await?;
+            webhooks::change(&mut tx, webhooks::Ending::Job(before.seq), &patch.webhook_url).await?;
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);

@@ -4,10 +4,12 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row as _, SqliteConnection};
 
 use super::super::upkeep::Removed;
-use super::super::{Store, StoreError, Target, now_us, rows, turns};
+use super::super::{Store, StoreError, Target, now_us, rows, turns, webhooks};
 use super::{StudyRecord, StudyState, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::State;
+use crate::jobs::request::Change;
+use crate::webhooks::WebhookUrl;
 
 impl Store {
     /// Cancels what waits of a study, and asks the workers of what runs to stop.
@@ -53,14 +55,16 @@ impl Store {
         .await
     }
 
-    /// Lets others read a study with its jobs, or no longer; without `shared` nothing changes but the version.
+    /// Lets others read a study with its jobs, or no longer, and changes its webhook; without either, nothing changes
+    /// but the version.
     ///
     /// # Errors
     /// [`StoreError::NoStudy`], [`StoreError::VersionDiffers`], or the database's.
-    pub(crate) async fn share_study(
+    pub(crate) async fn patch_study(
         &self,
         study: impl Into<Target<StudyId>>,
         shared: Option<bool>,
+        webhook_url: Change<WebhookUrl>,
     ) -> Result<StudyRecord, StoreError> {
         let (store, target) = (self.clone(), study.into());
         self.detached(async move {
@@ -87,6 +91,7 @@ impl Store {
             .bind(now)
             .fetch_all(&mut *tx)
             .await?;
+            webhooks::change(&mut tx, webhooks::Ending::Study(before.seq), &webhook_url).await?;
             let study = query::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);
