@@ -263,11 +263,23 @@ async fn a_worker_that_slept_past_its_lease_changes_nothing() {
     client.job_when(id, "given to another", |job| job["attempt"] == 2).await;
     let other = worker(folder.path(), &server, "other", &[]);
     client.job_when(id, "running elsewhere", |job| job["worker"] == "other").await;
+    assert_eq!(client.metric("packstone_jobs_running{place=\"worker\"}").await, 1.0);
+    assert_eq!(client.metric("packstone_jobs_running{place=\"server\"}").await, 0.0);
     sleeper.signal(Signal::CONT);
     let done = client.finished(id).await;
     assert_eq!((&done["worker"], &done["attempt"]), (&json!("other"), &json!(2)), "{done:#}");
     assert!(client.result_in(id, "npy").await == packed_alone(folder.path(), &job).await);
     assert_eq!(data_dir.artifacts().len(), 1, "the first attempt left nothing");
+    let refused = client.metric("packstone_leases_total{event=\"refused\"}").await;
+    assert!(refused >= 1.0, "the first worker has learned that its lease is lost");
+    for (name, value) in [
+        ("packstone_leases_total{event=\"taken\"}", 2.0),
+        ("packstone_leases_total{event=\"expired\"}", 1.0),
+        ("packstone_worker_processes", 2.0),
+        ("packstone_jobs_running{place=\"worker\"}", 0.0),
+    ] {
+        assert_eq!(client.metric(name).await, value, "{name}");
+    }
     for worker in [sleeper, other] {
         worker.signal(Signal::TERM);
         assert_eq!(worker.ended().await.code, Some(0));
@@ -373,6 +385,7 @@ async fn only_workers_of_the_same_build_with_a_key_get_jobs() {
     wrong["build"] = json!("0.0.1 (abc)");
     let refused = cluster.post("/v1/leases").json(&wrong).send().await.expect_problem(409, "worker-refused");
     assert!(refused["detail"].as_str().unwrap().contains("0.0.1 (abc)"), "{refused:#}");
+    assert_eq!(root.metric("packstone_workers_refused_total").await, 2.0);
     // A worker may work, and look at its key; nothing else.
     let job = lab.submit(&jobs::quick(1)).await;
     let id = id_of(&job);

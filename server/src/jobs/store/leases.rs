@@ -38,6 +38,19 @@ pub(crate) struct Renewal {
     pub(crate) progress: Option<JobProgress>,
 }
 
+/// A process that runs jobs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct RunningProcess {
+    /// Name of its API key.
+    pub(crate) key: String,
+    /// Its own name.
+    pub(crate) worker: String,
+    /// How many jobs it runs.
+    pub(crate) jobs: u64,
+    /// It was heard within its lease.
+    pub(crate) is_heard: bool,
+}
+
 /// What has become of a lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Held {
@@ -158,6 +171,30 @@ impl Store {
             state if state.is_finished() => Held::Ended,
             _ => Held::Lost,
         })
+    }
+
+    /// The processes that run jobs.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn processes(&self) -> Result<Vec<RunningProcess>, StoreError> {
+        let rows = sqlx::query(
+            "select worker_key, worker, count(*) as jobs, max(lease_expires_at) as lease_expires_at from jobs
+             where state = 'running' and worker <> '' group by worker_key, worker",
+        )
+        .fetch_all(self.readers())
+        .await?;
+        let now = now_us();
+        rows.iter()
+            .map(|row| {
+                Ok(RunningProcess {
+                    key: row.try_get("worker_key")?,
+                    worker: row.try_get("worker")?,
+                    jobs: row.try_get::<i64, _>("jobs")?.cast_unsigned(),
+                    is_heard: row.try_get::<Option<i64>, _>("lease_expires_at")? > Some(now),
+                })
+            })
+            .collect()
     }
 
     /// Gives every process that runs jobs the time of a lease to find the server again, at its start. Returns how many
