@@ -254,7 +254,8 @@ async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_sec
         run(Box::pin(sender.run()));
     }
     let checkpoints = executor.checkpoints.clone();
-    run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, executor.shutdown.clone())));
+    let metrics = Arc::clone(&executor.metrics);
+    run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, metrics, executor.shutdown.clone())));
     run(Box::pin(watch_room(here.clone(), executor.shutdown.clone())));
     let export_worker = ExportWorker {
         store: here.store,

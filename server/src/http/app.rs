@@ -22,6 +22,7 @@ use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::WebhookRules;
 use crate::workers::executor::Executor;
+use crate::workers::heard::Heard;
 use crate::workers::here::Here;
 use crate::workers::probe;
 
@@ -66,6 +67,8 @@ pub(crate) struct Shared {
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
     pub(crate) large_bodies: Arc<Semaphore>,
+    /// Workers that ask for jobs.
+    pub(crate) heard: Heard,
     /// Files that are being taken in from workers.
     receiving: Mutex<HashSet<String>>,
     /// Digest of the probe, once a worker has asked for jobs.
@@ -109,6 +112,7 @@ impl App {
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
+                heard: Heard::default(),
                 receiving: Mutex::default(),
                 bits: OnceCell::new(),
                 ready: AtomicBool::new(false),

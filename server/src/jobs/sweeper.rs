@@ -17,7 +17,7 @@ use super::JobId;
 use super::store::{Removed, Store, StoreError};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
-use crate::metrics::Metrics;
+use crate::metrics::{LeaseEvent, Metrics};
 use crate::tasks;
 
 /// Files that deletions have left behind, looked at together.
@@ -60,6 +60,7 @@ pub(crate) async fn run(
         }
         let swept = sweep(&store, &artifacts, &checkpoints, quarantine_days).await;
         metrics.swept(swept.is_ok());
+        metrics.lease(LeaseEvent::Expired, swept.as_ref().map_or(0, |swept| swept.reclaimed) as u64);
         match swept {
             Ok(swept) if swept != Swept::default() => tracing::info!(
                 reclaimed = swept.reclaimed,
@@ -75,7 +76,12 @@ pub(crate) async fn run(
 
 /// Takes back the jobs whose lease ran out, as often as leases are renewed, until the server stops: a job of a machine
 /// that died does not wait for the next sweep.
-pub(crate) async fn take_back(store: Store, checkpoints: Checkpoints, shutdown: CancellationToken) {
+pub(crate) async fn take_back(
+    store: Store,
+    checkpoints: Checkpoints,
+    metrics: Arc<Metrics>,
+    shutdown: CancellationToken,
+) {
     let mut tick = interval(store.renew_every());
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -85,7 +91,10 @@ pub(crate) async fn take_back(store: Store, checkpoints: Checkpoints, shutdown: 
         }
         match take_back_expired(&store, &checkpoints).await {
             Ok(0) => {}
-            Ok(jobs) => tracing::warn!(jobs, "leases ran out; the jobs wait for other workers"),
+            Ok(jobs) => {
+                metrics.lease(LeaseEvent::Expired, jobs as u64);
+                tracing::warn!(jobs, "leases ran out; the jobs wait for other workers");
+            }
             Err(error) => tracing::error!(%error, "leases that ran out were not taken back"),
         }
     }
@@ -305,6 +314,7 @@ mod tests {
                 request,
                 warnings: Vec::new(),
                 forecast_s: 1.0,
+                keeps_checkpoints: true,
                 by: crate::accounts::Submitter::default(),
                 idempotency_key: None,
             })

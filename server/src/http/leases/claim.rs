@@ -1,5 +1,7 @@
 //! A worker asks for jobs.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
@@ -18,6 +20,7 @@ use crate::http::problems::sets::LeaseProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{Claim, Claimed};
+use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
 use crate::storage::Bound;
 use crate::tasks;
@@ -46,17 +49,26 @@ pub(crate) async fn lease(
 ) -> Result<Response, Problem> {
     let request: LeaseRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
     check_build(&app, &request).await?;
-    let claim = Claim { worker: request.worker, key: caller.by.key, id: request.claim, slots: request.slots };
+    let name = (caller.by.key.clone(), request.worker.clone());
+    let _asking = app.shared.heard.asking(name, app.shared.store.lease());
+    let asked = Instant::now();
+    let remaining = request.remaining_s.map(Duration::from_secs_f64);
+    let (worker, id, slots) = (request.worker, request.claim, request.slots);
+    let claim = || {
+        let remaining = remaining.map(|remaining| remaining.saturating_sub(asked.elapsed()));
+        let (worker, id) = (worker.clone(), id.clone());
+        Claim { worker, key: caller.by.key.clone(), id, slots, remaining }
+    };
     let wait = Wait::of(&headers);
-    let until = Instant::now() + wait.map(Wait::duration).unwrap_or_default();
-    let mut claimed = claim_heard(&app, claim.clone()).await?;
+    let until = asked + wait.map(Wait::duration).unwrap_or_default();
+    let mut claimed = claim_heard(&app, claim()).await?;
     while claimed.is_empty() && Instant::now() < until {
         tokio::select! {
             () = app.shared.store.queue_notified() => {}
             () = sleep_until(until) => {}
             () = app.shared.shutdown.cancelled() => break,
         }
-        claimed = claim_heard(&app, claim.clone()).await?;
+        claimed = claim_heard(&app, claim()).await?;
     }
     let mut response = if claimed.is_empty() {
         StatusCode::NO_CONTENT.into_response()
@@ -72,7 +84,10 @@ pub(crate) async fn lease(
 
 /// Refuses a worker that could compute other bits or write other forms.
 async fn check_build(app: &App, request: &LeaseRequest) -> Result<(), Problem> {
-    let refused = |detail: String| Err(Problem::new(Kind::WorkerRefused, detail));
+    let refused = |detail: String| {
+        app.shared.metrics.worker_refused();
+        Err(Problem::new(Kind::WorkerRefused, detail))
+    };
     if request.build != BUILD {
         let found: String = request.build.chars().take(100).collect();
         return refused(format!("the worker is packstone {found}: must be {BUILD}, as the server is"));
@@ -115,6 +130,7 @@ async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>,
             tracing::error!(%error, job_id = id, "the stored request is unreadable");
             Problem::internal()
         })?);
+        app.shared.metrics.lease(LeaseEvent::Taken, 1);
         tracing::info!(job_id = id, attempt = claimed.lease.attempt, worker = claimed.job.worker, "leased");
     }
     Ok(documents)

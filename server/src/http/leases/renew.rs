@@ -19,7 +19,8 @@ use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::LeaseProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::store::Renewal;
+use crate::jobs::store::{Held, Renewal};
+use crate::metrics::LeaseEvent;
 use crate::problem::Problem;
 use crate::workers::documents::{LeaseState, RenewalRequest, RenewalsDocument, RenewedDocument};
 
@@ -85,6 +86,9 @@ pub(crate) async fn renew(
 async fn renewed(app: &App, caller: &Caller, renewals: Vec<Renewal>) -> Result<RenewalsDocument, Problem> {
     let leases: Vec<_> = renewals.iter().map(|renewal| (renewal.id, renewal.attempt)).collect();
     let held = app.shared.store.renew(caller.by.key.clone(), renewals).await?;
+    let lost = held.iter().filter(|held| matches!(held, Held::Lost)).count();
+    app.shared.metrics.lease(LeaseEvent::Renewed, (held.len() - lost) as u64);
+    app.shared.metrics.lease(LeaseEvent::Refused, lost as u64);
     let states = held.into_iter().map(LeaseState::from);
     let leases =
         leases.into_iter().zip(states).map(|((job, attempt), state)| RenewedDocument { job, attempt, state });

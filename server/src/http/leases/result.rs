@@ -82,7 +82,7 @@ pub(crate) async fn put(
         if let Err(error) = app.shared.artifacts.remove(&file) {
             tracing::warn!(%error, "a result is left to the sweeper");
         }
-        return Err(refused(error));
+        return Err(refused(&app, error));
     }
     note_end(&app, path, "succeeded", job.started_at);
     remove_checkpoints(&app, path);

@@ -22,8 +22,8 @@ use tokio::time::{Instant, sleep};
 use tokio_util::sync::CancellationToken;
 
 use super::documents::{
-    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, RenewalDocument,
-    RenewalRequest, RenewalsDocument,
+    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, MAX_REMAINING_S,
+    RenewalDocument, RenewalRequest, RenewalsDocument,
 };
 use super::ending::{Cause, Told};
 use super::leases::{CLAIM_WAIT, LeaseError, Work};
@@ -160,23 +160,26 @@ impl There {
     /// Asks for a job until the server has answered.
     async fn ask(&self) -> Result<Option<Work>, LeaseError> {
         let options = &self.shared.options;
+        let left = || options.until.map(|until| until.saturating_duration_since(Instant::now()));
         let mut wait = CLAIM_WAIT;
-        if let Some(left) = options.until.map(|until| until.saturating_duration_since(Instant::now())) {
+        if let Some(left) = left() {
             wait = wait.min(left);
         }
         if let Some(idle) = options.idle {
             wait = wait.min(idle);
         }
-        let request = LeaseRequest {
+        let mut request = LeaseRequest {
             // An ID as good as any other: it is only ever compared.
             claim: JobId::new().to_string(),
             worker: options.name.clone(),
             slots: 1,
+            remaining_s: None,
             build: BUILD.into(),
             bits: options.bits.clone(),
         };
         let mut pause = PAUSES.0;
         while !self.is_over() {
+            request.remaining_s = left().map(|left| left.as_secs_f64().min(MAX_REMAINING_S));
             match self.shared.server.post::<LeasesDocument>("/v1/leases", &request, wait).await {
                 Ok(found) => {
                     let first = found.and_then(|found| found.leases.into_iter().next());

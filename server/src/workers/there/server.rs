@@ -122,7 +122,7 @@ impl Server {
         let body = serde_json::to_vec(document).map_err(|error| io::Error::other(error.to_string()))?;
         let mut fields = vec![(CONTENT_TYPE, HeaderValue::from_static("application/json"))];
         if !wait.is_zero()
-            && let Ok(prefer) = HeaderValue::try_from(format!("wait={}", wait.as_secs()))
+            && let Ok(prefer) = HeaderValue::try_from(format!("wait={}", wait.as_secs_f64().ceil()))
         {
             fields.push((hyper::header::HeaderName::from_static("prefer"), prefer));
         }
