@@ -10,6 +10,8 @@ use clap::{Args, Command};
 use packstone_engine::Limits;
 
 use crate::accounts::{Quotas, read_rate};
+use crate::blobs::Place;
+use crate::jobs::sweeper::SweepRules;
 use crate::memory;
 use crate::telemetry::LogFormat;
 use crate::webhooks::WebhookRules;
@@ -35,6 +37,14 @@ pub(crate) struct ServeOptions {
     /// Directory of the database and the results; made where it is missing
     #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
     pub(crate) data_dir: PathBuf,
+    /// Where results and exports are kept: a folder, which other servers may share, or `s3://BUCKET/PREFIX` with
+    /// credentials and endpoint from the usual variables AWS_* (a build with the feature `s3`) [default: the data
+    /// directory]
+    #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
+    pub(crate) blobs: Option<Place>,
+    /// Seconds for which a file in a shared place is left alone that the database does not know
+    #[arg(long, hide = true, default_value_t = 3600.0, value_parser = seconds_or_none)]
+    pub(crate) least_blob_age_s: f64,
     /// Jobs that run at once [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
@@ -195,6 +205,14 @@ impl ServeOptions {
     /// How long a lease lasts without being renewed.
     pub(crate) fn lease(&self) -> Duration {
         Duration::from_secs_f64(self.lease_s)
+    }
+
+    /// What is swept.
+    pub(crate) fn sweep_rules(&self) -> SweepRules {
+        SweepRules {
+            quarantine_days: self.quarantine_days,
+            least_age: Duration::from_secs_f64(self.least_blob_age_s),
+        }
     }
 
     /// Time between two sweeps.

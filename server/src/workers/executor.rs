@@ -293,10 +293,8 @@ impl Executor {
                 }
                 Err(LeaseError::Lost) => {
                     tracing::warn!("the lease was lost; this attempt leaves no trace");
-                    if let End::Stored(stored) = &end
-                        && let Err(error) = self.artifacts.remove(&stored.artifact.path)
-                    {
-                        tracing::warn!(%error, "its result is left to the sweeper");
+                    if let End::Stored(stored) = &end {
+                        self.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                     }
                     return;
                 }

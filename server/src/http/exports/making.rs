@@ -1,15 +1,15 @@
 //! Waiting for exports, and opening their files. However many requests ask for the same export, it is made once.
 
-use std::fs::File;
 use std::io;
 
+use crate::blobs::Blob;
 use crate::exports::{ExportRecord, ExportState};
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::exports::address::{Target, file_path};
-use crate::http::problems::refused;
+use crate::http::problems::{of_fault, refused};
 use crate::http::waiting;
-use crate::jobs::store::{Retention, StoreError};
+use crate::jobs::store::{Fault, Retention, StoreError};
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
@@ -21,7 +21,7 @@ const TRIES: u32 = 3;
 #[derive(Debug)]
 pub(crate) enum Made {
     /// Its file, and the length of that.
-    File(File, u64),
+    File(Box<dyn Blob>, u64),
     /// It failed.
     Failed(ExportRecord),
     /// It waits, or is being made.
@@ -69,7 +69,7 @@ pub(crate) async fn find(app: &App, target: &Target) -> Result<ExportRecord, Pro
 }
 
 /// Opens the file of an export that succeeded; `None` where it is not what was stored, and is made again.
-async fn open(app: &App, record: &ExportRecord) -> Result<Option<(File, u64)>, Problem> {
+async fn open(app: &App, record: &ExportRecord) -> Result<Option<(Box<dyn Blob>, u64)>, Problem> {
     let Some(stored) = record.file.clone() else {
         tracing::error!(export_id = %record.id, "an export succeeded without a file");
         return Err(Problem::internal());
@@ -85,8 +85,8 @@ async fn open(app: &App, record: &ExportRecord) -> Result<Option<(File, u64)>, P
             Ok(None)
         }
         Err(error) => {
-            tracing::error!(%error, path, "a file cannot be read");
-            Err(Problem::internal())
+            tracing::error!(%error, path, "a file cannot be read at present");
+            Err(of_fault(Fault::Io))
         }
     }
 }
