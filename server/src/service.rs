@@ -310,12 +310,13 @@ async fn open_artifacts(options: &ServeOptions) -> Result<(Artifacts, Vec<(Strin
     let options = options.clone();
     tasks::blocking(move || {
         let artifacts = match &options.blobs {
-            Some(place) => Artifacts::new(place.open(&options.data_dir)?),
+            Some(place) => Artifacts::new(place.open(&options.data_dir, options.min_free_bytes)?),
             None => Artifacts::open(&options.data_dir)
                 .map_err(|error| StartError::DataDir(options.data_dir.clone(), error))?,
         };
         let results = if options.adopt_orphans { Ok(Vec::new()) } else { artifacts.results() };
-        let place = options.blobs.as_ref().map_or_else(|| options.data_dir.clone(), |place| place.to_string().into());
+        let place =
+            options.blobs.as_ref().map_or_else(|| options.data_dir.clone(), |place| place.to_string().into());
         Ok((artifacts, results.map_err(|error| StartError::DataDir(place, error))?))
     })
     .await?

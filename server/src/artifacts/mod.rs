@@ -87,7 +87,9 @@ impl Settled {
         let complete = match path.strip_suffix(PARTIAL) {
             None => path,
             // In a shared folder with a name of its own besides.
-            Some(staged) => Some(staged).filter(|staged| is_file(staged)).or(Some(staged.rsplit_once('.')?.0))?,
+            Some(staged) => {
+                Some(staged).filter(|staged| is_file(staged)).or(Some(staged.rsplit_once('.')?.0))?
+            }
         };
         is_file(complete).then(|| Self { path: path.to_owned(), complete: complete.to_owned() })
     }

@@ -76,7 +76,8 @@ impl Artifacts {
             Ok(())
         };
         let mut examined = None;
-        let check = |file: &File, sha256: &str| examine(file, expected, sha256).map(|found| examined = Some(found));
+        let check =
+            |file: &File, sha256: &str| examine(file, expected, sha256).map(|found| examined = Some(found));
         let ((), bytes, sha256) = self.write_whole(place, expected.most_bytes, &Unattended, write, check)?;
         let Some((report, grains, format_lengths)) = examined else { return Err(ReceiveError::Broken) };
         // The first to read it need not check it again.

@@ -2,6 +2,11 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[cfg(feature = "s3")]
+#[allow(dead_code, unreachable_pub)]
+#[path = "../../../tests/harness/bucket.rs"]
+mod bucket;
+
 use std::io::{self, Read as _, Write as _};
 use std::path::Path;
 use std::sync::{Arc, Barrier};
@@ -44,7 +49,9 @@ pub(super) fn conform(open: &dyn Fn() -> Arc<dyn Blobs>) {
 }
 
 fn what_is_put_is_read_whole_and_in_parts(blobs: &dyn Blobs, other: &dyn Blobs) {
-    for (name, length) in [("artifacts/ab/empty", 0), ("artifacts/ab/short", 1000), ("artifacts/cd/long", LONG)] {
+    for (name, length) in
+        [("artifacts/ab/empty", 0), ("artifacts/ab/short", 1000), ("artifacts/cd/long", LONG)]
+    {
         let bytes: Vec<u8> = (0..length).map(|i| (i % 251) as u8).collect();
         put(blobs, name, &bytes).unwrap();
         assert!(get(other, name).unwrap() == bytes, "{name}");
@@ -187,10 +194,42 @@ fn files_in_a_shared_folder_conform() {
     conform(&|| Arc::new(Files::shared(folder.path().join("made")).unwrap()));
 }
 
+#[cfg(feature = "s3")]
+#[test]
+fn objects_of_a_bucket_conform() {
+    use object_store::aws::AmazonS3Builder;
+
+    use super::Objects;
+    use crate::disk::{Disk, Shortage};
+
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let Some(bucket) = runtime.block_on(bucket::Bucket::start()) else { return };
+    let _inside = runtime.enter();
+    let folder = tempfile::tempdir().unwrap();
+    for prefix in ["", "lab/packstone"] {
+        conform(&|| {
+            let settings = bucket::Bucket::variables(&bucket.endpoint())
+                .into_iter()
+                .fold(AmazonS3Builder::new(), |settings, (name, value)| {
+                    settings.with_config(name.to_ascii_lowercase().parse().unwrap(), value)
+                });
+            let disk = Disk::new(folder.path().to_owned(), Some(0), Shortage::default());
+            Arc::new(Objects::open(settings, "packstone", prefix, folder.path().join("scratch"), disk).unwrap())
+        });
+    }
+    assert!(runtime.block_on(bucket.uploads()).is_empty(), "parts of uploads that were stopped are given up");
+    let objects = runtime.block_on(bucket.objects());
+    assert_eq!(objects, ["clock", "lab/packstone/clock"], "the suite removes what it writes");
+    let staged = std::fs::read_dir(folder.path().join("scratch")).unwrap().count();
+    assert_eq!(staged, 0, "copies and staged files go with their storage");
+}
+
 #[test]
 fn what_a_killed_process_has_staged_does_not_keep_the_next_from_writing() {
     let folder = tempfile::tempdir().unwrap();
-    for open in [|path: &Path| files(path), |path: &Path| Arc::new(Files::shared(path.to_owned()).unwrap()) as _] {
+    for open in
+        [|path: &Path| files(path), |path: &Path| Arc::new(Files::shared(path.to_owned()).unwrap()) as _]
+    {
         let blobs: Arc<dyn Blobs> = open(folder.path());
         std::mem::forget(blobs.stage("artifacts/ab/x").unwrap());
         put(&*blobs, "artifacts/ab/x", b"whole").unwrap();

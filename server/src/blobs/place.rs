@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::{Blobs, Files};
+#[cfg(feature = "s3")]
+use crate::disk::{Disk, Shortage};
 
 /// Name of the folder in the data directory for files that are on their way to a bucket, and copies of its objects.
 const SCRATCH: &str = "scratch";
@@ -56,26 +58,35 @@ impl Place {
             );
         }
         #[cfg(not(feature = "s3"))]
-        return Err("s3:// needs a build with the feature `s3`: `cargo install --path server --features s3`".into());
+        return Err(
+            "s3:// needs a build with the feature `s3`: `cargo install --path server --features s3`".into()
+        );
         #[cfg(feature = "s3")]
         Ok(Self::S3 { bucket: bucket.to_owned(), prefix: prefix.to_owned() })
     }
 
-    /// Opens the blobs there, for a service with that data directory. Blocks the thread.
+    /// Opens the blobs there, for a service with that data directory, on whose file system so many bytes stay free.
+    /// Blocks the thread.
     ///
     /// # Errors
     /// The place cannot be used, and why.
-    pub(crate) fn open(&self, data_dir: &Path) -> Result<Arc<dyn Blobs>, OpenError> {
-        self.try_open(data_dir).map_err(|error| OpenError { place: self.to_string(), why: error.to_string() })
+    pub(crate) fn open(
+        &self,
+        data_dir: &Path,
+        min_free_bytes: Option<u64>,
+    ) -> Result<Arc<dyn Blobs>, OpenError> {
+        self.try_open(data_dir, min_free_bytes)
+            .map_err(|error| OpenError { place: self.to_string(), why: error.to_string() })
     }
 
     #[cfg_attr(not(feature = "s3"), allow(unused_variables))]
-    fn try_open(&self, data_dir: &Path) -> io::Result<Arc<dyn Blobs>> {
+    fn try_open(&self, data_dir: &Path, min_free_bytes: Option<u64>) -> io::Result<Arc<dyn Blobs>> {
         match self {
             Self::Folder(folder) => Ok(Arc::new(Files::shared(folder.clone())?)),
             #[cfg(feature = "s3")]
             Self::S3 { bucket, prefix } => {
-                Ok(Arc::new(super::Objects::s3(bucket, prefix, data_dir.join(SCRATCH))?))
+                let disk = Disk::new(data_dir.to_owned(), min_free_bytes, Shortage::default());
+                Ok(Arc::new(super::Objects::s3(bucket, prefix, data_dir.join(SCRATCH), disk)?))
             }
         }
     }
@@ -110,7 +121,14 @@ mod tests {
     #[test]
     fn a_place_is_a_folder_or_a_bucket() {
         assert_eq!(Place::read("/srv/blobs"), Ok(Place::Folder("/srv/blobs".into())));
-        for bad in ["http://host/bucket", "s3://", "s3:///prefix", "s3://bucket/a//b", "s3://bucket/../b", "s3://b?x=1"] {
+        for bad in [
+            "http://host/bucket",
+            "s3://",
+            "s3:///prefix",
+            "s3://bucket/a//b",
+            "s3://bucket/../b",
+            "s3://b?x=1",
+        ] {
             let refused = Place::read(bad).unwrap_err();
             assert!(refused.contains("s3://BUCKET/PREFIX"), "{bad}: {refused}");
         }

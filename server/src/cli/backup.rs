@@ -55,8 +55,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             Err(error) => return Err(format!("{} was not copied: {error}", from.display()).into()),
         }
     }
-    let faults: Vec<Found> =
-        check::verify(&check::in_directory(directory), &files).into_iter().filter(|found| !missing.contains(&found.path)).collect();
+    let faults: Vec<Found> = check::verify(&check::in_directory(directory), &files)
+        .into_iter()
+        .filter(|found| !missing.contains(&found.path))
+        .collect();
     for found in &faults {
         print(&format!("{}: {}\n", found.path, found.fault))?;
     }

@@ -95,7 +95,7 @@ async fn compare(options: &Options, files: &Arc<[Expected]>) -> Result<Vec<Found
     let (blobs, directory, files) = (options.blobs.clone(), options.directory.clone(), Arc::clone(files));
     let compared = tasks::blocking(move || {
         let artifacts = match blobs {
-            Some(place) => Artifacts::new(place.open(&directory)?),
+            Some(place) => Artifacts::new(place.open(&directory, None)?),
             None => in_directory(&directory),
         };
         let mut faults = verify(&artifacts, &files);

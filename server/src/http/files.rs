@@ -20,8 +20,8 @@ use crate::artifacts::stream as sending;
 use crate::blobs::Blob;
 use crate::http::app::App;
 use crate::http::conditional;
-use crate::http::ranges::Asked;
 use crate::http::problems::of_fault;
+use crate::http::ranges::Asked;
 use crate::http::response::set;
 use crate::jobs::JobRecord;
 use crate::jobs::store::Fault;
@@ -177,7 +177,8 @@ pub(crate) fn body(blocks: mpsc::Receiver<io::Result<Bytes>>) -> Body {
 pub(crate) async fn send_file(app: &App, file: Box<dyn Blob>, range: Range<u64>) -> Result<Body, Problem> {
     let permit = turn(app).await?;
     let length = range.end - range.start;
-    let bytes = tasks::blocking(move || file.read(range)).await.unwrap_or_else(|error| Err(io::Error::other(error)));
+    let bytes =
+        tasks::blocking(move || file.read(range)).await.unwrap_or_else(|error| Err(io::Error::other(error)));
     let bytes = bytes.map_err(|error| {
         tracing::error!(%error, "a file cannot be read at present");
         of_fault(Fault::Io)

@@ -304,12 +304,24 @@ mod tests {
         }
         write("nonsense.1.checkpoint".into());
         write("notes.txt".into());
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files, 3, "of a job that waits");
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
+            3,
+            "of a job that waits"
+        );
         assert_eq!(sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files, 0);
         let lease = store.claim().await.unwrap().unwrap().lease;
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files, 0, "of one that runs");
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
+            0,
+            "of one that runs"
+        );
         store.finish_cancelled(lease).await.unwrap();
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files, 2, "of one that ended");
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
+            2,
+            "of one that ended"
+        );
         assert!(folder.path().join("checkpoints/notes.txt").exists());
     }
 
