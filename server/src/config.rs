@@ -42,6 +42,10 @@ pub(crate) struct ServeOptions {
     /// directory]
     #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
     pub(crate) blobs: Option<Place>,
+    /// Answer requests for the files of exports with a URL of the bucket of --blobs, valid for 5 minutes, in place of
+    /// the file: clients must reach the bucket
+    #[arg(long, env = "PACKSTONE_BLOBS_REDIRECT", value_parser = BoolishValueParser::new())]
+    pub(crate) blobs_redirect: bool,
     /// Seconds for which a file in a shared place is left alone that the database does not know
     #[arg(long, hide = true, default_value_t = 3600.0, value_parser = seconds_or_none)]
     pub(crate) least_blob_age_s: f64,

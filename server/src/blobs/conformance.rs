@@ -208,13 +208,16 @@ fn objects_of_a_bucket_conform() {
     let folder = tempfile::tempdir().unwrap();
     for prefix in ["", "lab/packstone"] {
         conform(&|| {
-            let settings = bucket::Bucket::variables(&bucket.endpoint())
-                .into_iter()
-                .fold(AmazonS3Builder::new(), |settings, (name, value)| {
+            let settings = bucket::Bucket::variables(&bucket.endpoint()).into_iter().fold(
+                AmazonS3Builder::new(),
+                |settings, (name, value)| {
                     settings.with_config(name.to_ascii_lowercase().parse().unwrap(), value)
-                });
+                },
+            );
             let disk = Disk::new(folder.path().to_owned(), Some(0), Shortage::default());
-            Arc::new(Objects::open(settings, "packstone", prefix, folder.path().join("scratch"), disk).unwrap())
+            Arc::new(
+                Objects::open(settings, "packstone", prefix, folder.path().join("scratch"), disk).unwrap(),
+            )
         });
     }
     assert!(runtime.block_on(bucket.uploads()).is_empty(), "parts of uploads that were stopped are given up");

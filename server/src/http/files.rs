@@ -126,9 +126,7 @@ impl Described {
         let fields = response.headers_mut();
         fields.insert(header::CONTENT_TYPE, self.content_type.clone());
         fields.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
-        let how = if self.inline { "inline" } else { "attachment" };
-        let disposition = format!("{how}; filename=\"{}\"", self.filename);
-        set(&mut response, header::CONTENT_DISPOSITION, &disposition);
+        set(&mut response, header::CONTENT_DISPOSITION, &self.disposition());
         if self.inline {
             // A browser that opens it must not run what a viewer of pictures would not.
             set(&mut response, header::CONTENT_SECURITY_POLICY, "default-src 'none'; sandbox");
@@ -138,6 +136,12 @@ impl Described {
             set(&mut response, header::CONTENT_RANGE, &range);
         }
         Ok(response)
+    }
+
+    /// `Content-Disposition`.
+    pub(crate) fn disposition(&self) -> String {
+        let how = if self.inline { "inline" } else { "attachment" };
+        format!("{how}; filename=\"{}\"", self.filename)
     }
 
     fn describe(&self, response: &mut Response) {

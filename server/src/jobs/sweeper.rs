@@ -169,8 +169,17 @@ async fn sweep_files(store: &Store, artifacts: &Artifacts, rules: SweepRules) ->
     on(artifacts, move |artifacts| {
         artifacts.remove(&removed)?;
         for path in unknown {
-            if let Some(to) = artifacts.quarantine(&path, today)? {
-                tracing::warn!(path, to, "moved a file that the database does not know to the quarantine");
+            match artifacts.quarantine(&path, today) {
+                Ok(None) => {}
+                Ok(Some(to)) => {
+                    tracing::warn!(
+                        path,
+                        to,
+                        "moved a file that the database does not know to the quarantine"
+                    );
+                }
+                // The next sweep tries again; this one goes on.
+                Err(error) => tracing::error!(%error, path, "a file was not moved to the quarantine"),
             }
         }
         Ok(())
