@@ -107,6 +107,30 @@ async fn what_others_may_be_writing_is_left_alone() {
     server.stop().await;
 }
 
+#[tokio::test]
+async fn a_checkpoint_is_shared_when_the_server_stops() {
+    let (data_dir, shared) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let args = ["--blobs", shared.path().to_str().unwrap(), "--checkpoint-every-s", "0"];
+    let start = || Launch::new(&data_dir).args(&args).env("RUST_LOG", "info").start();
+    let server = start().await;
+    let job = server.client().submit(&jobs::growth()).await;
+    eventually("a checkpoint", || !data_dir.checkpoints().is_empty()).await;
+    server.stop().await;
+    let copies = || files(&shared.path().join("checkpoints"));
+    let [copy] = &copies()[..] else { panic!("one copy is shared, not {:?}", copies()) };
+    assert!(copy.starts_with(&format!("{}/1.", id_of(&job))), "{copy}");
+    // As on another machine: what this one had is not there.
+    for name in data_dir.checkpoints() {
+        fs::remove_file(data_dir.path().join("checkpoints").join(name)).unwrap();
+    }
+    let server = start().await;
+    let job = server.client().finished(id_of(&job)).await;
+    assert_eq!((&job["state"], &job["attempt"]), (&"succeeded".into(), &1.into()), "{job:#}");
+    assert!(server.log().contains("going on from a checkpoint"), "{}", server.log());
+    eventually("the copies to go with the job", || copies().is_empty()).await;
+    server.stop().await;
+}
+
 #[cfg(not(feature = "s3"))]
 #[tokio::test]
 async fn a_build_without_s3_says_what_it_lacks() {
@@ -294,6 +318,10 @@ mod s3 {
         let scratch = files(&data_dir.path().join("scratch"));
         assert!(scratch.len() >= 2, "{scratch:?}");
         assert_eq!(artifacts(&bucket).await.len(), 1);
+        assert!(
+            bucket.uploads().await.len() <= 1,
+            "parts of an export may be left to the rule of the bucket"
+        );
         let age = ["--least-blob-age-s", "0"];
         let server = launch(&data_dir, &bucket.endpoint()).args(&age).start().await;
         let client = server.client();

@@ -130,8 +130,12 @@ impl Service {
         let lock = lock(&options.data_dir)?;
         Place::empty_scratch(&options.data_dir).map_err(data_dir)?;
         let (artifacts, results) = open_artifacts(&options).await?;
-        let checkpoints = Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
-            .map_err(data_dir)?;
+        let mut checkpoints =
+            Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
+                .map_err(data_dir)?;
+        if let Some(shared) = artifacts.shared() {
+            checkpoints = checkpoints.shared_by(shared);
+        }
         let database = options.data_dir.join("packstone.sqlite");
         let empty = std::fs::metadata(&database).map_or(true, |found| found.len() == 0);
         if empty && !options.adopt_orphans {
@@ -156,7 +160,11 @@ impl Service {
             }
             refuse_orphans(&options, &orphans)?;
         }
-        let recovered = store.recover(checkpoints.kept().map_err(data_dir)?).await?;
+        let kept = tasks::blocking({
+            let checkpoints = checkpoints.clone();
+            move || checkpoints.kept_anywhere()
+        });
+        let recovered = store.recover(kept.await?.map_err(data_dir)?).await?;
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }

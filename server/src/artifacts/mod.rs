@@ -187,6 +187,11 @@ impl Artifacts {
         self.blobs.is_shared()
     }
 
+    /// The blobs below, where other processes use them too.
+    pub(crate) fn shared(&self) -> Option<Arc<dyn Blobs>> {
+        self.blobs.is_shared().then(|| Arc::clone(&self.blobs))
+    }
+
     /// The ids of the jobs that complete results belong to, by their names, with the paths of the results. Blocks the
     /// thread.
     ///

@@ -109,7 +109,7 @@ async fn take_back_expired(store: &Store, checkpoints: &Checkpoints) -> Result<u
         return Ok(0);
     }
     let checkpoints = checkpoints.clone();
-    let kept = tasks::blocking(move || checkpoints.kept()).await??;
+    let kept = tasks::blocking(move || checkpoints.kept_anywhere()).await??;
     Ok(store.reclaim_expired_leases(kept).await?)
 }
 
@@ -241,6 +241,18 @@ async fn sweep_checkpoints(store: &Store, checkpoints: &Checkpoints) -> Result<u
         };
         if !open {
             Checkpoints::remove_found(&found)?;
+            removed += 1;
+        }
+    }
+    let shared = checkpoints.clone();
+    for id in tasks::blocking(move || shared.shared_ids()).await?? {
+        let open = match JobId::parse(&id) {
+            Some(id) => store.is_open(id).await?,
+            None => false,
+        };
+        if !open {
+            let checkpoints = checkpoints.clone();
+            tasks::blocking(move || checkpoints.remove_all_shared(&id)).await??;
             removed += 1;
         }
     }

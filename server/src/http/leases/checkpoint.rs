@@ -87,6 +87,7 @@ pub(crate) async fn put(
         }
         file.finish()?;
         checkpoints.remove(&id, path.attempt - 1);
+        checkpoints.share(&id, path.attempt);
         Ok(())
     });
     kept.await?.map_err(|error| of_disk(&error, &disk))?;
