@@ -18,6 +18,7 @@ mod aggregates;
 mod auth;
 mod bad_fields;
 mod bad_requests;
+mod blobs;
 mod changes;
 mod checkpoints;
 mod command_line;

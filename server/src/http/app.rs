@@ -45,6 +45,8 @@ pub(crate) struct Shared {
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
+    /// Whether clients are sent to the storage for what lies there as it is sent.
+    pub(crate) blobs_redirect: bool,
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) accounts: Arc<Accounts>,
@@ -93,6 +95,7 @@ impl App {
                 artifacts: executor.artifacts.clone(),
                 checkpoints: executor.checkpoints.clone(),
                 disk: executor.disk.clone(),
+                blobs_redirect: options.blobs_redirect,
                 storage: here.storage.clone(),
                 metrics: Arc::clone(&executor.metrics),
                 hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())

@@ -39,7 +39,7 @@ pub(crate) async fn get(
     let opened = tasks::blocking(move || {
         let file = File::open(checkpoints.newest(&path.id.to_string())?).ok()?;
         let length = file.metadata().ok()?.len();
-        Some((file, length))
+        Some((Box::new(file), length))
     });
     let opened = opened.await.map_err(|_| Problem::internal())?;
     let (file, length) =
@@ -87,6 +87,7 @@ pub(crate) async fn put(
         }
         file.finish()?;
         checkpoints.remove(&id, path.attempt - 1);
+        checkpoints.share(&id, path.attempt);
         Ok(())
     });
     kept.await?.map_err(|error| of_disk(&error, &disk))?;

@@ -118,12 +118,18 @@ async fn claim_heard(app: &App, claim: Claim) -> Result<Vec<Claimed>, Problem> {
     }
 }
 
+/// Whether an attempt before has left a checkpoint.
+async fn has_checkpoint(app: &App, id: String) -> bool {
+    let checkpoints = app.shared.checkpoints.clone();
+    tasks::blocking(move || checkpoints.newest(&id).is_some()).await.unwrap_or(false)
+}
+
 async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>, Problem> {
     let mut documents = Vec::with_capacity(claimed.len());
     for claimed in claimed {
         let room = app.shared.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let id = claimed.lease.id.to_string();
-        let has_checkpoint = claimed.lease.attempt > 1 && app.shared.checkpoints.newest(&id).is_some();
+        let has_checkpoint = claimed.lease.attempt > 1 && has_checkpoint(app, id.clone()).await;
         let lease_s = app.shared.store.lease().as_secs_f64();
         let document = LeaseDocument::of(claimed, lease_s, &app.shared.limits, room, has_checkpoint);
         documents.push(document.map_err(|error| {

@@ -79,9 +79,7 @@ pub(crate) async fn put(
     let ended = store.succeed(lease, received.artifact, complete(received.grains), facts, exports).await;
     drop(place);
     if let Err(error) = ended {
-        if let Err(error) = app.shared.artifacts.remove(&file) {
-            tracing::warn!(%error, "a result is left to the sweeper");
-        }
+        app.shared.artifacts.discard(vec![file]).await;
         return Err(refused(&app, error));
     }
     note_end(&app, path, "succeeded", job.started_at);

@@ -11,6 +11,7 @@
 mod server;
 
 use std::collections::HashMap;
+use std::fs::File;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -297,11 +298,11 @@ impl There {
             |bytes: u64| EndRequest { needed_bytes: Some(bytes), ..end(EndOutcome::Faulted, None, None) };
         let document = match told {
             Told::Succeeded(stored) => {
-                let file = self.shared.artifacts.path_of(&stored.artifact);
+                let file = self.shared.artifacts.open_result(&stored.artifact)?;
                 let path = format!("{}?sha256={}", address(lease, "result"), stored.artifact.sha256);
-                match self.shared.server.put_file(&path, &file).await {
+                match self.shared.server.put_file(&path, file).await {
                     Ok(()) => {
-                        self.remove_sent(&stored.artifact.path);
+                        self.shared.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                         return Ok(());
                     }
                     // The job waits until there is room again, as one of the server itself does.
@@ -309,7 +310,7 @@ impl There {
                         status: StatusCode::INSUFFICIENT_STORAGE, detail, ..
                     }) => {
                         tracing::warn!(detail, "the server has no room for the result; the job waits");
-                        self.remove_sent(&stored.artifact.path);
+                        self.shared.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                         no_room(stored.artifact.bytes)
                     }
                     Err(error) => return Err(error),
@@ -344,14 +345,8 @@ impl There {
         Ok(())
     }
 
-    fn remove_sent(&self, path: &str) {
-        if let Err(error) = self.shared.artifacts.remove(path) {
-            tracing::warn!(%error, path, "a result that was sent stays on this disk");
-        }
-    }
-
     async fn send_checkpoint(&self, lease: Lease, file: &Path) -> Result<(), ServerError> {
-        self.shared.server.put_file(&address(lease, "checkpoint"), file).await?;
+        self.shared.server.put_file(&address(lease, "checkpoint"), File::open(file)?).await?;
         tracing::info!(job_id = %lease.id, attempt = lease.attempt, "sent a checkpoint");
         Ok(())
     }
