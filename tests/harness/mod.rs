@@ -22,7 +22,7 @@ mod sse;
 pub(crate) use bucket::Bucket;
 pub(crate) use client::{Client, Reply, Request, id_of};
 pub(crate) use contract::{Contract, text as contract_text};
-pub(crate) use postgres::Postgres;
+pub(crate) use postgres::{Postgres, holds_every_store};
 pub(crate) use process::{Finished, Running, packstone, run};
 #[cfg(feature = "s3")]
 pub(crate) use proxy::{Fault, Proxy};
