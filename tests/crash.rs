@@ -15,7 +15,9 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use crate::harness::deadline::eventually;
-use crate::harness::{Client, DataDir, Launch, Running, holds_every_store, id_of, jobs, packstone};
+use crate::harness::{
+    Client, DataDir, Launch, Postgres, Reply, Running, holds_every_store, id_of, jobs, packstone,
+};
 
 #[tokio::test]
 async fn fifteen_power_cuts_lose_nothing() {
@@ -42,6 +44,17 @@ async fn five_hundred_kills_of_workers_and_server_lose_nothing() {
     survive_elsewhere(500, 4).await;
 }
 
+#[tokio::test]
+async fn kills_of_servers_and_their_database_lose_nothing() {
+    survive_together(15, 5).await;
+}
+
+#[tokio::test]
+#[ignore = "long: cargo test --release -p packstone-server --features postgres --test e2e five_hundred -- --ignored"]
+async fn five_hundred_kills_of_servers_and_their_database_lose_nothing() {
+    survive_together(500, 6).await;
+}
+
 /// As many as a job may ask for: one that takes long meets several cuts.
 const ATTEMPTS: u64 = 10;
 
@@ -56,6 +69,8 @@ struct Known {
     succeeded: HashMap<String, Value>,
     /// How often a job was found out of attempts, and retried.
     exhausted: usize,
+    /// A server lives on while its database is gone, and says so: to the client that is a cut too.
+    loses_database: bool,
 }
 
 /// Checkpoints at every opportunity, so that the cuts meet them being written.
@@ -136,6 +151,58 @@ async fn survive_elsewhere(kills: usize, seed: u64) {
     known.print(kills);
 }
 
+/// The same with two servers that share a database and a folder of results, any of which may be killed at any moment.
+async fn survive_together(kills: usize, seed: u64) {
+    let Some(postgres) = Postgres::start() else { return };
+    let (store, shared) = (postgres.database("lab"), DataDir::new());
+    let data_dirs = [DataDir::new(), DataDir::new()];
+    let args = ["--store", &store, "--blobs", shared.path().to_str().unwrap(), "--lease-s", "2"];
+    let often = ["--checkpoint-every-s", "0", "--sweep-interval-s", "0.5", "--least-blob-age-s", "5"];
+    let launch = |which: usize| Launch::new(&data_dirs[which]).args(&args).args(&often);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut known = Known { loses_database: true, ..Known::default() };
+    let mut servers = [launch(0).start().await, launch(1).start().await];
+    for _ in 0..kills {
+        let moment = Duration::from_micros(random.next_u64() % 600_000);
+        let client = servers[random.next_u64() as usize % 2].client();
+        tokio::select! {
+            () = order_and_watch(&client, &mut known, &mut random) => unreachable!("a client goes on for ever"),
+            () = tokio::time::sleep(moment) => {}
+        }
+        match random.next_u64() % 3 {
+            2 => {
+                postgres.crash();
+                // The servers are without it for a while.
+                tokio::select! {
+                    () = order_and_watch(&client, &mut known, &mut random) => unreachable!("as above"),
+                    () = tokio::time::sleep(moment) => {}
+                }
+                postgres.up();
+            }
+            i => {
+                let which = i as usize;
+                let address = servers[which].address().to_string();
+                let [one, two] = servers;
+                let (killed, other) = if which == 0 { (one, two) } else { (two, one) };
+                killed.kill().await;
+                let successor = launch(which).listen(&address).start().await;
+                servers = if which == 0 { [successor, other] } else { [other, successor] };
+            }
+        }
+    }
+    account(&servers[0].client(), &shared, &mut known).await;
+    eventually("orphans to be swept", || shared.artifacts().len() == known.accepted.len()).await;
+    for server in servers {
+        server.stop().await;
+    }
+    let counted = postgres.ask("lab", "select sum(jobs) from job_counts");
+    assert_eq!(counted, postgres.ask("lab", "select count(*) from jobs"));
+    let succeeded =
+        "select count(*) from jobs join artifacts on artifacts.job = jobs.seq where state = 'succeeded'";
+    assert_eq!(postgres.ask("lab", succeeded), counted);
+    known.print(kills);
+}
+
 /// Calls each job to account: every order has made one job, which ends with a result that is stored as it was, and the
 /// same as that of every other job of the same request.
 async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
@@ -185,6 +252,11 @@ async fn swept(data_dir: &DataDir, known: &Known) {
 }
 
 impl Known {
+    /// Whether an answer says that the database is gone for the moment, where that may be.
+    fn is_without_database(&self, reply: &Reply) -> bool {
+        self.loses_database && reply.status == 503
+    }
+
     fn print(&self, kills: usize) {
         println!(
             "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
@@ -227,13 +299,18 @@ fn check_exhausted(job: &Value) {
 async fn watch(client: &Client, known: &mut Known, id: &str) {
     let request = client.get(&format!("/v1/jobs/{id}"));
     if let Ok(reply) = request.try_send().await {
+        if known.is_without_database(&reply) {
+            return;
+        }
         let job = reply.expect(200).json();
         if job["state"] == "failed" {
             check_exhausted(&job);
             known.exhausted += 1;
             // It may be cut off as any request; then the job is found failed again.
             let retry = client.post(&format!("/v1/jobs/{id}/retry"));
-            if let Ok(reply) = retry.try_send().await {
+            if let Ok(reply) = retry.try_send().await
+                && !known.is_without_database(&reply)
+            {
                 reply.expect(200);
             }
         }
@@ -247,6 +324,9 @@ async fn order(client: &Client, known: &mut Known, key: &str, body: &Value) {
     let request = client.post("/v1/jobs").header("idempotency-key", key).json(body);
     // An error is the cut; then the client does not know whether its job was taken.
     if let Ok(reply) = request.try_send().await {
+        if known.is_without_database(&reply) {
+            return;
+        }
         assert!(reply.status == 201 || reply.status == 200, "{}", reply.status);
         let id = id_of(&reply.json()).to_owned();
         let before = known.accepted.insert(key.to_owned(), id.clone());
