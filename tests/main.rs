@@ -59,4 +59,5 @@ mod submission;
 mod users;
 mod waiting;
 mod webhooks;
+mod worker_faults;
 mod workers;

@@ -6,6 +6,7 @@ mod client;
 mod contract;
 pub(crate) mod deadline;
 pub(crate) mod jobs;
+pub(crate) mod machine;
 mod process;
 mod raw;
 pub(crate) mod results;

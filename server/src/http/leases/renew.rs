@@ -86,9 +86,14 @@ pub(crate) async fn renew(
 async fn renewed(app: &App, caller: &Caller, renewals: Vec<Renewal>) -> Result<RenewalsDocument, Problem> {
     let leases: Vec<_> = renewals.iter().map(|renewal| (renewal.id, renewal.attempt)).collect();
     let held = app.shared.store.renew(caller.by.key.clone(), renewals).await?;
-    let lost = held.iter().filter(|held| matches!(held, Held::Lost)).count();
-    app.shared.metrics.lease(LeaseEvent::Renewed, (held.len() - lost) as u64);
-    app.shared.metrics.lease(LeaseEvent::Refused, lost as u64);
+    for (held, (job, attempt)) in held.iter().zip(&leases) {
+        if *held != Held::Lost {
+            app.shared.metrics.lease(LeaseEvent::Renewed, 1);
+        } else if app.shared.store.held(&caller.by.key, *job, *attempt).await? == Held::Lost {
+            // Not a renewal that met the end of its own attempt.
+            app.shared.metrics.lease(LeaseEvent::Refused, 1);
+        }
+    }
     let states = held.into_iter().map(LeaseState::from);
     let leases =
         leases.into_iter().zip(states).map(|((job, attempt), state)| RenewedDocument { job, attempt, state });
