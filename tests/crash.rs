@@ -172,9 +172,15 @@ async fn survive_elsewhere(moments: usize, seed: u64, faults: &[Fault], network:
             link_up = None;
         }
         let fault = faults[random.next_u64() as usize % faults.len()];
-        // Few would wake if those who sleep or are cut off could be killed.
-        let is_spared = |index: usize| wake[index].is_some() || (index == 1 && link_up.is_some());
-        if matches!(fault, Fault::KillWorker(index) if is_spared(index)) {
+        // Few would wake if those who sleep or are cut off could be met by another fault.
+        let is_spared = match fault {
+            Fault::KillWorker(index) | Fault::Sleep(index) => {
+                wake[index].is_some() || (index == 1 && link_up.is_some())
+            }
+            Fault::LinkDown => wake[1].is_some() || link_up.is_some(),
+            Fault::KillServer => false,
+        };
+        if is_spared {
             continue;
         }
         *known.faults.entry(fault.name()).or_default() += 1;
