@@ -11,30 +11,24 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::harness::deadline::{eventually, patiently, within};
-use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs, run};
+use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs, machine, run};
 
 /// A data directory on a small file system of its own.
 struct SmallDisk {
     data_dir: DataDir,
-    mount: PathBuf,
+    disk: machine::SmallDisk,
 }
 
 impl SmallDisk {
     /// One of so many bytes; `None`, aloud, where this user may not mount.
     fn mounted(bytes: u64) -> Option<Self> {
         let data_dir = DataDir::new();
-        let mount = data_dir.path().ancestors().nth(2).unwrap().to_owned();
-        let size = format!("size={bytes}");
-        let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(&mount).status();
-        if status.is_ok_and(|status| status.success()) {
-            return Some(Self { data_dir, mount });
-        }
-        eprintln!("SKIPPED: mounting a tmpfs needs root");
-        None
+        let disk = machine::SmallDisk::mount(data_dir.path().ancestors().nth(2).unwrap(), bytes)?;
+        Some(Self { data_dir, disk })
     }
 
     fn filler(&self) -> PathBuf {
-        self.mount.join("filler")
+        self.disk.path().join("filler")
     }
 
     /// Writes until nothing fits any more.
@@ -48,12 +42,6 @@ impl SmallDisk {
 
     fn clear(&self) {
         fs::remove_file(self.filler()).unwrap();
-    }
-}
-
-impl Drop for SmallDisk {
-    fn drop(&mut self) {
-        let _ = Command::new("umount").arg("-l").arg(&self.mount).status();
     }
 }
 
@@ -230,7 +218,7 @@ async fn a_study_goes_on_after_a_full_disk() {
 async fn a_log_on_a_full_disk_ends_nothing() {
     let Some(disk) = SmallDisk::mounted(8 << 20) else { return };
     let data_dir = DataDir::new();
-    let log = fs::File::create(disk.mount.join("log")).unwrap();
+    let log = fs::File::create(disk.disk.path().join("log")).unwrap();
     disk.fill();
     let mut command = Launch::new(&data_dir).env("PACKSTONE_LOG", "info").into_command();
     let mut child = command.stdout(std::process::Stdio::piped()).stderr(log).spawn().unwrap();

@@ -61,4 +61,5 @@ mod submission;
 mod users;
 mod waiting;
 mod webhooks;
+mod worker_faults;
 mod workers;

@@ -8,7 +8,7 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
-use crate::harness::deadline::eventually;
+use crate::harness::deadline::{eventually, patiently};
 use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, jobs, packstone};
 
 /// A server that packs nothing itself, whose leases are short.
@@ -225,6 +225,34 @@ async fn a_worker_whose_time_is_limited_gets_what_it_can_end_or_hand_on() {
     wrong["remaining_s"] = json!(-1);
     let refused = client.post("/v1/leases").json(&wrong).send().await.expect_problem(422, "validation-error");
     assert_eq!(refused["errors"][0]["pointer"], "/remaining_s", "{refused:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_client_that_polls_sees_the_progress_of_a_job_elsewhere() {
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    // Leases of a minute: without a client that watches, a worker reports every 15 s.
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    let client = server.client();
+    let worker = worker(folder.path(), &server, "one", &[]);
+    let submitted = client.submit(&jobs::endless_growth()).await;
+    let id = id_of(&submitted);
+    client.running(id).await;
+    let renewed = client.metric("packstone_leases_total{event=\"renewed\"}").await;
+    let mut seen = std::collections::BTreeSet::new();
+    patiently("the progress to be seen ten times", async {
+        let mut poll_again = tokio::time::interval(Duration::from_millis(200));
+        while seen.len() < 10 {
+            poll_again.tick().await;
+            seen.insert(client.job(id).await["progress"].to_string());
+        }
+    })
+    .await;
+    let more = client.metric("packstone_leases_total{event=\"renewed\"}").await - renewed;
+    // The worker is asked to report every second, however often a client polls.
+    assert!((8.0..100.0).contains(&more), "{more} renewals");
+    worker.signal(Signal::TERM);
+    assert_eq!(worker.ended().await.code, Some(0));
     server.stop().await;
 }
 

@@ -8,6 +8,7 @@ mod client;
 mod contract;
 pub(crate) mod deadline;
 pub(crate) mod jobs;
+pub(crate) mod machine;
 mod postgres;
 mod process;
 #[cfg(feature = "s3")]

@@ -142,12 +142,13 @@ async fn work(
     stop_on_signals(shutdown.clone())?;
     tracing::info!(name = options.name, slots, scratch = %scratch.display(), "working");
     let until = options.until;
-    let there = There::new(server, options, artifacts.clone(), checkpoints.clone());
+    let disk = Disk::new(scratch.to_owned(), None, Shortage::default());
+    let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
     let executor = Executor {
         leases: Leases::There(there.clone()),
         artifacts,
         checkpoints,
-        disk: Disk::new(scratch.to_owned(), None, Shortage::default()),
+        disk,
         metrics: Arc::new(Metrics::default()),
         shutdown: shutdown.clone(),
     };

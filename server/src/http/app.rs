@@ -15,6 +15,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
 use crate::http::hosts::Hosts;
+use crate::http::jobs::polled::Polled;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
 use crate::problem::{Kind, Problem};
@@ -69,6 +70,8 @@ pub(crate) struct Shared {
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
     pub(crate) large_bodies: Arc<Semaphore>,
+    /// Jobs in other processes whose state was asked for lately.
+    pub(crate) polled: Polled,
     /// Workers that ask for jobs.
     pub(crate) heard: Heard,
     /// Files that are being taken in from workers.
@@ -115,6 +118,7 @@ impl App {
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
+                polled: Polled::default(),
                 heard: Heard::default(),
                 receiving: Mutex::default(),
                 bits: OnceCell::new(),
