@@ -29,6 +29,8 @@ pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 const DEFAULT_LEASE_S: f64 = 60.0;
 
 /// Options of `packstone serve`.
+// Each `bool` is an option of its own.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ServeOptions {
     /// Address and port to listen on, as `127.0.0.1:8080`, `localhost:8080`, or `:8080` for all addresses; port 0 takes

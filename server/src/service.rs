@@ -150,7 +150,10 @@ impl Service {
                 .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
         );
         let store = Store::open(&database, &options.data_dir, limits, Arc::clone(&accounts)).await?;
-        let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
+        let mut disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
+        if let Some(folder) = options.blobs.as_ref().and_then(Place::folder) {
+            disk = disk.with_files_in(folder.to_owned());
+        }
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
             for (job, path) in results {

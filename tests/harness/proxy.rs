@@ -83,7 +83,7 @@ async fn pass(mut stream: TcpStream, fault: Fault, target: &str, failed: &watch:
         }
         Fault::HeldWrites if first == *b"PUT " => {
             fail();
-            std::future::pending().await
+            std::future::pending::<()>().await;
         }
         _ => {
             let Ok(mut upstream) = TcpStream::connect(target).await else { return };

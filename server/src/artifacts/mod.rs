@@ -166,12 +166,11 @@ impl Artifacts {
     /// Those of the storage.
     pub(crate) fn settled(&self, least_age: Duration) -> io::Result<Vec<Settled>> {
         // Before the listing: what is written meanwhile is younger.
-        let written_until = match self.blobs.is_shared() && !least_age.is_zero() {
-            true => self.blobs.now()?.checked_sub(least_age),
-            false => None,
-        };
+        let by_age = self.blobs.is_shared() && !least_age.is_zero();
+        let written_until = if by_age { self.blobs.now()?.checked_sub(least_age) } else { None };
         let listed = self.blobs.list(FOLDER)?;
-        let old = |file: &Listed| written_until.is_none_or(|until| file.written <= until);
+        let old =
+            |file: &Listed| written_until.is_none_or(|until| file.written.is_some_and(|at| at <= until));
         let mut found: Vec<Settled> = listed
             .iter()
             .filter(|file| old(file))

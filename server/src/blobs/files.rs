@@ -97,8 +97,12 @@ impl Files {
                 self.list_below(&entry.path(), &name, found)?;
                 continue;
             }
+            if !self.shared {
+                found.push(Listed { name, written: None });
+                continue;
+            }
             match entry.metadata().and_then(|found| found.modified()) {
-                Ok(written) => found.push(Listed { name, written }),
+                Ok(written) => found.push(Listed { name, written: Some(written) }),
                 // It went meanwhile.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => return Err(error),

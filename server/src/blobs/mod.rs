@@ -137,8 +137,8 @@ pub(crate) struct Shown<'a> {
 pub(crate) struct Listed {
     /// Its name.
     pub(crate) name: String,
-    /// When it was last written, by the clock of the storage.
-    pub(crate) written: SystemTime,
+    /// When it was last written, by the clock of the storage; not told where all is this process's.
+    pub(crate) written: Option<SystemTime>,
 }
 
 /// A file that is being written and has no name yet. Dropped, it goes.

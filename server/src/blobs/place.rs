@@ -65,6 +65,15 @@ impl Place {
         Ok(Self::S3 { bucket: bucket.to_owned(), prefix: prefix.to_owned() })
     }
 
+    /// The folder, if it is one.
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        match self {
+            Self::Folder(folder) => Some(folder),
+            #[cfg(feature = "s3")]
+            Self::S3 { .. } => None,
+        }
+    }
+
     /// Opens the blobs there, for a service with that data directory, on whose file system so many bytes stay free.
     /// Blocks the thread.
     ///

@@ -135,7 +135,7 @@ impl Checkpoints {
             Ok(true) => tracing::debug!(id, attempt, "shared a checkpoint"),
             Ok(false) => {}
             Err(error) => {
-                tracing::warn!(%error, id, attempt, "a checkpoint was not shared with other servers")
+                tracing::warn!(%error, id, attempt, "a checkpoint was not shared with other servers");
             }
         }
     }

@@ -88,7 +88,7 @@ impl Shared {
     pub(super) fn list(&self) -> io::Result<Vec<Kept>> {
         let listed = self.blobs.list(FOLDER)?.into_iter().filter_map(|file| {
             let (id, copy) = parse(&file.name)?;
-            let at = file.written.duration_since(UNIX_EPOCH).ok()?;
+            let at = file.written?.duration_since(UNIX_EPOCH).ok()?;
             Some(Kept {
                 job: id.to_owned(),
                 attempt: copy.attempt,

@@ -22,7 +22,8 @@ pub(super) struct Options {
     /// Data directory of a service, running or not, or a backup of one
     #[arg(default_value = "packstone-data")]
     directory: PathBuf,
-    /// Where the service keeps results and exports, if not in its data directory: a folder, or s3://BUCKET/PREFIX
+    /// Where the service keeps results and exports, if not in its data directory: a folder, or
+    /// `s3://BUCKET/PREFIX`
     #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
     blobs: Option<Place>,
 }

@@ -96,7 +96,7 @@ impl Objects {
             .with_http_connector(Connector)
             .with_retry(RETRIES)
             .build()
-            .map_err(of_storage)?;
+            .map_err(|error| of_storage(&error))?;
         let objects = Self {
             store: Arc::new(store),
             bucket: bucket.to_owned(),
@@ -127,13 +127,16 @@ impl Objects {
         self.runtime
             .block_on(async { timeout(ANSWER, request).await })
             .map_err(|_| late())?
-            .map_err(of_storage)
+            .map_err(|error| of_storage(&error))
     }
 
     /// Uploads a file in one request.
     async fn put_whole(&self, path: &Path, file: &File, length: u64) -> io::Result<()> {
         let payload = PutPayload::from_bytes(read_part(file, 0..length)?);
-        self.store.put_opts(path, payload, PutMode::Create.into()).await.map_err(of_storage)?;
+        self.store
+            .put_opts(path, payload, PutMode::Create.into())
+            .await
+            .map_err(|error| of_storage(&error))?;
         Ok(())
     }
 
@@ -151,14 +154,14 @@ impl Objects {
             Ok(upload.put_part(PutPayload::from_bytes(part)))
         });
         stream::iter(parts)
-            .map_ok(|part| async { part.await.map_err(of_storage) })
+            .map_ok(|part| async { part.await.map_err(|error| of_storage(&error)) })
             .try_buffer_unordered(PARTS_AT_ONCE)
             .try_collect::<()>()
             .await?;
         if self.exists(path).await? {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
-        upload.complete().await.map_err(of_storage)?;
+        upload.complete().await.map_err(|error| of_storage(&error))?;
         Ok(())
     }
 
@@ -166,7 +169,7 @@ impl Objects {
         match self.store.head(path).await {
             Ok(_) => Ok(true),
             Err(Error::NotFound { .. }) => Ok(false),
-            Err(error) => Err(of_storage(error)),
+            Err(error) => Err(of_storage(&error)),
         }
     }
 
@@ -195,7 +198,7 @@ impl Blobs for Objects {
             if length <= WHOLE_BYTES {
                 return unless(is_stopped, self.put_whole(&path, staged.file(), length)).await;
             }
-            let begun = async { self.store.put_multipart(&path).await.map_err(of_storage) };
+            let begun = async { self.store.put_multipart(&path).await.map_err(|error| of_storage(&error)) };
             let mut upload = unless(is_stopped, begun).await?;
             let put = unless(is_stopped, self.put_parts(&mut *upload, &path, staged.file(), length)).await;
             if put.is_err()
@@ -264,7 +267,7 @@ impl Blobs for Objects {
         while let Some(result) = self.wait(async { Ok(removed.next().await) })? {
             match result {
                 Ok(_) | Err(Error::NotFound { .. }) => {}
-                Err(error) => return Err(of_storage(error)),
+                Err(error) => return Err(of_storage(&error)),
             }
         }
         Ok(())
@@ -290,7 +293,7 @@ impl Blobs for Objects {
         while let Some(object) = self.wait(listed.try_next())? {
             let Some(name) = object.location.as_ref().strip_prefix(&self.prefix) else { continue };
             let name = name.trim_start_matches('/').to_owned();
-            found.push(Listed { name, written: object.last_modified.into() });
+            found.push(Listed { name, written: Some(object.last_modified.into()) });
         }
         Ok(found)
     }
@@ -339,7 +342,7 @@ impl Blob for Opened {
 fn read(store: &AmazonS3, runtime: &Handle, path: &Path, range: Range<u64>) -> io::Result<Reading> {
     let options = GetOptions::new().with_range(Some(GetRange::Bounded(range)));
     let found = runtime.block_on(async { timeout(ANSWER, store.get_opts(path, options)).await });
-    let blocks = found.map_err(|_| late())?.map_err(of_storage)?.into_stream();
+    let blocks = found.map_err(|_| late())?.map_err(|error| of_storage(&error))?.into_stream();
     Ok(Reading { blocks, block: Bytes::new(), runtime: runtime.clone() })
 }
 
@@ -355,7 +358,7 @@ impl Read for Reading {
         while self.block.is_empty() {
             let next = self.runtime.block_on(async { timeout(ANSWER, self.blocks.next()).await });
             let Some(block) = next.map_err(|_| late())? else { return Ok(0) };
-            self.block = block.map_err(of_storage)?;
+            self.block = block.map_err(|error| of_storage(&error))?;
         }
         let taken = self.block.split_to(into.len().min(self.block.len()));
         into[..taken.len()].copy_from_slice(&taken);
@@ -389,7 +392,7 @@ fn late() -> io::Error {
 }
 
 /// What an error of the crate is to the rest of the server. All but a missing object and a name that is taken pass.
-fn of_storage(error: Error) -> io::Error {
+fn of_storage(error: &Error) -> io::Error {
     let told = |error: &Error| {
         let mut text = error.to_string();
         let mut source = error.source();
@@ -402,7 +405,7 @@ fn of_storage(error: Error) -> io::Error {
         }
         text
     };
-    let text = told(&error);
+    let text = told(error);
     let kind = match error {
         Error::NotFound { .. } if !text.contains("NoSuchBucket") => io::ErrorKind::NotFound,
         Error::AlreadyExists { .. } => io::ErrorKind::AlreadyExists,

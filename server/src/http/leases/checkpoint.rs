@@ -114,7 +114,7 @@ pub(super) fn of_disk(error: &io::Error, disk: &Disk) -> Problem {
     if is_full(error) {
         return no_room();
     }
-    Problem::new(Kind::MachineFault, "the server cannot write to its data directory at present")
+    Problem::new(Kind::MachineFault, "the server cannot write its files at present")
         .with_header("retry-after", "5")
 }
 
