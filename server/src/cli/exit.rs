@@ -20,7 +20,7 @@ Exit codes:
   2    wrong use of the command line
   3    bad input: a request, an option or a file that does not hold
   4    the method ended before its target: not every grain was placed, or growth stopped
-  5    a packing or an export failed its check, which is a defect of Packstone
+  5    a packing, an export or a copy failed its check, which is a defect of Packstone
   6    a fault of the machine: no space, no memory, a disk that fails
   7    a merged study is unfinished: runs are missing
   8    a server refused this worker: another build, other bits, or a key that may not lease jobs

@@ -15,6 +15,7 @@ mod exports;
 mod health;
 mod http_client;
 mod key;
+mod migrate_store;
 mod openapi;
 mod outputs;
 mod plan;
@@ -68,6 +69,8 @@ enum Command {
     Backup(backup::Options),
     /// Check every file of a data directory against the database
     Check(check::Options),
+    /// Move what a store holds from a data directory to PostgreSQL, or back
+    MigrateStore(migrate_store::Options),
     /// Ask a service whether it takes jobs
     Health(health::Options),
     /// Make an API key and its line for the file of keys
@@ -97,6 +100,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Bench(options) => bench::run(&options),
         Command::Backup(options) => backup::run(&options),
         Command::Check(options) => check::run(&options),
+        Command::MigrateStore(options) => migrate_store::run(&options),
         Command::Health(options) => health::run(&options),
         Command::Key(options) => key::run(&options),
         Command::WebhookSecret => webhook_secret::run(),

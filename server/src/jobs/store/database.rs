@@ -78,7 +78,11 @@ impl fmt::Display for Database {
                     options.get_username(),
                     options.get_host(),
                     options.get_port()
-                )
+                )?;
+                match options.get_socket() {
+                    Some(socket) => write!(f, "?host={}", socket.display()),
+                    None => Ok(()),
+                }
             }
         }
     }
@@ -162,6 +166,8 @@ mod tests {
         let database: Database = "postgres://lab:secret@db.example:5433/packstone".parse().unwrap();
         assert_eq!(database.to_string(), "postgres://lab@db.example:5433/packstone");
         assert!(database.is_shared() && database.file().is_none());
+        let socket: Database = "postgres://lab:secret@localhost/packstone?host=/run/pg".parse().unwrap();
+        assert_eq!(socket.to_string(), "postgres://lab@localhost:5432/packstone?host=/run/pg");
         assert!(matches!("postgres://host:port/db".parse::<Database>(), Err(NoDatabase::Url(_))));
     }
 

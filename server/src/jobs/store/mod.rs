@@ -32,6 +32,8 @@ mod submit;
 mod target;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "postgres")]
+pub(crate) mod transfer;
 mod turns;
 mod upgrade;
 mod upkeep;
@@ -57,6 +59,8 @@ use db::{Durability, Readers};
 use writer::{Writer, Writing};
 
 pub(crate) use database::Database;
+#[cfg(not(feature = "postgres"))]
+pub(crate) use database::NoDatabase;
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};

@@ -27,7 +27,7 @@ pub(super) async fn with_quotas(folder: &TempDir, limits: StoreLimits, quotas: Q
 /// The database of a test: a file in its folder, or one of its own in the PostgreSQL that `PACKSTONE_TEST_POSTGRES`
 /// names, a URL without a database.
 #[cfg(feature = "postgres")]
-async fn database(folder: &TempDir) -> Database {
+pub(super) async fn database(folder: &TempDir) -> Database {
     let Ok(server) = std::env::var("PACKSTONE_TEST_POSTGRES") else { return file_of(folder) };
     let server = db::postgres::options(&server).unwrap();
     let name = folder.path().file_name().unwrap().to_str().unwrap();

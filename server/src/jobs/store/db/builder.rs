@@ -39,6 +39,14 @@ impl QueryBuilder {
         self
     }
 
+    /// The same for a value that is one already.
+    #[cfg(feature = "postgres")]
+    pub(in super::super) fn push_value(&mut self, value: Value) -> &mut Self {
+        self.text.push('?');
+        self.values.push(value);
+        self
+    }
+
     /// Adds the word `values` and a row for each item.
     pub(in super::super) fn push_values<T>(
         &mut self,
@@ -68,11 +76,23 @@ impl QueryBuilder {
 impl RowOfValues<'_> {
     /// Adds a value to the row.
     pub(in super::super) fn push_bind(&mut self, value: impl Bind) -> &mut Self {
+        self.separate();
+        self.builder.push_bind(value);
+        self
+    }
+
+    /// The same for a value that is one already.
+    #[cfg(feature = "postgres")]
+    pub(in super::super) fn push_value(&mut self, value: Value) -> &mut Self {
+        self.separate();
+        self.builder.push_value(value);
+        self
+    }
+
+    fn separate(&mut self) {
         if !std::mem::take(&mut self.is_first) {
             self.builder.push(", ");
         }
-        self.builder.push_bind(value);
-        self
     }
 }
 

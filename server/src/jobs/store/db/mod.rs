@@ -13,6 +13,8 @@ mod row;
 mod statement;
 mod transaction;
 
+#[cfg(feature = "postgres")]
+pub(super) use bind::Value;
 pub(super) use builder::QueryBuilder;
 pub(super) use connection::{Connection, Durability, Options, Readers, Via, WAIT};
 pub(super) use row::Row;

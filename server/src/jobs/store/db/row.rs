@@ -70,7 +70,7 @@ macro_rules! columns {
     )*};
 }
 
-columns!(i64, f64, bool, String, Option<i64>, Option<f64>, Option<String>);
+columns!(i64, f64, bool, String, Option<i64>, Option<f64>, Option<bool>, Option<String>);
 
 /// Counts, whose columns hold 64 bits.
 macro_rules! narrow_columns {
