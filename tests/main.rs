@@ -59,5 +59,6 @@ mod submission;
 mod users;
 mod waiting;
 mod webhooks;
+mod worker_crashes;
 mod worker_faults;
 mod workers;
