@@ -4,23 +4,17 @@
 //! was seen; every stored result must be the bytes that its checksum promises. The moments are
 //! drawn from a seeded generator, so that a failure can be run again.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::fmt::Write as _;
-use std::path::PathBuf;
-use std::process::Command;
 use std::time::Duration;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
-use rustix::process::Signal;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use crate::harness::deadline::eventually;
-use crate::harness::machine::{Network, faketime};
-use crate::harness::{
-    Client, DataDir, Launch, Postgres, Reply, Running, holds_every_store, id_of, jobs, packstone,
-};
+use crate::harness::{Client, DataDir, Launch, Reply, id_of, jobs};
 
 #[tokio::test]
 async fn fifteen_power_cuts_lose_nothing() {
@@ -33,65 +27,22 @@ async fn a_thousand_power_cuts_lose_nothing() {
     survive(1000, 2).await;
 }
 
-#[tokio::test]
-async fn kills_of_workers_and_server_lose_nothing() {
-    if holds_every_store() {
-        return;
-    }
-    survive_elsewhere(15, 3, &KILLS, None).await;
-}
-
-#[tokio::test]
-async fn kills_sleep_cut_links_and_wrong_clocks_lose_nothing() {
-    if holds_every_store() {
-        return;
-    }
-    let (Some(network), Some(library)) = (Network::make(), faketime()) else { return };
-    survive_elsewhere(30, 5, &ALL_FAULTS, Some((network, library))).await;
-}
-
-#[tokio::test]
-#[ignore = "long: cargo test --release -p packstone-server --test e2e five_hundred -- --ignored"]
-async fn five_hundred_kills_of_workers_and_server_lose_nothing() {
-    survive_elsewhere(500, 4, &KILLS, None).await;
-}
-
-#[tokio::test]
-#[ignore = "long: cargo test --release -p packstone-server --test e2e five_hundred -- --ignored"]
-async fn five_hundred_faults_of_all_kinds_lose_nothing() {
-    let (Some(network), Some(library)) = (Network::make(), faketime()) else { return };
-    survive_elsewhere(500, 6, &ALL_FAULTS, Some((network, library))).await;
-}
-
-#[tokio::test]
-async fn kills_of_servers_and_their_database_lose_nothing() {
-    survive_together(15, 5).await;
-}
-
-#[tokio::test]
-#[ignore = "long: cargo test --release -p packstone-server --features postgres --test e2e five_hundred -- --ignored"]
-async fn five_hundred_kills_of_servers_and_their_database_lose_nothing() {
-    survive_together(500, 6).await;
-}
-
 /// As many as a job may ask for: one that takes long meets several cuts.
 const ATTEMPTS: u64 = 10;
 
 /// What the client knows.
 #[derive(Default)]
-struct Known {
+pub(crate) struct Known {
     /// Idempotency keys with their bodies; a key may or may not have made a job so far.
     orders: Vec<(String, Value)>,
     /// Jobs that were answered with 201 or 200, by key.
-    accepted: HashMap<String, String>,
+    pub(crate) accepted: HashMap<String, String>,
     /// Jobs that were seen succeeded, by id.
     succeeded: HashMap<String, Value>,
     /// How often a job was found out of attempts, and retried.
     exhausted: usize,
     /// A server lives on while its database is gone, and says so: to the client that is a cut too.
-    loses_database: bool,
-    /// Faults by kind.
-    faults: BTreeMap<&'static str, usize>,
+    pub(crate) loses_database: bool,
 }
 
 /// Checkpoints at every opportunity, so that the cuts meet them being written.
@@ -122,242 +73,9 @@ async fn survive(kills: usize, seed: u64) {
     known.print(kills);
 }
 
-/// What may befall the server and two workers in other processes.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Fault {
-    KillWorker(usize),
-    KillServer,
-    /// It sleeps past its lease.
-    Sleep(usize),
-    /// The link of the second worker goes down, until the lease has run out.
-    LinkDown,
-}
-
-const KILLS: [Fault; 3] = [Fault::KillWorker(0), Fault::KillWorker(1), Fault::KillServer];
-const ALL_FAULTS: [Fault; 6] =
-    [KILLS[0], KILLS[1], KILLS[2], Fault::Sleep(0), Fault::Sleep(1), Fault::LinkDown];
-/// For how many moments, of 0.3 s in the mean, a worker sleeps or a link is down: longer than a lease of 2 s.
-const MOMENTS: usize = 10;
-
-/// The same with the server and two workers in other processes. With a network, the second worker is in it, and the
-/// clock of the first is wrong.
-async fn survive_elsewhere(moments: usize, seed: u64, faults: &[Fault], network: Option<(Network, PathBuf)>) {
-    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
-    let launch = || Launch::new(&data_dir).workers(0).env("PACKSTONE_LEASE_S", "2").args(&["--insecure"]);
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut known = Known::default();
-    let listen = network.as_ref().map_or("127.0.0.1", |(network, _)| network.address());
-    let mut server = launch().listen(&format!("{listen}:0")).start().await;
-    let address = server.address().to_string();
-    let url = format!("http://{address}");
-    let names = ["one", "two"];
-    let worker = |index: usize| {
-        let program = env!("CARGO_BIN_EXE_packstone");
-        let mut command = match &network {
-            Some((network, _)) if index == 1 => network.command(program),
-            _ => Command::new(program),
-        };
-        if let Some((_, library)) = network.as_ref().filter(|_| index == 0) {
-            command.env("LD_PRELOAD", library).env("FAKETIME", "-9h x1.3");
-        }
-        command.args(["worker", "--server", &url, "--slots", "2", "--name", names[index]]);
-        command.args([
-            "--scratch",
-            names[index],
-            "--checkpoint-every-s",
-            "0",
-            "--send-checkpoints-every-s",
-            "0.1",
-        ]);
-        command.current_dir(folder.path());
-        Running::of(command)
-    };
-    let mut workers = [0, 1].map(worker).map(Some);
-    // What the server and the workers said, and the moments at which sleepers wake and the link is up again.
-    let mut said = Vec::new();
-    let (mut wake, mut link_up) = ([None; 2], None);
-    for moment in 0..moments {
-        let pause = Duration::from_micros(random.next_u64() % 600_000);
-        let client = server.client();
-        tokio::select! {
-            () = order_and_watch(&client, &mut known, &mut random) => unreachable!("a client goes on for ever"),
-            () = tokio::time::sleep(pause) => {}
-        }
-        for (wake, worker) in wake.iter_mut().zip(&workers) {
-            if wake.take_if(|at| *at == moment).is_some() {
-                worker.as_ref().expect("a worker").signal(Signal::CONT);
-            }
-        }
-        if let Some((network, _)) = network.as_ref().filter(|_| link_up == Some(moment)) {
-            network.link(true);
-            link_up = None;
-        }
-        let fault = faults[random.next_u64() as usize % faults.len()];
-        // Few would wake if those who sleep or are cut off could be met by another fault.
-        let is_spared = match fault {
-            Fault::KillWorker(index) | Fault::Sleep(index) => {
-                wake[index].is_some() || (index == 1 && link_up.is_some())
-            }
-            Fault::LinkDown => wake[1].is_some() || link_up.is_some(),
-            Fault::KillServer => false,
-        };
-        if is_spared {
-            continue;
-        }
-        *known.faults.entry(fault.name()).or_default() += 1;
-        match fault {
-            Fault::KillServer => {
-                said.push(server.log());
-                server.kill().await;
-                server = launch().listen(&address).start().await;
-            }
-            Fault::KillWorker(index) => {
-                let killed = workers[index].take().expect("a worker");
-                killed.signal(Signal::KILL);
-                said.push(killed.ended().await.stderr);
-                workers[index] = Some(worker(index));
-                wake[index] = None;
-            }
-            Fault::Sleep(index) => {
-                workers[index].as_ref().expect("a worker").signal(Signal::STOP);
-                wake[index] = Some(moment + MOMENTS);
-            }
-            Fault::LinkDown => {
-                network.as_ref().expect("a network").0.link(false);
-                link_up = Some(moment + MOMENTS);
-            }
-        }
-    }
-    for worker in workers.iter().flatten() {
-        worker.signal(Signal::CONT);
-    }
-    if let Some((network, _)) = &network {
-        network.link(true);
-    }
-    account(&server.client(), &data_dir, &mut known).await;
-    for worker in workers.into_iter().flatten() {
-        worker.signal(Signal::TERM);
-        let ended = worker.ended().await;
-        assert_eq!(ended.code, Some(0), "{ended:?}");
-        said.push(ended.stderr);
-    }
-    said.push(server.log());
-    let ends = check_ends(&server.client(), &known, &said).await;
-    server.stop().await;
-    let path = data_dir.path().display().to_string();
-    let checked = packstone(folder.path(), &["check", &path]).await;
-    assert_eq!(checked.code, Some(0), "{checked:?}");
-    swept(&data_dir, &known).await;
-    let told = |text: &str| said.iter().map(|log| log.matches(text).count()).sum::<usize>();
-    let (out, lost) =
-        (told("leases ran out; the jobs wait"), told("the lease was lost; this attempt leaves no"));
-    println!("{:?}: {ends} ends in the logs, {out} times leases ran out, {lost} late ends", known.faults);
-    // By chance a few faults meet no job; many do.
-    assert!(moments < 300 || (out > 0 && lost > 0), "no lease was lost");
-    known.print(moments);
-}
-
-impl Fault {
-    fn name(self) -> &'static str {
-        match self {
-            Self::KillWorker(_) => "killed workers",
-            Self::KillServer => "killed servers",
-            Self::Sleep(_) => "workers asleep",
-            Self::LinkDown => "links down",
-        }
-    }
-}
-
-/// Holds what the server and the workers said against the jobs as they are: each succeeded once, by its last attempt.
-/// Whoever was killed may have said less than it did. The metrics count the jobs that there are. Returns the ends that
-/// were told.
-async fn check_ends(client: &Client, known: &Known, said: &[String]) -> usize {
-    let mut ended: HashMap<(&str, String), Vec<String>> = HashMap::new();
-    for line in said.iter().flat_map(|log| log.lines()) {
-        // `ended` is said by a worker, `a lease ended` by the server.
-        let who = if line.contains(" a lease ended ") {
-            "the server"
-        } else if line.contains(": ended outcome") {
-            "a worker"
-        } else {
-            continue;
-        };
-        let field = |name: &str| {
-            let (_, rest) =
-                line.split_once(&format!("{name}=")).unwrap_or_else(|| panic!("no {name} in {line}"));
-            rest.split([' ', '}']).next().unwrap().trim_matches('"').to_owned()
-        };
-        if field("outcome") == "succeeded" {
-            ended.entry((who, field("job_id"))).or_default().push(field("attempt"));
-        }
-    }
-    for ((who, id), attempts) in &ended {
-        let job = client.job(id).await;
-        assert_eq!(attempts, &[job["attempt"].to_string()], "{who} told other ends of {job:#}");
-    }
-    assert!(ended.keys().all(|(_, id)| known.accepted.values().any(|known| known == id)), "{ended:?}");
-    assert_eq!(client.metric("packstone_jobs{state=\"succeeded\"}").await, known.accepted.len() as f64);
-    for state in ["queued", "running", "failed", "cancelled"] {
-        assert_eq!(client.metric(&format!("packstone_jobs{{state=\"{state}\"}}")).await, 0.0, "{state}");
-    }
-    ended.len()
-}
-
-/// The same with two servers that share a database and a folder of results, any of which may be killed at any moment.
-async fn survive_together(kills: usize, seed: u64) {
-    let Some(postgres) = Postgres::start() else { return };
-    let (store, shared) = (postgres.database("lab"), DataDir::new());
-    let data_dirs = [DataDir::new(), DataDir::new()];
-    let args = ["--store", &store, "--blobs", shared.path().to_str().unwrap(), "--lease-s", "2"];
-    let often = ["--checkpoint-every-s", "0", "--sweep-interval-s", "0.5", "--least-blob-age-s", "5"];
-    let launch = |which: usize| Launch::new(&data_dirs[which]).args(&args).args(&often);
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut known = Known { loses_database: true, ..Known::default() };
-    let mut servers = [launch(0).start().await, launch(1).start().await];
-    for _ in 0..kills {
-        let moment = Duration::from_micros(random.next_u64() % 600_000);
-        let client = servers[random.next_u64() as usize % 2].client();
-        tokio::select! {
-            () = order_and_watch(&client, &mut known, &mut random) => unreachable!("a client goes on for ever"),
-            () = tokio::time::sleep(moment) => {}
-        }
-        match random.next_u64() % 3 {
-            2 => {
-                postgres.crash();
-                // The servers are without it for a while.
-                tokio::select! {
-                    () = order_and_watch(&client, &mut known, &mut random) => unreachable!("as above"),
-                    () = tokio::time::sleep(moment) => {}
-                }
-                postgres.up();
-            }
-            i => {
-                let which = i as usize;
-                let address = servers[which].address().to_string();
-                let [one, two] = servers;
-                let (killed, other) = if which == 0 { (one, two) } else { (two, one) };
-                killed.kill().await;
-                let successor = launch(which).listen(&address).start().await;
-                servers = if which == 0 { [successor, other] } else { [other, successor] };
-            }
-        }
-    }
-    account(&servers[0].client(), &shared, &mut known).await;
-    eventually("orphans to be swept", || shared.artifacts().len() == known.accepted.len()).await;
-    for server in servers {
-        server.stop().await;
-    }
-    let counted = postgres.ask("lab", "select sum(jobs) from job_counts");
-    assert_eq!(counted, postgres.ask("lab", "select count(*) from jobs"));
-    let succeeded =
-        "select count(*) from jobs join artifacts on artifacts.job = jobs.seq where state = 'succeeded'";
-    assert_eq!(postgres.ask("lab", succeeded), counted);
-    known.print(kills);
-}
-
 /// Calls each job to account: every order has made one job, which ends with a result that is stored as it was, and the
 /// same as that of every other job of the same request.
-async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
+pub(crate) async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
     for (key, body) in known.orders.clone() {
         let reply = client.post("/v1/jobs").header("idempotency-key", &key).json(&body).send().await;
         let id = id_of(&reply.json()).to_owned();
@@ -396,7 +114,7 @@ async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
 }
 
 /// The sweep at the next start leaves one file for each job, and no half-written one.
-async fn swept(data_dir: &DataDir, known: &Known) {
+pub(crate) async fn swept(data_dir: &DataDir, known: &Known) {
     let server = Launch::new(data_dir).start().await;
     eventually("orphans to be swept", || data_dir.artifacts().len() == known.accepted.len()).await;
     eventually("checkpoints to go with their jobs", || data_dir.checkpoints().is_empty()).await;
@@ -409,7 +127,7 @@ impl Known {
         self.loses_database && reply.status == 503
     }
 
-    fn print(&self, kills: usize) {
+    pub(crate) fn print(&self, kills: usize) {
         println!(
             "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
             self.accepted.len(),
@@ -423,7 +141,7 @@ impl Known {
 const MOST_OPEN: usize = 12;
 
 /// Orders jobs, some of them again, and looks at what has become of others, until it is dropped.
-async fn order_and_watch(client: &Client, known: &mut Known, random: &mut Xoshiro256PlusPlus) {
+pub(crate) async fn order_and_watch(client: &Client, known: &mut Known, random: &mut Xoshiro256PlusPlus) {
     loop {
         let open: Vec<String> =
             known.accepted.values().filter(|id| !known.succeeded.contains_key(*id)).cloned().collect();

@@ -9,11 +9,12 @@ use std::process::Command;
 
 use jiff::Timestamp;
 use rustix::process::Signal;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::harness::deadline::eventually;
 use crate::harness::machine::{Network, SmallDisk, faketime};
-use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, jobs, packstone};
+use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, jobs};
+use crate::workers::packed_alone;
 
 /// A server that packs nothing itself, whose leases are short.
 fn launch(data_dir: &DataDir) -> Launch {
@@ -55,15 +56,6 @@ fn files(folder: &Path) -> Vec<String> {
         }
     }
     found
-}
-
-/// The packing of a job without a service, as the bytes of `npy`.
-async fn packed_alone(folder: &Path, job: &Value) -> Vec<u8> {
-    fs::write(folder.join("job.json"), job.to_string()).unwrap();
-    let ended = packstone(folder, &["run", "job.json", "--out", "alone", "--format", "npy", "--force"]).await;
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    let file = files(&folder.join("alone")).into_iter().find(|name| name.ends_with(".npy")).unwrap();
-    fs::read(file).unwrap()
 }
 
 async fn leases(client: &Client, event: &str) -> f64 {

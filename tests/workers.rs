@@ -28,7 +28,7 @@ fn worker(folder: &Path, server: &Server, name: &str, more: &[&str]) -> Running 
 }
 
 /// The packing of a job without a service, as the bytes of `npy`.
-async fn packed_alone(folder: &Path, job: &Value) -> Vec<u8> {
+pub(crate) async fn packed_alone(folder: &Path, job: &Value) -> Vec<u8> {
     std::fs::write(folder.join("job.json"), job.to_string()).unwrap();
     let ended = packstone(folder, &["run", "job.json", "--out", "alone", "--format", "npy", "--force"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");

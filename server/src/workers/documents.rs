@@ -81,7 +81,7 @@ pub(crate) struct LeaseRequest {
     #[schema(minimum = 1, maximum = 1024)]
     pub(crate) slots: u32,
     /// Time that it has left for jobs, in s, where that is limited. It gets jobs that are forecast to take no longer,
-    /// and those of a minute and more whose method keeps checkpoints.
+    /// and, with 30 s and more, those whose method keeps checkpoints.
     #[schema(value_type = Option<f64>, minimum = 0, maximum = 1_000_000_000, required = false)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) remaining_s: Option<f64>,

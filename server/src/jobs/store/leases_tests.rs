@@ -142,7 +142,7 @@ async fn a_worker_whose_time_is_limited_gets_no_job_whose_work_would_be_lost() {
     let (_folder, store) = fresh().await;
     let lost = submit_long(&store, "", 3600.0, false).await;
     let grows = submit_long(&store, "", 7200.0, true).await;
-    let short = submit_long(&store, "", 30.0, false).await;
+    let short = submit_long(&store, "", 25.0, false).await;
     let quick = submit_long(&store, "", 5.0, true).await;
     assert_eq!(claimed_within(&store, 4).await, None);
     assert_eq!(
@@ -150,11 +150,12 @@ async fn a_worker_whose_time_is_limited_gets_no_job_whose_work_would_be_lost() {
         Some(quick),
         "too little for a checkpoint of the longer one"
     );
-    assert_eq!(claimed_within(&store, 59).await, Some(short));
+    assert_eq!(claimed_within(&store, 29).await, Some(short));
     let unknown = submit_long(&store, "", f64::NAN, false).await;
+    assert_eq!(claimed_within(&store, 29).await, None);
+    assert_eq!(claimed_within(&store, 30).await, Some(grows), "the first in line that keeps checkpoints");
     assert_eq!(claimed_within(&store, 59).await, None);
-    assert_eq!(claimed_within(&store, 60).await, Some(grows), "the first in line that keeps checkpoints");
-    assert_eq!(claimed_within(&store, 3599).await, Some(unknown));
+    assert_eq!(claimed_within(&store, 60).await, Some(unknown), "a forecast of a minute");
     assert_eq!(claimed_within(&store, 3599).await, None);
     assert_eq!(claimed_within(&store, 3600).await, Some(lost));
     let any = submit_long(&store, "", 1e9, false).await;
