@@ -155,8 +155,8 @@ impl Checkpoints {
         }
     }
 
-    /// The state from which an attempt goes on: the newest that can be read. What cannot is removed. Where there is none,
-    /// one that another server has shared. Blocks the thread.
+    /// The state from which an attempt goes on: the newest that can be read. What cannot is removed. Where there is
+    /// none, one that another server has shared. Blocks the thread.
     pub(crate) fn resume(&self, id: &str, request: &PackingRequest) -> Option<Resume> {
         if !self.of(id).iter().any(|found| found.complete) {
             self.fetch_shared(id);
