@@ -69,7 +69,11 @@ pub(crate) async fn run(
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        let swept = sweep(&store, &artifacts, &checkpoints, rules).await;
+        // A storage that does not answer must not hold up the stop; what is begun ends by itself.
+        let swept = tokio::select! {
+            swept = sweep(&store, &artifacts, &checkpoints, rules) => swept,
+            () = shutdown.cancelled() => return,
+        };
         metrics.swept(swept.is_ok());
         match swept {
             Ok(swept) if swept != Swept::default() => tracing::info!(
@@ -94,7 +98,11 @@ pub(crate) async fn take_back(store: Store, checkpoints: Checkpoints, shutdown: 
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        match take_back_expired(&store, &checkpoints).await {
+        let taken_back = tokio::select! {
+            taken_back = take_back_expired(&store, &checkpoints) => taken_back,
+            () = shutdown.cancelled() => return,
+        };
+        match taken_back {
             Ok(0) => {}
             Ok(jobs) => tracing::warn!(jobs, "leases ran out; the jobs wait for other workers"),
             Err(error) => tracing::error!(%error, "leases that ran out were not taken back"),
