@@ -145,11 +145,12 @@ mod s3 {
     use std::time::Duration;
 
     use reqwest::redirect::Policy;
+    use rustix::process::Signal;
     use serde_json::{Value, json};
 
     use super::*;
     use crate::harness::deadline::patiently;
-    use crate::harness::{Bucket, Client, Fault, Proxy, Reply};
+    use crate::harness::{Bucket, Client, Fault, Proxy, Reply, Running};
 
     /// A server whose results and exports lie in the bucket, under a prefix.
     fn launch(data_dir: &DataDir, endpoint: &str) -> Launch {
@@ -383,6 +384,55 @@ mod s3 {
         proxy.set(Fault::None);
         eventually_lies(&bucket, "the objects of a deleted job to go", |names| names.len() == 3).await;
         client.get(&unread).send().await.expect(200);
+        server.stop().await;
+    }
+
+    #[tokio::test]
+    async fn a_bucket_that_does_not_answer_is_not_waited_for_without_end() {
+        let Some(bucket) = Bucket::start().await else { return };
+        let proxy = Proxy::start(bucket.address()).await;
+        let data_dir = DataDir::new();
+        let server = launch(&data_dir, &proxy.url()).start().await;
+        let client = server.client();
+        let job = client.succeed(&jobs::quick(1)).await;
+        let result = format!("/v1/jobs/{}/result", id_of(&job));
+        proxy.set(Fault::Held);
+        // The patience of the client is longer than that of the server.
+        let refused = client.get(&result).send().await;
+        refused.expect_problem(503, "not-ready");
+        assert!(!refused.header("retry-after").is_empty());
+        // Nor does the server wait for what it has begun when it is to stop.
+        let stuck = client.submit(&jobs::quick(2)).await;
+        proxy.has_failed(2).await;
+        server.stop().await;
+        proxy.set(Fault::None);
+        let server = launch(&data_dir, &proxy.url()).start().await;
+        let stuck = server.client().finished(id_of(&stuck)).await;
+        assert_eq!((&stuck["state"], &stuck["attempt"]), (&json!("succeeded"), &json!(1)), "{stuck:#}");
+        server.client().get(&result).send().await.expect(200);
+        server.stop().await;
+    }
+
+    #[tokio::test]
+    async fn workers_elsewhere_deliver_to_a_server_with_a_bucket() {
+        let Some(bucket) = Bucket::start().await else { return };
+        let proxy = Proxy::start(bucket.address()).await;
+        let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+        let server = launch(&data_dir, &proxy.url()).workers(0).start().await;
+        let client = server.client();
+        let url = format!("http://{}", server.address());
+        let worker = Running::spawn(folder.path(), &["worker", "--server", &url, "--slots", "1"]);
+        // The first tries to deliver fail.
+        proxy.set(Fault::Unavailable);
+        let job = client.submit(&jobs::quick(1)).await;
+        proxy.has_failed(3).await;
+        proxy.set(Fault::None);
+        let job = client.finished(id_of(&job)).await;
+        assert_eq!((&job["state"], &job["attempt"]), (&json!("succeeded"), &json!(1)), "{job:#}");
+        client.result(id_of(&job)).await;
+        assert_eq!(artifacts(&bucket).await.len(), 1);
+        worker.signal(Signal::TERM);
+        assert_eq!(worker.ended().await.code, Some(0));
         server.stop().await;
     }
 

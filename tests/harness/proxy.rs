@@ -16,6 +16,8 @@ pub(crate) enum Fault {
     Unavailable,
     /// Its connection is closed.
     Closed,
+    /// It is held for ever.
+    Held,
     /// Those that write are held for ever, and only their first bytes are read.
     HeldWrites,
 }
@@ -81,10 +83,8 @@ async fn pass(mut stream: TcpStream, fault: Fault, target: &str, failed: &watch:
             let _ = stream.shutdown().await;
             let _ = tokio::io::copy(&mut stream, &mut tokio::io::sink()).await;
         }
-        Fault::HeldWrites if first == *b"PUT " => {
-            fail();
-            std::future::pending::<()>().await;
-        }
+        Fault::Held => hold(failed).await,
+        Fault::HeldWrites if first == *b"PUT " => hold(failed).await,
         _ => {
             let Ok(mut upstream) = TcpStream::connect(target).await else { return };
             if upstream.write_all(&first).await.is_ok() {
@@ -92,4 +92,9 @@ async fn pass(mut stream: TcpStream, fault: Fault, target: &str, failed: &watch:
             }
         }
     }
+}
+
+async fn hold(failed: &watch::Sender<usize>) {
+    failed.send_modify(|count| *count += 1);
+    std::future::pending::<()>().await;
 }

@@ -1,9 +1,9 @@
 //! Blobs as files in a folder: of this service alone, or shared by several over a network file system.
 //!
-//! A staged file lies beside its name. In a folder of this service alone it has one name for each blob and is renamed. In
-//! a shared folder its name is its own, and it is published by a hard link, which one of several processes makes: NFS and
-//! Lustre do this as local file systems do. Used besides are exclusive creation, `fsync` and `rename`; no locks, and the
-//! file server's dates only.
+//! A staged file lies beside its name. In a folder of this service alone it has one name for each blob and is
+//! renamed. In a shared folder its name is its own, and it is published by a hard link, which one of several
+//! processes makes: NFS and Lustre do this as local file systems do. Used besides are exclusive creation, `fsync` and
+//! `rename`; no locks, and the file server's dates only.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Seek as _, SeekFrom};

@@ -1,8 +1,8 @@
 //! Blobs: files with a name that is given once and content that never changes, wherever they lie.
 //!
-//! A blob is staged first, as a file on a disk of this machine, and then published under its name, where it is seen whole
-//! or not at all. [`Files`] keeps blobs in a folder of this service or in one that several share, [`Objects`] in a bucket
-//! of S3 (feature `s3`). All pass the same tests (`conformance`).
+//! A blob is staged first, as a file on a disk of this machine, and then published under its name, where it is seen
+//! whole or not at all. [`Files`] keeps blobs in a folder of this service or in one that several share, [`Objects`]
+//! in a bucket of S3 (feature `s3`). All pass the same tests (`conformance`).
 //!
 //! Every method blocks its thread: call them on one that may.
 

@@ -21,6 +21,7 @@ use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -42,6 +43,8 @@ const FIRST_AFTER: Duration = Duration::from_secs(5);
 const PAUSE_PER_COST: u32 = 10;
 /// Time between two copies of the checkpoints of a run to where other servers find them.
 const SHARE_EVERY: Duration = Duration::from_mins(10);
+/// Time between two looks whether a run is to stop that waits for a checkpoint of another server.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Writes a checkpoint in place of an earlier one of that name. Returns its length in bytes.
 ///
@@ -155,12 +158,24 @@ impl Checkpoints {
         }
     }
 
-    /// The state from which an attempt goes on: the newest that can be read. What cannot is removed. Where there is none,
-    /// one that another server has shared. Blocks the thread.
-    pub(crate) fn resume(&self, id: &str, request: &PackingRequest) -> Option<Resume> {
-        if !self.of(id).iter().any(|found| found.complete) {
-            self.fetch_shared(id);
+    /// Fetches a checkpoint of a job that another server has shared where there is none here, or until the run is to
+    /// stop. Called on a thread of a runtime that may block.
+    pub(crate) fn prepare(&self, id: &str, is_stopped: &dyn Fn() -> bool) {
+        if self.shared.is_none() || self.of(id).iter().any(|found| found.complete) {
+            return;
         }
+        let (done, ended) = std::sync::mpsc::channel::<()>();
+        let (folder, id) = (self.clone(), id.to_owned());
+        tasks::blocking(move || {
+            folder.fetch_shared(&id);
+            drop(done);
+        });
+        // Nothing is ever sent: the channel closes when it is done.
+        while ended.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) && !is_stopped() {}
+    }
+
+    /// The state from which an attempt goes on: the newest that can be read. What cannot is removed.
+    pub(crate) fn resume(&self, id: &str, request: &PackingRequest) -> Option<Resume> {
         let (mut found, partial): (Vec<_>, Vec<_>) =
             self.of(id).into_iter().partition(|found| found.complete);
         // Of an attempt that was killed, and on a full disk the room that this one needs. Where it is being

@@ -69,7 +69,11 @@ pub(crate) async fn run(
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        let swept = sweep(&store, &artifacts, &checkpoints, rules).await;
+        // A storage that does not answer must not hold up the stop; what is begun ends by itself.
+        let swept = tokio::select! {
+            swept = sweep(&store, &artifacts, &checkpoints, rules) => swept,
+            () = shutdown.cancelled() => return,
+        };
         metrics.swept(swept.is_ok());
         metrics.lease(LeaseEvent::Expired, swept.as_ref().map_or(0, |swept| swept.reclaimed) as u64);
         match swept {
@@ -100,7 +104,11 @@ pub(crate) async fn take_back(
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        match take_back_expired(&store, &checkpoints).await {
+        let taken_back = tokio::select! {
+            taken_back = take_back_expired(&store, &checkpoints) => taken_back,
+            () = shutdown.cancelled() => return,
+        };
+        match taken_back {
             Ok(0) => {}
             Ok(jobs) => {
                 metrics.lease(LeaseEvent::Expired, jobs as u64);

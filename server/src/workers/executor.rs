@@ -211,7 +211,9 @@ impl Executor {
             tracing::warn!(%no_room, "the result would not fit; the job waits");
             return Ok(End::Faulted(Cause::NoRoom(bytes)));
         }
-        let resume = self.checkpoints.resume(&work.lease.id.to_string(), &request);
+        let id = work.lease.id.to_string();
+        self.checkpoints.prepare(&id, &|| control.should_stop());
+        let resume = self.checkpoints.resume(&id, &request);
         if resume.is_some() {
             control.resumed();
         }

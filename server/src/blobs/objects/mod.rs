@@ -1,10 +1,10 @@
 //! Blobs as objects in a bucket of S3, by the crate `object_store`.
 //!
-//! A blob is staged in a folder on this machine and uploaded when it is published: up to 16 MiB in one request that fails
-//! where the name exists (`If-None-Match: *`), above in parts of 8 MiB, which are seen together or not at all. The
-//! interface of the crate completes parts whatever is there, so that the name is looked for just before: two processes
-//! that complete one name at the same moment would not notice, and a name belongs to one attempt of one process. Parts
-//! are given up where the process lives; those of one that was killed go by a rule of the bucket.
+//! A blob is staged in a folder on this machine and uploaded when it is published: up to 16 MiB in one request that
+//! fails where the name exists (`If-None-Match: *`), above in parts of 8 MiB, which are seen together or not at all.
+//! The interface of the crate completes parts whatever is there, so that the name is looked for just before: two
+//! processes that complete one name at the same moment would not notice, and a name belongs to one attempt of one
+//! process. Parts are given up where the process lives; those of one that was killed go by a rule of the bucket.
 //!
 //! Requests are tried three times within 20 s. What fails then is a fault of the machine, which passes.
 
