@@ -39,6 +39,7 @@ mod hostile;
 mod idempotency;
 mod listing;
 mod load;
+mod migrate_store;
 mod models;
 mod operations;
 mod packings;

@@ -38,9 +38,7 @@ impl Place {
             return Ok(Self::Directory(text.into()));
         }
         let database = text.parse();
-        database
-            .map(Self::Postgres)
-            .map_err(|error| Exit::BadInput.because(format_args!("the URL of {option} {error}")))
+        database.map(Self::Postgres).map_err(|error| Exit::BadInput.because(format_args!("{option} {error}")))
     }
 
     fn database(&self) -> Database {
