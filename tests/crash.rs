@@ -129,7 +129,7 @@ impl Known {
 
     pub(crate) fn print(&self, kills: usize) {
         println!(
-            "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
+            "{kills} faults: {} jobs, {} of them seen finished before a later one, {} retried when out of attempts",
             self.accepted.len(),
             self.succeeded.len(),
             self.exhausted

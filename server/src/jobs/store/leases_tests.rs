@@ -213,4 +213,12 @@ async fn a_claim_within_a_time_looks_at_the_next_jobs_of_each_owner_only() {
         plan.iter().all(|step| !step.starts_with("SCAN head") && !step.starts_with("SCAN jobs")),
         "{plan:?}"
     );
+    let first = submit_long(&store, "", 100.0, false).await;
+    for _ in 1..250 {
+        submit_long(&store, "", 100.0, false).await;
+    }
+    let short = submit_long(&store, "", 1.0, false).await;
+    assert_eq!(claimed_within(&store, 10).await, None, "it is too far behind");
+    store.cancel(first).await.unwrap();
+    assert_eq!(claimed_within(&store, 10).await, Some(short));
 }

@@ -31,8 +31,9 @@ macro_rules! line_of_owner {
 }
 
 /// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
-/// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 1000 jobs
-/// of the owner for which a worker with `?8` µs left has the time; an owner of whom there is none is passed over.
+/// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 250 jobs
+/// of the owner for which a worker with `?8` µs left has the time; an owner of whom there is none is passed over. The
+/// very first is looked at alone: it fits in most cases, and the others are sorted once more.
 macro_rules! next_in_queue {
     ($database:ident) => {
         next_in_queue!(of $database, line_of_owner!("jobs.seq"))
@@ -40,9 +41,12 @@ macro_rules! next_in_queue {
     ($database:ident within) => {
         next_in_queue!(
             of $database,
-            "select line.seq from (",
+            "select coalesce((select first.seq from (",
+            line_of_owner!("jobs.seq, jobs.least_time_us"),
+            " limit 1) as first where first.least_time_us <= ?8), (select line.seq from (",
             line_of_owner!("jobs.seq, jobs.priority, jobs.turn, jobs.least_time_us"),
-            " limit 1000) as line where line.least_time_us <= ?8 order by line.priority desc, line.turn, line.seq"
+            " limit 250) as line where line.least_time_us <= ?8
+              order by line.priority desc, line.turn, line.seq limit 1)) as seq"
         )
     };
     (of sqlite, $($first_of_owner:tt)+) => {
@@ -61,7 +65,8 @@ macro_rules! next_in_queue {
             "select head.seq from queue_owners cross join lateral (",
             $($first_of_owner)+,
             " limit 1) as head
-             where queue_owners.queued > 0 and queue_owners.owner not in (select value from json_each(?4))
+             where queue_owners.queued > 0 and head.seq is not null
+                 and queue_owners.owner not in (select value from json_each(?4))
              order by greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq
              limit 1"
         )
