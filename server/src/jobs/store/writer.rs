@@ -33,6 +33,8 @@ struct State {
     connection: Connection,
     durability: Durability,
     unusable: bool,
+    /// When a writer last took it.
+    used: Instant,
 }
 
 /// The right to write; dropped, it lets the next writer in.
@@ -45,7 +47,8 @@ pub(super) struct Writing<'a> {
 impl Writer {
     /// Takes over an open connection; `options` open its successors.
     pub(super) fn new(connection: Connection, options: Options) -> Self {
-        let state = State { connection, durability: Durability::PowerCut, unusable: false };
+        let durability = Durability::PowerCut;
+        let state = State { connection, durability, unusable: false, used: Instant::now() };
         Self {
             options,
             clock: Clock::default(),
@@ -66,13 +69,15 @@ impl Writer {
     /// The database's, where the connection is unusable and no other one can be opened.
     pub(super) async fn lock(&self, durability: Durability) -> Result<Writing<'_>, StoreError> {
         let mut state = self.state.lock().await;
-        if state.unusable || !state.connection.is_idle().await {
+        let used = state.used;
+        if state.unusable || !state.connection.is_idle(used).await {
             self.replace(&mut state).await?;
         }
         if state.durability != durability {
             state.connection.set_durability(durability).await?;
             state.durability = durability;
         }
+        state.used = Instant::now();
         Ok(Writing { clock: &self.clock, state })
     }
 
@@ -82,7 +87,12 @@ impl Writer {
         match opened {
             Ok(connection) => {
                 // The old one closes when its thread sees that it was dropped.
-                *state = State { connection, durability: Durability::PowerCut, unusable: false };
+                *state = State {
+                    connection,
+                    durability: Durability::PowerCut,
+                    unusable: false,
+                    used: Instant::now(),
+                };
                 *lost_since = None;
                 self.replaced.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(
@@ -129,8 +139,8 @@ impl Writing<'_> {
     /// # Errors
     /// The database's. Unless another program holds the lock, the connection is replaced before the next write.
     pub(super) async fn begin(&mut self) -> Result<Transaction<'_>, sqlx::Error> {
-        let State { connection, unusable, .. } = &mut *self.state;
-        match connection.begin_write(self.clock).await {
+        let State { connection, unusable, durability, .. } = &mut *self.state;
+        match connection.begin_write(*durability, self.clock).await {
             Ok(transaction) => Ok(transaction),
             Err(error) => {
                 *unusable = fault_of(&error) != Some(Fault::Locked);
@@ -143,6 +153,7 @@ impl Writing<'_> {
 /// A single statement is a transaction of its own.
 impl<'s> Source<'s> for &'s mut Writing<'_> {
     fn via(self) -> Via<'s> {
-        self.state.connection.via_write(self.clock)
+        let durability = self.state.durability;
+        self.state.connection.via_write(durability, self.clock)
     }
 }

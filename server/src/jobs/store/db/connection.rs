@@ -1,6 +1,6 @@
 //! The connection that writes, and those that read.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 use sqlx::{Connection as _, SqliteConnection, SqlitePool};
@@ -13,6 +13,10 @@ const READERS: u32 = 4;
 /// How long a reader waits for a connection, and a writer for a lock that another program holds on the file (a backup,
 /// `sqlite3` in a terminal).
 pub(in super::super) const WAIT: Duration = Duration::from_secs(10);
+
+/// A connection that nobody has used for so long is asked whether it is still there.
+#[cfg(feature = "postgres")]
+const ASK_AFTER: Duration = Duration::from_millis(500);
 
 /// What a commit survives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +62,7 @@ pub(in super::super) enum Via<'c> {
     PostgresReaders(&'c sqlx::PgPool),
     /// A write outside a transaction, which gets one of its own.
     #[cfg(feature = "postgres")]
-    PostgresWriter(&'c mut sqlx::PgConnection, &'c Clock),
+    PostgresWriter(&'c mut sqlx::PgConnection, Durability, &'c Clock),
 }
 
 impl Options {
@@ -104,15 +108,20 @@ impl Options {
 
 impl Connection {
     /// Whether it answers and is in no transaction. A transaction that was dropped is rolled back before it answers.
-    pub(in super::super) async fn is_idle(&mut self) -> bool {
+    /// A connection over a network that was `used` a moment ago is not asked.
+    #[cfg_attr(not(feature = "postgres"), expect(unused_variables, reason = "a file always answers at once"))]
+    pub(in super::super) async fn is_idle(&mut self, used: Instant) -> bool {
         match self {
             Self::Sqlite(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
             #[cfg(feature = "postgres")]
-            Self::Postgres(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
+            Self::Postgres(connection) => {
+                (used.elapsed() < ASK_AFTER && !connection.is_in_transaction())
+                    || (connection.ping().await.is_ok() && !connection.is_in_transaction())
+            }
         }
     }
 
-    /// Decides what the commits that follow survive.
+    /// Makes the next commit survive this much, where that is not said with its begin.
     ///
     /// # Errors
     /// The database's.
@@ -129,13 +138,7 @@ impl Connection {
                 sqlx::query(pragma).execute(connection).await?;
             }
             #[cfg(feature = "postgres")]
-            Self::Postgres(connection) => {
-                let setting = match durability {
-                    Durability::PowerCut => "set synchronous_commit = on",
-                    Durability::ProcessEnd => "set synchronous_commit = off",
-                };
-                sqlx::query(setting).execute(connection).await?;
-            }
+            Self::Postgres(_) => {}
         }
         Ok(())
     }
@@ -147,10 +150,14 @@ impl Connection {
     /// The database's.
     #[cfg_attr(
         not(feature = "postgres"),
-        expect(unused_variables, reason = "SQLite has the clock of the process")
+        expect(
+            unused_variables,
+            reason = "SQLite is told of durability before, and has the clock of the process"
+        )
     )]
     pub(in super::super) async fn begin_write(
         &mut self,
+        durability: Durability,
         clock: &Clock,
     ) -> Result<Transaction<'_>, sqlx::Error> {
         match self {
@@ -159,7 +166,7 @@ impl Connection {
             }
             #[cfg(feature = "postgres")]
             Self::Postgres(connection) => {
-                super::postgres::begin_write(connection, clock).await.map(Transaction::Postgres)
+                super::postgres::begin_write(connection, durability, clock).await.map(Transaction::Postgres)
             }
         }
     }
@@ -167,13 +174,16 @@ impl Connection {
     /// The way of a single write.
     #[cfg_attr(
         not(feature = "postgres"),
-        expect(unused_variables, reason = "SQLite has the clock of the process")
+        expect(
+            unused_variables,
+            reason = "SQLite is told of durability before, and has the clock of the process"
+        )
     )]
-    pub(in super::super) fn via_write<'c>(&'c mut self, clock: &'c Clock) -> Via<'c> {
+    pub(in super::super) fn via_write<'c>(&'c mut self, durability: Durability, clock: &'c Clock) -> Via<'c> {
         match self {
             Self::Sqlite(connection) => Via::Sqlite(connection),
             #[cfg(feature = "postgres")]
-            Self::Postgres(connection) => Via::PostgresWriter(connection, clock),
+            Self::Postgres(connection) => Via::PostgresWriter(connection, durability, clock),
         }
     }
 

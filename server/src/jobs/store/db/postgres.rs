@@ -10,12 +10,14 @@ use std::time::Duration;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use sqlx::{Connection as _, PgConnection, PgPool, Postgres, Row as _, Transaction};
 
-use super::connection::WAIT;
+use super::connection::{Durability, WAIT};
 use crate::jobs::store::clock::Clock;
 
-/// Begins a write. The lock is the word "packston" in ASCII; it is released with the transaction. The second statement
-/// runs when the lock is held: its time is not that of the wait.
-const BEGIN_WRITE: &str = "begin; select pg_advisory_xact_lock(8097862918138523502)";
+/// Begins a write, in one message. The lock is the word "packston" in ASCII; it is released with the transaction.
+const BEGIN: &str = "begin; select pg_advisory_xact_lock(8097862918138523502)";
+/// The same for a commit that may be lost with the machine.
+const BEGIN_QUICK: &str =
+    "begin; set local synchronous_commit = off; select pg_advisory_xact_lock(8097862918138523502)";
 
 /// The database's clock, in microseconds since the Unix epoch.
 const CLOCK: &str = "select (extract(epoch from clock_timestamp()) * 1e6)::bigint";
@@ -45,17 +47,24 @@ pub(super) async fn readers(options: &PgConnectOptions, most: u32) -> Result<PgP
         .await
 }
 
-/// Waits for the writers before, those of other servers among them, and begins a transaction.
+/// Waits for the writers before, those of other servers among them, and begins a transaction. Looks at the database's
+/// clock where the last look is some time ago.
 ///
 /// # Errors
 /// The database's.
 pub(super) async fn begin_write<'c>(
     connection: &'c mut PgConnection,
+    durability: Durability,
     clock: &Clock,
 ) -> Result<Transaction<'c, Postgres>, sqlx::Error> {
-    let mut tx = connection.begin_with(BEGIN_WRITE).await?;
-    let now: i64 = sqlx::query(CLOCK).fetch_one(&mut *tx).await?.try_get(0)?;
-    clock.set(now);
+    let begin = match durability {
+        Durability::PowerCut => BEGIN,
+        Durability::ProcessEnd => BEGIN_QUICK,
+    };
+    let mut tx = connection.begin_with(begin).await?;
+    if clock.is_stale() {
+        clock.set(sqlx::query(CLOCK).fetch_one(&mut *tx).await?.try_get(0)?);
+    }
     Ok(tx)
 }
 

@@ -194,8 +194,8 @@ impl Query {
             #[cfg(feature = "postgres")]
             Via::PostgresReaders(pool) => self.for_postgres().execute(pool).await?.rows_affected(),
             #[cfg(feature = "postgres")]
-            Via::PostgresWriter(connection, clock) => {
-                let mut tx = super::postgres::begin_write(connection, clock).await?;
+            Via::PostgresWriter(connection, durability, clock) => {
+                let mut tx = super::postgres::begin_write(connection, durability, clock).await?;
                 let done = self.for_postgres().execute(&mut *tx).await?;
                 tx.commit().await?;
                 done.rows_affected()
@@ -216,8 +216,8 @@ impl Query {
             #[cfg(feature = "postgres")]
             Via::PostgresReaders(pool) => self.for_postgres().fetch_all(pool).await.map(of_postgres),
             #[cfg(feature = "postgres")]
-            Via::PostgresWriter(connection, clock) => {
-                let mut tx = super::postgres::begin_write(connection, clock).await?;
+            Via::PostgresWriter(connection, durability, clock) => {
+                let mut tx = super::postgres::begin_write(connection, durability, clock).await?;
                 let rows = self.for_postgres().fetch_all(&mut *tx).await?;
                 tx.commit().await?;
                 Ok(of_postgres(rows))

@@ -21,7 +21,7 @@ mod side;
 mod tests;
 
 use super::clock::Clock;
-use super::db::Transaction;
+use super::db::{Durability, Transaction};
 use super::{Database, StoreError};
 use crate::hex;
 use digest::TableDigest;
@@ -156,10 +156,10 @@ impl Transfer {
         }
         let clock = Clock::default();
         // Held, never used: nobody else writes to the source.
-        let held = source.begin_write(&clock).await?;
+        let held = source.begin_write(Durability::PowerCut, &clock).await?;
         let readers = options.readers().await?;
         let mut from = readers.begin().await?;
-        let mut to = destination.begin_write(&clock).await?;
+        let mut to = destination.begin_write(Durability::PowerCut, &clock).await?;
         let moved = self.copy(&mut from, &mut to, &mut progress).await?;
         to.commit().await?;
         from.rollback().await?;
