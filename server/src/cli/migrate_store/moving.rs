@@ -152,6 +152,7 @@ fn what_next(from: &Place, to: &Place) -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
