@@ -10,12 +10,11 @@ use std::time::Duration;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
-use rustix::process::Signal;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use crate::harness::deadline::eventually;
-use crate::harness::{Client, DataDir, Launch, Running, id_of, jobs, packstone};
+use crate::harness::{Client, DataDir, Launch, Reply, id_of, jobs};
 
 #[tokio::test]
 async fn fifteen_power_cuts_lose_nothing() {
@@ -28,31 +27,22 @@ async fn a_thousand_power_cuts_lose_nothing() {
     survive(1000, 2).await;
 }
 
-#[tokio::test]
-async fn kills_of_workers_and_server_lose_nothing() {
-    survive_elsewhere(15, 3).await;
-}
-
-#[tokio::test]
-#[ignore = "long: cargo test --release -p packstone-server --test e2e five_hundred -- --ignored"]
-async fn five_hundred_kills_of_workers_and_server_lose_nothing() {
-    survive_elsewhere(500, 4).await;
-}
-
 /// As many as a job may ask for: one that takes long meets several cuts.
 const ATTEMPTS: u64 = 10;
 
 /// What the client knows.
 #[derive(Default)]
-struct Known {
+pub(crate) struct Known {
     /// Idempotency keys with their bodies; a key may or may not have made a job so far.
     orders: Vec<(String, Value)>,
     /// Jobs that were answered with 201 or 200, by key.
-    accepted: HashMap<String, String>,
+    pub(crate) accepted: HashMap<String, String>,
     /// Jobs that were seen succeeded, by id.
     succeeded: HashMap<String, Value>,
     /// How often a job was found out of attempts, and retried.
     exhausted: usize,
+    /// A server lives on while its database is gone, and says so: to the client that is a cut too.
+    pub(crate) loses_database: bool,
 }
 
 /// Checkpoints at every opportunity, so that the cuts meet them being written.
@@ -83,59 +73,9 @@ async fn survive(kills: usize, seed: u64) {
     known.print(kills);
 }
 
-/// The same with the server and two workers in other processes, each of which may be killed at any moment.
-async fn survive_elsewhere(kills: usize, seed: u64) {
-    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
-    let launch = || Launch::new(&data_dir).workers(0).env("PACKSTONE_LEASE_S", "2");
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut known = Known::default();
-    let mut server = launch().start().await;
-    let address = server.address().to_string();
-    let url = format!("http://{address}");
-    let worker = |name: &str| {
-        let often = ["--checkpoint-every-s", "0", "--send-checkpoints-every-s", "0.1"];
-        let args = ["worker", "--server", &url, "--slots", "2", "--name", name, "--scratch", name];
-        Running::spawn(folder.path(), &[&args[..], &often].concat())
-    };
-    let names = ["one", "two"];
-    let mut workers = names.map(worker).map(Some);
-    for _ in 0..kills {
-        let moment = Duration::from_micros(random.next_u64() % 600_000);
-        let client = server.client();
-        tokio::select! {
-            () = order_and_watch(&client, &mut known, &mut random) => unreachable!("a client goes on for ever"),
-            () = tokio::time::sleep(moment) => {}
-        }
-        match random.next_u64() % 3 {
-            2 => {
-                server.kill().await;
-                server = launch().listen(&address).start().await;
-            }
-            i => {
-                let killed = workers[i as usize].take().expect("a worker");
-                killed.signal(Signal::KILL);
-                killed.ended().await;
-                workers[i as usize] = Some(worker(names[i as usize]));
-            }
-        }
-    }
-    account(&server.client(), &data_dir, &mut known).await;
-    for worker in workers.into_iter().flatten() {
-        worker.signal(Signal::TERM);
-        let ended = worker.ended().await;
-        assert_eq!(ended.code, Some(0), "{ended:?}");
-    }
-    server.stop().await;
-    let path = data_dir.path().display().to_string();
-    let checked = packstone(folder.path(), &["check", &path]).await;
-    assert_eq!(checked.code, Some(0), "{checked:?}");
-    swept(&data_dir, &known).await;
-    known.print(kills);
-}
-
 /// Calls each job to account: every order has made one job, which ends with a result that is stored as it was, and the
 /// same as that of every other job of the same request.
-async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
+pub(crate) async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
     for (key, body) in known.orders.clone() {
         let reply = client.post("/v1/jobs").header("idempotency-key", &key).json(&body).send().await;
         let id = id_of(&reply.json()).to_owned();
@@ -174,7 +114,7 @@ async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
 }
 
 /// The sweep at the next start leaves one file for each job, and no half-written one.
-async fn swept(data_dir: &DataDir, known: &Known) {
+pub(crate) async fn swept(data_dir: &DataDir, known: &Known) {
     let server = Launch::new(data_dir).start().await;
     eventually("orphans to be swept", || data_dir.artifacts().len() == known.accepted.len()).await;
     eventually("checkpoints to go with their jobs", || data_dir.checkpoints().is_empty()).await;
@@ -182,9 +122,14 @@ async fn swept(data_dir: &DataDir, known: &Known) {
 }
 
 impl Known {
-    fn print(&self, kills: usize) {
+    /// Whether an answer says that the database is gone for the moment, where that may be.
+    fn is_without_database(&self, reply: &Reply) -> bool {
+        self.loses_database && reply.status == 503
+    }
+
+    pub(crate) fn print(&self, kills: usize) {
         println!(
-            "{kills} kills: {} jobs, {} of them seen finished before a later kill, {} retried when out of attempts",
+            "{kills} faults: {} jobs, {} of them seen finished before a later one, {} retried when out of attempts",
             self.accepted.len(),
             self.succeeded.len(),
             self.exhausted
@@ -196,7 +141,7 @@ impl Known {
 const MOST_OPEN: usize = 12;
 
 /// Orders jobs, some of them again, and looks at what has become of others, until it is dropped.
-async fn order_and_watch(client: &Client, known: &mut Known, random: &mut Xoshiro256PlusPlus) {
+pub(crate) async fn order_and_watch(client: &Client, known: &mut Known, random: &mut Xoshiro256PlusPlus) {
     loop {
         let open: Vec<String> =
             known.accepted.values().filter(|id| !known.succeeded.contains_key(*id)).cloned().collect();
@@ -224,13 +169,18 @@ fn check_exhausted(job: &Value) {
 async fn watch(client: &Client, known: &mut Known, id: &str) {
     let request = client.get(&format!("/v1/jobs/{id}"));
     if let Ok(reply) = request.try_send().await {
+        if known.is_without_database(&reply) {
+            return;
+        }
         let job = reply.expect(200).json();
         if job["state"] == "failed" {
             check_exhausted(&job);
             known.exhausted += 1;
             // It may be cut off as any request; then the job is found failed again.
             let retry = client.post(&format!("/v1/jobs/{id}/retry"));
-            if let Ok(reply) = retry.try_send().await {
+            if let Ok(reply) = retry.try_send().await
+                && !known.is_without_database(&reply)
+            {
                 reply.expect(200);
             }
         }
@@ -244,6 +194,9 @@ async fn order(client: &Client, known: &mut Known, key: &str, body: &Value) {
     let request = client.post("/v1/jobs").header("idempotency-key", key).json(body);
     // An error is the cut; then the client does not know whether its job was taken.
     if let Ok(reply) = request.try_send().await {
+        if known.is_without_database(&reply) {
+            return;
+        }
         assert!(reply.status == 201 || reply.status == 200, "{}", reply.status);
         let id = id_of(&reply.json()).to_owned();
         let before = known.accepted.insert(key.to_owned(), id.clone());

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Launch, Server, id_of, jobs};
+use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs};
 
 #[tokio::test]
 async fn health_and_readiness_are_answered() {
@@ -60,6 +60,9 @@ async fn expect_work(client: &Client, queued_s: f64, running_s: f64) {
 
 #[tokio::test]
 async fn the_work_that_waits_and_runs_is_that_of_the_plans() {
+    if holds_every_store() {
+        return;
+    }
     let data_dir = DataDir::new();
     let server = Launch::new(&data_dir).workers(1).start().await;
     let client = server.client();

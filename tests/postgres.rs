@@ -1,7 +1,6 @@
 //! The store in PostgreSQL: what several servers on one database do, and what a crash of the database does. The rest of
 //! the suite runs on it where `PACKSTONE_TEST_POSTGRES` names one.
 
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 use serde_json::Value;
@@ -12,8 +11,18 @@ use crate::harness::{Client, DataDir, Launch, Postgres, Server, id_of, jobs};
 /// The service answers so long after its database does.
 const BACK_WITHIN: Duration = Duration::from_secs(10);
 
+/// A server on the database `lab` that takes jobs of a server that died after 3 s.
+fn launch(postgres: &Postgres, data_dir: &DataDir) -> Launch {
+    Launch::new(data_dir).args(&["--store", &postgres.database("lab"), "--lease-s", "3"])
+}
+
 async fn start(postgres: &Postgres, data_dir: &DataDir) -> Server {
-    Launch::new(data_dir).args(&["--store", &postgres.database("lab"), "--lease-s", "3"]).start().await
+    launch(postgres, data_dir).start().await
+}
+
+/// How many jobs the store counts in each state, as lines.
+fn counts(postgres: &Postgres) -> String {
+    postgres.ask("lab", "select state, jobs from job_counts where jobs > 0 order by state")
 }
 
 /// Submits again and again until the job is accepted, and each refusal says that it is for a while.
@@ -55,52 +64,54 @@ async fn a_crash_of_the_database_is_survived_without_a_restart() {
     assert_eq!(client.finished(id_of(&after)).await["state"], "succeeded");
     client.get("/readyz").send().await.expect(200);
     server.stop().await;
-    let counts = postgres.ask("lab", "select state, jobs from job_counts where jobs > 0 order by state");
-    assert_eq!(counts, "cancelled|1\nsucceeded|2");
+    assert_eq!(counts(&postgres), "cancelled|1\nsucceeded|2");
 }
 
 #[tokio::test]
-async fn several_servers_share_one_queue() {
+async fn several_servers_share_one_queue_and_one_folder_of_results() {
     let Some(postgres) = Postgres::start() else { return };
     let data_dirs = [DataDir::new(), DataDir::new()];
+    let shared = tempfile::tempdir().unwrap();
+    let start = async |data_dir| {
+        launch(&postgres, data_dir).args(&["--blobs", shared.path().to_str().unwrap()]).start().await
+    };
     // Both migrate the empty database.
-    let (one, two) = tokio::join!(start(&postgres, &data_dirs[0]), start(&postgres, &data_dirs[1]));
+    let (one, two) = tokio::join!(start(&data_dirs[0]), start(&data_dirs[1]));
     let (here, there) = (one.client(), two.client());
-    let mut ids = BTreeSet::new();
+    let mut ids = Vec::new();
     for seed in 0..20 {
-        ids.insert(id_of(&here.submit(&jobs::quick(seed)).await).to_owned());
+        ids.push(id_of(&here.submit(&jobs::quick(seed)).await).to_owned());
     }
-    // A client of one server sees what workers of the other do, without delay.
+    // A client of one server sees what workers of the other do, and gets what they made.
     for id in &ids {
         assert_eq!(there.finished(id).await["attempt"], 1);
+        let path = format!("/v1/jobs/{id}/result?format=csv");
+        let [mine, theirs] = [&here, &there].map(|client| client.get(&path).send());
+        let (mine, theirs) = tokio::join!(mine, theirs);
+        assert!(mine.expect(200).body == theirs.expect(200).body && !mine.body.is_empty());
     }
-    let placed = |dir: &DataDir| dir.artifacts().len();
-    assert_eq!(placed(&data_dirs[0]) + placed(&data_dirs[1]), 20, "each job was run once");
-    assert!(data_dirs.iter().all(|dir| placed(dir) > 0), "both servers have worked");
-    // A server that dies loses its job to the other one.
-    let long = here.submit(&jobs::endless()).await;
-    here.running(id_of(&long)).await;
-    let second = here.submit(&jobs::endless()).await;
-    here.running(id_of(&second)).await;
+    let export = format!("/v1/jobs/{}/exports/slice?axis=z&at_mm=20&format=json", ids[0]);
+    let sliced = here.get(&export).send().await;
+    assert_eq!(sliced.expect(200).body, there.get(&export).send().await.expect(200).body);
+
+    // Two jobs that fill both servers: one of them dies and loses its job to the other.
+    let mut running = Vec::new();
+    for _ in 0..2 {
+        let job = here.submit(&jobs::endless()).await;
+        running.push(id_of(&here.running(id_of(&job)).await).to_owned());
+    }
     one.kill().await;
-    let taken = there.job_when(id_of(&long), "taken back", |job| {
-        job["state"] == "queued" || job["attempt"].as_i64() > Some(1)
-    });
-    let taken_second = there.job_when(id_of(&second), "taken back", |job| {
-        job["state"] == "queued" || job["attempt"].as_i64() > Some(1)
-    });
-    // One of the two ran on the server that is gone.
+    let is_taken = |job: &Value| job["state"] == "queued" || job["attempt"].as_i64() > Some(1);
     tokio::select! {
-        _ = taken => {}
-        _ = taken_second => {}
+        _ = there.job_when(&running[0], "taken back", is_taken) => {}
+        _ = there.job_when(&running[1], "taken back", is_taken) => {}
     }
-    for job in [&long, &second] {
-        there.post(&format!("/v1/jobs/{}/cancel", id_of(job))).send().await;
-        there.finished(id_of(job)).await;
+    for id in &running {
+        there.post(&format!("/v1/jobs/{id}/cancel")).send().await;
+        assert_eq!(there.finished(id).await["state"], "cancelled");
     }
     two.stop().await;
-    let counts = postgres.ask("lab", "select state, jobs from job_counts where jobs > 0 order by state");
-    assert_eq!(counts, "cancelled|2\nsucceeded|20");
+    assert_eq!(counts(&postgres), "cancelled|2\nsucceeded|20");
 }
 
 #[tokio::test]

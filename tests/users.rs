@@ -46,13 +46,14 @@ impl Keys {
     }
 }
 
-/// An administrator, two keys of a laboratory, and another user.
+/// An administrator, two keys of a laboratory, another user, and a key for the metrics.
 async fn laboratory() -> Keys {
     Keys::make(&[
         (&["root"], ""),
         (&["anna", "--role", "submit", "--owner", "lab"], ""),
         (&["bert", "--role", "read", "--owner", "lab"], ""),
         (&["carl", "--role", "submit"], ""),
+        (&["gauge", "--role", "metrics"], ""),
     ])
     .await
 }
@@ -76,12 +77,13 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
     let keys = laboratory().await;
     let data_dir = DataDir::new();
     let server = keys.launch(&data_dir).start().await;
-    let [root, anna, bert, carl] = ["root", "anna", "bert", "carl"].map(|name| keys.client(&server, name));
+    let [root, anna, bert, carl, gauge] =
+        ["root", "anna", "bert", "carl", "gauge"].map(|name| keys.client(&server, name));
     let job = anna.succeed(&jobs::quick(1)).await;
     let study = anna.submit_study(&json!({"list": [jobs::quick(2)]})).await;
     let study = anna.study_finished(id_of(&study)).await;
     let before = anna.job(id_of(&job)).await;
-    let (mut named, mut changing, mut service) = (0, 0, 0);
+    let (mut named, mut changing, mut service, mut asked) = (0, 0, 0, 0);
     for (name, _) in operations() {
         let (method, template) = name.split_once(' ').unwrap();
         let of_study = template.starts_with("/v1/studies");
@@ -92,7 +94,7 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
         if template.starts_with("/v1/leases") {
             // For workers alone, whoever the owner of the job is.
             let target = template.replace("{job}", id_of(&job)).replace("{attempt}", "1");
-            for client in [&anna, &bert, &carl] {
+            for client in [&anna, &bert, &carl, &gauge] {
                 let problem = send(client, method, &target).send().await.expect_problem(403, "forbidden");
                 assert!(detail(&problem).contains("`worker`"), "{problem}");
             }
@@ -135,12 +137,24 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
         }
         if template == "/metrics" {
             let problem = send(&carl, method, template).send().await.expect_problem(403, "forbidden");
-            assert!(detail(&problem).contains("`admin`"), "{problem}");
+            assert!(detail(&problem).contains("`metrics`"), "{problem}");
             send(&root, method, template).send().await.expect(200);
+            send(&gauge, method, template).send().await.expect(200);
             service += 1;
+        } else if template.contains("{id}")
+            || changes
+            || ["/v1/jobs", "/v1/studies", "/v1/plans"].contains(&template)
+        {
+            let own = if of_study { id_of(&study) } else { id_of(&job) };
+            let problem = send(&gauge, method, &with(own)).send().await.expect_problem(403, "forbidden");
+            assert!(detail(&problem).contains("`metrics`"), "{problem}");
+        } else {
+            // What every key may ask.
+            assert_ne!(send(&gauge, method, &with("none")).send().await.status, 403, "{name}");
+            asked += 1;
         }
     }
-    assert!(named > 20 && changing > 8 && service == 7, "{named} {changing} {service}");
+    assert!(named > 20 && changing > 8 && service == 7 && asked > 3, "{named} {changing} {service} {asked}");
     let after = anna.job(id_of(&job)).await;
     assert_eq!(
         (after["state"].clone(), after["labels"].clone()),

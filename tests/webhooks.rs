@@ -19,7 +19,9 @@ use sha2::Sha256;
 use tokio::sync::{Semaphore, mpsc};
 
 use crate::harness::deadline::patiently;
-use crate::harness::{Client, Contract, DataDir, Launch, Running, Server, id_of, jobs, packstone, run};
+use crate::harness::{
+    Client, Contract, DataDir, Launch, Reply, Running, Server, id_of, jobs, packstone, run,
+};
 
 /// A request that a receiver got.
 #[derive(Debug)]
@@ -285,6 +287,101 @@ async fn a_study_is_one_message_and_its_jobs_none() {
         client.post("/v1/studies").json(&in_a_job).send().await.expect_problem(422, "validation-error");
     assert_eq!(problem["errors"][0]["pointer"], "/list/0/webhook_url", "{problem:#}");
     server.stop().await;
+}
+
+/// Changes the URL of a job's or a study's webhook.
+async fn patch_url(client: &Client, path: &str, url: &Value) -> Reply {
+    let patch = client.request(Method::PATCH, path).json(&json!({"webhook_url": url}));
+    patch.header("content-type", "application/merge-patch+json").send().await
+}
+
+#[tokio::test]
+async fn the_url_of_a_webhook_is_changed_and_removed() {
+    let (secret, data_dir) = (Secret::make().await, DataDir::new());
+    let server = secret.launch(&data_dir).workers(1).start().await;
+    let (client, mut receiver) = (server.client(), Receiver::start("127.0.0.1").await);
+    let busy = client.submit(&jobs::endless()).await;
+    client.running(id_of(&busy)).await;
+
+    // While the jobs wait: set, changed, set and removed.
+    let none = client.submit(&jobs::quick(1)).await;
+    let first = client.submit(&with_url(jobs::quick(2), &receiver.url("/old"))).await;
+    let removed = client.submit(&with_url(jobs::quick(3), &receiver.url("/removed"))).await;
+    let path = |job: &Value| format!("/v1/jobs/{}", id_of(job));
+    let set = patch_url(&client, &path(&none), &receiver.url("/set?token=geheim")).await.expect(200).json();
+    assert_eq!(set["webhook"]["url"], receiver.url("/set?token=geheim"));
+    assert_eq!(set["webhook"]["state"], "waiting");
+    let changed = patch_url(&client, &path(&first), &receiver.url("/new")).await.expect(200).json();
+    assert_eq!(changed["webhook"]["url"], receiver.url("/new"));
+    let gone = patch_url(&client, &path(&removed), &Value::Null).await.expect(200).json();
+    assert_eq!(gone.get("webhook"), None);
+    patch_url(&client, &path(&removed), &Value::Null).await.expect(200);
+
+    // The rules of a submission.
+    for (url, says) in
+        [("http://127.0.0.9/", "loopback"), ("ftp://example.org/", "scheme"), ("", "characters")]
+    {
+        let problem =
+            patch_url(&client, &path(&first), &json!(url)).await.expect_problem(422, "validation-error");
+        assert_eq!(problem["errors"][0]["pointer"], "/webhook_url", "{problem:#}");
+        assert!(problem["detail"].as_str().unwrap().contains(says), "{problem:#}");
+    }
+    assert_eq!(client.job(id_of(&first)).await["webhook"]["url"], receiver.url("/new"));
+
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&busy))).send().await.expect(202);
+    let mut targets = vec![receiver.next().await.target, receiver.next().await.target];
+    targets.sort();
+    assert_eq!(targets, ["/new", "/set?token=geheim"]);
+    client.finished(id_of(&removed)).await;
+
+    // A message that is recorded goes where it was to go; the next one goes to the new URL.
+    receiver.answer(&[500]);
+    let failing = client.submit(&with_url(jobs::unreachable(), &receiver.url("/before"))).await;
+    let id = id_of(&failing).to_owned();
+    assert_eq!(receiver.next().await.target, "/before");
+    patch_url(&client, &path(&failing), &receiver.url("/after")).await.expect(200);
+    assert_eq!(receiver.next().await.target, "/before");
+    client.post(&format!("/v1/jobs/{id}/retry")).send().await.expect(200);
+    assert_eq!(receiver.next().await.target, "/after");
+    webhook_of(&client, &id, "delivered").await;
+    let gone = patch_url(&client, &path(&failing), &Value::Null).await.expect(200).json();
+    assert_eq!(gone.get("webhook"), None);
+
+    // A study has one, its jobs have none.
+    let busy = client.submit(&jobs::endless()).await;
+    client.running(id_of(&busy)).await;
+    let study = client.submit_study(&json!({"list": [jobs::quick(1)]})).await;
+    let study_path = format!("/v1/studies/{}", id_of(&study));
+    let job = client.jobs_of(id_of(&study)).await.remove(0);
+    let problem = patch_url(&client, &path(&job), &receiver.url("/job")).await;
+    let problem = problem.expect_problem(422, "validation-error");
+    assert!(
+        problem["detail"].as_str().unwrap().contains("the jobs of a study send no messages"),
+        "{problem:#}"
+    );
+    let problem = patch_url(&client, &study_path, &json!("http://10.0.0.1/")).await;
+    problem.expect_problem(422, "validation-error");
+    let set = patch_url(&client, &study_path, &receiver.url("/study")).await.expect(200).json();
+    assert_eq!((&set["webhook"]["url"], &set["shared"]), (&receiver.url("/study"), &json!(false)));
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&busy))).send().await.expect(202);
+    let message = receiver.next().await;
+    assert_eq!((message.target.as_str(), &message.json()["type"]), ("/study", &json!("study.finished")));
+    client.study_when(id_of(&study), "told", |study| study["webhook"]["state"] == "delivered").await;
+    let gone = patch_url(&client, &study_path, &Value::Null).await.expect(200).json();
+    assert_eq!(gone.get("webhook"), None);
+    receiver.nothing_more();
+    server.terminate();
+    let log = server.log_at_end().await;
+    assert!(!log.contains("geheim"), "{log}");
+
+    // Without a secret there is none to set, and one to remove.
+    let plain = Launch::new(&data_dir).start().await;
+    let client = plain.client();
+    let problem = patch_url(&client, &path(&first), &receiver.url("/x")).await;
+    problem.expect_problem(422, "validation-error");
+    let gone = patch_url(&client, &path(&first), &Value::Null).await.expect(200).json();
+    assert_eq!(gone.get("webhook"), None);
+    plain.stop().await;
 }
 
 #[tokio::test]

@@ -8,7 +8,7 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
-use crate::harness::deadline::eventually;
+use crate::harness::deadline::{eventually, patiently};
 use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, jobs, packstone};
 
 /// A server that packs nothing itself, whose leases are short.
@@ -28,7 +28,7 @@ fn worker(folder: &Path, server: &Server, name: &str, more: &[&str]) -> Running 
 }
 
 /// The packing of a job without a service, as the bytes of `npy`.
-async fn packed_alone(folder: &Path, job: &Value) -> Vec<u8> {
+pub(crate) async fn packed_alone(folder: &Path, job: &Value) -> Vec<u8> {
     std::fs::write(folder.join("job.json"), job.to_string()).unwrap();
     let ended = packstone(folder, &["run", "job.json", "--out", "alone", "--format", "npy", "--force"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
@@ -178,6 +178,84 @@ async fn a_cancelled_job_stops_at_once_and_its_worker_takes_the_next() {
     server.stop().await;
 }
 
+/// The forecast of a job.
+async fn forecast_s(client: &Client, job: &Value) -> f64 {
+    let plan = client.post("/v1/plans").json(job).send().await.expect(200).json();
+    plan["estimated_time_s"].as_f64().unwrap()
+}
+
+#[tokio::test]
+async fn a_worker_whose_time_is_limited_gets_what_it_can_end_or_hand_on() {
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let server = server(&data_dir).await;
+    let client = server.client();
+    let lost = jobs::with(jobs::endless(), "/specimen/size_mm", json!([130, 130, 130]));
+    let (fits, long) = (jobs::quick(1), jobs::endless_growth());
+    // More than what the workers below have left, a minute for their stop taken off.
+    assert!(forecast_s(&client, &lost).await > 80.0 && forecast_s(&client, &long).await > 80.0);
+    let lost = client.submit(&jobs::with(lost, "/priority", json!(100))).await;
+    let fits = client.submit(&fits).await;
+    let limited =
+        |name, until| worker(folder.path(), &server, name, &["--until", until, "--idle-exit-s", "0.5"]);
+    let short = limited("short", "80s").ended().await;
+    assert_eq!(short.code, Some(0), "{short:?}");
+    let asked = server.log().matches("path=\"/v1/leases\"").count();
+    assert!((2..10).contains(&asked), "a request for jobs is held back for a second at least: {asked}");
+    assert_eq!(client.job(id_of(&fits)).await["state"], "succeeded");
+    let waiting = client.job(id_of(&lost)).await;
+    assert_eq!((&waiting["state"], &waiting["attempt"]), (&json!("queued"), &json!(1)), "{waiting:#}");
+
+    // Longer than the time of any worker, and gone on with by one after another.
+    let long = client.submit(&long).await;
+    for attempt in 1..=2 {
+        let pilot = limited("pilot", "140s");
+        let growing = |job: &Value| job["attempt"] == attempt && job["progress"]["phase"] == "edmd";
+        client.job_when(id_of(&long), "growing", growing).await;
+        pilot.signal(Signal::TERM);
+        let ended = pilot.ended().await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+        assert_eq!(ended.stderr.contains("going on from a checkpoint"), attempt > 1, "{ended:?}");
+        assert_eq!(client.job(id_of(&long)).await["state"], "queued");
+    }
+    let unlimited = worker(folder.path(), &server, "unlimited", &[]);
+    client.running(id_of(&lost)).await;
+    unlimited.signal(Signal::TERM);
+    assert_eq!(unlimited.ended().await.code, Some(0));
+    let mut wrong = claim("a", &build_of(&client).await);
+    wrong["remaining_s"] = json!(-1);
+    let refused = client.post("/v1/leases").json(&wrong).send().await.expect_problem(422, "validation-error");
+    assert_eq!(refused["errors"][0]["pointer"], "/remaining_s", "{refused:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_client_that_polls_sees_the_progress_of_a_job_elsewhere() {
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    // Leases of a minute: without a client that watches, a worker reports every 15 s.
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    let client = server.client();
+    let worker = worker(folder.path(), &server, "one", &[]);
+    let submitted = client.submit(&jobs::endless_growth()).await;
+    let id = id_of(&submitted);
+    client.running(id).await;
+    let renewed = client.metric("packstone_leases_total{event=\"renewed\"}").await;
+    let mut seen = std::collections::BTreeSet::new();
+    patiently("the progress to be seen ten times", async {
+        let mut poll_again = tokio::time::interval(Duration::from_millis(200));
+        while seen.len() < 10 {
+            poll_again.tick().await;
+            seen.insert(client.job(id).await["progress"].to_string());
+        }
+    })
+    .await;
+    let more = client.metric("packstone_leases_total{event=\"renewed\"}").await - renewed;
+    // The worker is asked to report every second, however often a client polls.
+    assert!((8.0..100.0).contains(&more), "{more} renewals");
+    worker.signal(Signal::TERM);
+    assert_eq!(worker.ended().await.code, Some(0));
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn a_server_that_dies_costs_its_workers_nothing() {
     let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
@@ -213,11 +291,23 @@ async fn a_worker_that_slept_past_its_lease_changes_nothing() {
     client.job_when(id, "given to another", |job| job["attempt"] == 2).await;
     let other = worker(folder.path(), &server, "other", &[]);
     client.job_when(id, "running elsewhere", |job| job["worker"] == "other").await;
+    assert_eq!(client.metric("packstone_jobs_running{place=\"worker\"}").await, 1.0);
+    assert_eq!(client.metric("packstone_jobs_running{place=\"server\"}").await, 0.0);
     sleeper.signal(Signal::CONT);
     let done = client.finished(id).await;
     assert_eq!((&done["worker"], &done["attempt"]), (&json!("other"), &json!(2)), "{done:#}");
     assert!(client.result_in(id, "npy").await == packed_alone(folder.path(), &job).await);
     assert_eq!(data_dir.artifacts().len(), 1, "the first attempt left nothing");
+    let refused = client.metric("packstone_leases_total{event=\"refused\"}").await;
+    assert!(refused >= 1.0, "the first worker has learned that its lease is lost");
+    for (name, value) in [
+        ("packstone_leases_total{event=\"taken\"}", 2.0),
+        ("packstone_leases_total{event=\"expired\"}", 1.0),
+        ("packstone_worker_processes", 2.0),
+        ("packstone_jobs_running{place=\"worker\"}", 0.0),
+    ] {
+        assert_eq!(client.metric(name).await, value, "{name}");
+    }
     for worker in [sleeper, other] {
         worker.signal(Signal::TERM);
         assert_eq!(worker.ended().await.code, Some(0));
@@ -323,6 +413,7 @@ async fn only_workers_of_the_same_build_with_a_key_get_jobs() {
     wrong["build"] = json!("0.0.1 (abc)");
     let refused = cluster.post("/v1/leases").json(&wrong).send().await.expect_problem(409, "worker-refused");
     assert!(refused["detail"].as_str().unwrap().contains("0.0.1 (abc)"), "{refused:#}");
+    assert_eq!(root.metric("packstone_workers_refused_total").await, 2.0);
     // A worker may work, and look at its key; nothing else.
     let job = lab.submit(&jobs::quick(1)).await;
     let id = id_of(&job);

@@ -10,7 +10,9 @@ use clap::{Args, Command};
 use packstone_engine::Limits;
 
 use crate::accounts::{Quotas, read_rate};
+use crate::blobs::Place;
 use crate::jobs::store::Database;
+use crate::jobs::sweeper::SweepRules;
 use crate::memory;
 use crate::telemetry::LogFormat;
 use crate::webhooks::WebhookRules;
@@ -27,6 +29,8 @@ pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 const DEFAULT_LEASE_S: f64 = 60.0;
 
 /// Options of `packstone serve`.
+// Each `bool` is an option of its own.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ServeOptions {
     /// Address and port to listen on, as `127.0.0.1:8080`, `localhost:8080`, or `:8080` for all addresses; port 0 takes
@@ -40,6 +44,18 @@ pub(crate) struct ServeOptions {
     /// share [default: the file `packstone.sqlite` of the data directory]
     #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
     pub(crate) store: Option<Database>,
+    /// Where results and exports are kept: a folder, which other servers may share, or `s3://BUCKET/PREFIX` with
+    /// credentials and endpoint from the usual variables AWS_* (a build with the feature `s3`) [default: the data
+    /// directory]
+    #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
+    pub(crate) blobs: Option<Place>,
+    /// Answer requests for the files of exports with a URL of the bucket of --blobs, valid for 5 minutes, in place of
+    /// the file: clients must reach the bucket
+    #[arg(long, env = "PACKSTONE_BLOBS_REDIRECT", value_parser = BoolishValueParser::new())]
+    pub(crate) blobs_redirect: bool,
+    /// Seconds for which a file in a shared place is left alone that the database does not know
+    #[arg(long, hide = true, default_value_t = 3600.0, value_parser = seconds_or_none)]
+    pub(crate) least_blob_age_s: f64,
     /// Jobs that run at once [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
@@ -205,6 +221,14 @@ impl ServeOptions {
     /// How long a lease lasts without being renewed.
     pub(crate) fn lease(&self) -> Duration {
         Duration::from_secs_f64(self.lease_s)
+    }
+
+    /// What is swept.
+    pub(crate) fn sweep_rules(&self) -> SweepRules {
+        SweepRules {
+            quarantine_days: self.quarantine_days,
+            least_age: Duration::from_secs_f64(self.least_blob_age_s),
+        }
     }
 
     /// Time between two sweeps.

@@ -75,6 +75,8 @@ pub(crate) struct Space {
 #[derive(Clone, Debug)]
 pub(crate) struct Disk {
     root: PathBuf,
+    /// Another folder that files are written to.
+    files: Option<PathBuf>,
     min_free_bytes: Option<u64>,
     shortage: Shortage,
 }
@@ -83,7 +85,12 @@ impl Disk {
     /// The file system below `root`, of which `min_free_bytes` stay free; by default 1 GiB, at most 5 %. Failures for
     /// want of space are noted in `shortage`.
     pub(crate) fn new(root: PathBuf, min_free_bytes: Option<u64>, shortage: Shortage) -> Self {
-        Self { root, min_free_bytes, shortage }
+        Self { root, files: None, min_free_bytes, shortage }
+    }
+
+    /// The same, where results and exports are written to this folder, whose file system bounds them too.
+    pub(crate) fn with_files_in(self, folder: PathBuf) -> Self {
+        Self { files: Some(folder), ..self }
     }
 
     /// Notes a write that failed, if it failed for want of space.
@@ -136,7 +143,9 @@ impl Disk {
     /// Bytes that may be written before less is free than must stay free. As much as there can be where the system does
     /// not say: a write that fails is handled too.
     pub(crate) fn room(&self) -> u64 {
-        self.space().map_or(u64::MAX, |space| space.free.saturating_sub(self.min_free_bytes(space)))
+        let left = |space: Space| space.free.saturating_sub(self.min_free_bytes(space));
+        let spaces = std::iter::once(&self.root).chain(&self.files).map(|folder| space(folder));
+        spaces.filter_map(Result::ok).map(left).min().unwrap_or(u64::MAX)
     }
 }
 

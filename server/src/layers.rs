@@ -12,6 +12,7 @@ const LAYERS: &[&[&str]] = &[
         "accounts",
         "allocator",
         "atomic_file",
+        "blobs",
         "descriptors",
         "disk",
         "failure",

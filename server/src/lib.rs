@@ -9,6 +9,7 @@ mod accounts;
 mod artifacts;
 mod atomic_file;
 mod audit;
+mod blobs;
 mod checkpoints;
 mod cli;
 mod config;

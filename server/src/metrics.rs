@@ -18,6 +18,27 @@ const REQUEST_BOUNDS_S: &[f64] = &[0.001, 0.005, 0.025, 0.1, 0.5, 2.5, 10.0, 60.
 /// Upper bounds of the classes of a job's time, in s.
 const JOB_BOUNDS_S: &[f64] = &[0.1, 0.5, 1.0, 5.0, 15.0, 60.0, 300.0, 1800.0, 7200.0, 43200.0];
 
+/// What happens to the leases of workers in other processes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LeaseEvent {
+    /// A job was given to a worker.
+    Taken,
+    Renewed,
+    /// It ran out, and its job was taken back. Those of the workers of this server are counted too.
+    Expired,
+    /// A request about a lease that was lost was refused.
+    Refused,
+}
+
+impl LeaseEvent {
+    const ALL: [(Self, &'static str); 4] = [
+        (Self::Taken, "taken"),
+        (Self::Renewed, "renewed"),
+        (Self::Expired, "expired"),
+        (Self::Refused, "refused"),
+    ];
+}
+
 /// All counters.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
@@ -27,6 +48,9 @@ pub(crate) struct Metrics {
     over_rate: AtomicU64,
     audit_lines_lost: AtomicU64,
     failed_sweeps: AtomicU64,
+    /// By [`LeaseEvent`].
+    leases: [AtomicU64; LeaseEvent::ALL.len()],
+    workers_refused: AtomicU64,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
     exports: Mutex<BTreeMap<(&'static str, &'static str), Histogram>>,
@@ -78,6 +102,10 @@ pub(crate) struct Gauges {
     pub(crate) export: BTreeMap<ExportState, u64>,
     pub(crate) export_cache_bytes: u64,
     pub(crate) workers: usize,
+    /// Jobs that run in other processes.
+    pub(crate) running_elsewhere: u64,
+    /// Workers in other processes that were heard within the time of a lease.
+    pub(crate) worker_processes: usize,
     pub(crate) connections: usize,
     pub(crate) results_being_sent: usize,
     /// Bytes of stored files by kind.
@@ -99,6 +127,16 @@ impl Metrics {
     pub(crate) fn swept(&self, succeeded: bool) {
         let counter = if succeeded { &self.sweeps } else { &self.failed_sweeps };
         counter.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Something happened to so many leases.
+    pub(crate) fn lease(&self, event: LeaseEvent, leases: u64) {
+        self.leases[event as usize].fetch_add(leases, Ordering::Relaxed);
+    }
+
+    /// A worker of another build, or with other bits, was refused.
+    pub(crate) fn worker_refused(&self) {
+        self.workers_refused.fetch_add(1, Ordering::Relaxed);
     }
 
     /// A request was refused because its key sent too many.
@@ -156,6 +194,7 @@ impl Metrics {
         for (state, jobs) in &gauges.jobs {
             out.line("packstone_jobs", &format!("state=\"{}\"", state.name()), jobs);
         }
+        self.workers(&mut out, gauges);
         work(&mut out, gauges.work);
         out.head("packstone_studies_open", "gauge", "Studies with jobs left to run.");
         out.line("packstone_studies_open", "", gauges.open_studies);
@@ -198,8 +237,6 @@ impl Metrics {
         out.head(name, "counter", "Lines of the audit log that could not be written.");
         out.line(name, "", self.audit_lines_lost.load(Ordering::Relaxed));
         process(&mut out);
-        out.head("packstone_workers", "gauge", "Jobs that may run at once.");
-        out.line("packstone_workers", "", gauges.workers);
         out.head("packstone_http_connections", "gauge", "Open connections.");
         out.line("packstone_http_connections", "", gauges.connections);
         out.head("packstone_results_being_sent", "gauge", "Results that are being converted and sent.");
@@ -245,6 +282,33 @@ impl Metrics {
             of_route.times.render(&mut out, name, &labels, REQUEST_BOUNDS_S);
         }
         out.0
+    }
+
+    /// Where jobs run, and the leases of other processes.
+    fn workers(&self, out: &mut Text, gauges: &Gauges) {
+        let running = gauges.jobs.get(&State::Running).copied().unwrap_or_default();
+        let name = "packstone_jobs_running";
+        out.head(name, "gauge", "Jobs that run, in this server and in other processes.");
+        out.line(name, "place=\"server\"", running.saturating_sub(gauges.running_elsewhere));
+        out.line(name, "place=\"worker\"", gauges.running_elsewhere);
+        out.head("packstone_workers", "gauge", "Jobs that this server may run at once itself.");
+        out.line("packstone_workers", "", gauges.workers);
+        let name = "packstone_worker_processes";
+        out.head(name, "gauge", "Workers in other processes that were heard within the time of a lease.");
+        out.line(name, "", gauges.worker_processes);
+        let name = "packstone_leases_total";
+        out.head(name, "counter", "Leases of workers in other processes by what happened to them.");
+        for (event, label) in LeaseEvent::ALL {
+            let count = self.leases[event as usize].load(Ordering::Relaxed);
+            out.line(name, &format!("event=\"{label}\""), count);
+        }
+        let name = "packstone_workers_refused_total";
+        out.head(
+            name,
+            "counter",
+            "Requests of workers of another build, or with other bits, that were refused.",
+        );
+        out.line(name, "", self.workers_refused.load(Ordering::Relaxed));
     }
 }
 
@@ -327,8 +391,23 @@ mod tests {
         metrics.webhook_sent("retried");
         metrics.export_ended("slice", "succeeded", Duration::from_millis(300));
         metrics.request_answered("GET", "/v1/jobs/{id}", 200, Duration::from_millis(2));
-        let text = metrics.render(&Gauges { workers: 2, ..Gauges::default() });
+        metrics.lease(LeaseEvent::Expired, 3);
+        metrics.worker_refused();
+        let gauges = Gauges {
+            workers: 2,
+            jobs: [(State::Running, 5)].into(),
+            running_elsewhere: 4,
+            worker_processes: 3,
+            ..Gauges::default()
+        };
+        let text = metrics.render(&gauges);
         for line in [
+            "packstone_jobs_running{place=\"server\"} 1",
+            "packstone_jobs_running{place=\"worker\"} 4",
+            "packstone_worker_processes 3",
+            "packstone_leases_total{event=\"taken\"} 0",
+            "packstone_leases_total{event=\"expired\"} 3",
+            "packstone_workers_refused_total 1",
             "packstone_workers 2",
             "packstone_webhook_deliveries_total{outcome=\"retried\"} 2",
             "packstone_webhook_deliveries_waiting 0",

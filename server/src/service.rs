@@ -17,6 +17,7 @@ use tokio_util::sync::CancellationToken;
 use crate::accounts::{Accounts, KeysError, KeysFile};
 use crate::artifacts::Artifacts;
 use crate::audit::AuditLog;
+use crate::blobs::{OpenError, Place};
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
@@ -68,15 +69,22 @@ pub(crate) enum StartError {
     /// The audit log cannot be opened.
     #[error("the audit log {0} cannot be opened: {1}")]
     AuditLog(PathBuf, std::io::Error),
+    /// Results cannot be kept where they are to be.
+    #[error(transparent)]
+    Blobs(#[from] OpenError),
+    /// The first task of the service ended by a defect.
+    #[error("the start was broken off: {0}")]
+    Broken(#[from] tokio::task::JoinError),
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// Results lie there that the database does not know.
     #[error(
-        "{count} results in {data_dir}/artifacts belong to no job of the database {database}, as {example}: the database is missing, empty, or older than they are. Put the right database back; or start with \
-         --adopt-orphans, which moves them to {data_dir}/quarantine, where they are removed after --quarantine-days"
+        "{count} results in {place}/artifacts belong to no job of the database {database}, as {example}: the database is \
+         missing, empty, or older than they are. Put the right database back; or start with --adopt-orphans, which moves \
+         them to {place}/quarantine, where they are removed after --quarantine-days"
     )]
-    Orphans { data_dir: String, database: String, count: usize, example: String },
+    Orphans { place: String, database: String, count: usize, example: String },
     /// The system allows too few open files.
     #[error(transparent)]
     Descriptors(#[from] TooFew),
@@ -120,13 +128,18 @@ impl Service {
         let data_dir = |error| StartError::DataDir(options.data_dir.clone(), error);
         std::fs::create_dir_all(&options.data_dir).map_err(data_dir)?;
         let lock = lock(&options.data_dir)?;
-        let artifacts = Artifacts::open(options.data_dir.join("artifacts")).map_err(data_dir)?;
-        let checkpoints = Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
-            .map_err(data_dir)?;
+        Place::empty_scratch(&options.data_dir).map_err(data_dir)?;
+        let (artifacts, results) = open_artifacts(&options).await?;
+        let mut checkpoints =
+            Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
+                .map_err(data_dir)?;
+        if let Some(shared) = artifacts.shared() {
+            checkpoints = checkpoints.shared_by(shared);
+        }
         let database = options.database();
         let is_empty = |file: &Path| std::fs::metadata(file).map_or(true, |found| found.len() == 0);
         if database.file().is_some_and(is_empty) && !options.adopt_orphans {
-            refuse_orphans(&options, &artifacts.results().map_err(data_dir)?)?;
+            refuse_orphans(&options, &results)?;
         }
         let listener = TcpListener::bind(options.listen)
             .await
@@ -137,17 +150,24 @@ impl Service {
                 .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
         );
         let store = Store::open(&database, &options.data_dir, limits, Arc::clone(&accounts)).await?;
-        let disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
+        let mut disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
+        if let Some(folder) = options.blobs.as_ref().and_then(Place::folder) {
+            disk = disk.with_files_in(folder.to_owned());
+        }
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
-            for (job, path) in artifacts.results().map_err(data_dir)? {
+            for (job, path) in results {
                 if !store.knows_job(&job).await? && !store.is_removed(&path).await? {
                     orphans.push((job, path));
                 }
             }
             refuse_orphans(&options, &orphans)?;
         }
-        let recovered = store.recover(checkpoints.kept().map_err(data_dir)?).await?;
+        let kept = tasks::blocking({
+            let checkpoints = checkpoints.clone();
+            move || checkpoints.kept_anywhere()
+        });
+        let recovered = store.recover(kept.await?.map_err(data_dir)?).await?;
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
@@ -227,8 +247,8 @@ impl Service {
 /// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep
 /// comes before the first job: what it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
-    let days = options.quarantine_days;
-    if let Err(error) = sweeper::sweep(&here.store, &executor.artifacts, &executor.checkpoints, days).await {
+    let rules = options.sweep_rules();
+    if let Err(error) = sweeper::sweep(&here.store, &executor.artifacts, &executor.checkpoints, rules).await {
         tracing::error!(%error, "the first sweep failed");
     }
     let mut running: JoinSet<()> = JoinSet::new();
@@ -238,7 +258,7 @@ async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_sec
         executor.artifacts.clone(),
         executor.checkpoints.clone(),
         options.sweep_interval(),
-        days,
+        rules,
         Arc::clone(&executor.metrics),
         executor.shutdown.clone(),
     )));
@@ -254,7 +274,8 @@ async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_sec
         run(Box::pin(sender.run()));
     }
     let checkpoints = executor.checkpoints.clone();
-    run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, executor.shutdown.clone())));
+    let metrics = Arc::clone(&executor.metrics);
+    run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, metrics, executor.shutdown.clone())));
     run(Box::pin(watch_room(here.clone(), executor.shutdown.clone())));
     let export_worker = ExportWorker {
         store: here.store,
@@ -295,11 +316,30 @@ async fn watch_room(here: Here, shutdown: CancellationToken) {
     }
 }
 
+/// Opens the results and exports; also the jobs that results belong to by their names, with their paths, for which all
+/// are listed. Nobody asks for the latter where orphans are welcome.
+async fn open_artifacts(options: &ServeOptions) -> Result<(Artifacts, Vec<(String, String)>), StartError> {
+    let options = options.clone();
+    tasks::blocking(move || {
+        let artifacts = match &options.blobs {
+            Some(place) => Artifacts::new(place.open(&options.data_dir, options.min_free_bytes)?),
+            None => Artifacts::open(&options.data_dir)
+                .map_err(|error| StartError::DataDir(options.data_dir.clone(), error))?,
+        };
+        let results = if options.adopt_orphans { Ok(Vec::new()) } else { artifacts.results() };
+        let place =
+            options.blobs.as_ref().map_or_else(|| options.data_dir.clone(), |place| place.to_string().into());
+        Ok((artifacts, results.map_err(|error| StartError::DataDir(place, error))?))
+    })
+    .await?
+}
+
 /// Refuses to start over results that the database does not know.
 fn refuse_orphans(options: &ServeOptions, orphans: &[(String, String)]) -> Result<(), StartError> {
     let Some((_, example)) = orphans.first() else { return Ok(()) };
+    let data_dir = options.data_dir.display().to_string();
     Err(StartError::Orphans {
-        data_dir: options.data_dir.display().to_string(),
+        place: options.blobs.as_ref().map_or_else(|| data_dir.clone(), Place::to_string),
         database: options.database().to_string(),
         count: orphans.len(),
         example: example.clone(),

@@ -195,6 +195,7 @@ mod tests {
             request: JobRequest::read(&request, 1, None).unwrap(),
             warnings: Vec::new(),
             forecast_s: 1.0,
+            keeps_checkpoints: true,
             by: Submitter::default(),
             idempotency_key: None,
         };

@@ -179,6 +179,14 @@ impl Client {
         }
     }
 
+    /// The value of a metric, which is named with its labels.
+    pub(crate) async fn metric(&self, name: &str) -> f64 {
+        let answer = self.get("/metrics").send().await;
+        let text = std::str::from_utf8(&answer.expect(200).body).unwrap();
+        let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+        value.unwrap_or_else(|| panic!("no {name} in\n{text}")).parse().unwrap()
+    }
+
     /// The result as JSON.
     pub(crate) async fn result(&self, id: &str) -> Value {
         self.get(&format!("/v1/jobs/{id}/result?format=json")).send().await.expect(200).json()

@@ -2,22 +2,31 @@
 //!
 //! Nothing in here asserts about packings or jobs; that is the tests' own matter.
 
+#[cfg(feature = "s3")]
+mod bucket;
 mod client;
 mod contract;
 pub(crate) mod deadline;
 pub(crate) mod jobs;
+pub(crate) mod machine;
 mod postgres;
 mod process;
+#[cfg(feature = "s3")]
+mod proxy;
 mod raw;
 pub(crate) mod results;
 mod server;
 mod slurm;
 mod sse;
 
+#[cfg(feature = "s3")]
+pub(crate) use bucket::Bucket;
 pub(crate) use client::{Client, Reply, Request, id_of};
 pub(crate) use contract::{Contract, text as contract_text};
-pub(crate) use postgres::Postgres;
+pub(crate) use postgres::{Postgres, holds_every_store};
 pub(crate) use process::{Finished, Running, packstone, run};
+#[cfg(feature = "s3")]
+pub(crate) use proxy::{Fault, Proxy};
 pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};
 pub(crate) use slurm::Slurm;

@@ -167,3 +167,9 @@ fn ids(user: &str) -> (u32, u32) {
     let mut fields = line.split(':').skip(2).map(|field| field.parse().expect("a number"));
     (fields.next().unwrap(), fields.next().unwrap())
 }
+
+/// Whether a test has to be left out, because it is about SQLite or about a data directory that one server owns, and
+/// `PACKSTONE_TEST_POSTGRES` puts every store into PostgreSQL.
+pub(crate) fn holds_every_store() -> bool {
+    std::env::var_os(FOR_ALL).is_some()
+}

@@ -49,6 +49,11 @@ impl Running {
     pub(crate) fn spawn(directory: &Path, args: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_packstone"));
         command.args(args).current_dir(directory);
+        Self::of(command)
+    }
+
+    /// Starts a command, which may end at once.
+    pub(crate) fn of(mut command: Command) -> Self {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let child = command.spawn().expect("the command starts");
         let pid = Pid::from_child(&child);

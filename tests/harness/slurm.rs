@@ -2,13 +2,14 @@
 //! without control groups.
 
 use std::fs;
-use std::io::{Read as _, Write as _};
+use std::io::Read as _;
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use super::deadline::eventually;
+use super::machine::{lacking, skip};
 use super::process::{Finished, run};
 
 const PROGRAMS: [&str; 7] = ["munged", "slurmctld", "slurmd", "sbatch", "squeue", "scancel", "sinfo"];
@@ -22,18 +23,10 @@ pub(crate) struct Slurm {
 impl Slurm {
     /// Starts one. Returns `None` where that is not possible and `PACKSTONE_SLURM` does not require it.
     pub(crate) async fn start() -> Option<Self> {
-        let required = std::env::var_os("PACKSTONE_SLURM").is_some_and(|value| !value.is_empty());
-        let missing: Vec<&str> = PROGRAMS.into_iter().filter(|name| !is_installed(name)).collect();
-        let root = rustix::process::geteuid().is_root();
-        if !root || !missing.is_empty() {
-            let why = if root { format!("{} missing", missing.join(", ")) } else { "not run as root".into() };
-            assert!(!required, "PACKSTONE_SLURM is set, but Slurm cannot be started: {why}");
-            // Past the capture of the test harness: that nothing was tested must be seen.
-            let warning = format!(
-                "\n*** SKIPPED: no Slurm ({why}); no array was run.\n\
-                 *** Install slurmctld, slurmd, slurm-client and munge (Debian) and run the tests as root.\n"
-            );
-            std::io::stderr().write_all(warning.as_bytes()).unwrap();
+        if let Some(lacks) = lacking(&PROGRAMS) {
+            let advice =
+                "Install slurmctld, slurmd, slurm-client and munge (Debian) and run the tests as root.";
+            skip("PACKSTONE_SLURM", &format!("no Slurm ({lacks}); no array was run"), advice);
             return None;
         }
         let mut slurm = Self { directory: tempfile::tempdir().unwrap(), daemons: Vec::new() };
@@ -113,11 +106,6 @@ impl Drop for Slurm {
             let _ = daemon.wait();
         }
     }
-}
-
-fn is_installed(program: &str) -> bool {
-    std::env::var_os("PATH")
-        .is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(program).exists()))
 }
 
 fn configuration(directory: &str) -> String {

@@ -12,6 +12,7 @@ import numpy as np
 import packstone
 import pytest
 from faulty_proxy import Answered, FaultyProxy
+from live_server import LiveServer
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +114,16 @@ def test_a_file_that_is_being_made_is_waited_for(proxy: FaultyProxy, pauses: lis
         proxy.faults.append(made)
         with pytest.raises(packstone.WaitTimeout, match="is not made within 1 s"):
             result.read("raw", cells=11, timeout=1)
+
+
+def test_a_file_is_fetched_from_where_the_server_says(server: LiveServer, job: packstone.Job) -> None:
+    storage, front = FaultyProxy(server.address), FaultyProxy(server.address)
+    with packstone.Client(front.url, api_key="secret") as client:
+        export = client.job(job.id).export("voxels", format="raw", cells=20).wait(timeout=60)
+        whole = export.read()
+        front.faults.append(Answered(307, {"Location": f"{storage.url}{export.data['links']['file']}"}))
+        assert export.read() == whole
+    assert "authorization" in front.seen[-1].headers
+    assert len(storage.seen) == 1 and "authorization" not in storage.seen[0].headers
+    for proxy in (storage, front):
+        proxy.stop()

@@ -52,7 +52,9 @@ def test_a_job_and_a_study_end_in_signed_messages(
         job = client.submit(quick(1), webhook_url=url)
         assert job.data["webhook"]["url"] == url
         ended = messages.get(timeout=60)
-        study = client.study(list=[quick(2)], webhook_url=url)
+        assert "webhook" not in job.update(webhook_url=None).data
+        study = client.study(list=[quick(2)])
+        assert study.update(webhook_url=url).data["webhook"]["url"] == url
         expected = ((ended, "job.succeeded", job.id), (messages.get(timeout=60), "study.finished", study.id))
     for (headers, body), kind, id in expected:
         text = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.".encode() + body

@@ -77,6 +77,11 @@ pub struct Plan {
     #[serde(skip)]
     #[cfg_attr(feature = "openapi", schema(ignore))]
     pub(crate) growth_events_per_grain: f64,
+    /// Whether a run that is cut can go on from a checkpoint: it grows, and random sequential addition of the full
+    /// sizes is not tried before.
+    #[serde(skip)]
+    #[cfg_attr(feature = "openapi", schema(ignore))]
+    pub keeps_checkpoints: bool,
     /// Whether `auto` tries random sequential addition before growth.
     #[serde(skip)]
     #[cfg_attr(feature = "openapi", schema(ignore))]
@@ -182,6 +187,8 @@ impl Plan {
             Method::Edmd { .. } | Method::MonteCarlo { .. } => true,
             Method::Auto {} => !places_first,
         };
+        let is_maximized =
+            matches!((&request.method, &request.distance), (Method::Auto {}, Distance::Maximize { .. }));
         let memory_bytes = match &mix.shapes {
             None => memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows),
             Some(of_grains) => (cost::BYTES + grains * shapes::bytes_per_grain(of_grains)) as u64,
@@ -213,6 +220,7 @@ impl Plan {
             classes,
             warnings,
             growth_events_per_grain: case.growth_events_per_grain(),
+            keeps_checkpoints: grows || is_maximized,
             places_first,
         })
     }

@@ -64,7 +64,7 @@ impl ApiKey {
 
 fn read_role(name: &str) -> Result<Role, String> {
     let found = Role::ALL.into_iter().find(|role| role.name() == name);
-    found.ok_or_else(|| format!("role={name} is unknown: must be worker, read, submit or admin"))
+    found.ok_or_else(|| format!("role={name} is unknown: must be metrics, worker, read, submit or admin"))
 }
 
 #[cfg(test)]
@@ -88,6 +88,7 @@ mod tests {
             ("soil  lab", caller("soil lab", "soil lab", Role::Admin)),
             ("lab role=submit", caller("lab", "lab", Role::Submit)),
             ("anna owner=lab role=read", caller("anna", "lab", Role::Read)),
+            ("prometheus role=metrics", caller("prometheus", "prometheus", Role::Metrics)),
             ("the lab owner=lab", caller("the lab", "lab", Role::Admin)),
         ] {
             assert_eq!(read(line), Ok(expected), "{line}");

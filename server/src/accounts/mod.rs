@@ -29,11 +29,13 @@ pub(crate) use rate::Rate;
 
 const DIGEST_BYTES: usize = 32;
 
-/// What an API key may do. A worker may lease jobs and end them; each of the others may do what those before it may,
-/// an administrator all.
+/// What an API key may do. `Metrics` may read the metrics and `Worker` may lease jobs and end them, nothing else; each
+/// of the others may do what those before it may but these two, an administrator all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Role {
+    /// Reads the metrics of the service; reads and changes nothing else.
+    Metrics,
     /// Leases jobs of all owners, runs them and ends them; reads and changes nothing else.
     Worker,
     /// Reads jobs and studies of its owner, and what others share; changes nothing.
@@ -46,11 +48,12 @@ pub(crate) enum Role {
 }
 
 impl Role {
-    const ALL: [Self; 4] = [Self::Worker, Self::Read, Self::Submit, Self::Admin];
+    const ALL: [Self; 5] = [Self::Metrics, Self::Worker, Self::Read, Self::Submit, Self::Admin];
 
     /// Name in the file of keys and in the interface.
     pub(crate) fn name(self) -> &'static str {
         match self {
+            Self::Metrics => "metrics",
             Self::Worker => "worker",
             Self::Read => "read",
             Self::Submit => "submit",

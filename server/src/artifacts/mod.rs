@@ -1,8 +1,9 @@
 //! Result files, and files of what is made of results: one per attempt, written once, never changed.
 //!
-//! A file appears under its final name only when it is complete and on disk, and is an artifact only
-//! once the store refers to it; whatever else lies in the folder is left over from a crash and is
-//! swept. The form inside the file is the engine's; nothing here knows jobs' states or HTTP.
+//! A file appears under its final name only when it is complete and durable, and is an artifact only
+//! once the store refers to it; whatever else lies there is left over from a crash and is
+//! swept. Where the files lie is for [`Blobs`] to know. The form inside the file is the engine's; nothing here knows
+//! jobs' states or HTTP.
 
 mod exports;
 #[cfg(test)]
@@ -13,15 +14,17 @@ pub(crate) mod receive;
 pub(crate) mod stream;
 pub(crate) mod write;
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fs;
 use std::io;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use jiff::civil::Date;
 
-use crate::atomic_file::PARTIAL;
+use crate::blobs::{Blobs, Files, Listed, PARTIAL};
+use crate::tasks;
 
 /// Ending of a complete result.
 const RESULT: &str = ".packstone";
@@ -29,13 +32,15 @@ const RESULT: &str = ".packstone";
 const EXPORT: &str = ".export";
 /// Ending of a complete export of revision 1.
 const EXPORT_1: &str = ".derived";
+/// Name of the folder of results and exports.
+const FOLDER: &str = "artifacts";
 /// Name of the folder, beside the one of results, to which files are moved that the database does not know.
 const QUARANTINE: &str = "quarantine";
 
-/// The folder of results.
+/// The results and exports.
 #[derive(Clone, Debug)]
 pub(crate) struct Artifacts {
-    root: PathBuf,
+    blobs: Arc<dyn Blobs>,
     in_flight: Arc<Mutex<HashSet<String>>>,
     verified: Arc<Mutex<HashSet<String>>>,
 }
@@ -53,11 +58,56 @@ impl Drop for InFlight {
     }
 }
 
+/// A result or an export, or a part of one, that no attempt of this process is writing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Settled {
+    /// Where it lies, relative to the folder of results.
+    pub(crate) path: String,
+    /// The path of the complete file that it is or would be.
+    pub(crate) complete: String,
+}
+
+impl Settled {
+    /// Whether it was written to its end.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.path == self.complete
+    }
+
+    /// The ID of the job or the export, and the attempt that wrote it, by its name.
+    pub(crate) fn attempt(&self) -> Option<(&str, i64)> {
+        let name = self.complete.rsplit('/').next()?;
+        let name = [RESULT, EXPORT, EXPORT_1].iter().find_map(|ending| name.strip_suffix(ending))?;
+        let (id, attempt) = name.rsplit_once('.')?;
+        Some((id, attempt.parse().ok()?))
+    }
+
+    /// Reads the path of a file; `None` for what is neither a result nor an export.
+    fn read(path: &str) -> Option<Self> {
+        let is_file = |path: &str| [RESULT, EXPORT, EXPORT_1].iter().any(|ending| path.ends_with(ending));
+        let complete = match path.strip_suffix(PARTIAL) {
+            None => path,
+            // In a shared folder with a name of its own besides.
+            Some(staged) => {
+                Some(staged).filter(|staged| is_file(staged)).or(Some(staged.rsplit_once('.')?.0))?
+            }
+        };
+        is_file(complete).then(|| Self { path: path.to_owned(), complete: complete.to_owned() })
+    }
+}
+
 impl Artifacts {
-    /// Opens the folder, and makes it where it is missing.
-    pub(crate) fn open(root: PathBuf) -> io::Result<Self> {
-        fs::create_dir_all(&root)?;
-        Ok(Self { root, in_flight: Arc::default(), verified: Arc::default() })
+    /// The results and exports of these blobs.
+    pub(crate) fn new(blobs: Arc<dyn Blobs>) -> Self {
+        Self { blobs, in_flight: Arc::default(), verified: Arc::default() }
+    }
+
+    /// Those below a directory of this process alone; their folder is made where it is missing.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn open(directory: &Path) -> io::Result<Self> {
+        fs::create_dir_all(directory.join(FOLDER))?;
+        Ok(Self::new(Arc::new(Files::alone(directory.to_owned()))))
     }
 
     /// Claims the place of the result of an attempt, relative to the folder.
@@ -78,97 +128,125 @@ impl Artifacts {
         InFlight { path, in_flight: Arc::clone(&self.in_flight) }
     }
 
-    /// Removes a result that nothing refers to. A missing one is as good as removed.
-    pub(crate) fn remove(&self, path: &str) -> io::Result<()> {
-        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
-        match fs::remove_file(self.root.join(path)) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-            _ => Ok(()),
+    /// Removes files that nothing refers to. Missing ones are as good as removed. Blocks the thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn remove(&self, paths: &[String]) -> io::Result<()> {
+        for path in paths {
+            self.forget(path);
+        }
+        self.blobs.remove(&paths.iter().map(|path| blob(path)).collect::<Vec<_>>())
+    }
+
+    /// Removes files that nothing refers to, on a thread that may block. What cannot be removed is left to the sweeper.
+    pub(crate) async fn discard(&self, paths: Vec<String>) {
+        if paths.is_empty() {
+            return;
+        }
+        let artifacts = self.clone();
+        let removed = tasks::blocking(move || {
+            artifacts.remove(&paths).inspect_err(|error| {
+                let path = paths.first();
+                tracing::warn!(%error, files = paths.len(), path, "files are left to the sweeper");
+            })
+        });
+        if let Err(error) = removed.await {
+            tracing::error!(%error, "files are left to the sweeper");
         }
     }
 
-    /// Results and partial results that no attempt is writing at the moment of the listing or later,
-    /// as pairs of the file's path and that of the complete result it would be.
+    /// What no attempt of this process is writing at the moment of the listing or later. Where other processes write
+    /// too, only files that are at least so old by the clock of the storage. Blocks the thread.
     ///
     /// The order matters: a file seen here and no longer in flight afterwards is either committed,
     /// so that the store refers to it, or left over.
-    pub(crate) fn settled(&self) -> io::Result<Vec<(String, String)>> {
-        let mut found = Vec::new();
-        for folder in fs::read_dir(&self.root)? {
-            let folder = folder?;
-            if !folder.file_type()?.is_dir() {
-                continue;
-            }
-            for file in fs::read_dir(folder.path())? {
-                let file = file?;
-                let (Ok(folder), Ok(name)) =
-                    (folder.file_name().into_string(), file.file_name().into_string())
-                else {
-                    continue;
-                };
-                let path = format!("{folder}/{name}");
-                let complete = path.strip_suffix(PARTIAL).unwrap_or(&path);
-                if [RESULT, EXPORT, EXPORT_1].iter().any(|ending| complete.ends_with(ending)) {
-                    found.push((path.clone(), complete.to_owned()));
-                }
-            }
-        }
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn settled(&self, least_age: Duration) -> io::Result<Vec<Settled>> {
+        // Before the listing: what is written meanwhile is younger.
+        let by_age = self.blobs.is_shared() && !least_age.is_zero();
+        let written_until = if by_age { self.blobs.now()?.checked_sub(least_age) } else { None };
+        let listed = self.blobs.list(FOLDER)?;
+        let old =
+            |file: &Listed| written_until.is_none_or(|until| file.written.is_some_and(|at| at <= until));
+        let mut found: Vec<Settled> = listed
+            .iter()
+            .filter(|file| old(file))
+            .filter_map(|file| Settled::read(file.name.strip_prefix(FOLDER)?.strip_prefix('/')?))
+            .collect();
         let in_flight = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
-        found.retain(|(_, complete)| !in_flight.contains(complete));
+        found.retain(|file| !in_flight.contains(&file.complete));
         Ok(found)
     }
 
-    /// The ids of the jobs that complete results belong to, by their names, with the paths of the results.
+    /// Whether other processes may write files here.
+    pub(crate) fn are_shared(&self) -> bool {
+        self.blobs.is_shared()
+    }
+
+    /// The blobs below, where other processes use them too.
+    pub(crate) fn shared(&self) -> Option<Arc<dyn Blobs>> {
+        self.blobs.is_shared().then(|| Arc::clone(&self.blobs))
+    }
+
+    /// The ids of the jobs that complete results belong to, by their names, with the paths of the results. Blocks the
+    /// thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
     pub(crate) fn results(&self) -> io::Result<Vec<(String, String)>> {
-        let results = self.settled()?.into_iter().filter_map(|(path, complete)| {
-            let name = complete.rsplit('/').next()?.strip_suffix(RESULT)?;
-            let (id, _attempt) = name.rsplit_once('.')?;
-            (path == complete).then(|| (id.to_owned(), path))
+        let results = self.settled(Duration::ZERO)?.into_iter().filter_map(|file| {
+            let is_result = file.is_complete() && file.path.ends_with(RESULT);
+            let id = file.attempt()?.0.to_owned();
+            is_result.then_some((id, file.path))
         });
         Ok(results.collect())
     }
 
-    /// Moves a file that the database does not know to the quarantine, and returns where it lies there. A missing one
-    /// is as good as moved.
-    pub(crate) fn quarantine(&self, path: &str, today: Date) -> io::Result<Option<PathBuf>> {
-        let to = self.quarantine_root().join(today.to_string()).join(path);
-        if let Some(folder) = to.parent() {
-            fs::create_dir_all(folder)?;
-        }
-        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
-        match fs::rename(self.locate(path), &to) {
-            Ok(()) => Ok(Some(to)),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(error),
-        }
+    /// Moves a file that the database does not know to the quarantine, and tells where it lies there. A missing one
+    /// is as good as moved. Blocks the thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn quarantine(&self, path: &str, today: Date) -> io::Result<Option<String>> {
+        let to = format!("{QUARANTINE}/{today}/{path}");
+        self.forget(path);
+        Ok(self.blobs.rename(&blob(path), &to)?.then(|| self.blobs.shown(&to)))
     }
 
-    /// Removes what has been in the quarantine for more than so many days, and returns the folders removed.
-    pub(crate) fn empty_quarantine(&self, today: Date, days: u32) -> io::Result<Vec<PathBuf>> {
+    /// Removes what has been in the quarantine for more than so many days, and tells what that was. Blocks the thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn empty_quarantine(&self, today: Date, days: u32) -> io::Result<Vec<String>> {
+        let listed = self.blobs.list(QUARANTINE)?;
+        let since: BTreeSet<Date> = listed
+            .iter()
+            .filter_map(|file| file.name.split('/').nth(1)?.parse().ok())
+            .filter(|since: &Date| {
+                today.since(*since).is_ok_and(|age| i64::from(age.get_days()) > i64::from(days))
+            })
+            .collect();
         let mut removed = Vec::new();
-        let entries = match fs::read_dir(self.quarantine_root()) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(removed),
-            entries => entries?,
-        };
-        for entry in entries {
-            let entry = entry?;
-            let since: Option<Date> = entry.file_name().to_str().and_then(|name| name.parse().ok());
-            let age = since.and_then(|since| today.since(since).ok()).map(|age| i64::from(age.get_days()));
-            if age.is_some_and(|age| age > i64::from(days)) {
-                fs::remove_dir_all(entry.path())?;
-                removed.push(entry.path());
-            }
+        for since in since {
+            let folder = format!("{QUARANTINE}/{since}");
+            self.blobs.remove_folder(&folder)?;
+            removed.push(self.blobs.shown(&folder));
         }
         Ok(removed)
     }
 
-    fn quarantine_root(&self) -> PathBuf {
-        self.root.with_file_name(QUARANTINE)
+    fn forget(&self, path: &str) {
+        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
+        self.blobs.forget(&blob(path));
     }
+}
 
-    fn locate(&self, path: &str) -> PathBuf {
-        self.root.join(path)
-    }
+/// The name of the blob of a file.
+fn blob(path: &str) -> String {
+    format!("{FOLDER}/{path}")
 }
 
 #[cfg(test)]
@@ -179,23 +257,24 @@ mod tests {
     #[test]
     fn the_quarantine_is_emptied_after_its_days() {
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        let artifacts = Artifacts::open(folder.path()).unwrap();
         fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
         fs::write(folder.path().join("artifacts/ab/xab.1.packstone"), "x").unwrap();
         let day = |text: &str| text.parse::<Date>().unwrap();
         let moved = artifacts.quarantine("ab/xab.1.packstone", day("2026-03-28")).unwrap().unwrap();
-        assert_eq!(moved, folder.path().join("quarantine/2026-03-28/ab/xab.1.packstone"));
-        assert_eq!(fs::read(&moved).unwrap(), b"x");
+        let there = folder.path().join("quarantine/2026-03-28/ab/xab.1.packstone");
+        assert_eq!(moved, there.display().to_string());
+        assert_eq!(fs::read(&there).unwrap(), b"x");
         assert_eq!(artifacts.quarantine("ab/xab.1.packstone", day("2026-03-28")).unwrap(), None);
         assert!(artifacts.empty_quarantine(day("2026-04-04"), 7).unwrap().is_empty());
         assert_eq!(artifacts.empty_quarantine(day("2026-04-05"), 7).unwrap().len(), 1);
-        assert!(!moved.exists());
+        assert!(!there.exists());
     }
 
     #[test]
     fn what_is_in_flight_is_not_settled() {
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        let artifacts = Artifacts::open(folder.path()).unwrap();
         fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
         for name in [
             "ab/xab.1.packstone",
@@ -209,17 +288,35 @@ mod tests {
         }
         let writing = artifacts.begin("xab", 2);
         let deriving = artifacts.begin_export("yab", 2);
-        let mut settled = artifacts.settled().unwrap();
-        settled.sort();
-        let itself = |path: &str| (path.to_owned(), path.to_owned());
-        assert_eq!(settled, [itself("ab/xab.1.packstone"), itself("ab/yab.1.export")]);
+        let settled = || {
+            let settled = artifacts.settled(Duration::ZERO).unwrap();
+            let mut paths: Vec<String> = settled.into_iter().map(|file| file.path).collect();
+            paths.sort();
+            paths
+        };
+        assert_eq!(settled(), ["ab/xab.1.packstone", "ab/yab.1.export"]);
         drop((writing, deriving));
-        let mut settled: Vec<String> =
-            artifacts.settled().unwrap().into_iter().map(|(path, _)| path).collect();
-        settled.sort();
         let all = ["ab/xab.1.packstone", "ab/xab.2.packstone.tmp", "ab/yab.1.export", "ab/yab.2.export.tmp"];
-        assert_eq!(settled, all);
-        artifacts.remove("ab/xab.1.packstone").unwrap();
-        artifacts.remove("ab/xab.1.packstone").unwrap();
+        assert_eq!(settled(), all);
+        artifacts.remove(&["ab/xab.1.packstone".into()]).unwrap();
+        artifacts.remove(&["ab/xab.1.packstone".into()]).unwrap();
+    }
+
+    #[test]
+    fn a_file_is_of_an_attempt_by_its_name() {
+        for (path, complete, attempt) in [
+            ("ab/xab.1.packstone", "ab/xab.1.packstone", Some(("xab", 1))),
+            ("ab/xab.12.export.tmp", "ab/xab.12.export", Some(("xab", 12))),
+            ("ab/xab.12.export.0192af.tmp", "ab/xab.12.export", Some(("xab", 12))),
+            ("ab/xab.2.derived", "ab/xab.2.derived", Some(("xab", 2))),
+            ("ab/xab.last.packstone", "ab/xab.last.packstone", None),
+        ] {
+            let read = Settled::read(path).unwrap();
+            assert_eq!((read.complete.as_str(), read.attempt()), (complete, attempt), "{path}");
+            assert_eq!(read.is_complete(), path == complete);
+        }
+        for other in ["notes.txt", "ab/notes.tmp", "ab/xab.1.packstone.gz", "clock.0192af.tmp"] {
+            assert_eq!(Settled::read(other), None, "{other}");
+        }
     }
 }

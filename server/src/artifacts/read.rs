@@ -12,7 +12,7 @@ use packstone_engine::request::upgrade;
 use packstone_engine::shape::Polyhedron;
 use sha2::{Digest, Sha256};
 
-use super::{Artifacts, write};
+use super::{Artifacts, blob, write};
 use crate::disk::is_passing;
 use crate::hex;
 use crate::jobs::ArtifactRecord;
@@ -38,28 +38,37 @@ impl Artifacts {
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is not what was stored.
     pub(crate) fn read(&self, record: &ArtifactRecord) -> io::Result<StoredResult> {
         let file = self.open_checked(&record.path, record.bytes, &record.sha256)?;
-        let mut layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
-        // A result of revision 1 has a request of revision 1.
-        upgrade(&mut layout.head.request);
-        if layout.file_length() != record.bytes {
-            return Err(invalid(format!("{} holds other columns than it says", record.path)));
-        }
-        Ok(StoredResult { layout, file })
+        StoredResult::of(file)
     }
 
     /// Whether a result is missing or not what was stored; its digest is checked in any case.
     pub(crate) fn is_damaged(&self, record: &ArtifactRecord) -> bool {
-        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(&record.path);
+        self.forget(&record.path);
         self.read(record).is_err_and(|error| !is_passing(&error))
+    }
+
+    /// The length of a file and its SHA-256, as it lies. Blocks the thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn digest(&self, path: &str) -> io::Result<(u64, String)> {
+        let opened = self.blobs.open(&blob(path))?;
+        let bytes = opened.length()?;
+        let mut rest = opened.read(0..bytes)?;
+        let (mut digest, mut block) = (Sha256::new(), vec![0; BLOCK_BYTES]);
+        loop {
+            let read = rest.read(&mut block)?;
+            if read == 0 {
+                return Ok((bytes, hex::encode(&digest.finalize())));
+            }
+            digest.update(&block[..read]);
+        }
     }
 
     /// Opens a file that is as long as it was stored, and has the digest that it had.
     pub(super) fn open_checked(&self, path: &str, bytes: u64, sha256: &str) -> io::Result<File> {
-        let file = File::open(self.locate(path))?;
-        let found = file.metadata()?.len();
-        if found != bytes {
-            return Err(invalid(format!("{path} has {found} bytes instead of {bytes}")));
-        }
+        let file = self.blobs.fetch(&blob(path))?;
+        check_length(path, file.metadata()?.len(), bytes)?;
         self.verify(&file, path, bytes, sha256)?;
         Ok(file)
     }
@@ -94,6 +103,17 @@ impl Artifacts {
 }
 
 impl StoredResult {
+    /// The result in a file that is at its start.
+    pub(super) fn of(file: File) -> io::Result<Self> {
+        let mut layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
+        // A result of revision 1 has a request of revision 1.
+        upgrade(&mut layout.head.request);
+        if layout.file_length() != file.metadata()?.len() {
+            return Err(invalid("the file holds other columns than it says".into()));
+        }
+        Ok(Self { layout, file })
+    }
+
     /// All but the grains.
     pub(crate) fn head(&self) -> &Head {
         &self.layout.head
@@ -133,6 +153,14 @@ impl GrainSource for StoredResult {
         }
         Ok(())
     }
+}
+
+/// Makes sure that a file is as long as it was stored.
+pub(super) fn check_length(path: &str, found: u64, bytes: u64) -> io::Result<()> {
+    if found != bytes {
+        return Err(invalid(format!("{path} has {found} bytes instead of {bytes}")));
+    }
+    Ok(())
 }
 
 fn invalid(what: String) -> io::Error {

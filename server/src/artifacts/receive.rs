@@ -1,8 +1,8 @@
 //! Taking in results that a worker has made in another process.
 
 use std::collections::BTreeMap;
-use std::io;
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{self, Seek as _};
 use std::sync::PoisonError;
 
 use bytes::Bytes;
@@ -10,7 +10,8 @@ use packstone_engine::export::tables::{self, GrainSource as _};
 use packstone_engine::{Report, Unattended};
 use serde_json::{Map, Value};
 
-use super::{Artifacts, InFlight};
+use super::read::StoredResult;
+use super::{Artifacts, InFlight, blob};
 use crate::jobs::ArtifactRecord;
 
 /// What a result must be.
@@ -49,9 +50,12 @@ pub(crate) enum ReceiveError {
 }
 
 impl Artifacts {
-    /// The file of a result.
-    pub(crate) fn path_of(&self, record: &ArtifactRecord) -> PathBuf {
-        self.locate(&record.path)
+    /// Opens the file of a result of this process, to be sent to a server.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn open_result(&self, record: &ArtifactRecord) -> io::Result<File> {
+        self.blobs.fetch(&blob(&record.path))
     }
 
     /// Writes a result from its pieces, and makes sure that it is one of this job. Nothing is left behind where it is
@@ -71,52 +75,49 @@ impl Artifacts {
             }
             Ok(())
         };
-        let written: Result<_, ReceiveError> =
-            self.write_whole(place, expected.most_bytes, &Unattended, write, || Ok(()));
-        let ((), bytes, sha256) = written?;
-        let received = self.examine(place, expected, bytes, sha256);
-        if received.is_err()
-            && let Err(error) = self.remove(&place.path)
-        {
-            tracing::warn!(%error, "a result that was refused is left to the sweeper");
-        }
-        received
-    }
-
-    fn examine(
-        &self,
-        place: &InFlight,
-        expected: &Expected,
-        bytes: u64,
-        sha256: String,
-    ) -> Result<Received, ReceiveError> {
-        if sha256 != expected.sha256 {
-            let text = format!("the file has the sha256 {sha256}: must be {}", expected.sha256);
-            return Err(ReceiveError::Unexpected(text));
-        }
+        let mut examined = None;
+        let check =
+            |file: &File, sha256: &str| examine(file, expected, sha256).map(|found| examined = Some(found));
+        let ((), bytes, sha256) = self.write_whole(place, expected.most_bytes, &Unattended, write, check)?;
+        let Some((report, grains, format_lengths)) = examined else { return Err(ReceiveError::Broken) };
+        // The first to read it need not check it again.
         self.verified.lock().unwrap_or_else(PoisonError::into_inner).insert(place.path.clone());
-        let mut artifact = ArtifactRecord {
+        let shown = match serde_json::to_value(&report).map_err(io::Error::from)? {
+            Value::Object(shown) => shown,
+            _ => Map::new(),
+        };
+        let artifact = ArtifactRecord {
             path: place.path.clone(),
             bytes,
             sha256,
-            report: Map::new(),
+            report: shown,
             format_revision: tables::REVISION,
-            format_lengths: BTreeMap::new(),
+            format_lengths,
         };
-        let stored = self.read(&artifact).map_err(|error| match error.kind() {
-            io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
-                ReceiveError::Unexpected(format!("the file is no result: {error}"))
-            }
-            _ => ReceiveError::Io(error),
-        })?;
-        let head = stored.head();
-        if head.job_id.as_deref() != Some(expected.job.as_str()) || head.request != expected.request {
-            return Err(ReceiveError::Unexpected("the file is the result of another request".into()));
-        }
-        artifact.format_lengths = stored.count_lengths()?;
-        if let Value::Object(report) = serde_json::to_value(&head.report).map_err(io::Error::from)? {
-            artifact.report = report;
-        }
-        Ok(Received { artifact, report: head.report.clone(), grains: stored.len() as u64 })
+        Ok(Received { artifact, report, grains })
     }
+}
+
+/// Makes sure that a file is the result of a job; its report, the number of its grains, and the lengths of its formats.
+fn examine(
+    mut file: &File,
+    expected: &Expected,
+    sha256: &str,
+) -> Result<(Report, u64, BTreeMap<String, u64>), ReceiveError> {
+    if sha256 != expected.sha256 {
+        let text = format!("the file has the sha256 {sha256}: must be {}", expected.sha256);
+        return Err(ReceiveError::Unexpected(text));
+    }
+    file.rewind()?;
+    let stored = StoredResult::of(file.try_clone()?).map_err(|error| match error.kind() {
+        io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
+            ReceiveError::Unexpected(format!("the file is no result: {error}"))
+        }
+        _ => ReceiveError::Io(error),
+    })?;
+    let head = stored.head();
+    if head.job_id.as_deref() != Some(expected.job.as_str()) || head.request != expected.request {
+        return Err(ReceiveError::Unexpected("the file is the result of another request".into()));
+    }
+    Ok((head.report.clone(), stored.len() as u64, stored.count_lengths()?))
 }

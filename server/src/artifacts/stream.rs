@@ -5,8 +5,7 @@
 //! wait; one that is gone, or that takes nothing for a minute, ends it. So a result of any length
 //! costs a few blocks of memory.
 
-use std::fs::File;
-use std::io::{self, Read as _, Seek as _, SeekFrom, Write};
+use std::io::{self, Read, Write};
 use std::ops::Range;
 use std::time::Duration;
 
@@ -44,16 +43,16 @@ pub(crate) fn start(
     receiver
 }
 
-/// Starts to send a part of a file as it lies.
+/// Starts to send so many bytes as they lie.
 pub(crate) fn start_file(
-    mut file: File,
-    range: Range<u64>,
+    mut bytes: Box<dyn Read + Send>,
+    length: u64,
     permit: OwnedSemaphorePermit,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
         let mut blocks = Blocks { sender: sender.clone(), handle: Handle::current() };
-        let sent = send_file(&mut file, range, &mut blocks).or_else(reader_left);
+        let sent = send_bytes(&mut *bytes, length, &mut blocks).or_else(reader_left);
         if let Err(error) = sent {
             tracing::warn!(%error, "a file was not sent to its end");
             let _ = sender.try_send(Err(error));
@@ -63,12 +62,11 @@ pub(crate) fn start_file(
     receiver
 }
 
-fn send_file(file: &mut File, range: Range<u64>, blocks: &mut impl Sink) -> io::Result<()> {
-    file.seek(SeekFrom::Start(range.start))?;
-    let mut left = range.end - range.start;
+fn send_bytes(bytes: &mut dyn Read, length: u64, blocks: &mut impl Sink) -> io::Result<()> {
+    let mut left = length;
     while left > 0 {
         let mut block = BytesMut::zeroed(left.min(BLOCK_BYTES as u64) as usize);
-        file.read_exact(&mut block)?;
+        bytes.read_exact(&mut block)?;
         left -= block.len() as u64;
         blocks.send(block.freeze())?;
     }

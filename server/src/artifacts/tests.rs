@@ -35,7 +35,7 @@ impl Stored {
             report: packing.report.clone(),
         };
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path().to_owned()).unwrap();
+        let artifacts = Artifacts::open(folder.path()).unwrap();
         Self { folder, artifacts, packing, head }
     }
 
@@ -57,7 +57,7 @@ async fn every_format_and_range_comes_back_as_it_was() {
     let record = stored.write();
     assert_eq!(record.path, "ab/job-ab.1.packstone");
     assert_eq!(record.report["summary"]["grains"], stored.packing.grains.len() as u64);
-    let file = fs::read(stored.folder.path().join(&record.path)).unwrap();
+    let file = fs::read(stored.folder.path().join("artifacts").join(&record.path)).unwrap();
     assert_eq!((record.bytes, record.sha256.clone()), (file.len() as u64, crate::hex::sha256(&file)));
     assert_eq!(stored.artifacts.read(&record).unwrap().count_lengths().unwrap(), record.format_lengths);
     for format in Format::ALL {
@@ -85,7 +85,7 @@ async fn every_format_and_range_comes_back_as_it_was() {
 fn a_damaged_or_missing_file_is_noticed() {
     let stored = Stored::new();
     let record = stored.write();
-    let file = stored.folder.path().join(&record.path);
+    let file = stored.folder.path().join("artifacts").join(&record.path);
     let whole = fs::read(&file).unwrap();
     let mut flipped = whole.clone();
     let last = flipped.len() - 1;
@@ -110,5 +110,5 @@ fn a_stopped_write_leaves_nothing_behind() {
     let error = stored.artifacts.write(&place, &stored.head, &stored.packing.grains, &control).unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::ConnectionAborted);
     drop(place);
-    assert_eq!(stored.artifacts.settled().unwrap(), []);
+    assert_eq!(stored.artifacts.settled(Duration::ZERO).unwrap(), []);
 }

@@ -1,7 +1,7 @@
 //! Writing results and exports, with their digests; only then may the store refer to them.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 
 use packstone_engine::Control;
@@ -9,8 +9,7 @@ use packstone_engine::export::tables::{self, Format, GrainSource, Head, stored};
 use serde_json::Map;
 use sha2::{Digest, Sha256};
 
-use super::{Artifacts, InFlight};
-use crate::atomic_file::{self, sync_folder};
+use super::{Artifacts, InFlight, blob};
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
@@ -35,7 +34,7 @@ impl Artifacts {
             u64::MAX,
             control,
             |out| stored::write(head, grains, out),
-            || count_lengths(head, grains, control).map(|lengths| format_lengths = lengths),
+            |_, _| count_lengths(head, grains, control).map(|lengths| format_lengths = lengths),
         )?;
         let report = match serde_json::to_value(&head.report)? {
             serde_json::Value::Object(report) => report,
@@ -51,8 +50,8 @@ impl Artifacts {
         })
     }
 
-    /// Writes a file by `write`; `before_rename` is the last that can keep it from its name. Nothing is left behind
-    /// where anything fails.
+    /// Writes a file by `write`; `check`, which gets it with its SHA-256, is the last that can keep it from its
+    /// name. Nothing is left behind where anything fails.
     ///
     /// Returns what `write` returned, the file's length and its SHA-256.
     pub(super) fn write_whole<T, E: From<io::Error>>(
@@ -61,24 +60,26 @@ impl Artifacts {
         most_bytes: u64,
         control: &dyn Control,
         write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
-        before_rename: impl FnOnce() -> Result<(), E>,
+        check: impl FnOnce(&File, &str) -> Result<(), E>,
     ) -> Result<(T, u64, String), E> {
-        let complete = self.locate(&place.path);
-        if let Some(folder) = complete.parent()
-            && !folder.is_dir()
-        {
-            fs::create_dir_all(folder)?;
-            sync_folder(&self.root)?;
+        let name = blob(&place.path);
+        let staged = self.blobs.stage(&name)?;
+        let inner = staged.file();
+        let mut digested = Digested { inner, digest: Sha256::new(), bytes: 0, most_bytes, control };
+        let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
+        let value = write(&mut buffered)?;
+        buffered.flush()?;
+        drop(buffered);
+        let (bytes, sha256) = (digested.bytes, hex::encode(&digested.digest.finalize()));
+        check(inner, &sha256)?;
+        match self.blobs.publish(staged, &name, &|| control.should_stop()) {
+            // The same attempt has written the same bytes before, and what followed was lost.
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                self.open_checked(&place.path, bytes, &sha256).map(drop)?;
+            }
+            published => published?,
         }
-        let write = |file: &File| {
-            let mut digested = Digested { inner: file, digest: Sha256::new(), bytes: 0, most_bytes, control };
-            let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
-            let value = write(&mut buffered)?;
-            buffered.flush()?;
-            drop(buffered);
-            Ok((value, digested.bytes, hex::encode(&digested.digest.finalize())))
-        };
-        atomic_file::write(&complete, write, before_rename)
+        Ok((value, bytes, sha256))
     }
 }
 

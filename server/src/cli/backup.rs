@@ -12,6 +12,7 @@ use sqlx::{Connection as _, SqliteConnection};
 
 use super::check::{self, Found};
 use super::{Failure, block_on, print};
+use crate::blobs::Place;
 
 /// Options of `packstone backup`.
 #[derive(Args)]
@@ -21,10 +22,14 @@ pub(super) struct Options {
     /// Data directory of the service
     #[arg(long, env = "PACKSTONE_DATA_DIR", default_value = "packstone-data")]
     data_dir: PathBuf,
+    /// Where the service keeps results and exports, if not in its data directory; they are left there, and the backup
+    /// is one of the database
+    #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
+    blobs: Option<Place>,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let Options { directory, data_dir } = options;
+    let Options { directory, data_dir, blobs } = options;
     if directory.exists() {
         return Err(
             format!("{} exists already: a backup goes into a new directory", directory.display()).into()
@@ -32,6 +37,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     std::fs::create_dir_all(directory)?;
     block_on(copy_database(data_dir, directory))?;
+    if let Some(place) = blobs {
+        print(&format!("copied the database to {}; the files stay at {place}\n", directory.display()))?;
+        return Ok(());
+    }
     let files = block_on(check::files(directory))?;
     let (mut copied, mut missing) = (0_u64, Vec::new());
     for file in &files {
@@ -46,8 +55,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             Err(error) => return Err(format!("{} was not copied: {error}", from.display()).into()),
         }
     }
-    let faults: Vec<Found> =
-        check::verify(directory, &files).into_iter().filter(|found| !missing.contains(&found.path)).collect();
+    let faults: Vec<Found> = check::verify(&check::in_directory(directory), &files)
+        .into_iter()
+        .filter(|found| !missing.contains(&found.path))
+        .collect();
     for found in &faults {
         print(&format!("{}: {}\n", found.path, found.fault))?;
     }

@@ -1,21 +1,20 @@
 //! `packstone check`: whether every file of a data directory is what the database says, and the database sound.
 
-use std::fs::File;
-use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
 
 use clap::Args;
-use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, Row as _, SqliteConnection};
 
 use super::{Failure, block_on, print};
-use crate::artifacts::Artifacts;
-use crate::hex;
+use crate::artifacts::{Artifacts, Settled};
+use crate::blobs::{Files, Place};
+use crate::tasks;
 
 /// Name of the database in a data directory.
 pub(super) const DATABASE: &str = "packstone.sqlite";
-const BLOCK_BYTES: usize = 1 << 16;
 
 /// Options of `packstone check`.
 #[derive(Args)]
@@ -23,6 +22,10 @@ pub(super) struct Options {
     /// Data directory of a service, running or not, or a backup of one
     #[arg(default_value = "packstone-data")]
     directory: PathBuf,
+    /// Where the service keeps results and exports, if not in its data directory: a folder, or
+    /// `s3://BUCKET/PREFIX`
+    #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
+    blobs: Option<Place>,
 }
 
 /// A file that the database refers to.
@@ -47,9 +50,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         .into_iter()
         .map(|fault| Found { path: DATABASE.into(), fault })
         .collect();
-    let files = block_on(files(directory))?;
-    faults.extend(verify(directory, &files));
-    faults.extend(unknown(directory, &files)?);
+    let files: Arc<[Expected]> = block_on(files(directory))?.into();
+    faults.extend(block_on(compare(options, &files))?);
     for found in &faults {
         print(&format!("{}: {}\n", found.path, found.fault))?;
     }
@@ -89,9 +91,29 @@ pub(super) async fn files(directory: &Path) -> Result<Vec<Expected>, Failure> {
     Ok(rows.iter().map(file).collect::<Result<_, _>>()?)
 }
 
+/// Compares the files with the database.
+async fn compare(options: &Options, files: &Arc<[Expected]>) -> Result<Vec<Found>, Failure> {
+    let (blobs, directory, files) = (options.blobs.clone(), options.directory.clone(), Arc::clone(files));
+    let compared = tasks::blocking(move || {
+        let artifacts = match blobs {
+            Some(place) => Artifacts::new(place.open(&directory, None)?),
+            None => in_directory(&directory),
+        };
+        let mut faults = verify(&artifacts, &files);
+        faults.extend(unknown(&artifacts, &files)?);
+        Ok::<_, Failure>(faults)
+    });
+    compared.await?
+}
+
+/// The results and exports in a data directory, or in a backup of one.
+pub(super) fn in_directory(directory: &Path) -> Artifacts {
+    Artifacts::new(Arc::new(Files::alone(directory.to_owned())))
+}
+
 /// Compares each file with its length and digest.
-pub(super) fn verify(directory: &Path, files: &[Expected]) -> Vec<Found> {
-    let fault = |file: &Expected| match digest(&directory.join("artifacts").join(&file.path)) {
+pub(super) fn verify(artifacts: &Artifacts, files: &[Expected]) -> Vec<Found> {
+    let fault = |file: &Expected| match artifacts.digest(&file.path) {
         Ok((bytes, _)) if bytes != file.bytes => Some(format!("{bytes} bytes instead of {}", file.bytes)),
         Ok((_, sha256)) if sha256 != file.sha256 => {
             Some(format!("the sha256 is {sha256} instead of {}", file.sha256))
@@ -103,28 +125,11 @@ pub(super) fn verify(directory: &Path, files: &[Expected]) -> Vec<Found> {
 }
 
 /// Complete files that the database does not know.
-fn unknown(directory: &Path, files: &[Expected]) -> Result<Vec<Found>, Failure> {
-    let root = directory.join("artifacts");
-    if !root.is_dir() {
-        return Ok(Vec::new());
-    }
+fn unknown(artifacts: &Artifacts, files: &[Expected]) -> Result<Vec<Found>, Failure> {
     let known: std::collections::HashSet<&str> = files.iter().map(|file| file.path.as_str()).collect();
-    let found = Artifacts::open(root)?.settled()?.into_iter().filter(|(path, complete)| path == complete);
+    let found = artifacts.settled(Duration::ZERO)?.into_iter().filter(Settled::is_complete);
     Ok(found
-        .filter(|(path, _)| !known.contains(path.as_str()))
-        .map(|(path, _)| Found { path, fault: "the database does not know it".into() })
+        .filter(|file| !known.contains(file.path.as_str()))
+        .map(|file| Found { path: file.path, fault: "the database does not know it".into() })
         .collect())
-}
-
-fn digest(path: &Path) -> io::Result<(u64, String)> {
-    let mut file = File::open(path)?;
-    let (mut digest, mut block, mut bytes) = (Sha256::new(), vec![0; BLOCK_BYTES], 0);
-    loop {
-        let read = file.read(&mut block)?;
-        if read == 0 {
-            return Ok((bytes, hex::encode(&digest.finalize())));
-        }
-        digest.update(&block[..read]);
-        bytes += read as u64;
-    }
 }

@@ -13,8 +13,8 @@ pub(super) struct Options {
     #[arg(value_parser = checked_name)]
     name: String,
     /// What the key may do: `read` reads the jobs and studies of its owner, `submit` submits and changes them as well,
-    /// `admin` does so with those of all owners; `worker` is for `packstone worker`, which runs jobs of all owners, and
-    /// opens nothing else
+    /// `admin` does so with those of all owners; `worker` is for `packstone worker`, which runs jobs of all owners,
+    /// and `metrics` for what reads `/metrics`, as Prometheus; these two open nothing else
     #[arg(long, value_enum, default_value_t)]
     role: Role,
     /// Whose jobs and studies the key is for; several keys may have one owner [default: the name of the key]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
@@ -57,8 +57,8 @@ pub(super) struct Options {
     /// one in the folder for temporary files]
     #[arg(long, env = "PACKSTONE_SCRATCH", value_name = "FOLDER")]
     scratch: Option<PathBuf>,
-    /// When this worker must have ended: a time as 2026-11-22T20:00:00Z, or `auto` for the time limit of the job of
-    /// Slurm; it stops a minute before
+    /// When this worker must have ended: a time as 2026-11-22T20:00:00Z, a duration from now as 8h or 90m, or `auto`
+    /// for the time limit of the job of Slurm; it stops a minute before, and gets no job whose work would be lost then
     #[arg(long, env = "PACKSTONE_UNTIL", value_name = "TIME")]
     until: Option<String>,
     /// End when there was no job for so many seconds
@@ -136,18 +136,19 @@ async fn work(
             _ => {}
         }
     }
-    let artifacts = Artifacts::open(results).map_err(made)?;
+    let artifacts = Artifacts::open(scratch).map_err(made)?;
     let checkpoints = Checkpoints::open(checkpoints, checkpoint_every).map_err(made)?;
     let shutdown = CancellationToken::new();
     stop_on_signals(shutdown.clone())?;
     tracing::info!(name = options.name, slots, scratch = %scratch.display(), "working");
     let until = options.until;
-    let there = There::new(server, options, artifacts.clone(), checkpoints.clone());
+    let disk = Disk::new(scratch.to_owned(), None, Shortage::default());
+    let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
     let executor = Executor {
         leases: Leases::There(there.clone()),
         artifacts,
         checkpoints,
-        disk: Disk::new(scratch.to_owned(), None, Shortage::default()),
+        disk,
         metrics: Arc::new(Metrics::default()),
         shutdown: shutdown.clone(),
     };
@@ -231,15 +232,17 @@ fn read_key(file: &Path) -> Result<String, Failure> {
 
 /// When this worker is to stop, by the time at which it must have ended.
 fn end_of_time(text: &str) -> Result<Instant, Failure> {
+    let now = Timestamp::now();
     let end = if text == "auto" {
         end_of_slurm_job()?
     } else {
-        text.parse::<Timestamp>().map_err(|error| {
-            Exit::BadInput
-                .because(format_args!("--until {text}: {error}; write it as 2026-11-22T20:00:00Z, or auto"))
+        let from_now = text.parse::<SignedDuration>().ok().and_then(|left| now.checked_add(left).ok());
+        from_now.or_else(|| text.parse().ok()).ok_or_else(|| {
+            let text = format!("--until {text:?}: must be a time as 2026-11-22T20:00:00Z, 8h, 90m or auto");
+            Exit::BadInput.because(text)
         })?
     };
-    let left = Duration::try_from(end.duration_since(Timestamp::now())).unwrap_or_default();
+    let left = Duration::try_from(end.duration_since(now)).unwrap_or_default();
     let Some(work) = left.checked_sub(STOP_BEFORE).filter(|work| !work.is_zero()) else {
         let text = format!(
             "--until: {end} is less than {} s from now, in which nothing could be packed",
@@ -295,7 +298,11 @@ mod tests {
         let after = |s: i64| (Timestamp::now() + Duration::from_secs(s.unsigned_abs())).to_string();
         let stop = end_of_time(&after(3600)).unwrap().saturating_duration_since(Instant::now());
         assert!((3535..=3540).contains(&stop.as_secs()), "{stop:?}");
-        for bad in ["", "soon", "2020-01-01T00:00:00Z", &after(30)] {
+        for (text, least_s) in [("2h", 7135), ("90m", 5335), ("1h30m", 5335)] {
+            let stop = end_of_time(text).unwrap().saturating_duration_since(Instant::now());
+            assert!((least_s..=least_s + 5).contains(&stop.as_secs()), "{text}: {stop:?}");
+        }
+        for bad in ["", "soon", "2020-01-01T00:00:00Z", &after(30), "30s", "-2h", "8"] {
             assert!(end_of_time(bad).is_err(), "{bad}");
         }
     }

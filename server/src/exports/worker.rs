@@ -243,7 +243,7 @@ impl ExportWorker {
                         if wanted {
                             self.shrink_cache(record).await;
                         } else {
-                            self.remove(std::slice::from_ref(&file.path));
+                            self.artifacts.discard(vec![file.path.clone()]).await;
                         }
                     }
                     return;
@@ -269,17 +269,9 @@ impl ExportWorker {
             Ok(paths) if paths.is_empty() => {}
             Ok(paths) => {
                 tracing::info!(files = paths.len(), "dropped what was used longest ago of the cache");
-                self.remove(&paths);
+                self.artifacts.discard(paths).await;
             }
             Err(error) => tracing::warn!(%error, "the cache was not shrunk"),
-        }
-    }
-
-    fn remove(&self, paths: &[String]) {
-        for path in paths {
-            if let Err(error) = self.artifacts.remove(path) {
-                tracing::warn!(%error, path, "a file is left to the sweeper");
-            }
         }
     }
 }

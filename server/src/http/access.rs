@@ -23,6 +23,8 @@ enum Right {
     Change,
     /// Leases jobs and ends them, whosever they are.
     Work,
+    /// Reads the metrics of the service.
+    Measure,
     /// It is about the service as a whole.
     Operate,
 }
@@ -51,6 +53,7 @@ fn needs(method: &Method, route: &str) -> (Right, Named) {
         // A plan is computed and not stored.
         "/v1/plans" => (Right::Read, Named::Nothing),
         _ if below("/v1/leases") => (Right::Work, Named::Nothing),
+        "/metrics" if reads => (Right::Measure, Named::Nothing),
         "/v1/capabilities" | "/v1/key" | "/problems" | "/problems/{kind}" | "/openapi.json" | "/healthz"
         | "/readyz" | UNKNOWN_ROUTE => (Right::Ask, Named::Nothing),
         _ => (Right::Operate, Named::Nothing),
@@ -72,21 +75,24 @@ pub(crate) async fn check(
         return Ok(());
     }
     let (right, named) = needs(request.method(), route);
-    if right == Right::Work && caller.role == Role::Worker {
-        return Ok(());
-    }
-    let role = match right {
-        Right::Ask => Role::Worker,
+    let needed = match right {
+        Right::Ask | Right::Measure => Role::Metrics,
+        Right::Work => Role::Worker,
         Right::Read => Role::Read,
         Right::Change => Role::Submit,
-        Right::Work | Right::Operate => Role::Admin,
+        Right::Operate => Role::Admin,
     };
-    if caller.role < role {
+    let is_enough = match right {
+        // No others have these two rights, whatever else they may do; an administrator has all.
+        Right::Measure | Right::Work => caller.role == needed,
+        _ => caller.role >= needed,
+    };
+    if !is_enough {
         let detail = format!(
             "the API key {:?} has the role `{}`: this needs `{}`",
             caller.by.key,
             caller.role.name(),
-            if right == Right::Work { Role::Worker } else { role }.name()
+            needed.name()
         );
         return Err(Problem::new(Kind::Forbidden, detail));
     }
@@ -150,7 +156,8 @@ mod tests {
             (Method::GET, "/v1/key", (Right::Ask, Named::Nothing)),
             (Method::POST, "/v1/leases", (Right::Work, Named::Nothing)),
             (Method::PUT, "/v1/leases/{job}/{attempt}/result", (Right::Work, Named::Nothing)),
-            (Method::GET, "/metrics", (Right::Operate, Named::Nothing)),
+            (Method::GET, "/metrics", (Right::Measure, Named::Nothing)),
+            (Method::POST, "/metrics", (Right::Operate, Named::Nothing)),
             (Method::GET, "/v1/jobs/{identity}", (Right::Operate, Named::Nothing)),
             (Method::GET, "/v1/new", (Right::Operate, Named::Nothing)),
         ] {

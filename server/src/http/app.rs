@@ -15,6 +15,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
 use crate::http::hosts::Hosts;
+use crate::http::jobs::polled::Polled;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
 use crate::problem::{Kind, Problem};
@@ -22,6 +23,7 @@ use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::WebhookRules;
 use crate::workers::executor::Executor;
+use crate::workers::heard::Heard;
 use crate::workers::here::Here;
 use crate::workers::probe;
 
@@ -44,6 +46,8 @@ pub(crate) struct Shared {
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
+    /// Whether clients are sent to the storage for what lies there as it is sent.
+    pub(crate) blobs_redirect: bool,
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) accounts: Arc<Accounts>,
@@ -66,6 +70,10 @@ pub(crate) struct Shared {
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
     pub(crate) large_bodies: Arc<Semaphore>,
+    /// Jobs in other processes whose state was asked for lately.
+    pub(crate) polled: Polled,
+    /// Workers that ask for jobs.
+    pub(crate) heard: Heard,
     /// Files that are being taken in from workers.
     receiving: Mutex<HashSet<String>>,
     /// Digest of the probe, once a worker has asked for jobs.
@@ -90,6 +98,7 @@ impl App {
                 artifacts: executor.artifacts.clone(),
                 checkpoints: executor.checkpoints.clone(),
                 disk: executor.disk.clone(),
+                blobs_redirect: options.blobs_redirect,
                 storage: here.storage.clone(),
                 metrics: Arc::clone(&executor.metrics),
                 hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())
@@ -109,6 +118,8 @@ impl App {
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
+                polled: Polled::default(),
+                heard: Heard::default(),
                 receiving: Mutex::default(),
                 bits: OnceCell::new(),
                 ready: AtomicBool::new(false),

@@ -3,7 +3,6 @@
 //! Its length is known before its first byte is sent. Whose bytes they are, and where they come from, is for others
 //! to know.
 
-use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,12 +17,16 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::time::timeout;
 
 use crate::artifacts::stream as sending;
+use crate::blobs::Blob;
 use crate::http::app::App;
 use crate::http::conditional;
+use crate::http::problems::of_fault;
 use crate::http::ranges::Asked;
 use crate::http::response::set;
 use crate::jobs::JobRecord;
+use crate::jobs::store::Fault;
 use crate::problem::{Kind, Problem};
+use crate::tasks;
 
 /// How long a download waits for another to end before it is refused.
 const TURN: Duration = Duration::from_secs(10);
@@ -123,9 +126,7 @@ impl Described {
         let fields = response.headers_mut();
         fields.insert(header::CONTENT_TYPE, self.content_type.clone());
         fields.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
-        let how = if self.inline { "inline" } else { "attachment" };
-        let disposition = format!("{how}; filename=\"{}\"", self.filename);
-        set(&mut response, header::CONTENT_DISPOSITION, &disposition);
+        set(&mut response, header::CONTENT_DISPOSITION, &self.disposition());
         if self.inline {
             // A browser that opens it must not run what a viewer of pictures would not.
             set(&mut response, header::CONTENT_SECURITY_POLICY, "default-src 'none'; sandbox");
@@ -135,6 +136,12 @@ impl Described {
             set(&mut response, header::CONTENT_RANGE, &range);
         }
         Ok(response)
+    }
+
+    /// `Content-Disposition`.
+    pub(crate) fn disposition(&self) -> String {
+        let how = if self.inline { "inline" } else { "attachment" };
+        format!("{how}; filename=\"{}\"", self.filename)
     }
 
     fn describe(&self, response: &mut Response) {
@@ -170,10 +177,17 @@ pub(crate) fn body(blocks: mpsc::Receiver<io::Result<Bytes>>) -> Body {
 /// A part of a file as it lies.
 ///
 /// # Errors
-/// `busy`.
-pub(crate) async fn send_file(app: &App, file: File, range: Range<u64>) -> Result<Body, Problem> {
+/// `busy`, or `not-ready` where the storage cannot be read at present.
+pub(crate) async fn send_file(app: &App, file: Box<dyn Blob>, range: Range<u64>) -> Result<Body, Problem> {
     let permit = turn(app).await?;
-    Ok(body(sending::start_file(file, range, permit)))
+    let length = range.end - range.start;
+    let bytes =
+        tasks::blocking(move || file.read(range)).await.unwrap_or_else(|error| Err(io::Error::other(error)));
+    let bytes = bytes.map_err(|error| {
+        tracing::error!(%error, "a file cannot be read at present");
+        of_fault(Fault::Io)
+    })?;
+    Ok(body(sending::start_file(bytes, length, permit)))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crate::http::app::App;
 use crate::http::response::time;
 use crate::jobs::JobRecord;
 use crate::jobs::store::{DeliveryState, StoreError, StudyRecord, StudyState, WebhookRecord};
-use crate::webhooks::{WebhookRules, WebhookUrl};
+use crate::webhooks::{NONE_OF_JOBS, WebhookRules, WebhookUrl};
 
 /// The message that is sent when a job ends or a study is finished, and how far it is.
 #[derive(Debug, Serialize, ToSchema)]
@@ -79,7 +79,12 @@ impl WebhookView {
     }
 }
 
-/// Judges the URL of a submission, where it names one.
+/// The refusal of a URL for a job of a study.
+pub(crate) fn of_a_study() -> Failure {
+    Failure::invalid(vec![FieldError::new("/webhook_url", NONE_OF_JOBS)])
+}
+
+/// Judges the URL of a submission or a change, where it names one.
 ///
 /// # Errors
 /// A `validation-error` at `/webhook_url`.

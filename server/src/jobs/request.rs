@@ -233,6 +233,10 @@ pub(crate) struct JobPatch {
     /// Whether other users of the server may read the job and its result; `null` stands for `false`.
     #[schema(required = false, nullable)]
     pub(crate) shared: Option<bool>,
+    /// The new URL to which a signed message is sent when the job ends; `null` removes it. A message that is recorded
+    /// already goes to the URL of before.
+    #[schema(required = false, schema_with = schema::webhook_url)]
+    pub(crate) webhook_url: Change<WebhookUrl>,
 }
 
 impl JobPatch {
@@ -269,9 +273,19 @@ impl JobPatch {
                 Some(at) => at.boolean(),
                 None => is_null("shared").then_some(false),
             };
+            patch.webhook_url = read_webhook_change(value, &mut object);
             object.finish();
         }
         if faults.count() == 0 { Ok(patch) } else { Err(faults.into_vec()) }
+    }
+}
+
+/// What a patch does to the URL of a webhook.
+pub(crate) fn read_webhook_change(patch: &Value, object: &mut Object<'_>) -> Change<WebhookUrl> {
+    match object.optional("webhook_url") {
+        Some(at) => WebhookUrl::read(&at).map_or(Change::Keep, Change::Set),
+        None if patch.get("webhook_url").is_some_and(Value::is_null) => Change::Remove,
+        None => Change::Keep,
     }
 }
 
@@ -543,16 +557,21 @@ mod tests {
                 labels: labels.into(),
                 clear_labels: false,
                 expires_at: Change::Remove,
-                shared: None
+                shared: None,
+                webhook_url: Change::Keep,
             }
         );
+        assert_eq!(read(json!({"webhook_url": null})).unwrap().webhook_url, Change::Remove);
+        let url = WebhookUrl::parse("https://example.org/hook?a=b").unwrap();
+        assert_eq!(read(json!({"webhook_url": url.as_str()})).unwrap().webhook_url, Change::Set(url));
         for (given, expected) in [(json!(true), true), (json!(false), false), (json!(null), false)] {
             assert_eq!(read(json!({"shared": given})).unwrap().shared, Some(expected));
         }
-        let faults =
-            read(json!({"name": "", "priority": 101, "labels": {"a=b": "c"}, "expires_at": "x", "seed": 1}));
+        let faults = read(
+            json!({"name": "", "priority": 101, "labels": {"a=b": "c"}, "expires_at": "x", "webhook_url": "ftp://a", "seed": 1}),
+        );
         let pointers: Vec<String> = faults.unwrap_err().into_iter().map(|fault| fault.pointer).collect();
-        assert_eq!(pointers, ["/name", "/priority", "/labels/a=b", "/expires_at", "/seed"]);
+        assert_eq!(pointers, ["/name", "/priority", "/labels/a=b", "/expires_at", "/webhook_url", "/seed"]);
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! Clearing up at intervals: expired jobs, leases that ran out, files that deletions left behind, and checkpoints.
 //!
 //! Files are listed first, then those of live attempts are left out, then the store is asked; a file that was renamed
-//! but not committed is in flight until its commit. A complete file is removed only where the database says that a
-//! deletion left it behind. One that the database does not know is moved to the quarantine, and removed after some
-//! days.
+//! but not committed is in flight until its commit. Where several processes write files, what the others have in flight
+//! is not known here: then only files are looked at that are old enough by the clock of the storage, and belong to an
+//! attempt that is over. A complete file is removed only where the database says that a deletion left it behind. One
+//! that the database does not know is moved to the quarantine, and removed after some days.
 
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -17,11 +19,20 @@ use super::JobId;
 use super::store::{Removed, Store, StoreError};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
-use crate::metrics::Metrics;
+use crate::metrics::{LeaseEvent, Metrics};
 use crate::tasks;
 
 /// Files that deletions have left behind, looked at together.
 const REMOVALS_AT_ONCE: u32 = 1000;
+
+/// What is swept.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SweepRules {
+    /// Days after which files in the quarantine are removed.
+    pub(crate) quarantine_days: u32,
+    /// Age of the files that are looked at where several processes write.
+    pub(crate) least_age: Duration,
+}
 
 /// What a sweep found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,7 +47,7 @@ pub(crate) enum SweepError {
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error("a folder of files failed: {0}")]
-    Folder(#[from] std::io::Error),
+    Folder(#[from] io::Error),
     #[error("the sweep was broken off: {0}")]
     Broken(#[from] tokio::task::JoinError),
 }
@@ -47,7 +58,7 @@ pub(crate) async fn run(
     artifacts: Artifacts,
     checkpoints: Checkpoints,
     every: Duration,
-    quarantine_days: u32,
+    rules: SweepRules,
     metrics: Arc<Metrics>,
     shutdown: CancellationToken,
 ) {
@@ -58,8 +69,13 @@ pub(crate) async fn run(
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        let swept = sweep(&store, &artifacts, &checkpoints, quarantine_days).await;
+        // A storage that does not answer must not hold up the stop; what is begun ends by itself.
+        let swept = tokio::select! {
+            swept = sweep(&store, &artifacts, &checkpoints, rules) => swept,
+            () = shutdown.cancelled() => return,
+        };
         metrics.swept(swept.is_ok());
+        metrics.lease(LeaseEvent::Expired, swept.as_ref().map_or(0, |swept| swept.reclaimed) as u64);
         match swept {
             Ok(swept) if swept != Swept::default() => tracing::info!(
                 reclaimed = swept.reclaimed,
@@ -75,7 +91,12 @@ pub(crate) async fn run(
 
 /// Takes back the jobs whose lease ran out, as often as leases are renewed, until the server stops: a job of a machine
 /// that died does not wait for the next sweep.
-pub(crate) async fn take_back(store: Store, checkpoints: Checkpoints, shutdown: CancellationToken) {
+pub(crate) async fn take_back(
+    store: Store,
+    checkpoints: Checkpoints,
+    metrics: Arc<Metrics>,
+    shutdown: CancellationToken,
+) {
     let mut tick = interval(store.renew_every());
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -83,9 +104,16 @@ pub(crate) async fn take_back(store: Store, checkpoints: Checkpoints, shutdown: 
             _ = tick.tick() => {}
             () = shutdown.cancelled() => return,
         }
-        match take_back_expired(&store, &checkpoints).await {
+        let taken_back = tokio::select! {
+            taken_back = take_back_expired(&store, &checkpoints) => taken_back,
+            () = shutdown.cancelled() => return,
+        };
+        match taken_back {
             Ok(0) => {}
-            Ok(jobs) => tracing::warn!(jobs, "leases ran out; the jobs wait for other workers"),
+            Ok(jobs) => {
+                metrics.lease(LeaseEvent::Expired, jobs as u64);
+                tracing::warn!(jobs, "leases ran out; the jobs wait for other workers");
+            }
             Err(error) => tracing::error!(%error, "leases that ran out were not taken back"),
         }
     }
@@ -98,7 +126,7 @@ async fn take_back_expired(store: &Store, checkpoints: &Checkpoints) -> Result<u
         return Ok(0);
     }
     let checkpoints = checkpoints.clone();
-    let kept = tasks::blocking(move || checkpoints.kept()).await??;
+    let kept = tasks::blocking(move || checkpoints.kept_anywhere()).await??;
     let exports = store.reclaim_expired_exports().await?;
     if exports > 0 {
         tracing::warn!(exports, "leases ran out; the exports wait for other workers");
@@ -114,7 +142,7 @@ pub(crate) async fn sweep(
     store: &Store,
     artifacts: &Artifacts,
     checkpoints: &Checkpoints,
-    quarantine_days: u32,
+    rules: SweepRules,
 ) -> Result<Swept, SweepError> {
     let reclaimed = take_back_expired(store, checkpoints).await?;
     let mut swept = Swept { reclaimed, ..Swept::default() };
@@ -130,33 +158,59 @@ pub(crate) async fn sweep(
         swept.expired += removed.len();
         remove_all(artifacts, removed).await?;
     }
-    let settled = tasks::blocking({
-        let artifacts = artifacts.clone();
-        move || artifacts.settled()
-    })
-    .await??;
-    let today = Timestamp::now().to_zoned(TimeZone::UTC).date();
-    for (path, complete) in settled {
-        if path != complete {
-            // Half of a file, of an attempt that was killed.
-            artifacts.remove(&path)?;
-            tracing::info!(path, "removed a file that was not written to its end");
-            swept.files += 1;
-        } else if !store.refers_to(&complete).await? {
-            if store.is_removed(&complete).await? {
-                artifacts.remove(&path)?;
-            } else if let Some(to) = artifacts.quarantine(&path, today)? {
-                tracing::warn!(path, to = %to.display(), "moved a file that the database does not know to the quarantine");
-            }
-            swept.files += 1;
-        }
-    }
-    forget_removals(store, artifacts).await?;
-    for folder in artifacts.empty_quarantine(today, quarantine_days)? {
-        tracing::warn!(folder = %folder.display(), quarantine_days, "removed files from the quarantine");
-    }
+    swept.files += sweep_files(store, artifacts, rules).await?;
     swept.files += sweep_checkpoints(store, checkpoints).await?;
     Ok(swept)
+}
+
+/// Removes what was left over, and moves what is not known to the quarantine; how many files that were.
+async fn sweep_files(store: &Store, artifacts: &Artifacts, rules: SweepRules) -> Result<usize, SweepError> {
+    let SweepRules { quarantine_days, least_age } = rules;
+    let settled = on(artifacts, move |artifacts| artifacts.settled(least_age)).await?;
+    let today = Timestamp::now().to_zoned(TimeZone::UTC).date();
+    let (mut removed, mut unknown) = (Vec::new(), Vec::new());
+    for file in settled {
+        // Asked first: an attempt that is over has committed its row, or never will.
+        if artifacts.are_shared()
+            && let Some((id, attempt)) = file.attempt()
+            && store.is_running(id, attempt).await?
+        {
+            continue;
+        }
+        if !file.is_complete() {
+            // Half of a file, of an attempt that was killed.
+            tracing::info!(path = file.path, "removing a file that was not written to its end");
+            removed.push(file.path);
+        } else if !store.refers_to(&file.complete).await? {
+            let list = if store.is_removed(&file.complete).await? { &mut removed } else { &mut unknown };
+            list.push(file.path);
+        }
+    }
+    let files = removed.len() + unknown.len();
+    on(artifacts, move |artifacts| {
+        artifacts.remove(&removed)?;
+        for path in unknown {
+            match artifacts.quarantine(&path, today) {
+                Ok(None) => {}
+                Ok(Some(to)) => {
+                    tracing::warn!(
+                        path,
+                        to,
+                        "moved a file that the database does not know to the quarantine"
+                    );
+                }
+                // The next sweep tries again; this one goes on.
+                Err(error) => tracing::error!(%error, path, "a file was not moved to the quarantine"),
+            }
+        }
+        Ok(())
+    })
+    .await?;
+    forget_removals(store, artifacts).await?;
+    for folder in on(artifacts, move |artifacts| artifacts.empty_quarantine(today, quarantine_days)).await? {
+        tracing::warn!(folder, quarantine_days, "removed files from the quarantine");
+    }
+    Ok(files)
 }
 
 /// Removes the files that committed deletions have left behind, and forgets them.
@@ -166,24 +220,30 @@ async fn forget_removals(store: &Store, artifacts: &Artifacts) -> Result<(), Swe
         if paths.is_empty() {
             return Ok(());
         }
+        let mut useless = Vec::new();
         for path in &paths {
             if !store.refers_to(path).await? {
-                artifacts.remove(path)?;
+                useless.push(path.clone());
             }
         }
+        on(artifacts, move |artifacts| artifacts.remove(&useless)).await?;
         store.forget_removals(paths).await?;
     }
 }
 
-/// Removes the results of jobs that are gone, on a thread that may block: of a study they are many.
+/// Removes the results of jobs that are gone.
 async fn remove_all(artifacts: &Artifacts, jobs: Vec<Removed>) -> Result<(), SweepError> {
+    let paths: Vec<String> = jobs.into_iter().flat_map(|job| job.files).collect();
+    on(artifacts, move |artifacts| artifacts.remove(&paths)).await
+}
+
+/// Does something with the files, on a thread that may block.
+async fn on<T: Send + 'static>(
+    artifacts: &Artifacts,
+    work: impl FnOnce(&Artifacts) -> io::Result<T> + Send + 'static,
+) -> Result<T, SweepError> {
     let artifacts = artifacts.clone();
-    tasks::blocking(move || {
-        let mut paths = jobs.into_iter().flat_map(|job| job.files);
-        paths.try_for_each(|path| artifacts.remove(&path))
-    })
-    .await??;
-    Ok(())
+    Ok(tasks::blocking(move || work(&artifacts)).await??)
 }
 
 /// Removes the checkpoints of jobs that are finished or gone. Those of open jobs are left alone, of
@@ -205,6 +265,18 @@ async fn sweep_checkpoints(store: &Store, checkpoints: &Checkpoints) -> Result<u
             removed += 1;
         }
     }
+    let shared = checkpoints.clone();
+    for id in tasks::blocking(move || shared.shared_ids()).await?? {
+        let open = match JobId::parse(&id) {
+            Some(id) => store.is_open(id).await?,
+            None => false,
+        };
+        if !open {
+            let checkpoints = checkpoints.clone();
+            tasks::blocking(move || checkpoints.remove_all_shared(&id)).await??;
+            removed += 1;
+        }
+    }
     Ok(removed)
 }
 
@@ -217,10 +289,12 @@ mod tests {
     use crate::jobs::store::{NewJob, StoreLimits, Submitted};
     use crate::jobs::{ArtifactRecord, JobProgress, JobRequest};
 
+    const RULES: SweepRules = SweepRules { quarantine_days: 7, least_age: Duration::from_hours(1) };
+
     #[tokio::test]
     async fn only_what_nothing_refers_to_is_swept() {
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        let artifacts = Artifacts::open(folder.path()).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
         let store = Store::open(
             &folder.path().join("packstone.sqlite").as_path().into(),
@@ -245,7 +319,7 @@ mod tests {
         let place = artifacts.begin("live-ab", 1);
         std::fs::write(file("live-ab.1.packstone"), "x").unwrap();
 
-        let swept = sweep(&store, &artifacts, &checkpoints, 7).await.unwrap();
+        let swept = sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap();
         assert_eq!(swept, Swept { reclaimed: 0, expired: 1, files: 2 });
         let mut left: Vec<String> = std::fs::read_dir(folder.path().join("artifacts/ab"))
             .unwrap()
@@ -255,7 +329,7 @@ mod tests {
         assert_eq!(left, ["kept.1.packstone", "live-ab.1.packstone"]);
         drop(place);
         assert_eq!(
-            sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files,
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
             1,
             "its attempt ended without a commit"
         );
@@ -264,7 +338,7 @@ mod tests {
     #[tokio::test]
     async fn checkpoints_stay_while_their_job_is_open() {
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path().join("artifacts")).unwrap();
+        let artifacts = Artifacts::open(folder.path()).unwrap();
         let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
         let store = Store::open(
             &folder.path().join("packstone.sqlite").as_path().into(),
@@ -284,12 +358,24 @@ mod tests {
         }
         write("nonsense.1.checkpoint".into());
         write("notes.txt".into());
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 3, "of a job that waits");
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 0);
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
+            3,
+            "of a job that waits"
+        );
+        assert_eq!(sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files, 0);
         let lease = store.claim().await.unwrap().unwrap().lease;
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 0, "of one that runs");
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
+            0,
+            "of one that runs"
+        );
         store.finish_cancelled(lease).await.unwrap();
-        assert_eq!(sweep(&store, &artifacts, &checkpoints, 7).await.unwrap().files, 2, "of one that ended");
+        assert_eq!(
+            sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap().files,
+            2,
+            "of one that ended"
+        );
         assert!(folder.path().join("checkpoints/notes.txt").exists());
     }
 
@@ -305,6 +391,7 @@ mod tests {
                 request,
                 warnings: Vec::new(),
                 forecast_s: 1.0,
+                keeps_checkpoints: true,
                 by: crate::accounts::Submitter::default(),
                 idempotency_key: None,
             })

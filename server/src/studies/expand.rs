@@ -15,6 +15,7 @@ use super::seeds::Seeds;
 use super::{Point, Study};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobRequest;
+use crate::webhooks::NONE_OF_JOBS;
 
 /// Conditions on the jobs of a study.
 pub(super) struct Conditions<'a> {
@@ -115,16 +116,14 @@ fn read_point(
 ) -> Result<Point, Failure> {
     let job = JobRequest::read(job, seeds.replicate(0), conditions.now).map_err(Failure::invalid)?;
     if job.webhook_url.is_some() {
-        let detail =
-            "the jobs of a study send no messages: leave this field out, and give it to the study itself";
-        return Err(Failure::invalid(vec![FieldError::new("/webhook_url", detail)]));
+        return Err(Failure::invalid(vec![FieldError::new("/webhook_url", NONE_OF_JOBS)]));
     }
     let plan = Plan::new(&job.packing(), conditions.limits)?;
     job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();
-    let (forecast_s, memory_bytes) = (plan.estimated_time_s, plan.memory_bytes);
-    Ok(Point { values, job, seeds, warnings: plan.warnings, forecast_s, memory_bytes })
+    let Plan { estimated_time_s: forecast_s, keeps_checkpoints, memory_bytes, warnings, .. } = plan;
+    Ok(Point { values, job, seeds, warnings, forecast_s, keeps_checkpoints, memory_bytes })
 }
 
 /// The axes of a template.

@@ -78,6 +78,8 @@ pub(crate) struct Point {
     pub(crate) warnings: Vec<String>,
     /// Time that the plan expects of one of its jobs, on one core.
     pub(crate) forecast_s: f64,
+    /// Whether their method keeps checkpoints.
+    pub(crate) keeps_checkpoints: bool,
     /// Memory that the plan expects of one of its jobs.
     pub(crate) memory_bytes: u64,
 }

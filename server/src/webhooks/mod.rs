@@ -10,5 +10,9 @@ pub(crate) mod sender;
 pub(crate) mod signature;
 mod url;
 
+/// Why a URL for a job of a study is refused.
+pub(crate) const NONE_OF_JOBS: &str =
+    "the jobs of a study send no messages: leave this field out, and give it to the study itself";
+
 pub(crate) use rules::WebhookRules;
 pub(crate) use url::{MAX_URL_CHARS, WebhookUrl};

@@ -20,6 +20,8 @@ use crate::studies::Facts;
 pub(crate) const MAX_SLOTS: u32 = 1024;
 /// Most leases that are renewed by one request: a slot packs the next job while it stores a result.
 const MAX_RENEWALS: usize = 2 * MAX_SLOTS as usize;
+/// Most time that a process may say it has left, in s.
+pub(crate) const MAX_REMAINING_S: f64 = 1e9;
 /// Longest name of a worker, in characters.
 pub(crate) const MAX_NAME_CHARS: usize = 100;
 /// Longest ID of a claim, in characters.
@@ -66,7 +68,7 @@ fn bounded(faults: &mut Vec<FieldError>, pointer: &str, text: &str, most: usize)
 }
 
 /// A process asks for jobs.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LeaseRequest {
     /// An ID of this request. A repeated request with the same ID gets the same jobs again, as long as they run.
@@ -78,6 +80,11 @@ pub(crate) struct LeaseRequest {
     /// Most jobs that it takes.
     #[schema(minimum = 1, maximum = 1024)]
     pub(crate) slots: u32,
+    /// Time that it has left for jobs, in s, where that is limited. It gets jobs that are forecast to take no longer,
+    /// and, with 30 s and more, those whose method keeps checkpoints.
+    #[schema(value_type = Option<f64>, minimum = 0, maximum = 1_000_000_000, required = false)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) remaining_s: Option<f64>,
     /// Version and commit of the process.
     pub(crate) build: String,
     /// SHA-256 of two packings that every build packs alike, in hexadecimal.
@@ -92,6 +99,10 @@ impl Checked for LeaseRequest {
         if !(1..=MAX_SLOTS).contains(&self.slots) {
             let detail = format!("{} is out of range: must be from 1 to {MAX_SLOTS}", self.slots);
             faults.push(FieldError::new("/slots", detail));
+        }
+        if let Some(remaining_s) = self.remaining_s.filter(|s| !(0.0..=MAX_REMAINING_S).contains(s)) {
+            let detail = format!("{remaining_s} is out of range: must be from 0 to {MAX_REMAINING_S}");
+            faults.push(FieldError::new("/remaining_s", detail));
         }
         faults
     }
@@ -343,6 +354,9 @@ mod tests {
             ("slots", json!("two"), "/slots"),
             ("worker", json!(""), "/worker"),
             ("claim", json!("x".repeat(65)), "/claim"),
+            ("remaining_s", json!(-1), "/remaining_s"),
+            ("remaining_s", json!(1e10), "/remaining_s"),
+            ("remaining_s", json!("1 h"), "/remaining_s"),
             ("more", json!(1), "/more"),
         ] {
             let mut request = request.clone();

@@ -13,7 +13,7 @@ use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::{Control as _, Grains, PackError, Phase, Plan, Progress};
 use tokio::sync::oneshot;
 
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
@@ -47,6 +47,8 @@ const WRITE_PAUSES: [Duration; 4] =
 pub(crate) const MEMORY_FAULTS: i64 = 5;
 /// Time for a last checkpoint after the process was asked to stop.
 const LAST_CHECKPOINT: Duration = Duration::from_secs(5);
+/// Time to copy it to where other servers find it.
+const SHARE_CHECKPOINT: Duration = Duration::from_secs(2);
 
 /// What every executor needs.
 #[derive(Clone, Debug)]
@@ -119,6 +121,9 @@ impl Executor {
             );
             End::Failed(failure.into())
         });
+        if matches!(end, End::Stopped(Stop::Shutdown)) {
+            self.share_checkpoint(lease).await;
+        }
         let run = Run { took: started.elapsed(), timeout_s, fraction: control.fraction() };
         self.record_end(lease, end, run).await;
     }
@@ -206,7 +211,9 @@ impl Executor {
             tracing::warn!(%no_room, "the result would not fit; the job waits");
             return Ok(End::Faulted(Cause::NoRoom(bytes)));
         }
-        let resume = self.checkpoints.resume(&work.lease.id.to_string(), &request);
+        let id = work.lease.id.to_string();
+        self.checkpoints.prepare(&id, &|| control.should_stop());
+        let resume = self.checkpoints.resume(&id, &request);
         if resume.is_some() {
             control.resumed();
         }
@@ -293,10 +300,8 @@ impl Executor {
                 }
                 Err(LeaseError::Lost) => {
                     tracing::warn!("the lease was lost; this attempt leaves no trace");
-                    if let End::Stored(stored) = &end
-                        && let Err(error) = self.artifacts.remove(&stored.artifact.path)
-                    {
-                        tracing::warn!(%error, "its result is left to the sweeper");
+                    if let End::Stored(stored) = &end {
+                        self.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                     }
                     return;
                 }
@@ -319,6 +324,15 @@ impl Executor {
             tries < END_TRIES_AT_STOP
         } else {
             matches!(error, LeaseError::Passing(_)) || tries < END_TRIES
+        }
+    }
+
+    /// Lets other servers go on from the last checkpoint of a run, within the time that a stop has.
+    async fn share_checkpoint(&self, lease: Lease) {
+        let checkpoints = self.checkpoints.clone();
+        let shared = tasks::blocking(move || checkpoints.share(&lease.id.to_string(), lease.attempt));
+        if timeout(SHARE_CHECKPOINT, shared).await.is_err() {
+            tracing::warn!("the last checkpoint was not shared in time");
         }
     }
 

@@ -1,13 +1,14 @@
 //! Workers: what runs jobs, in the server or in another process.
 //!
 //! [`executor`] runs jobs, wherever they come from ([`leases`]): from the store of this process ([`here`]) or from a
-//! server over HTTP ([`there`], whose messages are [`documents`]). [`probe`] tells whether two processes compute the
-//! same bits.
+//! server over HTTP ([`there`], whose messages are [`documents`]). [`heard`] knows the processes that ask for jobs, and
+//! [`probe`] tells whether two processes compute the same bits.
 
 pub(crate) mod control;
 pub(crate) mod documents;
 pub(crate) mod ending;
 pub(crate) mod executor;
+pub(crate) mod heard;
 pub(crate) mod here;
 pub(crate) mod leases;
 pub(crate) mod probe;

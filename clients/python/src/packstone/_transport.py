@@ -168,8 +168,9 @@ class Transport:
             if have and etag:
                 headers |= {"range": f"bytes={have}-", "if-range": etag}
             limits = httpx.Timeout(self._timeout_s, connect=CONNECT_TIMEOUT_S, read=self._timeout_s + left_s)
+            # A server may name the file in its storage (307). Another host does not get the API key.
             with self._http.stream(
-                "GET", path, params=given(params), headers=headers, timeout=limits
+                "GET", path, params=given(params), headers=headers, timeout=limits, follow_redirects=True
             ) as response:
                 if response.status_code >= 300 or response.status_code == NOT_MADE_YET:
                     response.read()

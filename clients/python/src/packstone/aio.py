@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from .builders import JobFields
     from .jobs import JobChanges
+    from .studies import StudyChanges
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Changing)
@@ -420,9 +421,9 @@ class AsyncStudy(_AsyncChanging[Study]):
         """See :meth:`Study.plot`."""
         return await self._threads.call(partial(self.sync.plot, kind, path, **options))
 
-    async def update(self, *, shared: bool, if_unchanged: bool = False) -> AsyncStudy:
+    async def update(self, *, if_unchanged: bool = False, **changes: Unpack[StudyChanges]) -> AsyncStudy:
         """See :meth:`Study.update`."""
-        await self._threads.call(partial(self.sync.update, shared=shared, if_unchanged=if_unchanged))
+        await self._threads.call(lambda: self.sync.update(if_unchanged=if_unchanged, **changes))
         return self
 
     async def cancel(self, *, if_unchanged: bool = False) -> AsyncStudy:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         labels: Mapping[str, str | None]
         expires_at: datetime | str | None
         shared: bool
+        webhook_url: str | None
 
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
@@ -143,9 +144,9 @@ class Job(Resource):
         return svg
 
     def update(self, *, if_unchanged: bool = False, **changes: Unpack[JobChanges]) -> Job:
-        """Changes the name, the priority (of a queued job), the labels, the time of the expiry, or who may read it.
+        """Changes the name, the priority (of a queued job), the labels, the expiry, who may read it, or its webhook.
 
-        Labels are merged with those of the job; ``None`` removes a name, a label or the expiry. With
+        Labels are merged with those of the job; ``None`` removes a name, a label, the expiry or the webhook. With
         `if_unchanged` the server refuses (``precondition-failed``) if the job has changed since it was read.
         """
         body: dict[str, Any] = {**changes}

@@ -23,6 +23,14 @@ from .svg import Svg
 
 if TYPE_CHECKING:
     import pandas as pd
+    from typing_extensions import TypedDict, Unpack
+
+    class StudyChanges(TypedDict, total=False):
+        """What :meth:`Study.update` changes."""
+
+        shared: bool
+        webhook_url: str | None
+
 
 StudyState = Literal["open", "finished"]
 StudyPlotKind = Literal["success", "time", "distance", "curve", "volume_fraction", "event_time"]
@@ -184,13 +192,13 @@ class Study(Resource):
             svg.save(path)
         return svg
 
-    def update(self, *, shared: bool, if_unchanged: bool = False) -> Study:
-        """Lets other users of the server read the study with its jobs, or no longer.
+    def update(self, *, if_unchanged: bool = False, **changes: Unpack[StudyChanges]) -> Study:
+        """Lets other users of the server read the study with its jobs, or no longer, or changes its webhook.
 
-        With `if_unchanged` the server refuses (``precondition-failed``) if the study has changed since it was read.
+        `webhook_url` is sent a message when the study is finished the next time; ``None`` removes it. With `if_unchanged` the server refuses (``precondition-failed``) if the study has changed since it was read.
         """
         headers = {"content-type": "application/merge-patch+json", **self._condition(if_unchanged)}
-        response = self._transport.request("PATCH", self.path, body={"shared": shared}, headers=headers)
+        response = self._transport.request("PATCH", self.path, body={**changes}, headers=headers)
         self._take(document(response), response.headers.get("etag"))
         return self
 

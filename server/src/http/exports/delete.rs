@@ -33,11 +33,7 @@ pub(crate) async fn delete(
     let id = find(&app, &target).await?.id;
     let file =
         app.shared.store.delete_export(path.job, id).await.map_err(|error| refused(error, path.job))?;
-    if let Some(path) = file
-        && let Err(error) = app.shared.artifacts.remove(&path)
-    {
-        tracing::warn!(%error, export_id = %id, "the file is left to the sweeper");
-    }
+    app.shared.artifacts.discard(Vec::from_iter(file)).await;
     tracing::info!(job_id = %path.job, export_id = %id, "deleted");
     Ok(StatusCode::NO_CONTENT.into_response())
 }

@@ -1,9 +1,14 @@
 //! The file of an export: sent as soon as it is made.
 
-use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, Method};
-use axum::response::Response;
+use std::io;
+use std::time::Duration;
 
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+
+use crate::blobs::Shown;
+use crate::exports::StoredFile;
 use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
@@ -14,20 +19,26 @@ use crate::http::exports::media::FileResponses;
 use crate::http::exports::view::{self, Export};
 use crate::http::files::{self, Described};
 use crate::http::params::Query;
+use crate::http::problems::of_fault;
 use crate::http::problems::sets::ExportFileProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
+use crate::jobs::store::Fault;
 use crate::problem::{Kind, Problem};
+use crate::tasks;
 
 /// How long an answer is held back while its file is made, if the request does not say.
 const WAIT: Wait = Wait { s: 60 };
+/// How long a client that is sent to the storage may begin a download there.
+const URL_VALID: Duration = Duration::from_mins(5);
 
 /// Get an export
 ///
 /// Answers with the file if it exists or can be made within the time that `Prefer: wait=N` gives, 60 s when absent.
 /// Else the answer is 202 with the state of the export and `Retry-After`: it goes on being made, and the same request
 /// gets it later. Supports `Range` with one part, `If-Range` and `If-None-Match`. What nobody asked to be kept is a
-/// cache: it may be dropped, and is made again.
+/// cache: it may be dropped, and is made again. A server that is told to (`--blobs-redirect`) answers with a URL of its
+/// storage, valid for 5 minutes, in place of the file.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "get_export",
     params(
@@ -60,8 +71,8 @@ pub(crate) async fn get(
         return Ok(response);
     }
     let preferred = Wait::of(&headers);
-    let (file, length) = match making::made(&app, &target, preferred.unwrap_or(WAIT)).await? {
-        Made::File(file, length) => (file, length),
+    let ready = match making::made(&app, &target, preferred.unwrap_or(WAIT)).await? {
+        Made::File(ready) => ready,
         Made::Failed(record) => {
             let failure = record.error.unwrap_or_else(Failure::internal);
             let why = &failure.detail;
@@ -76,8 +87,41 @@ pub(crate) async fn get(
             return Ok(response);
         }
     };
-    let part = described.part(&method, &headers, length)?;
-    described.respond(part, |range| files::send_file(&app, file, range)).await
+    if app.shared.blobs_redirect
+        && method == Method::GET
+        && let Some(response) = redirect(&app, &described, &ready.stored).await?
+    {
+        return Ok(response);
+    }
+    let part = described.part(&method, &headers, ready.stored.bytes)?;
+    described.respond(part, |range| files::send_file(&app, ready.file, range)).await
+}
+
+/// Sends the client to the storage, where there is one that it can be sent to.
+async fn redirect(
+    app: &App,
+    described: &Described,
+    stored: &StoredFile,
+) -> Result<Option<Response>, Problem> {
+    let artifacts = app.shared.artifacts.clone();
+    let (stored, described) = (stored.clone(), described.clone());
+    let url = tasks::blocking(move || {
+        let shown = Shown {
+            content_type: described.content_type.to_str().unwrap_or("application/octet-stream"),
+            disposition: &described.disposition(),
+        };
+        artifacts.url_of_export(&stored, &shown, URL_VALID)
+    });
+    let url = url.await.unwrap_or_else(|error| Err(io::Error::other(error))).map_err(|error| {
+        tracing::error!(%error, "a URL of the storage cannot be made at present");
+        of_fault(Fault::Io)
+    })?;
+    let Some(url) = url else { return Ok(None) };
+    let mut response = StatusCode::TEMPORARY_REDIRECT.into_response();
+    set(&mut response, header::LOCATION, &url);
+    // The URL is for this client, and for a short time.
+    set(&mut response, header::CACHE_CONTROL, "no-store");
+    Ok(Some(response))
 }
 
 /// How the file of an export is described. Its key names all that decides its bytes.

@@ -1,15 +1,15 @@
 //! Waiting for exports, and opening their files. However many requests ask for the same export, it is made once.
 
-use std::fs::File;
 use std::io;
 
-use crate::exports::{ExportRecord, ExportState};
+use crate::blobs::Blob;
+use crate::exports::{ExportRecord, ExportState, StoredFile};
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::exports::address::{Target, file_path};
-use crate::http::problems::refused;
+use crate::http::problems::{of_fault, refused};
 use crate::http::waiting;
-use crate::jobs::store::{Retention, StoreError};
+use crate::jobs::store::{Fault, Retention, StoreError};
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
@@ -20,12 +20,19 @@ const TRIES: u32 = 3;
 /// What became of an export within the time.
 #[derive(Debug)]
 pub(crate) enum Made {
-    /// Its file, and the length of that.
-    File(File, u64),
+    /// Its file.
+    File(Ready),
     /// It failed.
     Failed(ExportRecord),
     /// It waits, or is being made.
     NotYet(ExportRecord),
+}
+
+/// The file of an export, ready to be sent.
+#[derive(Debug)]
+pub(crate) struct Ready {
+    pub(crate) file: Box<dyn Blob>,
+    pub(crate) stored: StoredFile,
 }
 
 /// Requests an export and waits for it.
@@ -48,8 +55,8 @@ pub(crate) async fn made(app: &App, target: &Target, wait: Wait) -> Result<Made,
             ExportState::Failed => return Ok(Made::Failed(record)),
             ExportState::Queued | ExportState::Running => return Ok(Made::NotYet(record)),
         }
-        if let Some((file, length)) = open(app, &record).await? {
-            return Ok(Made::File(file, length));
+        if let Some(ready) = open(app, &record).await? {
+            return Ok(Made::File(ready));
         }
     }
     Err(Problem::new(Kind::Busy, "the file was dropped as often as it was made")
@@ -69,24 +76,24 @@ pub(crate) async fn find(app: &App, target: &Target) -> Result<ExportRecord, Pro
 }
 
 /// Opens the file of an export that succeeded; `None` where it is not what was stored, and is made again.
-async fn open(app: &App, record: &ExportRecord) -> Result<Option<(File, u64)>, Problem> {
+async fn open(app: &App, record: &ExportRecord) -> Result<Option<Ready>, Problem> {
     let Some(stored) = record.file.clone() else {
         tracing::error!(export_id = %record.id, "an export succeeded without a file");
         return Err(Problem::internal());
     };
     let artifacts = app.shared.artifacts.clone();
-    let (path, length) = (stored.path.clone(), stored.bytes);
-    let opened = tasks::blocking(move || artifacts.open_export(&stored)).await;
+    let (path, of_storage) = (stored.path.clone(), stored.clone());
+    let opened = tasks::blocking(move || artifacts.open_export(&of_storage)).await;
     match opened.unwrap_or_else(|error| Err(io::Error::other(error))) {
-        Ok(file) => Ok(Some((file, length))),
+        Ok(file) => Ok(Some(Ready { file, stored })),
         Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidData) => {
             tracing::warn!(%error, path, export_id = %record.id, "a file is not what was stored; it is made again");
             app.shared.store.requeue_export(record.seq, path).await?;
             Ok(None)
         }
         Err(error) => {
-            tracing::error!(%error, path, "a file cannot be read");
-            Err(Problem::internal())
+            tracing::error!(%error, path, "a file cannot be read at present");
+            Err(of_fault(Fault::Io))
         }
     }
 }

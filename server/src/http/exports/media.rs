@@ -28,7 +28,12 @@ impl IntoResponses for FileResponses {
         let whole = with_files("The file").header("ETag", tag).build();
         let part = with_files("A part of the file").header("Content-Range", part).build();
         let known = ResponseBuilder::new().description("The file is as known").build();
-        [("200", whole), ("206", part), ("304", known)]
+        let url = HeaderBuilder::new().description(Some("URL of the file, valid for 5 minutes")).build();
+        let elsewhere = ResponseBuilder::new()
+            .description("The storage of the server has the file")
+            .header("Location", url)
+            .build();
+        [("200", whole), ("206", part), ("304", known), ("307", elsewhere)]
             .map(|(status, response)| (status.to_owned(), response.into()))
             .into()
     }

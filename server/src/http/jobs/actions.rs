@@ -110,11 +110,7 @@ pub(crate) async fn delete(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let files = app.shared.store.delete(target(id, &headers)).await.map_err(|error| refused(error, id))?;
-    for path in files {
-        if let Err(error) = app.shared.artifacts.remove(&path) {
-            tracing::warn!(%error, job_id = %id, path, "a file is left to the sweeper");
-        }
-    }
+    app.shared.artifacts.discard(files).await;
     remove_checkpoints(&app, id, i64::MAX).await;
     tracing::info!(job_id = %id, "deleted");
     Ok(StatusCode::NO_CONTENT.into_response())

@@ -8,13 +8,14 @@ use axum::response::{IntoResponse as _, Response};
 use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
+use crate::http::jobs::polled::RECENT;
 use crate::http::jobs::view::{self, Job};
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, choices, parameters};
 use crate::http::problems::refused;
 use crate::http::problems::sets::JobProblems;
 use crate::http::waiting::{self, Asked};
 use crate::jobs::store::StoreError;
-use crate::jobs::{JobId, JobRecord, JobRequest};
+use crate::jobs::{self, JobId, JobRecord, JobRequest};
 use crate::problem::Problem;
 
 choices! {
@@ -71,6 +72,9 @@ pub(crate) async fn get(
     let asked = Asked::of(&headers);
     let answered = async {
         let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
+        if record.state == jobs::State::Running && !record.worker.is_empty() {
+            app.shared.polled.note(id, RECENT);
+        }
         let whole = async {
             let job = view::whole(&app, &caller, &record, query.with_request()).await?;
             Ok(view::response(StatusCode::OK, &record, &job))

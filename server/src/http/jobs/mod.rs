@@ -7,6 +7,7 @@ pub(crate) mod list;
 pub(crate) mod patch;
 pub(crate) mod plans;
 pub(crate) mod plots;
+pub(crate) mod polled;
 mod reading;
 pub(crate) mod submit;
 pub(crate) mod view;

@@ -1,4 +1,4 @@
-//! Changing a job: name, labels, priority and expiry, by a JSON merge patch (RFC 7396).
+//! Changing a job: name, labels, priority, expiry and webhook, by a JSON merge patch (RFC 7396).
 
 use axum::Extension;
 use axum::body::Body;
@@ -16,14 +16,16 @@ use crate::http::jobs::view::{self, Job};
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
 use crate::http::problems::sets::PatchProblems;
-use crate::jobs::request::JobPatch;
+use crate::http::webhooks;
+use crate::jobs::request::{Change, JobPatch};
 use crate::problem::Problem;
 use crate::strict_json;
 
 /// Change a job
 ///
-/// A JSON merge patch (RFC 7396): absent fields stay, `null` removes a name, an expiry or a label. The priority can be
-/// changed while the job waits. The request of the job stays as it was submitted.
+/// A JSON merge patch (RFC 7396): absent fields stay, `null` removes a name, an expiry, a label or a `webhook_url`.
+/// The priority can be changed while the job waits. A changed `webhook_url` counts for the next end of the job. The
+/// request of the job stays as it was submitted.
 #[utoipa::path(
     patch, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "patch_job",
     params(
@@ -48,6 +50,12 @@ pub(crate) async fn patch(
 ) -> Result<Response, Problem> {
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let patch = JobPatch::read(&strict_json::parse(&bytes)?, Timestamp::now()).map_err(Failure::invalid)?;
+    if let Change::Set(url) = &patch.webhook_url {
+        webhooks::check(&app.shared.webhook_rules, Some(url))?;
+        if app.shared.store.get(id).await?.is_some_and(|job| job.study.is_some()) {
+            return Err(webhooks::of_a_study().into());
+        }
+    }
     let changed = app.shared.store.patch(target(id, &headers), patch).await;
     let record = changed.map_err(|error| refused(error, id))?;
     tracing::info!(job_id = %id, "changed");

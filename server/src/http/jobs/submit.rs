@@ -5,6 +5,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
+use packstone_engine::Plan;
 
 use crate::accounts::Caller;
 use crate::exports::estimates;
@@ -60,12 +61,12 @@ pub(crate) async fn submit(
     let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
     check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
-    let (warnings, forecast_s) = (plan.warnings, plan.estimated_time_s);
-    let submitted =
-        app.shared.store.submit(NewJob { request, warnings, forecast_s, by, idempotency_key }).await?;
+    let Plan { warnings, estimated_time_s: forecast_s, keeps_checkpoints, grains, .. } = plan;
+    let new = NewJob { request, warnings, forecast_s, keeps_checkpoints, by, idempotency_key };
+    let submitted = app.shared.store.submit(new).await?;
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {
-            tracing::info!(job_id = %record.id, grains = plan.grains, "accepted");
+            tracing::info!(job_id = %record.id, grains, "accepted");
             app.shared.metrics.job_submitted();
             (record, StatusCode::CREATED)
         }

@@ -39,7 +39,7 @@ pub(crate) async fn get(
     let opened = tasks::blocking(move || {
         let file = File::open(checkpoints.newest(&path.id.to_string())?).ok()?;
         let length = file.metadata().ok()?.len();
-        Some((file, length))
+        Some((Box::new(file), length))
     });
     let opened = opened.await.map_err(|_| Problem::internal())?;
     let (file, length) =
@@ -87,6 +87,7 @@ pub(crate) async fn put(
         }
         file.finish()?;
         checkpoints.remove(&id, path.attempt - 1);
+        checkpoints.share(&id, path.attempt);
         Ok(())
     });
     kept.await?.map_err(|error| of_disk(&error, &disk))?;
@@ -113,7 +114,7 @@ pub(super) fn of_disk(error: &io::Error, disk: &Disk) -> Problem {
     if is_full(error) {
         return no_room();
     }
-    Problem::new(Kind::MachineFault, "the server cannot write to its data directory at present")
+    Problem::new(Kind::MachineFault, "the server cannot write its files at present")
         .with_header("retry-after", "5")
 }
 

@@ -1,5 +1,7 @@
 //! A worker asks for jobs.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
@@ -18,6 +20,7 @@ use crate::http::problems::sets::LeaseProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{Claim, Claimed};
+use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
 use crate::storage::Bound;
 use crate::tasks;
@@ -46,17 +49,26 @@ pub(crate) async fn lease(
 ) -> Result<Response, Problem> {
     let request: LeaseRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
     check_build(&app, &request).await?;
-    let claim = Claim { worker: request.worker, key: caller.by.key, id: request.claim, slots: request.slots };
+    let name = (caller.by.key.clone(), request.worker.clone());
+    let _asking = app.shared.heard.asking(name, app.shared.store.lease());
+    let asked = Instant::now();
+    let remaining = request.remaining_s.map(Duration::from_secs_f64);
+    let (worker, id, slots) = (request.worker, request.claim, request.slots);
+    let claim = || {
+        let remaining = remaining.map(|remaining| remaining.saturating_sub(asked.elapsed()));
+        let (worker, id) = (worker.clone(), id.clone());
+        Claim { worker, key: caller.by.key.clone(), id, slots, remaining }
+    };
     let wait = Wait::of(&headers);
-    let until = Instant::now() + wait.map(Wait::duration).unwrap_or_default();
-    let mut claimed = claim_heard(&app, claim.clone()).await?;
+    let until = asked + wait.map(Wait::duration).unwrap_or_default();
+    let mut claimed = claim_heard(&app, claim()).await?;
     while claimed.is_empty() && Instant::now() < until {
         tokio::select! {
             () = app.shared.store.queue_notified() => {}
             () = sleep_until(until) => {}
             () = app.shared.shutdown.cancelled() => break,
         }
-        claimed = claim_heard(&app, claim.clone()).await?;
+        claimed = claim_heard(&app, claim()).await?;
     }
     let mut response = if claimed.is_empty() {
         StatusCode::NO_CONTENT.into_response()
@@ -72,7 +84,10 @@ pub(crate) async fn lease(
 
 /// Refuses a worker that could compute other bits or write other forms.
 async fn check_build(app: &App, request: &LeaseRequest) -> Result<(), Problem> {
-    let refused = |detail: String| Err(Problem::new(Kind::WorkerRefused, detail));
+    let refused = |detail: String| {
+        app.shared.metrics.worker_refused();
+        Err(Problem::new(Kind::WorkerRefused, detail))
+    };
     if request.build != BUILD {
         let found: String = request.build.chars().take(100).collect();
         return refused(format!("the worker is packstone {found}: must be {BUILD}, as the server is"));
@@ -103,18 +118,25 @@ async fn claim_heard(app: &App, claim: Claim) -> Result<Vec<Claimed>, Problem> {
     }
 }
 
+/// Whether an attempt before has left a checkpoint.
+async fn has_checkpoint(app: &App, id: String) -> bool {
+    let checkpoints = app.shared.checkpoints.clone();
+    tasks::blocking(move || checkpoints.newest(&id).is_some()).await.unwrap_or(false)
+}
+
 async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>, Problem> {
     let mut documents = Vec::with_capacity(claimed.len());
     for claimed in claimed {
         let room = app.shared.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let id = claimed.lease.id.to_string();
-        let has_checkpoint = claimed.lease.attempt > 1 && app.shared.checkpoints.newest(&id).is_some();
+        let has_checkpoint = claimed.lease.attempt > 1 && has_checkpoint(app, id.clone()).await;
         let lease_s = app.shared.store.lease().as_secs_f64();
         let document = LeaseDocument::of(claimed, lease_s, &app.shared.limits, room, has_checkpoint);
         documents.push(document.map_err(|error| {
             tracing::error!(%error, job_id = id, "the stored request is unreadable");
             Problem::internal()
         })?);
+        app.shared.metrics.lease(LeaseEvent::Taken, 1);
         tracing::info!(job_id = id, attempt = claimed.lease.attempt, worker = claimed.job.worker, "leased");
     }
     Ok(documents)

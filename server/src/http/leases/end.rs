@@ -52,7 +52,7 @@ pub(crate) async fn end(
             ("requeued", requeued.map(drop))
         }
     };
-    ended.map_err(refused)?;
+    ended.map_err(|error| refused(&app, error))?;
     note_end(&app, path, outcome, job.and_then(|job| job.started_at));
     if matches!(request.outcome, EndOutcome::Failed | EndOutcome::Cancelled) {
         remove_checkpoints(&app, path);

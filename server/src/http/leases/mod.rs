@@ -27,6 +27,7 @@ use crate::http::params::values::uuid_schema;
 use crate::ids::JobId;
 use crate::jobs::Lease;
 use crate::jobs::store::{Held, StoreError};
+use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
 use crate::strict_json;
 use crate::tasks;
@@ -82,7 +83,7 @@ pub(super) async fn running(app: &App, key: &str, path: LeasePath) -> Result<Opt
     match app.shared.store.held(key, path.id, path.attempt).await? {
         Held::Running { lease, .. } => Ok(Some(lease)),
         Held::Ended => Ok(None),
-        Held::Lost => Err(lost()),
+        Held::Lost => Err(refused(app, StoreError::LeaseLost)),
     }
 }
 
@@ -92,9 +93,12 @@ pub(super) fn lost() -> Problem {
 }
 
 /// What the store says of a lease.
-pub(super) fn refused(error: StoreError) -> Problem {
+pub(super) fn refused(app: &App, error: StoreError) -> Problem {
     match error {
-        StoreError::LeaseLost => lost(),
+        StoreError::LeaseLost => {
+            app.shared.metrics.lease(LeaseEvent::Refused, 1);
+            lost()
+        }
         other => other.into(),
     }
 }

@@ -15,22 +15,27 @@ use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
+use crate::http::jobs::polled::RECENT;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::sets::LeaseProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::store::Renewal;
+use crate::jobs::JobId;
+use crate::jobs::store::{Held, Renewal};
+use crate::metrics::LeaseEvent;
 use crate::problem::Problem;
 use crate::workers::documents::{LeaseState, RenewalRequest, RenewalsDocument, RenewedDocument};
 
 /// Time between two reports where a client watches one of the jobs, and between two looks whether one does.
 const WATCHED_EVERY_S: f64 = 0.5;
+/// Time between two reports where a client has asked for the state of one of the jobs lately.
+const POLLED_EVERY_S: f64 = 1.0;
 
 /// Renew leases
 ///
 /// All leases of a process in one request, with the progress of the runs. With `Prefer: wait=N` the leases are renewed
 /// at once, and the answer is held back until one of the jobs changes, by a request to cancel for example, or a client
-/// begins to watch one of them.
+/// begins to watch one of them or asks for its state.
 #[utoipa::path(
     post, path = "/v1/leases/renewals", tag = "workers", operation_id = "renew_leases",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
@@ -50,7 +55,7 @@ pub(crate) async fn renew(
     let mut answer = renewed(&app, &caller, renewals.clone()).await?;
     let is_quiet = answer.leases.iter().all(|lease| lease.state == LeaseState::Running);
     if let Some(wait) =
-        wait.filter(|_| is_quiet && answer.report_every_s > WATCHED_EVERY_S && !renewals.is_empty())
+        wait.filter(|_| is_quiet && answer.report_every_s > POLLED_EVERY_S && !renewals.is_empty())
     {
         let mut following: Vec<_> =
             renewals.iter().map(|renewal| app.shared.store.subscribe(renewal.id)).collect();
@@ -60,7 +65,10 @@ pub(crate) async fn renew(
             let watched = async {
                 let mut look_again = interval(Duration::from_secs_f64(WATCHED_EVERY_S));
                 // One listener of each job is this request.
-                while renewals.iter().all(|renewal| app.shared.store.listeners(renewal.id) <= 1) {
+                let is_unwatched = |id: JobId| {
+                    app.shared.store.listeners(id) <= 1 && !app.shared.polled.is_recent(id, RECENT)
+                };
+                while renewals.iter().all(|renewal| is_unwatched(renewal.id)) {
                     look_again.tick().await;
                 }
             };
@@ -85,6 +93,14 @@ pub(crate) async fn renew(
 async fn renewed(app: &App, caller: &Caller, renewals: Vec<Renewal>) -> Result<RenewalsDocument, Problem> {
     let leases: Vec<_> = renewals.iter().map(|renewal| (renewal.id, renewal.attempt)).collect();
     let held = app.shared.store.renew(caller.by.key.clone(), renewals).await?;
+    for (held, (job, attempt)) in held.iter().zip(&leases) {
+        if *held != Held::Lost {
+            app.shared.metrics.lease(LeaseEvent::Renewed, 1);
+        } else if app.shared.store.held(&caller.by.key, *job, *attempt).await? == Held::Lost {
+            // Not a renewal that met the end of its own attempt.
+            app.shared.metrics.lease(LeaseEvent::Refused, 1);
+        }
+    }
     let states = held.into_iter().map(LeaseState::from);
     let leases =
         leases.into_iter().zip(states).map(|((job, attempt), state)| RenewedDocument { job, attempt, state });
@@ -103,9 +119,14 @@ async fn look(app: &App, caller: &Caller, renewals: &[Renewal]) -> Result<Renewa
 
 fn document(app: &App, leases: Vec<RenewedDocument>) -> RenewalsDocument {
     let is_watched = leases.iter().any(|lease| app.shared.store.listeners(lease.job) > 0);
-    let every_s = app.shared.store.renew_every().as_secs_f64();
-    RenewalsDocument {
-        leases,
-        report_every_s: if is_watched { WATCHED_EVERY_S.min(every_s) } else { every_s },
-    }
+    let is_polled = || leases.iter().any(|lease| app.shared.polled.is_recent(lease.job, RECENT));
+    let unwatched_s = app.shared.store.renew_every().as_secs_f64();
+    let report_every_s = if is_watched {
+        WATCHED_EVERY_S.min(unwatched_s)
+    } else if is_polled() {
+        POLLED_EVERY_S.min(unwatched_s)
+    } else {
+        unwatched_s
+    };
+    RenewalsDocument { leases, report_every_s }
 }

@@ -79,10 +79,12 @@ pub(crate) async fn put(
     let ended = store.succeed(lease, received.artifact, complete(received.grains), facts, exports).await;
     drop(place);
     if let Err(error) = ended {
-        if let Err(error) = app.shared.artifacts.remove(&file) {
-            tracing::warn!(%error, "a result is left to the sweeper");
+        // Where several servers take results in, another may have got the same one and record it: then the sweeper
+        // decides, after an hour.
+        if !app.shared.artifacts.are_shared() {
+            app.shared.artifacts.discard(vec![file]).await;
         }
-        return Err(refused(error));
+        return Err(refused(&app, error));
     }
     note_end(&app, path, "succeeded", job.started_at);
     remove_checkpoints(&app, path);

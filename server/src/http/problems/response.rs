@@ -58,7 +58,7 @@ pub(crate) fn of_fault(fault: Fault) -> Problem {
         Fault::NoSpace => (Kind::InsufficientStorage, "the disk of the server is full"),
         Fault::Locked => (Kind::NotReady, "another program holds a lock on the database of the server"),
         Fault::NoMemory => (Kind::NotReady, "the server has no memory left"),
-        Fault::Io => (Kind::NotReady, "the server cannot read or write its data directory at present"),
+        Fault::Io => (Kind::NotReady, "the server cannot read or write its files at present"),
     };
     Problem::new(kind, detail).with_header("retry-after", "5")
 }

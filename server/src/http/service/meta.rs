@@ -307,7 +307,13 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
     for ((_, kind), bytes) in shared.store.stored_bytes().await? {
         *stored.entry(kind.name()).or_default() += bytes;
     }
+    let running = shared.store.processes().await?;
+    let mut heard = shared.heard.within(shared.store.lease());
+    heard
+        .extend(running.iter().filter(|process| process.is_heard).map(|p| (p.key.clone(), p.worker.clone())));
     let gauges = Gauges {
+        running_elsewhere: running.iter().map(|process| process.jobs).sum(),
+        worker_processes: heard.len(),
         export: export.states,
         export_cache_bytes: export.cache_bytes,
         jobs: shared.store.counts().await?,

@@ -116,13 +116,8 @@ pub(crate) async fn delete(
     remove_checkpoints(&app, removed.iter().map(|job| (job.id.to_string(), i64::MAX)).collect()).await;
     let artifacts = app.shared.artifacts.clone();
     // Nothing refers to them any more: should the server stop meanwhile, the rest is swept at the next start.
-    tasks::blocking(move || {
-        for path in removed.into_iter().flat_map(|job| job.files) {
-            if let Err(error) = artifacts.remove(&path) {
-                tracing::warn!(%error, path, "a file is left to the sweeper");
-            }
-        }
-    });
+    let files = removed.into_iter().flat_map(|job| job.files).collect();
+    tasks::spawn(async move { artifacts.discard(files).await });
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 

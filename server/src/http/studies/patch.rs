@@ -1,4 +1,4 @@
-//! Changing a study: whether others may read it, by a JSON merge patch (RFC 7396).
+//! Changing a study: whether others may read it, and its webhook, by a JSON merge patch (RFC 7396).
 
 use axum::Extension;
 use axum::body::Body;
@@ -19,15 +19,23 @@ use crate::http::params::{IdPath, NoParameters, Query, StudyPath};
 use crate::http::problems::refused;
 use crate::http::problems::sets::StudyPatchProblems;
 use crate::http::studies::view::{self, Study};
+use crate::http::webhooks;
+use crate::jobs::request::{Change, read_webhook_change};
+use crate::jobs::schema;
 use crate::problem::Problem;
 use crate::strict_json;
+use crate::webhooks::WebhookUrl;
 
 /// Changes of a study, as a JSON merge patch (RFC 7396).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, ToSchema)]
 pub(crate) struct StudyPatch {
     /// Whether other users of the server may read the study with all its jobs; `null` stands for `false`.
     #[schema(required = false, nullable)]
     shared: Option<bool>,
+    /// The new URL to which a signed message is sent when the study is finished; `null` removes it. A message that is
+    /// recorded already goes to the URL of before.
+    #[schema(required = false, schema_with = schema::webhook_url)]
+    webhook_url: Change<WebhookUrl>,
 }
 
 impl StudyPatch {
@@ -39,6 +47,7 @@ impl StudyPatch {
                 Some(at) => at.boolean(),
                 None => value.get("shared").is_some_and(Value::is_null).then_some(false),
             };
+            patch.webhook_url = read_webhook_change(value, &mut object);
             object.finish();
         }
         if faults.count() == 0 { Ok(patch) } else { Err(faults.into_vec()) }
@@ -47,7 +56,8 @@ impl StudyPatch {
 
 /// Change a study
 ///
-/// A JSON merge patch (RFC 7396). `shared` counts for all jobs of the study.
+/// A JSON merge patch (RFC 7396). `shared` counts for all jobs of the study. A changed `webhook_url` counts for the
+/// next time that the study is finished; `null` removes it.
 #[utoipa::path(
     patch, path = "/v1/studies/{id}", tag = "studies", operation_id = "patch_study",
     params(
@@ -72,7 +82,11 @@ pub(crate) async fn patch(
 ) -> Result<Response, Problem> {
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let patch = StudyPatch::read(&strict_json::parse(&bytes)?).map_err(Failure::invalid)?;
-    let changed = app.shared.store.share_study(target(id, &headers), patch.shared).await;
+    if let Change::Set(url) = &patch.webhook_url {
+        webhooks::check(&app.shared.webhook_rules, Some(url))?;
+    }
+    let StudyPatch { shared, webhook_url } = patch;
+    let changed = app.shared.store.patch_study(target(id, &headers), shared, webhook_url).await;
     let record = changed.map_err(|error| refused(error, id))?;
     tracing::info!(study_id = %id, "changed");
     view::response(&app, &caller, StatusCode::OK, &record, false).await.map_err(|error| refused(error, id))

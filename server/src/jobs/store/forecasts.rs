@@ -12,6 +12,9 @@ use crate::jobs::request::MAX_TIMEOUT_S;
 /// default of the column is the same.
 pub(crate) const UNKNOWN_FORECAST: Duration = Duration::from_mins(1);
 
+/// The least time of a worker for a job that is forecast to take longer, and whose method keeps checkpoints.
+const LEAST_TIME: Duration = Duration::from_secs(30);
+
 /// The forecasts of all jobs in a state, added up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ForecastWork {
@@ -26,6 +29,14 @@ pub(super) fn micros_of(forecast_s: f64, timeout_s: Option<f64>) -> i64 {
     let most_s = timeout_s.map_or(MAX_TIMEOUT_S, |timeout_s| timeout_s.min(MAX_TIMEOUT_S));
     let known_s = if forecast_s >= 0.0 { forecast_s } else { UNKNOWN_FORECAST.as_secs_f64() };
     micros(Duration::from_secs_f64(known_s.min(most_s).max(0.0)))
+}
+
+/// The least time that a worker must have left to be given a job with this forecast, in µs.
+///
+/// A job whose method keeps checkpoints comes further in any time and goes on elsewhere, so that half a minute is
+/// enough, which is longer than handing it on takes. Another one would lose all its work where it is cut.
+pub(super) fn least_time_us(forecast_us: i64, keeps_checkpoints: bool) -> i64 {
+    if keeps_checkpoints { forecast_us.min(micros(LEAST_TIME)) } else { forecast_us }
 }
 
 impl Store {

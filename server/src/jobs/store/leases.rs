@@ -4,6 +4,8 @@
 //! nothing. A process may repeat each of its requests. So a claim has an ID, by which a repeated one finds the jobs
 //! that the first one leased, and an attempt is never given out twice: a job that comes back has the next one.
 
+use std::time::Duration;
+
 use super::db::{Row, query};
 use super::lifecycle::{Claimed, Lessee};
 use super::submit::to_json;
@@ -21,6 +23,9 @@ pub(crate) struct Claim {
     pub(crate) id: String,
     /// Most jobs that it takes.
     pub(crate) slots: u32,
+    /// Time that it has left, where that is limited. It gets no job whose work would be lost with the process: see
+    /// [`forecasts`](super::forecasts).
+    pub(crate) remaining: Option<Duration>,
 }
 
 /// The renewal of a lease.
@@ -30,6 +35,19 @@ pub(crate) struct Renewal {
     pub(crate) attempt: i64,
     /// News of the run, where there are any.
     pub(crate) progress: Option<JobProgress>,
+}
+
+/// A process that runs jobs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct RunningProcess {
+    /// Name of its API key.
+    pub(crate) key: String,
+    /// Its own name.
+    pub(crate) worker: String,
+    /// How many jobs it runs.
+    pub(crate) jobs: u64,
+    /// It was heard within its lease.
+    pub(crate) is_heard: bool,
 }
 
 /// What has become of a lease.
@@ -153,6 +171,30 @@ impl Store {
             state if state.is_finished() => Held::Ended,
             _ => Held::Lost,
         })
+    }
+
+    /// The processes that run jobs.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn processes(&self) -> Result<Vec<RunningProcess>, StoreError> {
+        let rows = query(
+            "select worker_key, worker, count(*) as jobs, max(lease_expires_at) as lease_expires_at from jobs
+             where state = 'running' and worker <> '' group by worker_key, worker",
+        )
+        .fetch_all(self.readers())
+        .await?;
+        let now = self.now_us();
+        rows.iter()
+            .map(|row| {
+                Ok(RunningProcess {
+                    key: row.try_get("worker_key")?,
+                    worker: row.try_get("worker")?,
+                    jobs: row.try_get::<i64>("jobs")?.cast_unsigned(),
+                    is_heard: row.try_get::<Option<i64>>("lease_expires_at")? > Some(now),
+                })
+            })
+            .collect()
     }
 
     /// Gives every process that runs jobs the time of a lease to find the server again, at its start. Returns how many

@@ -4,14 +4,15 @@
 
 use serde_json::json;
 
-use super::tests::{LIMITS, artifact, fresh, open, progress, submit, succeed};
+use super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, request, submit, succeed};
 use super::*;
+use crate::accounts::Submitter;
 use crate::failure::Failure;
 use crate::jobs::State;
 use crate::studies::Facts;
 
 fn claim(id: &str, slots: u32) -> Claim {
-    Claim { worker: "node7".into(), key: "workers".into(), id: id.into(), slots }
+    Claim { worker: "node7".into(), key: "workers".into(), id: id.into(), slots, remaining: None }
 }
 
 fn renewal(lease: Lease) -> Renewal {
@@ -115,4 +116,109 @@ async fn a_lease_that_ran_out_is_lost() {
     let late = store.succeed(first, artifact("late"), progress(1.0), Facts::default(), Vec::new()).await;
     assert!(matches!(late, Err(StoreError::LeaseLost)));
     succeed(&store, second).await;
+}
+
+/// Submits a job that is forecast to take so long.
+async fn submit_long(store: &Store, owner: &str, forecast_s: f64, keeps_checkpoints: bool) -> JobId {
+    let by = Submitter { key: String::new(), owner: owner.into() };
+    let request = request(&json!({}));
+    let new =
+        NewJob { request, warnings: Vec::new(), forecast_s, keeps_checkpoints, by, idempotency_key: None };
+    match store.submit(new).await.unwrap() {
+        Submitted::Created(job) => job.id,
+        Submitted::Existing(_) => panic!("a job without a key exists already"),
+    }
+}
+
+/// The job that a worker with so much time left gets.
+async fn claimed_within(store: &Store, remaining_s: impl Into<Option<u64>>) -> Option<JobId> {
+    let remaining = remaining_s.into().map(Duration::from_secs);
+    let next = Claim { remaining, ..claim(&JobId::new().to_string(), 1) };
+    store.claim_for(next).await.unwrap().first().map(|claimed| claimed.job.id)
+}
+
+#[tokio::test]
+async fn a_worker_whose_time_is_limited_gets_no_job_whose_work_would_be_lost() {
+    let (_folder, store) = fresh().await;
+    let lost = submit_long(&store, "", 3600.0, false).await;
+    let grows = submit_long(&store, "", 7200.0, true).await;
+    let short = submit_long(&store, "", 25.0, false).await;
+    let quick = submit_long(&store, "", 5.0, true).await;
+    assert_eq!(claimed_within(&store, 4).await, None);
+    assert_eq!(
+        claimed_within(&store, 20).await,
+        Some(quick),
+        "too little for a checkpoint of the longer one"
+    );
+    assert_eq!(claimed_within(&store, 29).await, Some(short));
+    let unknown = submit_long(&store, "", f64::NAN, false).await;
+    assert_eq!(claimed_within(&store, 29).await, None);
+    assert_eq!(claimed_within(&store, 30).await, Some(grows), "the first in line that keeps checkpoints");
+    assert_eq!(claimed_within(&store, 59).await, None);
+    assert_eq!(claimed_within(&store, 60).await, Some(unknown), "a forecast of a minute");
+    assert_eq!(claimed_within(&store, 3599).await, None);
+    assert_eq!(claimed_within(&store, 3600).await, Some(lost));
+    let any = submit_long(&store, "", 1e9, false).await;
+    assert_eq!(claimed_within(&store, None).await, Some(any), "a worker without a limit takes all");
+}
+
+#[tokio::test]
+async fn owners_take_turns_for_workers_whose_time_is_limited() {
+    let (_folder, store) = fresh().await;
+    let owner_of = async |id: Option<JobId>| store.get(id.unwrap()).await.unwrap().unwrap().owner;
+    for (owner, forecast_s, jobs) in [("a", 3600.0, 6), ("a", 10.0, 3), ("b", 10.0, 9), ("c", 3600.0, 3)] {
+        for _ in 0..jobs {
+            submit_long(&store, owner, forecast_s, false).await;
+        }
+    }
+    let mut owners = String::new();
+    for _ in 0..6 {
+        owners += &owner_of(claimed_within(&store, 600).await).await;
+    }
+    assert_eq!(owners, "ababab", "those who have what fits take turns");
+    for _ in 0..2 {
+        assert_eq!(owner_of(claimed_within(&store, 600).await).await, "b");
+    }
+    // Who was passed over has kept the turn, and has saved none up.
+    owners.clear();
+    for _ in 0..7 {
+        owners += &owner_of(claimed_within(&store, None).await).await;
+    }
+    assert_eq!(&owners[..1], "a", "the oldest of those whose turn it is");
+    assert_eq!(owners.matches('a').count(), 3, "{owners}");
+    assert_eq!(owners.matches('b').count(), 2, "{owners}");
+    assert_eq!(owners.matches('c').count(), 2, "{owners}");
+}
+
+#[tokio::test]
+async fn a_job_that_was_cut_goes_on_with_the_next_worker_whose_time_is_limited() {
+    let (_folder, store) = fresh().await;
+    let id = submit_long(&store, "", 7200.0, true).await;
+    for attempt in 1..=5 {
+        let next = Claim { remaining: Some(Duration::from_mins(5)), ..claim(&attempt.to_string(), 1) };
+        let lease = store.claim_for(next).await.unwrap().remove(0).lease;
+        assert_eq!((lease.id, lease.attempt), (id, attempt));
+        store.give_back(lease).await.unwrap();
+    }
+    assert_eq!(store.get(id).await.unwrap().unwrap().state, State::Queued, "no attempt counted");
+}
+
+#[tokio::test]
+async fn a_claim_within_a_time_looks_at_the_next_jobs_of_each_owner_only() {
+    let (_folder, store) = fresh_file().await;
+    let plan = plan_of(&store, lifecycle::NEXT_WITHIN).await;
+    let walked = plan.iter().find(|step| step.contains("jobs_queue")).unwrap();
+    assert!(walked.contains("SEARCH") && walked.contains("owner=?"), "{plan:?}");
+    assert!(
+        plan.iter().all(|step| !step.starts_with("SCAN head") && !step.starts_with("SCAN jobs")),
+        "{plan:?}"
+    );
+    let first = submit_long(&store, "", 100.0, false).await;
+    for _ in 1..250 {
+        submit_long(&store, "", 100.0, false).await;
+    }
+    let short = submit_long(&store, "", 1.0, false).await;
+    assert_eq!(claimed_within(&store, 10).await, None, "it is too far behind");
+    store.cancel(first).await.unwrap();
+    assert_eq!(claimed_within(&store, 10).await, Some(short));
 }

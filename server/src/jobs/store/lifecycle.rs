@@ -15,46 +15,78 @@ use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
 use crate::studies::{Facts, Outcome};
 
-/// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
-/// those whose jobs are not held back, of which `?4` is a list in JSON. The index is named, because the planner of
-/// SQLite would choose the index of all states and sort the queue at every claim.
-macro_rules! next_in_queue {
-    (postgres) => {
-        "select head.seq from queue_owners cross join lateral (
-             select jobs.seq from jobs
-             where jobs.state = 'queued' and jobs.owner = queue_owners.owner
-                 and (jobs.not_before is null or jobs.not_before <= ?1)
-             order by jobs.priority desc, jobs.turn, jobs.seq limit 1
-         ) as head
-         where queue_owners.queued > 0 and queue_owners.owner not in (select value from json_each(?4))
-         order by greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+/// The jobs of an owner in the order of the queue, at the time `?1`. The index is named, because the planner of SQLite
+/// would choose the index of all states and sort the queue at every claim.
+macro_rules! line_of_owner {
+    ($columns:literal) => {
+        concat!(
+            "select ",
+            $columns,
+            " from jobs indexed by jobs_queue
+              where jobs.state = 'queued' and jobs.owner = queue_owners.owner
+                  and (jobs.not_before is null or jobs.not_before <= ?1)
+              order by jobs.priority desc, jobs.turn, jobs.seq"
+        )
     };
-    (sqlite) => {
-        "select head.seq from queue_owners cross join jobs as head
-         where queue_owners.queued > 0
-             and queue_owners.owner not in (select value from json_each(?4))
-             and head.seq = (
-                 select jobs.seq from jobs indexed by jobs_queue
-                 where jobs.state = 'queued' and jobs.owner = queue_owners.owner
-                     and (jobs.not_before is null or jobs.not_before <= ?1)
-                 order by jobs.priority desc, jobs.turn, jobs.seq limit 1
-             )
-         order by max(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+}
+
+/// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
+/// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 250 jobs
+/// of the owner for which a worker with `?8` µs left has the time; an owner of whom there is none is passed over. The
+/// very first is looked at alone: it fits in most cases, and the others are sorted once more.
+macro_rules! next_in_queue {
+    ($database:ident) => {
+        next_in_queue!(of $database, line_of_owner!("jobs.seq"))
+    };
+    ($database:ident within) => {
+        next_in_queue!(
+            of $database,
+            "select coalesce((select first.seq from (",
+            line_of_owner!("jobs.seq, jobs.least_time_us"),
+            " limit 1) as first where first.least_time_us <= ?8), (select line.seq from (",
+            line_of_owner!("jobs.seq, jobs.priority, jobs.turn, jobs.least_time_us"),
+            " limit 250) as line where line.least_time_us <= ?8
+              order by line.priority desc, line.turn, line.seq limit 1)) as seq"
+        )
+    };
+    (of sqlite, $($first_of_owner:tt)+) => {
+        concat!(
+            "select head.seq from queue_owners cross join jobs as head
+             where queue_owners.queued > 0
+                 and queue_owners.owner not in (select value from json_each(?4))
+                 and head.seq = (",
+            $($first_of_owner)+,
+            " limit 1)
+             order by max(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+        )
+    };
+    (of postgres, $($first_of_owner:tt)+) => {
+        concat!(
+            "select head.seq from queue_owners cross join lateral (",
+            $($first_of_owner)+,
+            " limit 1) as head
+             where queue_owners.queued > 0 and head.seq is not null
+                 and queue_owners.owner not in (select value from json_each(?4))
+             order by greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq
+             limit 1"
+        )
     };
 }
 #[cfg(test)]
-pub(super) use next_in_queue;
+pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
+#[cfg(test)]
+pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
 
-/// The statement that leases the next job.
-macro_rules! claim {
-    ($database:ident) => {
+/// Leases a job to a worker.
+macro_rules! lease {
+    ($next:expr) => {
         concat!(
             "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
                  lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
                  worker = ?5, worker_key = ?6, claim = ?7
              where seq = (",
-            next_in_queue!($database),
-            ") returning seq, owner, priority, turn",
+            $next,
+            ") returning seq, owner, priority, turn"
         )
     };
 }
@@ -506,16 +538,26 @@ impl Store {
         let mut tx = writer.begin().await?;
         let held_back = self.held_back(&mut tx).await?;
         let now = self.now_us();
-        let row = query(either(claim!(sqlite), claim!(postgres)))
+        let remaining = match lessee {
+            Lessee::Here => None,
+            Lessee::Process(claim) => claim.remaining,
+        };
+        let text = match remaining {
+            None => either(lease!(next_in_queue!(sqlite)), lease!(next_in_queue!(postgres))),
+            Some(_) => either(lease!(next_in_queue!(sqlite within)), lease!(next_in_queue!(postgres within))),
+        };
+        let mut leasing = query(text)
             .bind(now)
             .bind(now.saturating_add(micros(self.limits().lease)))
             .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
             .bind(to_json(&held_back)?)
             .bind(worker)
             .bind(key)
-            .bind(claim)
-            .fetch_optional(&mut tx)
-            .await?;
+            .bind(claim);
+        if let Some(remaining) = remaining {
+            leasing = leasing.bind(micros(remaining));
+        }
+        let row = leasing.fetch_optional(&mut tx).await?;
         let Some(row) = row else {
             tx.rollback().await?;
             return Ok(None);

@@ -25,6 +25,8 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (14, "webhooks", include_str!("../../../../migrations/0014_webhooks.sql")),
     (15, "forecasts", include_str!("../../../../migrations/0015_forecasts.sql")),
     (16, "export_leases", include_str!("../../../../migrations/0016_export_leases.sql")),
+    (17, "least_time", include_str!("../../../../migrations/0017_least_time.sql")),
+    (18, "webhook_urls", include_str!("../../../../migrations/0018_webhook_urls.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
@@ -52,10 +54,61 @@ fn migrator<'m>(migrations: impl Iterator<Item = &'m (i64, &'static str, &'stati
 /// since. A test holds both against each other.
 #[cfg(feature = "postgres")]
 const OF_POSTGRES: &[(i64, &str, &str)] =
-    &[(16, "schema", include_str!("../../../../migrations/postgres/0016_schema.sql"))];
+    &[(18, "schema", include_str!("../../../../migrations/postgres/0018_schema.sql"))];
 
 /// All migrations of PostgreSQL. Servers that start together run them one after another, by a lock of sqlx.
 #[cfg(feature = "postgres")]
 pub(super) fn of_postgres() -> Migrator {
     migrator(OF_POSTGRES.iter())
+}
+
+#[cfg(all(test, feature = "postgres"))]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::super::db::query;
+    use super::super::tests::{fresh, fresh_file};
+
+    /// All that a query answers, as lines.
+    async fn lines(store: &super::super::Store, text: &'static str) -> BTreeSet<String> {
+        query(text).scalars(store.readers()).await.unwrap().into_iter().collect()
+    }
+
+    #[tokio::test]
+    async fn both_databases_have_the_same_columns_indices_and_triggers() {
+        if std::env::var_os("PACKSTONE_TEST_POSTGRES").is_none() {
+            eprintln!("SKIPPED: PACKSTONE_TEST_POSTGRES names no PostgreSQL");
+            return;
+        }
+        let ((_file, sqlite), (_folder, postgres)) = tokio::join!(fresh_file(), fresh());
+        let columns = lines(
+            &sqlite,
+            "select t.name || '.' || c.name || case when c.\"notnull\" or c.pk then ' not null' else '' end
+             from sqlite_schema as t join pragma_table_xinfo(t.name) as c
+             where t.type = 'table' and t.name not like 'sqlite_%' and t.name not like '\\_sqlx%' escape '\\'",
+        )
+        .await;
+        assert!(columns.len() > 160, "{}", columns.len());
+        let theirs = lines(
+            &postgres,
+            "select (table_name || '.' || column_name || case when is_nullable = 'NO' then ' not null' else '' end)::text
+             from information_schema.columns
+             where table_schema = 'public' and table_name not like '\\_sqlx%'",
+        )
+        .await;
+        assert_eq!(theirs, columns);
+        let named = "select name from sqlite_schema where type = 'index' and name not like 'sqlite_%'";
+        let indices = lines(&sqlite, named).await;
+        let theirs = lines(
+            &postgres,
+            "select indexname::text from pg_indexes where schemaname = 'public' and indexname not like '\\_sqlx%'
+                 and not exists (select 1 from pg_constraint where conname = indexname)",
+        )
+        .await;
+        assert_eq!(theirs, indices);
+        let triggers = lines(&sqlite, "select name from sqlite_schema where type = 'trigger'").await;
+        let theirs = lines(&postgres, "select tgname::text from pg_trigger where not tgisinternal").await;
+        assert_eq!(theirs, triggers);
+    }
 }

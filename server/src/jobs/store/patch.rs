@@ -1,11 +1,11 @@
-//! Changes that a client makes to a job: name, labels, priority, expiry.
+//! Changes that a client makes to a job: name, labels, priority, expiry, webhook.
 
 use std::collections::BTreeMap;
 
 use super::db::{Transaction, query};
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, Target, rows, turns};
+use super::{Store, StoreError, Target, rows, turns, webhooks};
 use crate::jobs::request::{JobPatch, MAX_LABELS};
 use crate::jobs::{JobId, JobRecord, State};
 
@@ -47,6 +47,7 @@ impl Store {
             .bind(patch.shared)
             .execute(&mut tx)
             .await?;
+            webhooks::change(&mut tx, webhooks::Ending::Job(before.seq), &patch.webhook_url).await?;
             let job = rows::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);

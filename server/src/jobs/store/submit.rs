@@ -29,6 +29,8 @@ pub(crate) struct NewJob {
     pub(crate) warnings: Vec<String>,
     /// Time that the plan expects the job to take on one core.
     pub(crate) forecast_s: f64,
+    /// Whether its method keeps checkpoints, by its plan.
+    pub(crate) keeps_checkpoints: bool,
     /// Who submits it.
     pub(crate) by: Submitter,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
@@ -77,11 +79,12 @@ impl Store {
             turns::Flow { owner: &new.by.owner, number: turns::SINGLE_JOBS, priority: request.priority };
         let turn = turns::assign_start_times(&mut tx, flow, 1).await?;
         let now = self.now_us();
+        let forecast_us = forecasts::micros_of(new.forecast_s, request.timeout_s);
         let seq: i64 = query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
-                 shared, forecast_us)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 shared, forecast_us, least_time_us)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -100,7 +103,8 @@ impl Store {
         .bind(&new.by.owner)
         .bind(&new.by.key)
         .bind(request.shared)
-        .bind(forecasts::micros_of(new.forecast_s, request.timeout_s))
+        .bind(forecast_us)
+        .bind(forecasts::least_time_us(forecast_us, new.keeps_checkpoints))
         .fetch_one(&mut tx)
         .await?
         .try_get("seq")?;

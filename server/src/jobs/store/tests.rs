@@ -77,7 +77,7 @@ pub(super) async fn fresh() -> (TempDir, Store) {
     (folder, store)
 }
 
-fn request(extra: &serde_json::Value) -> JobRequest {
+pub(super) fn request(extra: &serde_json::Value) -> JobRequest {
     let mut job = json!({
         "specimen": {"type": "box", "size_mm": [50, 50, 50]},
         "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}
@@ -95,6 +95,7 @@ pub(super) async fn submit_forecast(store: &Store, forecast_s: f64, extra: serde
         request: request(&extra),
         warnings: Vec::new(),
         forecast_s,
+        keeps_checkpoints: true,
         by: Submitter::default(),
         idempotency_key: None,
     };
@@ -111,7 +112,14 @@ pub(super) async fn submit_as(
 ) -> Result<JobRecord, StoreError> {
     let by = Submitter { key: format!("key of {owner}"), owner: owner.into() };
     let request = request(&extra);
-    let new = NewJob { request, warnings: Vec::new(), forecast_s: 1.0, by, idempotency_key: None };
+    let new = NewJob {
+        request,
+        warnings: Vec::new(),
+        forecast_s: 1.0,
+        keeps_checkpoints: true,
+        by,
+        idempotency_key: None,
+    };
     match store.submit(new).await? {
         Submitted::Created(job) => Ok(job),
         Submitted::Existing(_) => panic!("a job without a key exists already"),
@@ -296,6 +304,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
         request: request(&json!({})),
         warnings: Vec::new(),
         forecast_s: 1.0,
+        keeps_checkpoints: true,
         by: Submitter { key: scope.into(), owner: scope.into() },
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
@@ -344,6 +353,7 @@ async fn the_queue_is_bounded() {
         request: request(&json!({})),
         warnings: Vec::new(),
         forecast_s: 1.0,
+        keeps_checkpoints: true,
         by: Submitter::default(),
         idempotency_key: None,
     };
@@ -459,7 +469,7 @@ async fn every_listing_and_claim_uses_an_index() {
             assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
         }
     }
-    let plan = plan_of(&store, lifecycle::next_in_queue!(sqlite)).await;
+    let plan = plan_of(&store, lifecycle::NEXT_IN_QUEUE).await;
     let walked = plan.iter().position(|step| step.contains("jobs_queue")).unwrap();
     assert!(plan[walked].contains("SEARCH") && plan[walked].contains("owner=?"), "{plan:?}");
     // Only the owners' first jobs are sorted, and no row of the jobs is scanned.

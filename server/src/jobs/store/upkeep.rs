@@ -206,6 +206,19 @@ impl Store {
         Ok(row.is_some())
     }
 
+    /// Whether this attempt of a job or an export runs.
+    pub(crate) async fn is_running(&self, id: &str, attempt: i64) -> Result<bool, StoreError> {
+        let row = query(
+            "select 1 from jobs where id = ?1 and attempt = ?2 and state = 'running'
+             union all select 1 from exports where id = ?1 and attempt = ?2 and state = 'running'",
+        )
+        .bind(id)
+        .bind(attempt)
+        .fetch_optional(self.readers())
+        .await?;
+        Ok(row.is_some())
+    }
+
     /// At most `limit` paths of files whose rows have been deleted and that have not been removed yet.
     pub(crate) async fn removals(&self, limit: u32) -> Result<Vec<String>, StoreError> {
         let paths = query("select path from removals limit ?");

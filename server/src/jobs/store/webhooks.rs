@@ -9,6 +9,7 @@ use utoipa::ToSchema;
 use super::db::{Row, Transaction, query};
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
+use crate::jobs::request::Change;
 use crate::webhooks::WebhookUrl;
 
 /// Whether a message has arrived.
@@ -105,27 +106,28 @@ macro_rules! waiting_hosts {
     };
 }
 
-/// Webhooks with their latest deliveries.
+/// Webhooks with the latest delivery to the URL that each has now. One that was removed has an empty URL.
 macro_rules! select_webhook {
     () => {
         "select webhooks.url, latest.state, latest.attempts, latest.last_error, latest.last_status, latest.next_at,
              latest.delivered_at
          from webhooks left join webhook_deliveries as latest on latest.seq = (
-             select max(seq) from webhook_deliveries where webhook_deliveries.webhook = webhooks.seq
-         )"
+             select max(seq) from webhook_deliveries
+             where webhook_deliveries.webhook = webhooks.seq and webhook_deliveries.url = webhooks.url
+         ) where webhooks.url <> ''"
     };
 }
 
 impl Store {
     /// The webhook of a job.
     pub(crate) async fn webhook_of_job(&self, job: i64) -> Result<Option<WebhookRecord>, StoreError> {
-        let row = query(concat!(select_webhook!(), " where webhooks.job = ?")).bind(job);
+        let row = query(concat!(select_webhook!(), " and webhooks.job = ?")).bind(job);
         row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
     }
 
     /// The webhook of a study.
     pub(crate) async fn webhook_of_study(&self, study: i64) -> Result<Option<WebhookRecord>, StoreError> {
-        let row = query(concat!(select_webhook!(), " where webhooks.study = ?")).bind(study);
+        let row = query(concat!(select_webhook!(), " and webhooks.study = ?")).bind(study);
         row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
     }
 
@@ -140,8 +142,8 @@ impl Store {
         let now = self.now_us();
         let found = query(concat!(
             waiting_hosts!(),
-            "select due.seq, due.id, due.host, due.body, due.attempts, due.created_at, webhooks.url
-             from hosts cross join webhook_deliveries as due join webhooks on webhooks.seq = due.webhook
+            "select due.seq, due.id, due.host, due.body, due.attempts, due.created_at, due.url
+             from hosts cross join webhook_deliveries as due
              where due.seq = (
                      select seq from webhook_deliveries
                      where state = 'waiting' and host = hosts.host and sent_before = ?3 and next_at <= ?1
@@ -273,6 +275,16 @@ pub(super) enum Ending {
     Study(i64),
 }
 
+impl Ending {
+    /// Numbers of job and study, of which one is there.
+    fn columns(self) -> (Option<i64>, Option<i64>) {
+        match self {
+            Self::Job(seq) => (Some(seq), None),
+            Self::Study(seq) => (None, Some(seq)),
+        }
+    }
+}
+
 /// Records the webhook of a submission.
 pub(super) async fn insert(
     tx: &mut Transaction<'_>,
@@ -280,10 +292,7 @@ pub(super) async fn insert(
     url: Option<&WebhookUrl>,
 ) -> Result<(), StoreError> {
     let Some(url) = url else { return Ok(()) };
-    let (job, study) = match of {
-        Ending::Job(seq) => (Some(seq), None),
-        Ending::Study(seq) => (None, Some(seq)),
-    };
+    let (job, study) = of.columns();
     query("insert into webhooks (job, study, url, host) values (?, ?, ?, ?)")
         .bind(job)
         .bind(study)
@@ -291,6 +300,38 @@ pub(super) async fn insert(
         .bind(url.host_text())
         .execute(tx)
         .await?;
+    Ok(())
+}
+
+/// Changes the webhook of what may have one. Messages that are recorded already are sent to the URL of before.
+pub(super) async fn change(
+    tx: &mut Transaction<'_>,
+    of: Ending,
+    change: &Change<WebhookUrl>,
+) -> Result<(), StoreError> {
+    let (job, study) = of.columns();
+    match change {
+        Change::Keep => {}
+        Change::Remove => {
+            query("update webhooks set url = '', host = '' where job = ? or study = ?")
+                .bind(job)
+                .bind(study)
+                .execute(tx)
+                .await?;
+        }
+        Change::Set(url) => {
+            let changed = query("update webhooks set url = ?, host = ? where job = ? or study = ?")
+                .bind(url.as_str())
+                .bind(url.host_text())
+                .bind(job)
+                .bind(study)
+                .execute(&mut *tx)
+                .await?;
+            if changed.rows_affected() == 0 {
+                insert(tx, of, Some(url)).await?;
+            }
+        }
+    }
     Ok(())
 }
 

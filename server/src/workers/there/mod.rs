@@ -11,7 +11,9 @@
 mod server;
 
 use std::collections::HashMap;
+use std::fs::File;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -22,13 +24,14 @@ use tokio::time::{Instant, sleep};
 use tokio_util::sync::CancellationToken;
 
 use super::documents::{
-    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, RenewalDocument,
-    RenewalRequest, RenewalsDocument,
+    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, MAX_REMAINING_S,
+    RenewalDocument, RenewalRequest, RenewalsDocument,
 };
 use super::ending::{Cause, Told};
 use super::leases::{CLAIM_WAIT, LeaseError, Work};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
+use crate::disk::Disk;
 use crate::failure::Failure;
 use crate::ids::JobId;
 use crate::jobs::{JobProgress, Lease};
@@ -45,6 +48,9 @@ const LEAST_PAUSE: Duration = Duration::from_millis(200);
 const PAUSES: (Duration, Duration) = (Duration::from_millis(500), Duration::from_secs(10));
 /// How often the checkpoints of a running job are looked at.
 const LOOK_AT_CHECKPOINTS: Duration = Duration::from_secs(5);
+
+/// How often a process whose disk is full looks for room.
+const LOOK_FOR_ROOM: Duration = Duration::from_secs(1);
 
 /// What became of a lease, as the last renewal told.
 pub(crate) type State = LeaseState;
@@ -81,6 +87,11 @@ struct Shared {
     jobs: Mutex<HashMap<(JobId, i64), Job>>,
     /// A lease has begun or ended.
     changed: Notify,
+    disk: Disk,
+    /// Bytes of the result that could not be written to this disk last.
+    needed_bytes: AtomicU64,
+    /// Such a result is known: no request for a job is to wait any longer.
+    full: Notify,
     /// When this process had a job last.
     busy: Mutex<Instant>,
     /// The server has refused this worker for good.
@@ -106,14 +117,18 @@ fn address(lease: Lease, what: &str) -> String {
 }
 
 impl There {
-    /// Jobs of a server. Results and checkpoints lie in these folders until they are sent.
+    /// Jobs of a server. Results and checkpoints lie in these folders, on this disk, until they are sent.
     pub(crate) fn new(
         server: Server,
         options: WorkerOptions,
         artifacts: Artifacts,
         checkpoints: Checkpoints,
+        disk: Disk,
     ) -> Self {
         let shared = Shared {
+            disk,
+            needed_bytes: AtomicU64::new(0),
+            full: Notify::new(),
             server,
             options,
             artifacts,
@@ -154,29 +169,54 @@ impl There {
             claimed = asking => claimed,
             // The server sees that the connection is closed, and gives the job to another.
             () = shutdown.cancelled() => Ok(None),
+            () = self.shared.full.notified() => Ok(None),
         }
+    }
+
+    /// Waits while there is no room for a result as the last that could not be written: each job would be packed in
+    /// vain.
+    async fn await_room(&self) {
+        let Shared { disk, needed_bytes, .. } = &*self.shared;
+        let needed = needed_bytes.load(Ordering::Acquire);
+        let free = || disk.space().map_or(u64::MAX, |space| space.free);
+        if free() >= needed {
+            return;
+        }
+        tracing::error!(
+            free_bytes = free(),
+            needed,
+            "the disk of this worker is full; it takes no job until there is room"
+        );
+        while free() < needed && !self.is_over() {
+            sleep(LOOK_FOR_ROOM).await;
+        }
+        needed_bytes.store(0, Ordering::Release);
     }
 
     /// Asks for a job until the server has answered.
     async fn ask(&self) -> Result<Option<Work>, LeaseError> {
+        self.await_room().await;
         let options = &self.shared.options;
+        let left = || options.until.map(|until| until.saturating_duration_since(Instant::now()));
         let mut wait = CLAIM_WAIT;
-        if let Some(left) = options.until.map(|until| until.saturating_duration_since(Instant::now())) {
+        if let Some(left) = left() {
             wait = wait.min(left);
         }
         if let Some(idle) = options.idle {
             wait = wait.min(idle);
         }
-        let request = LeaseRequest {
+        let mut request = LeaseRequest {
             // An ID as good as any other: it is only ever compared.
             claim: JobId::new().to_string(),
             worker: options.name.clone(),
             slots: 1,
+            remaining_s: None,
             build: BUILD.into(),
             bits: options.bits.clone(),
         };
         let mut pause = PAUSES.0;
         while !self.is_over() {
+            request.remaining_s = left().map(|left| left.as_secs_f64().min(MAX_REMAINING_S));
             match self.shared.server.post::<LeasesDocument>("/v1/leases", &request, wait).await {
                 Ok(found) => {
                     let first = found.and_then(|found| found.leases.into_iter().next());
@@ -294,11 +334,11 @@ impl There {
             |bytes: u64| EndRequest { needed_bytes: Some(bytes), ..end(EndOutcome::Faulted, None, None) };
         let document = match told {
             Told::Succeeded(stored) => {
-                let file = self.shared.artifacts.path_of(&stored.artifact);
+                let file = self.shared.artifacts.open_result(&stored.artifact)?;
                 let path = format!("{}?sha256={}", address(lease, "result"), stored.artifact.sha256);
-                match self.shared.server.put_file(&path, &file).await {
+                match self.shared.server.put_file(&path, file).await {
                     Ok(()) => {
-                        self.remove_sent(&stored.artifact.path);
+                        self.shared.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                         return Ok(());
                     }
                     // The job waits until there is room again, as one of the server itself does.
@@ -306,7 +346,7 @@ impl There {
                         status: StatusCode::INSUFFICIENT_STORAGE, detail, ..
                     }) => {
                         tracing::warn!(detail, "the server has no room for the result; the job waits");
-                        self.remove_sent(&stored.artifact.path);
+                        self.shared.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                         no_room(stored.artifact.bytes)
                     }
                     Err(error) => return Err(error),
@@ -315,7 +355,13 @@ impl There {
             Told::Failed(failure, facts) => end(EndOutcome::Failed, Some(failure), Some(facts)),
             Told::Cancelled => end(EndOutcome::Cancelled, None, None),
             Told::Faulted(Cause::NoRoom(bytes)) => no_room(bytes),
-            Told::Faulted(Cause::NotWritten(_) | Cause::Other) => end(EndOutcome::Faulted, None, None),
+            Told::Faulted(cause) => {
+                if let Cause::NotWritten(bytes) = cause {
+                    self.shared.needed_bytes.store(bytes, Ordering::Release);
+                    self.shared.full.notify_waiters();
+                }
+                end(EndOutcome::Faulted, None, None)
+            }
             Told::Released => {
                 if let Some(file) = self.shared.checkpoints.kept_by(&lease.id.to_string(), lease.attempt)? {
                     match self.send_checkpoint(lease, &file).await {
@@ -341,14 +387,8 @@ impl There {
         Ok(())
     }
 
-    fn remove_sent(&self, path: &str) {
-        if let Err(error) = self.shared.artifacts.remove(path) {
-            tracing::warn!(%error, path, "a result that was sent stays on this disk");
-        }
-    }
-
     async fn send_checkpoint(&self, lease: Lease, file: &Path) -> Result<(), ServerError> {
-        self.shared.server.put_file(&address(lease, "checkpoint"), file).await?;
+        self.shared.server.put_file(&address(lease, "checkpoint"), File::open(file)?).await?;
         tracing::info!(job_id = %lease.id, attempt = lease.attempt, "sent a checkpoint");
         Ok(())
     }

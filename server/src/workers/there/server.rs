@@ -1,7 +1,7 @@
 //! The server of a worker: requests with the key, and answers or reasons why there are none.
 
+use std::fs::File;
 use std::io;
-use std::path::Path;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -122,7 +122,7 @@ impl Server {
         let body = serde_json::to_vec(document).map_err(|error| io::Error::other(error.to_string()))?;
         let mut fields = vec![(CONTENT_TYPE, HeaderValue::from_static("application/json"))];
         if !wait.is_zero()
-            && let Ok(prefer) = HeaderValue::try_from(format!("wait={}", wait.as_secs()))
+            && let Ok(prefer) = HeaderValue::try_from(format!("wait={}", wait.as_secs_f64().ceil()))
         {
             fields.push((hyper::header::HeaderName::from_static("prefer"), prefer));
         }
@@ -134,9 +134,9 @@ impl Server {
     }
 
     /// PUT of a file as it lies.
-    pub(super) async fn put_file(&self, path: &str, file: &Path) -> Result<(), ServerError> {
-        let file = tokio::fs::File::open(file).await?;
-        let length = file.metadata().await?.len();
+    pub(super) async fn put_file(&self, path: &str, file: File) -> Result<(), ServerError> {
+        let length = file.metadata()?.len();
+        let file = tokio::fs::File::from_std(file);
         let fields = [
             (CONTENT_LENGTH, HeaderValue::from(length)),
             (CONTENT_TYPE, HeaderValue::from_static("application/octet-stream")),

@@ -2,10 +2,12 @@
 
 use super::super::db::{Row, Transaction, query};
 use super::super::upkeep::Removed;
-use super::super::{Store, StoreError, Target, rows, turns};
+use super::super::{Store, StoreError, Target, rows, turns, webhooks};
 use super::{StudyRecord, StudyState, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::State;
+use crate::jobs::request::Change;
+use crate::webhooks::WebhookUrl;
 
 impl Store {
     /// Cancels what waits of a study, and asks the workers of what runs to stop.
@@ -51,14 +53,16 @@ impl Store {
         .await
     }
 
-    /// Lets others read a study with its jobs, or no longer; without `shared` nothing changes but the version.
+    /// Lets others read a study with its jobs, or no longer, and changes its webhook; without either, nothing changes
+    /// but the version.
     ///
     /// # Errors
     /// [`StoreError::NoStudy`], [`StoreError::VersionDiffers`], or the database's.
-    pub(crate) async fn share_study(
+    pub(crate) async fn patch_study(
         &self,
         study: impl Into<Target<StudyId>>,
         shared: Option<bool>,
+        webhook_url: Change<WebhookUrl>,
     ) -> Result<StudyRecord, StoreError> {
         let (store, target) = (self.clone(), study.into());
         self.detached(async move {
@@ -85,6 +89,7 @@ impl Store {
             .bind(now)
             .fetch_all(&mut tx)
             .await?;
+            webhooks::change(&mut tx, webhooks::Ending::Study(before.seq), &webhook_url).await?;
             let study = query::by_seq(&mut tx, before.seq).await?;
             tx.commit().await?;
             drop(writer);

@@ -46,7 +46,8 @@ struct Row<'a> {
     job: &'a JobRequest,
     seed: u64,
     warnings: &'a [String],
-    forecast_s: f64,
+    forecast_us: i64,
+    least_time_us: i64,
 }
 
 impl Store {
@@ -210,11 +211,14 @@ async fn rows_of<'a>(
         next_turn.insert(priority, turns::assign_start_times(tx, flow, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
-        let Point { job, seeds, warnings, forecast_s, .. } = &of.points[point];
+        let Point { job, seeds, warnings, forecast_s, keeps_checkpoints, .. } = &of.points[point];
+        let forecast_us = forecasts::micros_of(*forecast_s, job.timeout_s);
+        let least_time_us = forecasts::least_time_us(forecast_us, *keeps_checkpoints);
         let next = next_turn.entry(job.priority).or_insert(0);
         let turn = *next;
         *next += 1;
-        Row { seq, point, replicate, turn, job, seed: seeds[replicate], warnings, forecast_s: *forecast_s }
+        let seed = seeds[replicate];
+        Row { seq, point, replicate, turn, job, seed, warnings, forecast_us, least_time_us }
     });
     Ok(rows.collect())
 }
@@ -233,7 +237,7 @@ async fn insert_jobs(
         let mut query = QueryBuilder::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings, submitted_by, shared, forecast_us) ",
+                 warnings, submitted_by, shared, forecast_us, least_time_us) ",
         );
         query.push_values(chunk.iter().zip(texts), |values, (row, (labels, warnings))| {
             let job = row.job;
@@ -245,7 +249,7 @@ async fn insert_jobs(
             values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
             values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
             values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
-            values.push_bind(forecasts::micros_of(row.forecast_s, job.timeout_s));
+            values.push_bind(row.forecast_us).push_bind(row.least_time_us);
         });
         query.build().execute(&mut *tx).await?;
     }

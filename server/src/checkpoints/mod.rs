@@ -10,19 +10,28 @@
 //! be read by a later attempt, no harm is done: a run is determined by its request, and
 //! every checkpoint of it is a state that this run passes. Files left over from such attempts go with the
 //! end of the job, or with the sweep.
+//!
+//! **Several servers** share copies (`shared`) where they share results: of the checkpoint that a run leaves when its
+//! process stops, and of one every ten minutes.
 
-use std::collections::HashMap;
+mod shared;
+
+use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::{Checkpoint, CheckpointError, PackingRequest, Resume};
 
+use self::shared::Shared;
 use crate::atomic_file::{self, PARTIAL};
+use crate::blobs::Blobs;
 use crate::jobs::store::Kept;
+use crate::tasks;
 
 /// Ending of a complete checkpoint.
 const COMPLETE: &str = ".checkpoint";
@@ -32,6 +41,10 @@ const FIRST_AFTER: Duration = Duration::from_secs(5);
 /// At least so many times as long as the last checkpoint took must pass before the next: writing a state of
 /// gigabytes must not become what the run spends its time with.
 const PAUSE_PER_COST: u32 = 10;
+/// Time between two copies of the checkpoints of a run to where other servers find them.
+const SHARE_EVERY: Duration = Duration::from_mins(10);
+/// Time between two looks whether a run is to stop that waits for a checkpoint of another server.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Writes a checkpoint in place of an earlier one of that name. Returns its length in bytes.
 ///
@@ -85,6 +98,8 @@ impl Schedule {
 pub(crate) struct Checkpoints {
     root: PathBuf,
     every: Duration,
+    /// Where other servers find copies.
+    shared: Option<Shared>,
 }
 
 /// A file of the folder.
@@ -103,7 +118,60 @@ impl Checkpoints {
     /// Opens the folder, and makes it where it is missing. Runs are asked for a checkpoint `every` so often.
     pub(crate) fn open(root: PathBuf, every: Duration) -> io::Result<Self> {
         fs::create_dir_all(&root)?;
-        Ok(Self { root, every })
+        Ok(Self { root, every, shared: None })
+    }
+
+    /// The same folder, of which copies go to where other servers find them.
+    pub(crate) fn shared_by(self, blobs: Arc<dyn Blobs>) -> Self {
+        Self { shared: Some(Shared::new(blobs)), ..self }
+    }
+
+    /// Copies the checkpoint that an attempt has kept, if it has, to where other servers find it; does nothing where
+    /// there are no others. Blocks the thread.
+    pub(crate) fn share(&self, id: &str, attempt: i64) {
+        let Some(shared) = &self.shared else { return };
+        let put = || match self.kept_by(id, attempt)? {
+            Some(file) => shared.put(id, attempt, &File::open(file)?).map(|()| true),
+            None => Ok(false),
+        };
+        match put() {
+            Ok(true) => tracing::debug!(id, attempt, "shared a checkpoint"),
+            Ok(false) => {}
+            Err(error) => {
+                tracing::warn!(%error, id, attempt, "a checkpoint was not shared with other servers");
+            }
+        }
+    }
+
+    /// Fetches the newest checkpoint that other servers have shared of a job that has none here. Blocks the thread.
+    fn fetch_shared(&self, id: &str) {
+        let Some(shared) = &self.shared else { return };
+        let fetch = || {
+            let Some(copy) = shared.newest(id)? else { return Ok(()) };
+            let mut from = shared.open(&copy)?;
+            let written = |mut file: &File| io::copy(&mut from, &mut file).map(drop);
+            atomic_file::write(&self.file(id, copy.attempt), written, || Ok(()))
+        };
+        let fetched: io::Result<()> = fetch();
+        if let Err(error) = fetched {
+            tracing::warn!(%error, id, "a checkpoint of another server was not fetched");
+        }
+    }
+
+    /// Fetches a checkpoint of a job that another server has shared where there is none here, or until the run is to
+    /// stop. Called on a thread of a runtime that may block.
+    pub(crate) fn prepare(&self, id: &str, is_stopped: &dyn Fn() -> bool) {
+        if self.shared.is_none() || self.of(id).iter().any(|found| found.complete) {
+            return;
+        }
+        let (done, ended) = std::sync::mpsc::channel::<()>();
+        let (folder, id) = (self.clone(), id.to_owned());
+        tasks::blocking(move || {
+            folder.fetch_shared(&id);
+            drop(done);
+        });
+        // Nothing is ever sent: the channel closes when it is done.
+        while ended.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) && !is_stopped() {}
     }
 
     /// The state from which an attempt goes on: the newest that can be read. What cannot is removed.
@@ -146,8 +214,12 @@ impl Checkpoints {
         Ok(file.try_exists()?.then_some(file))
     }
 
-    /// The file of the newest checkpoint of a job, if there is one.
+    /// The file of the newest checkpoint of a job, if there is one; that of another server where there is none here.
+    /// Blocks the thread.
     pub(crate) fn newest(&self, id: &str) -> Option<PathBuf> {
+        if !self.of(id).iter().any(|found| found.complete) {
+            self.fetch_shared(id);
+        }
         let found = self.of(id).into_iter().filter(|found| found.complete);
         found.max_by_key(|found| found.attempt).map(|found| found.file)
     }
@@ -171,6 +243,7 @@ impl Checkpoints {
             id: id.to_owned(),
             attempt,
             schedule: Schedule::new(self.every),
+            share_next: Mutex::new(Instant::now() + SHARE_EVERY),
             kept: AtomicBool::new(false),
             failing: AtomicBool::new(false),
         }
@@ -179,6 +252,15 @@ impl Checkpoints {
     /// Removes the checkpoints of a job up to those of this attempt. Later ones are another's.
     pub(crate) fn remove(&self, id: &str, until_attempt: i64) {
         self.of(id).iter().filter(|found| found.attempt <= until_attempt).for_each(removed);
+        self.remove_shared(id, until_attempt);
+    }
+
+    fn remove_shared(&self, id: &str, until_attempt: i64) {
+        if let Some(shared) = &self.shared
+            && let Err(error) = shared.remove_known(id, until_attempt)
+        {
+            tracing::warn!(%error, id, "copies of checkpoints are left to the sweeper");
+        }
     }
 
     /// Removes those of many jobs at once, each up to that of the attempt named.
@@ -190,6 +272,9 @@ impl Checkpoints {
         let useless =
             |found: &&Found| until_attempt.get(&found.id).is_some_and(|until| found.attempt <= *until);
         found.iter().filter(useless).for_each(removed);
+        for (id, until) in until_attempt {
+            self.remove_shared(id, *until);
+        }
     }
 
     /// Removes one file that was found.
@@ -208,6 +293,29 @@ impl Checkpoints {
             Some(Kept { job: found.id, attempt: found.attempt, at_us })
         });
         Ok(kept.collect())
+    }
+
+    /// Those of [`Self::kept`] and the copies that servers share. Where these cannot be listed, an attempt may count
+    /// that should not. Blocks the thread.
+    pub(crate) fn kept_anywhere(&self) -> io::Result<Vec<Kept>> {
+        let mut kept = self.kept()?;
+        if let Some(shared) = &self.shared {
+            match shared.list() {
+                Ok(copies) => kept.extend(copies),
+                Err(error) => tracing::warn!(%error, "the checkpoints of other servers are not known"),
+            }
+        }
+        Ok(kept)
+    }
+
+    /// IDs of the jobs of which servers share checkpoints. Blocks the thread.
+    pub(crate) fn shared_ids(&self) -> io::Result<HashSet<String>> {
+        self.shared.as_ref().map_or_else(|| Ok(HashSet::new()), Shared::ids)
+    }
+
+    /// Removes what servers share of a job. Blocks the thread.
+    pub(crate) fn remove_all_shared(&self, id: &str) -> io::Result<()> {
+        self.shared.as_ref().map_or(Ok(()), |shared| shared.remove(id))
     }
 
     /// Every checkpoint, whole or not.
@@ -258,6 +366,8 @@ pub(crate) struct CheckpointWriter {
     id: String,
     attempt: i64,
     schedule: Schedule,
+    /// When the next copy for other servers is due.
+    share_next: Mutex<Instant>,
     kept: AtomicBool,
     failing: AtomicBool,
 }
@@ -281,6 +391,7 @@ impl CheckpointWriter {
                 if !self.kept.swap(true, Ordering::Relaxed) {
                     self.folder.remove(&self.id, self.attempt - 1);
                 }
+                self.share();
             }
             // Once: a disk stays full for longer than the time between two checkpoints.
             Err(error) if !self.failing.swap(true, Ordering::Relaxed) => {
@@ -290,8 +401,18 @@ impl CheckpointWriter {
         }
         self.schedule.tried(start.elapsed());
     }
+
+    /// Copies the checkpoint for other servers where one is due, on another thread: the run goes on.
+    fn share(&self) {
+        let mut next = self.share_next.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.folder.shared.is_none() || Instant::now() < *next {
+            return;
+        }
+        *next = Instant::now() + SHARE_EVERY;
+        let (folder, id, attempt) = (self.folder.clone(), self.id.clone(), self.attempt);
+        tasks::blocking(move || folder.share(&id, attempt));
+    }
 }
 
 #[cfg(test)]
-#[path = "checkpoints_tests.rs"]
 mod tests;

@@ -1,4 +1,4 @@
--- The tables of Packstone in PostgreSQL 15 or later. Migrations 0001 to 0016 of SQLite lead to the same tables,
+-- The tables of Packstone in PostgreSQL 15 or later. Migrations 0001 to 0018 of SQLite lead to the same tables,
 -- columns, keys, indices and triggers, under the same names.
 --
 -- Times are microseconds since the Unix epoch. Text is compared by its bytes (collation "C"), as in SQLite. Documents
@@ -170,7 +170,9 @@ create table jobs (
     claim            text collate "C",
     -- Time that the plan expects the job to take on one core, in microseconds; a minute where the plan tells none (see
     -- forecasts.rs).
-    forecast_us      bigint           not null default 60000000
+    forecast_us      bigint           not null default 60000000,
+    -- The least time that a worker must have left to be given the job, in microseconds (see forecasts.rs).
+    least_time_us    bigint           not null default 0
 );
 
 create index jobs_by_state on jobs (state, seq);
@@ -362,7 +364,7 @@ create table webhooks (
     job   bigint           unique references jobs (seq) on delete cascade,
     study bigint           unique references studies (seq) on delete cascade,
     url   text collate "C" not null,
-    -- Host of the URL: one message at a time is sent to it.
+    -- Host of the URL: one message at a time is sent to it. Both are empty where the webhook was removed.
     host  text collate "C" not null,
     check ((job is null) <> (study is null))
 );
@@ -383,7 +385,9 @@ create table webhook_deliveries (
     last_error   text collate "C",
     last_status  bigint,
     created_at   bigint           not null,
-    delivered_at bigint
+    delivered_at bigint,
+    -- The URL that the webhook had when the message was recorded.
+    url          text collate "C" not null default ''
 );
 
 -- The next message of a host is the first entry of the host in this index.
@@ -627,7 +631,7 @@ execute function study_runs_retried();
 -- detail is part of the message.
 create function webhook_of_job() returns trigger language plpgsql as $$
 begin
-    insert into webhook_deliveries (webhook, id, body, host, state, next_at, created_at)
+    insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
     select
         webhooks.seq,
         'msg_' || replace(gen_random_uuid()::text, '-', ''),
@@ -649,11 +653,11 @@ begin
                 )
             end
         ),
-        webhooks.host, 'waiting', new.finished_at, new.finished_at
+        webhooks.url, webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks cross join lateral (
         select regexp_replace(new.error, '(?<!\\)((?:\\\\)*)\\u0000', '\1\\ufffd', 'g')::json as document
     ) as failure
-    where webhooks.job = new.seq;
+    where webhooks.job = new.seq and webhooks.url <> '';
     return null;
 end
 $$;
@@ -668,7 +672,7 @@ execute function webhook_of_job();
 
 create function webhook_of_study() returns trigger language plpgsql as $$
 begin
-    insert into webhook_deliveries (webhook, id, body, host, state, next_at, created_at)
+    insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
     select
         webhooks.seq,
         'msg_' || replace(gen_random_uuid()::text, '-', ''),
@@ -684,8 +688,8 @@ begin
                 'links', json_build_object('self', '/v1/studies/' || new.id)
             )
         ),
-        webhooks.host, 'waiting', new.finished_at, new.finished_at
-    from webhooks where webhooks.study = new.seq;
+        webhooks.url, webhooks.host, 'waiting', new.finished_at, new.finished_at
+    from webhooks where webhooks.study = new.seq and webhooks.url <> '';
     return null;
 end
 $$;

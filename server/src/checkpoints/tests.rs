@@ -130,3 +130,43 @@ fn checkpoints_are_due_between_any_two_epochs_or_after_a_while() {
     hourly.tried(Duration::ZERO);
     assert!(!hourly.is_due());
 }
+
+#[test]
+fn another_server_goes_on_from_a_copy() {
+    let blobs = tempfile::tempdir().unwrap();
+    let server = || {
+        let Folder { checkpoints, parent } = Folder::new();
+        let shared = crate::blobs::Files::shared(blobs.path().to_owned()).unwrap();
+        Folder { checkpoints: checkpoints.shared_by(Arc::new(shared)), parent }
+    };
+    let copies = || fs::read_dir(blobs.path().join("checkpoints/job")).map_or(0, Iterator::count);
+    let (first, second) = (server(), server());
+    let keeper = first.checkpoints.writer("job", 1);
+    first.checkpoints.share("job", 1);
+    assert_eq!(copies(), 0, "there is none yet");
+    checkpoint(7, "early", |c| keeper.keep(c));
+    first.checkpoints.share("job", 1);
+    checkpoint(7, "late", |c| keeper.keep(c));
+    first.checkpoints.share("job", 1);
+    assert_eq!(copies(), 1, "the older copy is gone");
+    assert_eq!(first.checkpoints.kept_anywhere().unwrap().len(), 2);
+    assert_eq!(second.checkpoints.kept().unwrap(), []);
+    assert_eq!(second.checkpoints.kept_anywhere().unwrap()[0].attempt, 1);
+    second.checkpoints.fetch_shared("job");
+    assert_eq!(second.checkpoints.resume("job", &request(7)), Some(state(7, "late")));
+    assert_eq!(second.names(), ["job.1.checkpoint"]);
+    let next = second.checkpoints.writer("job", 2);
+    second.checkpoints.remove("job", 0);
+    checkpoint(7, "later", |c| next.keep(c));
+    second.checkpoints.share("job", 2);
+    assert_eq!(copies(), 1);
+    // One that has lost its lease takes nothing from the holder.
+    first.checkpoints.share("job", 1);
+    let third = server();
+    assert_eq!(third.checkpoints.newest("job"), Some(third.file("job.2.checkpoint")));
+    assert_eq!(third.checkpoints.resume("job", &request(7)), Some(state(7, "later")));
+    assert_eq!(third.checkpoints.shared_ids().unwrap(), HashSet::from(["job".to_owned()]));
+    third.checkpoints.remove("job", 2);
+    assert_eq!(copies(), 0);
+    assert_eq!(server().checkpoints.newest("job"), None);
+}

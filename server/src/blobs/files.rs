@@ -1,0 +1,227 @@
+//! Blobs as files in a folder: of this service alone, or shared by several over a network file system.
+//!
+//! A staged file lies beside its name. In a folder of this service alone it has one name for each blob and is
+//! renamed. In a shared folder its name is its own, and it is published by a hard link, which one of several
+//! processes makes: NFS and Lustre do this as local file systems do. Used besides are exclusive creation, `fsync` and
+//! `rename`; no locks, and the file server's dates only.
+
+use std::fs::{self, File};
+use std::io::{self, Read, Seek as _, SeekFrom};
+use std::ops::Range;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::{Duration, SystemTime};
+
+use uuid::Uuid;
+
+use super::{Blob, Blobs, Listed, PARTIAL, Staged};
+use crate::atomic_file::sync_folder;
+
+/// Pauses after which a file is looked for again that another machine may have written: the folder is read before, for
+/// which a client of NFS asks the server anew.
+const LOOKS: [Duration; 3] = [Duration::ZERO, Duration::from_millis(200), Duration::from_secs(1)];
+
+/// A folder of blobs.
+#[derive(Debug)]
+pub(crate) struct Files {
+    root: PathBuf,
+    shared: bool,
+}
+
+impl Files {
+    /// A folder of this process alone.
+    pub(crate) fn alone(root: PathBuf) -> Self {
+        Self { root, shared: false }
+    }
+
+    /// A folder that other processes may use too.
+    ///
+    /// # Errors
+    /// Those of the file system; it must make folders and take files, hard links among them.
+    pub(crate) fn shared(root: PathBuf) -> io::Result<Self> {
+        fs::create_dir_all(&root)?;
+        let files = Self { root, shared: true };
+        let name = format!("trial.{}", Uuid::now_v7().simple());
+        files.publish(files.stage(&name)?, &name, &|| false)?;
+        files.remove(&[name])?;
+        Ok(files)
+    }
+
+    fn locate(&self, name: &str) -> PathBuf {
+        self.root.join(name)
+    }
+
+    /// Makes the folder of a file, durably.
+    fn make_folder(&self, file: &Path) -> io::Result<()> {
+        let Some(folder) = file.parent().filter(|folder| !folder.is_dir()) else { return Ok(()) };
+        fs::create_dir_all(folder)?;
+        let mut made = folder;
+        while let Some(above) = made.parent().filter(|above| above.starts_with(&self.root)) {
+            sync_folder(above)?;
+            made = above;
+        }
+        Ok(())
+    }
+
+    /// Opens a file, which in a shared folder may have appeared a moment ago.
+    fn open_file(&self, name: &str) -> io::Result<File> {
+        let path = self.locate(name);
+        let mut looks = LOOKS.iter().filter(|_| self.shared);
+        loop {
+            match File::open(&path) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                    let Some(pause) = looks.next() else { return Err(error) };
+                    sleep(*pause);
+                    if let Some(folder) = path.parent()
+                        && let Ok(entries) = fs::read_dir(folder)
+                    {
+                        entries.for_each(drop);
+                    }
+                }
+                opened => return opened,
+            }
+        }
+    }
+
+    fn list_below(&self, folder: &Path, name: &str, found: &mut Vec<Listed>) -> io::Result<()> {
+        let entries = match fs::read_dir(folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            entries => entries?,
+        };
+        for entry in entries {
+            let entry = entry?;
+            let Ok(file_name) = entry.file_name().into_string() else { continue };
+            let name = if name.is_empty() { file_name } else { format!("{name}/{file_name}") };
+            if entry.file_type()?.is_dir() {
+                self.list_below(&entry.path(), &name, found)?;
+                continue;
+            }
+            if !self.shared {
+                found.push(Listed { name, written: None });
+                continue;
+            }
+            match entry.metadata().and_then(|found| found.modified()) {
+                Ok(written) => found.push(Listed { name, written: Some(written) }),
+                // It went meanwhile.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Blobs for Files {
+    fn stage(&self, name: &str) -> io::Result<Staged> {
+        let file = self.locate(name);
+        self.make_folder(&file)?;
+        let mut staged = file.into_os_string();
+        if self.shared {
+            staged.push(format!(".{}", Uuid::now_v7().simple()));
+        }
+        staged.push(PARTIAL);
+        let staged = PathBuf::from(staged);
+        if !self.shared {
+            // Of an attempt that was killed: nobody else writes here.
+            remove_file(&staged)?;
+        }
+        Staged::create(staged)
+    }
+
+    fn publish(&self, mut staged: Staged, name: &str, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
+        let Some(path) = staged.path.as_deref() else { return Err(io::ErrorKind::NotFound.into()) };
+        staged.file.sync_all()?;
+        if is_stopped() {
+            return Err(io::ErrorKind::ConnectionAborted.into());
+        }
+        let file = self.locate(name);
+        if self.shared {
+            // The answer of a server to a link that was made may be lost, and the repeated request refused.
+            match fs::hard_link(path, &file) {
+                Err(_) if staged.file.metadata()?.nlink() == 2 => {}
+                linked => linked?,
+            }
+        } else {
+            if file.try_exists()? {
+                return Err(io::ErrorKind::AlreadyExists.into());
+            }
+            fs::rename(path, &file)?;
+            staged.path = None;
+        }
+        drop(staged);
+        file.parent().map_or(Ok(()), sync_folder)
+    }
+
+    fn fetch(&self, name: &str) -> io::Result<File> {
+        self.open_file(name)
+    }
+
+    fn open(&self, name: &str) -> io::Result<Box<dyn Blob>> {
+        Ok(Box::new(self.open_file(name)?))
+    }
+
+    fn remove(&self, names: &[String]) -> io::Result<()> {
+        names.iter().try_for_each(|name| remove_file(&self.locate(name)))
+    }
+
+    fn remove_folder(&self, folder: &str) -> io::Result<()> {
+        match fs::remove_dir_all(self.locate(folder)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    fn rename(&self, from: &str, to: &str) -> io::Result<bool> {
+        let to = self.locate(to);
+        self.make_folder(&to)?;
+        match fs::rename(self.locate(from), &to) {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn list(&self, folder: &str) -> io::Result<Vec<Listed>> {
+        let mut found = Vec::new();
+        self.list_below(&self.locate(folder), folder, &mut found)?;
+        Ok(found)
+    }
+
+    fn is_shared(&self) -> bool {
+        self.shared
+    }
+
+    fn now(&self) -> io::Result<SystemTime> {
+        if !self.shared {
+            return Ok(SystemTime::now());
+        }
+        let staged = self.stage("clock")?;
+        // A file server sets the time of a write.
+        io::Write::write_all(&mut staged.file(), b"now")?;
+        staged.file.sync_all()?;
+        staged.file.metadata()?.modified()
+    }
+
+    fn shown(&self, name: &str) -> String {
+        self.locate(name).display().to_string()
+    }
+}
+
+fn remove_file(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+impl Blob for File {
+    fn length(&self) -> io::Result<u64> {
+        Ok(self.metadata()?.len())
+    }
+
+    fn read(mut self: Box<Self>, range: Range<u64>) -> io::Result<Box<dyn Read + Send>> {
+        self.seek(SeekFrom::Start(range.start))?;
+        Ok(Box::new(self.take(range.end - range.start)))
+    }
+}
