@@ -134,16 +134,16 @@ fn what_next(from: &Place, to: &Place) -> String {
     let file = |directory: &Path| directory.join(DATABASE).display().to_string();
     match (from, to) {
         (Place::Directory(directory), Place::Postgres(database)) => format!(
-            "Results and exports are files: they stay in {0}/artifacts. The old database is still there: move\n\
-             {1} away, so that no server goes on with it by mistake. Start next:\n  \
+            "Results and exports are files: they stay in {0}/artifacts, or where --blobs puts them. The old database is\n\
+             still there: move {1} away, so that no server goes on with it by mistake. Start next:\n  \
              packstone serve --data-dir {0} --store '{database}'\n",
             directory.display(),
             file(directory),
         ),
         (_, Place::Directory(directory)) => format!(
-            "Results and exports are files and were not moved: move the folders artifacts and checkpoints of the data \
-             directory\nof the server to {0}, unless it is that directory. Start next, without --store:\n  \
-             packstone serve --data-dir {0}\n",
+            "Results and exports are files and were not moved. If the server had another data directory than {0}, move\n\
+             the folder checkpoints of that one there and, without --blobs, the folder artifacts. Start next, without\n\
+             --store:\n  packstone serve --data-dir {0}\n",
             directory.display(),
         ),
         // No transfer has these two.
@@ -152,6 +152,7 @@ fn what_next(from: &Place, to: &Place) -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -201,6 +201,18 @@ impl Connection {
         }
         Ok(())
     }
+
+    /// Closes it, and waits until it is closed: SQLite then removes its log.
+    ///
+    /// # Errors
+    /// The database's.
+    #[cfg(feature = "postgres")]
+    pub(in super::super) async fn close(self) -> Result<(), sqlx::Error> {
+        match self {
+            Self::Sqlite(connection) => connection.close().await,
+            Self::Postgres(connection) => connection.close().await,
+        }
+    }
 }
 
 impl Readers {

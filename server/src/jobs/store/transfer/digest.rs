@@ -28,29 +28,33 @@ pub(super) struct Digested {
 }
 
 impl TableDigest {
-    /// Adds the next row.
-    pub(super) fn add(&mut self, row: &[Value]) {
-        self.rows += 1;
-        for value in row {
-            match value {
-                Value::Integer(None) | Value::Real(None) | Value::Flag(None) | Value::Text(None) => {
-                    self.sha256.update([0]);
-                }
-                Value::Integer(Some(value)) => {
-                    self.sha256.update([1]);
-                    self.sha256.update(value.to_be_bytes());
-                }
-                Value::Real(Some(value)) => {
-                    self.sha256.update([2]);
-                    // The sum of both zeros is the positive one.
-                    self.sha256.update((value + 0.0).to_be_bytes());
-                }
-                Value::Flag(Some(value)) => self.sha256.update([3, u8::from(*value)]),
-                Value::Text(Some(value)) => {
-                    self.sha256.update([4]);
-                    self.sha256.update((value.len() as u64).to_be_bytes());
-                    self.sha256.update(value);
-                }
+    /// Adds the next rows.
+    pub(super) fn add(&mut self, rows: &[Vec<Value>]) {
+        self.rows += rows.len() as u64;
+        for value in rows.iter().flatten() {
+            self.add_value(value);
+        }
+    }
+
+    fn add_value(&mut self, value: &Value) {
+        match value {
+            Value::Integer(None) | Value::Real(None) | Value::Flag(None) | Value::Text(None) => {
+                self.sha256.update([0]);
+            }
+            Value::Integer(Some(value)) => {
+                self.sha256.update([1]);
+                self.sha256.update(value.to_be_bytes());
+            }
+            Value::Real(Some(value)) => {
+                self.sha256.update([2]);
+                // The sum of both zeros is the positive one.
+                self.sha256.update((value + 0.0).to_be_bytes());
+            }
+            Value::Flag(Some(value)) => self.sha256.update([3, u8::from(*value)]),
+            Value::Text(Some(value)) => {
+                self.sha256.update([4]);
+                self.sha256.update((value.len() as u64).to_be_bytes());
+                self.sha256.update(value);
             }
         }
     }
@@ -72,8 +76,9 @@ mod tests {
     use super::*;
 
     fn of(rows: &[&[Value]]) -> Digested {
+        let rows: Vec<Vec<Value>> = rows.iter().map(|row| row.to_vec()).collect();
         let mut digest = TableDigest::default();
-        rows.iter().for_each(|row| digest.add(row));
+        digest.add(&rows);
         digest.finished()
     }
 

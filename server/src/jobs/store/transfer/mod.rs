@@ -165,8 +165,8 @@ impl Transfer {
         from.rollback().await?;
         held.rollback().await?;
         readers.close().await;
-        destination.fold_log().await?;
-        source.fold_log().await?;
+        destination.close().await?;
+        source.close().await?;
         Ok(moved)
     }
 
@@ -229,7 +229,7 @@ async fn copy_table(
     let mut digest = TableDigest::default();
     let mut pages = Pages::of(table);
     while let Some(page) = pages.next(from).await? {
-        page.iter().for_each(|row| digest.add(row));
+        digest.add(&page);
         let rows = page.len() as u64;
         rows::insert(to, table, page).await?;
         copied(rows);
@@ -246,7 +246,7 @@ async fn digest_of(
     let mut digest = TableDigest::default();
     let mut pages = Pages::of(table);
     while let Some(page) = pages.next(source).await? {
-        page.iter().for_each(|row| digest.add(row));
+        digest.add(&page);
         verified(page.len() as u64);
     }
     Ok(digest.finished())

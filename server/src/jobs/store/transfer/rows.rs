@@ -1,6 +1,8 @@
 //! Reads the rows of a table in pages, and writes a page at once.
 
-use super::schema::{Kind, Table};
+use std::fmt::Write as _;
+
+use super::schema::{Kind, Table, quoted};
 use crate::jobs::store::db::{QueryBuilder, Transaction, Value};
 
 /// Most rows of a page.
@@ -32,13 +34,16 @@ pub(super) struct Pages<'t> {
 impl<'t> Pages<'t> {
     /// All rows of a table.
     pub(super) fn of(table: &'t Table) -> Self {
-        let texts = table.columns.iter().filter(|column| column.kind == Kind::Text);
-        let lengths: String =
-            texts.map(|text| format!(" + coalesce(octet_length({}), 0)", Table::list([text]))).collect();
+        let mut bytes = "cast(0".to_owned();
+        for text in table.columns.iter().filter(|column| column.kind == Kind::Text) {
+            // Writing to a string cannot fail.
+            let _ = write!(bytes, " + coalesce(octet_length({}), 0)", quoted(&text.name));
+        }
+        bytes.push_str(" as bigint)");
         Self {
             table,
             columns: Table::list(&table.columns),
-            bytes: format!("cast(0{lengths} as bigint)"),
+            bytes,
             key: Table::list(table.key_columns()),
             most_rows: MOST_ROWS.min(MOST_PARAMETERS / table.columns.len()),
             look_at: FEWEST_LENGTHS,

@@ -104,6 +104,10 @@ async fn every_row_comes_back_from_postgresql_as_it_went() {
     assert_eq!(seen.rows, there.iter().map(|moved| moved.rows).sum::<u64>());
     let back = moved(&between, &to).await.unwrap();
     assert_eq!(there, back);
+    for database in [&from, &to] {
+        let log = database.file().unwrap().with_extension("sqlite-wal");
+        assert!(!log.exists(), "{} is left", log.display());
+    }
     let after = contents(to.file().unwrap()).await;
     assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>());
     for (table, rows) in &before {
