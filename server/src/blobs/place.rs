@@ -66,6 +66,7 @@ impl Place {
     }
 
     /// The folder, if it is one.
+    #[cfg_attr(not(feature = "s3"), allow(clippy::unnecessary_wraps))]
     pub(crate) fn folder(&self) -> Option<&Path> {
         match self {
             Self::Folder(folder) => Some(folder),
