@@ -42,7 +42,7 @@ pub(crate) struct Known {
     /// How often a job was found out of attempts, and retried.
     exhausted: usize,
     /// A server lives on while its database is gone, and says so: to the client that is a cut too.
-    pub(crate) loses_database: bool,
+    loses_database: bool,
 }
 
 /// Checkpoints at every opportunity, so that the cuts meet them being written.
@@ -122,6 +122,11 @@ pub(crate) async fn swept(data_dir: &DataDir, known: &Known) {
 }
 
 impl Known {
+    /// What a client knows of servers whose database may be gone for a while.
+    pub(crate) fn of_servers_with_a_database() -> Self {
+        Self { loses_database: true, ..Self::default() }
+    }
+
     /// Whether an answer says that the database is gone for the moment, where that may be.
     fn is_without_database(&self, reply: &Reply) -> bool {
         self.loses_database && reply.status == 503
