@@ -29,7 +29,8 @@ async fn survive(kills: usize, seed: u64) {
     let often = ["--checkpoint-every-s", "0", "--sweep-interval-s", "0.5", "--least-blob-age-s", "5"];
     let launch = |which: usize| Launch::new(&data_dirs[which]).args(&args).args(&often);
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut known = Known { loses_database: true, ..Known::default() };
+    let mut known = Known::default();
+    known.loses_database = true;
     let mut servers = [launch(0).start().await, launch(1).start().await];
     for _ in 0..kills {
         let moment = Duration::from_micros(random.next_u64() % 600_000);
