@@ -139,8 +139,8 @@ fn assert_same(before: &Answers, after: &Answers) {
     }
 }
 
-/// Jobs in every state, with labels, priorities, a webhook and exports, of two owners, and a study that was stopped early.
-/// Returns what was submitted with the idempotency key `again`, and the job.
+/// Jobs in every state, with labels, priorities, a webhook and exports, of two owners, and a study that was stopped
+/// early. Returns what was submitted with the idempotency key `again`, and the job.
 async fn fill(keys: &Keys, data_dir: &DataDir, store: &str) -> (Value, Value) {
     let server = keys.serve(data_dir, store, 1).await;
     let [_, anna, carl] = keys.clients(&server);

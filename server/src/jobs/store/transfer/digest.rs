@@ -10,8 +10,8 @@ use crate::jobs::store::db::Value;
 /// The digest of the rows so far.
 ///
 /// A value is a byte for its type and then its bytes: 0 for null; 1 and the eight bytes of an integer; 2 and the eight
-/// bytes of a real number; 3 and the byte 0 or 1 of a flag; 4, the length as eight bytes, and the bytes of a text. All are
-/// big-endian. SQLite stores no negative zero, so that it counts as zero.
+/// bytes of a real number; 3 and the byte 0 or 1 of a flag; 4, the length as eight bytes, and the bytes of a text. All
+/// are big-endian. SQLite stores no negative zero, so that it counts as zero.
 #[derive(Debug, Default)]
 pub(super) struct TableDigest {
     rows: u64,

@@ -1,14 +1,14 @@
 //! Moves all that a store holds from SQLite to PostgreSQL or back, and verifies the copy by digest.
 //!
-//! The tables are copied row by row, as they are. What the triggers keep (counts, sums, turns of the queue) lies in tables
-//! too: the triggers of the destination are off until all rows are in, or they would count every row a second time. All
-//! of it is one transaction of the destination, so that a copy that breaks off leaves the destination empty. The source
-//! is read in one transaction and not changed. Meanwhile this process holds the writer's lock of both databases: a server
-//! that starts in the middle waits for the end.
+//! The tables are copied row by row, as they are. What the triggers keep (counts, sums, turns of the queue) lies in
+//! tables too: the triggers of the destination are off until all rows are in, or they would count every row a second
+//! time. All of it is one transaction of the destination, so that a copy that breaks off leaves the destination empty.
+//! The source is read in one transaction and not changed. Meanwhile this process holds the writer's lock of both
+//! databases: a server that starts in the middle waits for the end.
 //!
 //! The digest of a table is the SHA-256 of its rows in the order of the primary key, in a form that does not depend on
-//! the database ([`digest`]). That of the source is taken of what is read there, that of the destination of what is read
-//! back; they are compared before the commit.
+//! the database ([`digest`]). That of the source is taken of what is read there, that of the destination of what is
+//! read back; they are compared before the commit.
 //!
 //! Names, columns, types and keys of the tables come from PostgreSQL's own catalogue ([`schema`]): a table that a later
 //! migration adds is moved without a change here.
@@ -138,8 +138,8 @@ impl Transfer {
         &self.to
     }
 
-    /// Moves all rows, and returns the tables by name. The file of SQLite must be locked by the caller as the service does
-    /// it. `force` moves a database of PostgreSQL although connections of other processes are open.
+    /// Moves all rows, and returns the tables by name. The file of SQLite must be locked by the caller as the service
+    /// does it. `force` moves a database of PostgreSQL although connections of other processes are open.
     ///
     /// # Errors
     /// See [`TransferError`].

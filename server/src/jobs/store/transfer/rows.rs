@@ -9,7 +9,8 @@ use crate::jobs::store::db::{QueryBuilder, Transaction, Value};
 const MOST_ROWS: usize = 1000;
 /// Fewest rows whose lengths are looked at for the next page.
 const FEWEST_LENGTHS: usize = 16;
-/// A page ends before it has more bytes of text than this, unless a single row has: a request may have tens of megabytes.
+/// A page ends before it has more bytes of text than this, unless a single row has: a request may have tens of
+/// megabytes.
 const MOST_BYTES: i64 = 8 << 20;
 /// Most parameters of a statement: SQLite takes 32 766, PostgreSQL 65 535.
 const MOST_PARAMETERS: usize = 32_000;

@@ -135,8 +135,8 @@ pub(super) async fn clear(destination: &mut Transaction<'_>, tables: &[Table]) -
     Ok(())
 }
 
-/// Makes the destination go on with its numbers where the source has stopped, so that none is given twice. The rows must
-/// have been copied.
+/// Makes the destination go on with its numbers where the source has stopped, so that none is given twice. The rows
+/// must have been copied.
 ///
 /// # Errors
 /// The databases', or the destination counts otherwise.
