@@ -1,5 +1,5 @@
-//! Kills of servers that share a database and a folder of results, and crashes of the database, at random moments: nothing
-//! is lost, and nothing is left over (see [`crash`](crate::crash)).
+//! Kills of servers that share a database and a folder of results, and crashes of the database, at random moments:
+//! nothing is lost, and nothing is left over (see [`crash`](crate::crash)).
 
 use std::time::Duration;
 

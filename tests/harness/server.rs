@@ -79,7 +79,7 @@ impl Launch {
             command.env_remove(name);
         }
         if let Some(store) = super::postgres::store_of(data_dir.path()) {
-            // A server that may share a database takes nothing back at its start: a job goes on when its lease runs out.
+            // A server that may share a database takes nothing back at its start: jobs go on when leases run out.
             command.env("PACKSTONE_STORE", store).env("PACKSTONE_LEASE_S", "3");
         }
         Self { command }.listen("127.0.0.1:0").workers(1)

@@ -176,8 +176,8 @@ struct Shared {
 }
 
 impl Store {
-    /// Opens the database, makes a file that is missing, and brings its tables up to date. `folder` is where a reserve of
-    /// disk space lies.
+    /// Opens the database, makes a file that is missing, and brings its tables up to date. `folder` is where a reserve
+    /// of disk space lies.
     ///
     /// # Errors
     /// When the database cannot be opened or migrated, by an older version for example.

@@ -31,7 +31,7 @@ pub(super) async fn database(folder: &TempDir) -> Database {
     let Ok(server) = std::env::var("PACKSTONE_TEST_POSTGRES") else { return file_of(folder) };
     let server = db::postgres::options(&server).unwrap();
     let name = folder.path().file_name().unwrap().to_str().unwrap();
-    let name: String = name.bytes().map(|byte| format!("{byte:02x}")).collect();
+    let name = crate::hex::encode(name.as_bytes());
     let mut maintenance =
         sqlx::PgConnection::connect_with(&server.clone().database("postgres")).await.unwrap();
     let create = sqlx::AssertSqlSafe(format!("create database \"{name}\""));

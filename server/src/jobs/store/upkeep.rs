@@ -63,8 +63,8 @@ pub(crate) struct Removed {
 
 impl Store {
     /// Requeues every running job of this server's own workers at start-up, when there is none that has it, with its
-    /// next attempt, or ends it where it has none left. Returns how many were running. Where other servers may share the
-    /// database, only those whose lease ran out are taken.
+    /// next attempt, or ends it where it has none left. Returns how many were running. Where other servers may share
+    /// the database, only those whose lease ran out are taken.
     pub(crate) async fn recover(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         self.reclaim(if self.is_shared() { self.now_us() } else { i64::MAX }, checkpoints).await
     }

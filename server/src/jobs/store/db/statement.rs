@@ -238,8 +238,8 @@ impl Query {
         query
     }
 
-    /// PostgreSQL has no texts with U+0000. None is stored, because names are lines of text and documents escape it; the
-    /// character that stands for others finds as little.
+    /// PostgreSQL has no texts with U+0000. None is stored, because names are lines of text and documents escape it;
+    /// the character that stands for others finds as little.
     #[cfg(feature = "postgres")]
     fn for_postgres(self) -> sqlx::query::Query<'static, sqlx::Postgres, sqlx::postgres::PgArguments> {
         let mut query = sqlx::query(self.text.postgres());
