@@ -1,6 +1,7 @@
 //! `packstone migrate-store`: what a service answers before and after its store has moved.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
@@ -25,7 +26,7 @@ impl Keys {
             let made = packstone(folder.path(), &[&["key"], args].concat()).await;
             let mut printed = made.stdout.lines();
             keys.push(printed.next().unwrap().to_owned());
-            lines += &format!("{}\n", printed.next().unwrap());
+            writeln!(lines, "{}", printed.next().unwrap()).unwrap();
         }
         let secret = packstone(folder.path(), &["webhook-secret"]).await.stdout;
         let keys = Self { folder, keys };
