@@ -119,6 +119,7 @@ async fn a_database_that_is_not_there_is_named() {
     let data_dir = DataDir::new();
     for (url, says) in [
         ("mysql://host/db", "must be a URL as postgres://user@host/database"),
+        ("mysql://lab:secret@host/db", "--store must be a URL as postgres://user@host/database"),
         #[cfg(not(feature = "postgres"))]
         ("postgres://nobody@localhost/none", "--features postgres"),
         #[cfg(feature = "postgres")]

@@ -11,7 +11,7 @@ use packstone_engine::Limits;
 
 use crate::accounts::{Quotas, read_rate};
 use crate::blobs::Place;
-use crate::jobs::store::Database;
+use crate::jobs::store::{Database, NoDatabase};
 use crate::jobs::sweeper::SweepRules;
 use crate::memory;
 use crate::telemetry::LogFormat;
@@ -43,7 +43,7 @@ pub(crate) struct ServeOptions {
     /// Where jobs are kept: a database of PostgreSQL, as `postgres://user@host/database`, which several servers may
     /// share [default: the file `packstone.sqlite` of the data directory]
     #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
-    pub(crate) store: Option<Database>,
+    pub(crate) store: Option<String>,
     /// Where results and exports are kept: a folder, which other servers may share, or `s3://BUCKET/PREFIX` with
     /// credentials and endpoint from the usual variables AWS_* (a build with the feature `s3`) [default: the data
     /// directory]
@@ -166,9 +166,15 @@ pub(crate) struct ServeOptions {
 }
 
 impl ServeOptions {
-    /// Where jobs are kept.
-    pub(crate) fn database(&self) -> Database {
-        self.store.clone().unwrap_or_else(|| Database::File(self.data_dir.join("packstone.sqlite")))
+    /// Where jobs are kept. A URL is read here and not as the option is, whose errors would print a password.
+    ///
+    /// # Errors
+    /// The URL names no database that this program can use.
+    pub(crate) fn database(&self) -> Result<Database, NoDatabase> {
+        match &self.store {
+            Some(url) => url.parse(),
+            None => Ok(Database::File(self.data_dir.join("packstone.sqlite"))),
+        }
     }
 
     /// Jobs that run at once.

@@ -25,7 +25,7 @@ use crate::disk::Disk;
 use crate::exports::worker::ExportWorker;
 use crate::http::{self, App};
 use crate::http_server;
-use crate::jobs::store::{Store, StoreError, StoreLimits};
+use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
 use crate::storage::Storage;
@@ -75,6 +75,9 @@ pub(crate) enum StartError {
     /// The first task of the service ended by a defect.
     #[error("the start was broken off: {0}")]
     Broken(#[from] tokio::task::JoinError),
+    /// The store has no database that this program can use.
+    #[error("--store {0}")]
+    Database(#[from] NoDatabase),
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -136,10 +139,10 @@ impl Service {
         if let Some(shared) = artifacts.shared() {
             checkpoints = checkpoints.shared_by(shared);
         }
-        let database = options.database();
+        let database = options.database()?;
         let is_empty = |file: &Path| std::fs::metadata(file).map_or(true, |found| found.len() == 0);
         if database.file().is_some_and(is_empty) && !options.adopt_orphans {
-            refuse_orphans(&options, &results)?;
+            refuse_orphans(&options, &database, &results)?;
         }
         let listener = TcpListener::bind(options.listen)
             .await
@@ -161,7 +164,7 @@ impl Service {
                     orphans.push((job, path));
                 }
             }
-            refuse_orphans(&options, &orphans)?;
+            refuse_orphans(&options, &database, &orphans)?;
         }
         let kept = tasks::blocking({
             let checkpoints = checkpoints.clone();
@@ -335,12 +338,16 @@ async fn open_artifacts(options: &ServeOptions) -> Result<(Artifacts, Vec<(Strin
 }
 
 /// Refuses to start over results that the database does not know.
-fn refuse_orphans(options: &ServeOptions, orphans: &[(String, String)]) -> Result<(), StartError> {
+fn refuse_orphans(
+    options: &ServeOptions,
+    database: &Database,
+    orphans: &[(String, String)],
+) -> Result<(), StartError> {
     let Some((_, example)) = orphans.first() else { return Ok(()) };
     let data_dir = options.data_dir.display().to_string();
     Err(StartError::Orphans {
         place: options.blobs.as_ref().map_or_else(|| data_dir.clone(), Place::to_string),
-        database: options.database().to_string(),
+        database: database.to_string(),
         count: orphans.len(),
         example: example.clone(),
     })

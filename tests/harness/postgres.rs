@@ -94,18 +94,11 @@ impl Postgres {
 
     fn run(&self, program: &str, arguments: &str) {
         let line = format!("{} {arguments}", self.programs.join(program).display());
-        let mut command = match &self.user {
-            Some(user) => {
-                let mut command = Command::new("su");
-                command.args([user, "-s", "/bin/sh", "-c", &line]);
-                command
-            }
-            None => {
-                let mut command = Command::new("/bin/sh");
-                command.args(["-c", &line]);
-                command
-            }
-        };
+        let mut command = Command::new(if self.user.is_some() { "su" } else { "/bin/sh" });
+        if let Some(user) = &self.user {
+            command.args([user, "-s", "/bin/sh"]);
+        }
+        command.args(["-c", &line]);
         // A database that goes on running must not keep a pipe of this process open.
         let status = command.current_dir("/").stdout(std::process::Stdio::null()).status().expect("a shell");
         assert!(status.success(), "{line}: {status}");

@@ -126,7 +126,6 @@ pub(crate) trait Blob: fmt::Debug + Send {
 /// How a client that gets a blob from the storage is to see it.
 #[cfg_attr(not(feature = "s3"), expect(dead_code, reason = "only a bucket gives out URLs"))]
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(not(feature = "s3"), expect(dead_code, reason = "only buckets have URLs"))]
 pub(crate) struct Shown<'a> {
     /// `Content-Type`.
     pub(crate) content_type: &'a str,

@@ -99,6 +99,10 @@ impl Database {
     }
 
     /// The file, where it is one.
+    #[cfg_attr(
+        not(feature = "postgres"),
+        expect(clippy::unnecessary_wraps, reason = "no other database is built in")
+    )]
     pub(crate) fn file(&self) -> Option<&Path> {
         match self {
             Self::File(file) => Some(file),
@@ -137,7 +141,10 @@ impl Database {
                 let mut connection = SqliteConnection::connect_with(&options).await?;
                 migrations::migrations_to(i64::MAX).run(&mut connection).await?;
                 upgrade::run(&mut connection).await?;
-                Ok((Connection::Sqlite(connection), Options::Sqlite(options.create_if_missing(false))))
+                Ok((
+                    Connection::Sqlite(connection),
+                    Options::Sqlite(Box::new(options.create_if_missing(false))),
+                ))
             }
             #[cfg(feature = "postgres")]
             Self::Postgres { options, .. } => {

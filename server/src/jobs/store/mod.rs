@@ -58,9 +58,7 @@ use crate::tasks;
 use db::{Durability, Readers};
 use writer::{Writer, Writing};
 
-pub(crate) use database::Database;
-#[cfg(not(feature = "postgres"))]
-pub(crate) use database::NoDatabase;
+pub(crate) use database::{Database, NoDatabase};
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
@@ -157,7 +155,7 @@ struct Shared {
     writer: Writer,
     readers: Readers,
     /// Whether other servers may use the database.
-    is_shared: bool,
+    others_may_use_it: bool,
     reserve: Reserve,
     shortage: Shortage,
     changes: Notifications<JobId>,
@@ -197,7 +195,7 @@ impl Store {
         let shared = Arc::new(Shared {
             writer,
             readers,
-            is_shared: database.is_shared(),
+            others_may_use_it: database.is_shared(),
             reserve: Reserve::open(folder.join(RESERVE)),
             shortage: Shortage::default(),
             changes: Notifications::default(),
@@ -219,6 +217,10 @@ impl Store {
     }
 
     /// Whether this server does what only one of those that share the database may do.
+    #[cfg_attr(
+        not(feature = "postgres"),
+        expect(clippy::unused_self, reason = "no other database is built in")
+    )]
     pub(crate) fn is_leader(&self) -> bool {
         #[cfg(feature = "postgres")]
         if let Some(servers) = &self.shared.servers {
@@ -329,7 +331,7 @@ impl Store {
 
     /// Whether other servers may use the database.
     fn is_shared(&self) -> bool {
-        self.shared.is_shared
+        self.shared.others_may_use_it
     }
 
     /// The clock of the database, in microseconds since the Unix epoch.

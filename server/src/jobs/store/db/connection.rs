@@ -30,7 +30,7 @@ pub(in super::super) enum Durability {
 /// How to reach the database.
 #[derive(Clone, Debug)]
 pub(in super::super) enum Options {
-    Sqlite(SqliteConnectOptions),
+    Sqlite(Box<SqliteConnectOptions>),
     #[cfg(feature = "postgres")]
     Postgres(Box<sqlx::postgres::PgConnectOptions>),
 }
@@ -95,7 +95,7 @@ impl Options {
                     .test_before_acquire(false)
                     .idle_timeout(None)
                     .max_lifetime(None)
-                    .connect_with(options.clone().create_if_missing(false).read_only(true));
+                    .connect_with(options.as_ref().clone().create_if_missing(false).read_only(true));
                 Ok(Readers::Sqlite(pool.await?))
             }
             #[cfg(feature = "postgres")]
