@@ -2,10 +2,10 @@
 //! and that something waits to be done. And which one of them does what only one may do.
 //!
 //! Method: changes are collected for a moment and sent by one `NOTIFY`, from a connection of its own, so that no
-//! transaction that changes a job waits for it (a commit with `NOTIFY` holds a lock of the whole database system).
-//! Each server listens. A message can be lost with a connection, so each also wakes all who wait every few seconds, and those
-//! read the database. The leader is the server whose connection holds an advisory lock: it ends with the connection,
-//! however the server ends.
+//! transaction that changes a job waits for it (a commit with `NOTIFY` holds a lock of the whole database system). Each
+//! server listens. A message can be lost with a connection, so each also wakes all who wait every few seconds, and
+//! those read the database. The leader is the server whose connection holds an advisory lock: it ends with the
+//! connection, however the server ends.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -143,8 +143,8 @@ impl Connection {
         Ok(())
     }
 
-    /// Begins a transaction that may write from its start on, and is the only one that does. The clock is set by that of
-    /// the database where it has one of its own.
+    /// Begins a transaction that may write from its start on, and is the only one that does. The clock is set by that
+    /// of the database where it has one of its own.
     ///
     /// # Errors
     /// The database's.

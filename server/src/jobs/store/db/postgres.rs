@@ -25,8 +25,8 @@ const CLOCK: &str = "select (extract(epoch from clock_timestamp()) * 1e6)::bigin
 /// Time after which a connection that nobody uses is closed.
 const IDLE: Duration = Duration::from_mins(10);
 
-/// How to reach the database of a URL, as libpq reads it: with `PGPASSWORD`, `PGPASSFILE` and the like where the URL says
-/// nothing.
+/// How to reach the database of a URL, as libpq reads it: with `PGPASSWORD`, `PGPASSFILE` and the like where the URL
+/// says nothing.
 ///
 /// # Errors
 /// The URL cannot be read.
@@ -71,8 +71,8 @@ pub(super) async fn begin_write<'c>(
 /// The hint to SQLite, before the name of an index.
 const HINT: &str = " indexed by ";
 
-/// The text as PostgreSQL takes it: its parameters are `$1` for `?1`, and for each bare `?` the next number; the names of
-/// indices that SQLite is told to use are left out.
+/// The text as PostgreSQL takes it: its parameters are `$1` for `?1`, and for each bare `?` the next number; the names
+/// of indices that SQLite is told to use are left out.
 pub(super) fn translated(text: &str) -> String {
     let mut translated = String::with_capacity(text.len() + 16);
     let mut next = 1;

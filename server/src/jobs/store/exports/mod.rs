@@ -1,8 +1,8 @@
 //! Exports in the store.
 //!
 //! The unique key `(job, key)` makes one row of all requests for the same export. The row is deleted with its job.
-//! Exports are leased as jobs are: who makes one renews its lease, and one whose lease ran out is requeued. The update of
-//! a worker names its attempt, so that a worker whose export was requeued changes nothing.
+//! Exports are leased as jobs are: who makes one renews its lease, and one whose lease ran out is requeued. The update
+//! of a worker names its attempt, so that a worker whose export was requeued changes nothing.
 
 mod query;
 mod request;
