@@ -102,6 +102,25 @@ fn a_damaged_or_missing_file_is_noticed() {
 }
 
 #[test]
+fn an_attempt_that_is_begun_once_more_is_not_kept_from_its_name() {
+    let mut stored = Stored::new();
+    let first = stored.write();
+    assert_eq!(stored.write().sha256, first.sha256, "the same bytes are as good as written");
+    // A run tells its times.
+    stored.head.report.timings_s.check += 1.0;
+    let place = stored.artifacts.begin("job-ab", 1);
+    let again = || stored.artifacts.write(&place, &stored.head, &stored.packing.grains, &Unattended);
+    let error = again().unwrap_err();
+    assert!(crate::disk::is_passing(&error) && error.to_string().contains("has been moved"), "{error}");
+    let second = again().unwrap();
+    assert_ne!(second.sha256, first.sha256);
+    stored.artifacts.read(&second).unwrap();
+    let quarantine = fs::read_dir(stored.folder.path().join("quarantine")).unwrap().next().unwrap().unwrap();
+    let kept = fs::read(quarantine.path().join(&first.path)).unwrap();
+    assert_eq!(crate::hex::sha256(&kept), first.sha256, "nothing is lost that was made");
+}
+
+#[test]
 fn a_stopped_write_leaves_nothing_behind() {
     let stored = Stored::new();
     let control = RunControl::default();

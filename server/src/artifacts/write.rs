@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 
+use jiff::Timestamp;
+use jiff::tz::TimeZone;
 use packstone_engine::Control;
 use packstone_engine::export::tables::{self, Format, GrainSource, Head, stored};
 use serde_json::Map;
@@ -73,13 +75,34 @@ impl Artifacts {
         let (bytes, sha256) = (digested.bytes, hex::encode(&digested.digest.finalize()));
         check(inner, &sha256)?;
         match self.blobs.publish(staged, &name, &|| control.should_stop()) {
-            // The same attempt has written the same bytes before, and what followed was lost.
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
-                self.open_checked(&place.path, bytes, &sha256).map(drop)?;
+                self.settle_twice_written(&place.path, bytes, &sha256)?;
             }
             published => published?,
         }
         Ok((value, bytes, sha256))
+    }
+}
+
+impl Artifacts {
+    /// The same attempt has written before, and what followed was lost: the answer of a bucket, for example, and the
+    /// attempt was begun once more. The same bytes are what is wanted. Others, which differ in the times that they
+    /// tell, are moved out of the way, for the database knows none of them.
+    ///
+    /// # Errors
+    /// Those of the storage; a passing one where the file was moved, after which the same is written again.
+    fn settle_twice_written(&self, path: &str, bytes: u64, sha256: &str) -> io::Result<()> {
+        // What is known of this name is known of the other bytes.
+        self.forget(path);
+        match self.open_checked(path, bytes, sha256) {
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                let today = Timestamp::now().to_zoned(TimeZone::UTC).date();
+                let to = self.quarantine(path, today)?;
+                tracing::warn!(path, to, "moved a file of the same attempt that was never recorded");
+                Err(io::Error::other("a file of the same attempt was in the way and has been moved"))
+            }
+            opened => opened.map(drop),
+        }
     }
 }
 
