@@ -1,12 +1,14 @@
 //! The store in PostgreSQL: what several servers on one database do, and what a crash of the database does. The rest of
 //! the suite runs on it where `PACKSTONE_TEST_POSTGRES` names one.
 
+use std::fs;
+use std::path::Path;
 use std::time::Duration;
 
 use serde_json::Value;
 
 use crate::harness::deadline::within;
-use crate::harness::{Client, DataDir, Launch, Postgres, Server, id_of, jobs};
+use crate::harness::{Client, DataDir, Launch, Postgres, Server, id_of, jobs, packstone};
 
 /// The service answers so long after its database does.
 const BACK_WITHIN: Duration = Duration::from_secs(10);
@@ -18,6 +20,16 @@ fn launch(postgres: &Postgres, data_dir: &DataDir) -> Launch {
 
 async fn start(postgres: &Postgres, data_dir: &DataDir) -> Server {
     launch(postgres, data_dir).start().await
+}
+
+/// Cuts a byte off a result below a folder; its path in the database.
+fn cut_a_result(folder: &Path) -> String {
+    let artifacts = folder.join("artifacts");
+    let fan = fs::read_dir(&artifacts).unwrap().next().unwrap().unwrap().path();
+    let file = fs::read_dir(fan).unwrap().next().unwrap().unwrap().path();
+    let length = file.metadata().unwrap().len();
+    fs::File::options().write(true).open(&file).unwrap().set_len(length - 1).unwrap();
+    file.strip_prefix(artifacts).unwrap().to_str().unwrap().to_owned()
 }
 
 /// How many jobs the store counts in each state, as lines.
@@ -112,6 +124,13 @@ async fn several_servers_share_one_queue_and_one_folder_of_results() {
     }
     two.stop().await;
     assert_eq!(counts(&postgres), "cancelled|2\nsucceeded|20");
+    let (store, place) = (postgres.database("lab"), shared.path().to_str().unwrap());
+    let check = ["check", "--store", &store, "--blobs", place, data_dirs[0].path().to_str().unwrap()];
+    let checked = packstone(shared.path(), &check).await;
+    assert!(checked.code == Some(0) && checked.stdout.contains("files checked, 0 faults"), "{checked:?}");
+    let damaged = cut_a_result(shared.path());
+    let checked = packstone(shared.path(), &check).await;
+    assert!(checked.code == Some(1) && checked.stdout.contains(&damaged), "{checked:?}");
 }
 
 #[tokio::test]

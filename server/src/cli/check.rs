@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use clap::Args;
 use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{Connection as _, Row as _, SqliteConnection};
+use sqlx::{Connection as _, SqliteConnection};
 
 use super::{Failure, block_on, print};
 use crate::artifacts::{Artifacts, Settled};
 use crate::blobs::{Files, Place};
+use crate::jobs::store::{Database, ExpectedFile, NoDatabase, files_of};
 use crate::tasks;
 
 /// Name of the database in a data directory.
@@ -22,17 +23,13 @@ pub(super) struct Options {
     /// Data directory of a service, running or not, or a backup of one
     #[arg(default_value = "packstone-data")]
     directory: PathBuf,
+    /// Database of PostgreSQL that the service uses, as `postgres://user@host/database`
+    #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
+    store: Option<String>,
     /// Where the service keeps results and exports, if not in its data directory: a folder, or
     /// `s3://BUCKET/PREFIX`
     #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
     blobs: Option<Place>,
-}
-
-/// A file that the database refers to.
-pub(super) struct Expected {
-    pub(super) path: String,
-    bytes: u64,
-    sha256: String,
 }
 
 /// Something that is wrong.
@@ -43,14 +40,22 @@ pub(super) struct Found {
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let directory = &options.directory;
-    if !directory.join(DATABASE).is_file() {
-        return Err(format!("{} is no data directory: it holds no {DATABASE}", directory.display()).into());
-    }
-    let mut faults: Vec<Found> = block_on(integrity(directory))?
-        .into_iter()
-        .map(|fault| Found { path: DATABASE.into(), fault })
-        .collect();
-    let files: Arc<[Expected]> = block_on(files(directory))?.into();
+    let (mut faults, files) = match &options.store {
+        Some(url) => {
+            let database = url.parse().map_err(|error: NoDatabase| format!("--store {error}"))?;
+            (Vec::new(), block_on(async { Ok(files_of(&database).await?) })?)
+        }
+        None if directory.join(DATABASE).is_file() => {
+            let found = block_on(integrity(directory))?;
+            let found = found.into_iter().map(|fault| Found { path: DATABASE.into(), fault });
+            (found.collect(), block_on(files(directory))?)
+        }
+        None => {
+            let path = directory.display();
+            return Err(format!("{path} is no data directory: it holds no {DATABASE}").into());
+        }
+    };
+    let files: Arc<[ExpectedFile]> = files.into();
     faults.extend(block_on(compare(options, &files))?);
     for found in &faults {
         print(&format!("{}: {}\n", found.path, found.fault))?;
@@ -74,25 +79,13 @@ async fn integrity(directory: &Path) -> Result<Vec<String>, Failure> {
     Ok(found)
 }
 
-/// All files that the database refers to.
-pub(super) async fn files(directory: &Path) -> Result<Vec<Expected>, Failure> {
-    let mut connection = open(directory).await?;
-    let rows = sqlx::query(
-        "select path, bytes, sha256 from artifacts
-         union all select path, bytes, sha256 from exports where path is not null order by path",
-    )
-    .fetch_all(&mut connection)
-    .await?;
-    connection.close().await?;
-    let file = |row: &sqlx::sqlite::SqliteRow| -> Result<Expected, sqlx::Error> {
-        let bytes = row.try_get::<i64, _>("bytes")?.cast_unsigned();
-        Ok(Expected { path: row.try_get("path")?, bytes, sha256: row.try_get("sha256")? })
-    };
-    Ok(rows.iter().map(file).collect::<Result<_, _>>()?)
+/// All files that a database in a directory refers to.
+pub(super) async fn files(directory: &Path) -> Result<Vec<ExpectedFile>, Failure> {
+    Ok(files_of(&Database::File(directory.join(DATABASE))).await?)
 }
 
 /// Compares the files with the database.
-async fn compare(options: &Options, files: &Arc<[Expected]>) -> Result<Vec<Found>, Failure> {
+async fn compare(options: &Options, files: &Arc<[ExpectedFile]>) -> Result<Vec<Found>, Failure> {
     let (blobs, directory, files) = (options.blobs.clone(), options.directory.clone(), Arc::clone(files));
     let compared = tasks::blocking(move || {
         let artifacts = match blobs {
@@ -112,8 +105,8 @@ pub(super) fn in_directory(directory: &Path) -> Artifacts {
 }
 
 /// Compares each file with its length and digest.
-pub(super) fn verify(artifacts: &Artifacts, files: &[Expected]) -> Vec<Found> {
-    let fault = |file: &Expected| match artifacts.digest(&file.path) {
+pub(super) fn verify(artifacts: &Artifacts, files: &[ExpectedFile]) -> Vec<Found> {
+    let fault = |file: &ExpectedFile| match artifacts.digest(&file.path) {
         Ok((bytes, _)) if bytes != file.bytes => Some(format!("{bytes} bytes instead of {}", file.bytes)),
         Ok((_, sha256)) if sha256 != file.sha256 => {
             Some(format!("the sha256 is {sha256} instead of {}", file.sha256))
@@ -125,7 +118,7 @@ pub(super) fn verify(artifacts: &Artifacts, files: &[Expected]) -> Vec<Found> {
 }
 
 /// Complete files that the database does not know.
-fn unknown(artifacts: &Artifacts, files: &[Expected]) -> Result<Vec<Found>, Failure> {
+fn unknown(artifacts: &Artifacts, files: &[ExpectedFile]) -> Result<Vec<Found>, Failure> {
     let known: std::collections::HashSet<&str> = files.iter().map(|file| file.path.as_str()).collect();
     let found = artifacts.settled(Duration::ZERO)?.into_iter().filter(Settled::is_complete);
     Ok(found

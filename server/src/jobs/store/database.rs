@@ -120,37 +120,44 @@ impl Database {
         }
     }
 
+    /// How connections are opened, to a file that exists, whatever journal it has.
+    pub(super) fn options(&self) -> Options {
+        match self {
+            Self::File(file) => Options::Sqlite(Box::new(
+                SqliteConnectOptions::new()
+                    .filename(file)
+                    // A 201 promises that the job survives a power cut.
+                    .synchronous(SqliteSynchronous::Full)
+                    .foreign_keys(true)
+                    // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
+                    .pragma("temp_store", "memory")
+                    .busy_timeout(WAIT),
+            )),
+            #[cfg(feature = "postgres")]
+            Self::Postgres { options, .. } => Options::Postgres(options.clone()),
+        }
+    }
+
     /// Opens the connection that writes, makes a file that is missing, and brings the tables up to date. Returns also
     /// how further connections are opened.
     ///
     /// # Errors
     /// The database's, or a newer version has made its tables.
     pub(super) async fn open(&self) -> Result<(Connection, Options), StoreError> {
-        match self {
-            Self::File(file) => {
-                let options = SqliteConnectOptions::new()
-                    .filename(file)
-                    .create_if_missing(true)
-                    .journal_mode(SqliteJournalMode::Wal)
-                    // A 201 promises that the job survives a power cut.
-                    .synchronous(SqliteSynchronous::Full)
-                    .foreign_keys(true)
-                    // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
-                    .pragma("temp_store", "memory")
-                    .busy_timeout(WAIT);
-                let mut connection = SqliteConnection::connect_with(&options).await?;
+        match self.options() {
+            Options::Sqlite(options) => {
+                let options = options.journal_mode(SqliteJournalMode::Wal);
+                let mut connection =
+                    SqliteConnection::connect_with(&options.clone().create_if_missing(true)).await?;
                 migrations::migrations_to(i64::MAX).run(&mut connection).await?;
                 upgrade::run(&mut connection).await?;
-                Ok((
-                    Connection::Sqlite(connection),
-                    Options::Sqlite(Box::new(options.create_if_missing(false))),
-                ))
+                Ok((Connection::Sqlite(connection), Options::Sqlite(Box::new(options))))
             }
             #[cfg(feature = "postgres")]
-            Self::Postgres { options, .. } => {
-                let mut connection = sqlx::PgConnection::connect_with(options).await?;
+            Options::Postgres(options) => {
+                let mut connection = sqlx::PgConnection::connect_with(&options).await?;
                 migrations::of_postgres().run(&mut connection).await?;
-                Ok((Connection::Postgres(connection), Options::Postgres(options.clone())))
+                Ok((Connection::Postgres(connection), Options::Postgres(options)))
             }
         }
     }

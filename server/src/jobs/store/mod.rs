@@ -14,6 +14,7 @@ mod database;
 mod db;
 mod exports;
 mod faults;
+mod files;
 mod forecasts;
 mod leases;
 #[cfg(test)]
@@ -61,6 +62,7 @@ use writer::{Writer, Writing};
 pub(crate) use database::{Database, NoDatabase};
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
+pub(crate) use files::{ExpectedFile, files_of};
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::{Cancelled, Claimed};
