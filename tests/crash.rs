@@ -77,7 +77,13 @@ async fn survive(kills: usize, seed: u64) {
 /// same as that of every other job of the same request.
 pub(crate) async fn account(client: &Client, data_dir: &DataDir, known: &mut Known) {
     for (key, body) in known.orders.clone() {
-        let reply = client.post("/v1/jobs").header("idempotency-key", &key).json(&body).send().await;
+        let reply = loop {
+            let reply = client.post("/v1/jobs").header("idempotency-key", &key).json(&body).send().await;
+            // The first write after a crash of the database may be the one that finds its connection gone.
+            if !known.is_without_database(&reply) {
+                break reply;
+            }
+        };
         let id = id_of(&reply.json()).to_owned();
         match known.accepted.get(&key) {
             Some(before) => {

@@ -153,7 +153,7 @@ impl Writing<'_> {
 /// A single statement is a transaction of its own.
 impl<'s> Source<'s> for &'s mut Writing<'_> {
     fn via(self) -> Via<'s> {
-        let durability = self.state.durability;
-        self.state.connection.via_write(durability, self.clock)
+        let State { connection, unusable, durability, .. } = &mut *self.state;
+        connection.via_write(*durability, self.clock, unusable)
     }
 }

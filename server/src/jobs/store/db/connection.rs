@@ -62,7 +62,13 @@ pub(in super::super) enum Via<'c> {
     PostgresReaders(&'c sqlx::PgPool),
     /// A write outside a transaction, which gets one of its own.
     #[cfg(feature = "postgres")]
-    PostgresWriter(&'c mut sqlx::PgConnection, Durability, &'c Clock),
+    PostgresWriter {
+        connection: &'c mut sqlx::PgConnection,
+        durability: Durability,
+        clock: &'c Clock,
+        /// Set where the connection turns out to be gone.
+        unusable: &'c mut bool,
+    },
 }
 
 impl Options {
@@ -179,11 +185,16 @@ impl Connection {
             reason = "SQLite is told of durability before, and has the clock of the process"
         )
     )]
-    pub(in super::super) fn via_write<'c>(&'c mut self, durability: Durability, clock: &'c Clock) -> Via<'c> {
+    pub(in super::super) fn via_write<'c>(
+        &'c mut self,
+        durability: Durability,
+        clock: &'c Clock,
+        unusable: &'c mut bool,
+    ) -> Via<'c> {
         match self {
             Self::Sqlite(connection) => Via::Sqlite(connection),
             #[cfg(feature = "postgres")]
-            Self::Postgres(connection) => Via::PostgresWriter(connection, durability, clock),
+            Self::Postgres(connection) => Via::PostgresWriter { connection, durability, clock, unusable },
         }
     }
 

@@ -194,8 +194,10 @@ impl Query {
             #[cfg(feature = "postgres")]
             Via::PostgresReaders(pool) => self.for_postgres().execute(pool).await?.rows_affected(),
             #[cfg(feature = "postgres")]
-            Via::PostgresWriter(connection, durability, clock) => {
-                let mut tx = super::postgres::begin_write(connection, durability, clock).await?;
+            Via::PostgresWriter { connection, durability, clock, unusable } => {
+                let begun = super::postgres::begin_write(connection, durability, clock).await;
+                *unusable = begun.is_err();
+                let mut tx = begun?;
                 let done = self.for_postgres().execute(&mut *tx).await?;
                 tx.commit().await?;
                 done.rows_affected()
@@ -216,8 +218,10 @@ impl Query {
             #[cfg(feature = "postgres")]
             Via::PostgresReaders(pool) => self.for_postgres().fetch_all(pool).await.map(of_postgres),
             #[cfg(feature = "postgres")]
-            Via::PostgresWriter(connection, durability, clock) => {
-                let mut tx = super::postgres::begin_write(connection, durability, clock).await?;
+            Via::PostgresWriter { connection, durability, clock, unusable } => {
+                let begun = super::postgres::begin_write(connection, durability, clock).await;
+                *unusable = begun.is_err();
+                let mut tx = begun?;
                 let rows = self.for_postgres().fetch_all(&mut *tx).await?;
                 tx.commit().await?;
                 Ok(of_postgres(rows))
