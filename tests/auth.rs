@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use crate::harness::{DataDir, Launch, Server, jobs, packstone, run};
 
 /// A key as a client shows it, and the file that knows its hash.
-async fn key_file(names: &[&str]) -> (tempfile::TempDir, PathBuf, Vec<String>) {
+pub(crate) async fn key_file(names: &[&str]) -> (tempfile::TempDir, PathBuf, Vec<String>) {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("keys");
     let (mut lines, mut keys) = (String::from("# who may ask\n\n"), Vec::new());

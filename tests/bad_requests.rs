@@ -161,9 +161,17 @@ async fn unknown_routes_and_methods_are_problem_documents() {
     let client = server.client();
     let job = client.succeed(&jobs::quick(1)).await;
     let id = id_of(&job);
-    for path in
-        ["/", "/v1", "/v1/", "/v1/job", "/v2/jobs", "/v1/jobs/", "/v1/study", "/v1/jobs/../../etc", "/%ff"]
-    {
+    for path in [
+        "/page",
+        "/v1",
+        "/v1/",
+        "/v1/job",
+        "/v2/jobs",
+        "/v1/jobs/",
+        "/v1/study",
+        "/v1/jobs/../../etc",
+        "/%ff",
+    ] {
         client.get(path).send().await.expect_problem(404, "not-found");
         client.post(path).text("{}").send().await.expect_problem(404, "not-found");
     }
@@ -176,6 +184,7 @@ async fn unknown_routes_and_methods_are_problem_documents() {
         (Method::GET, format!("/v1/jobs/{id}/retry"), "POST"),
         (Method::POST, format!("/v1/jobs/{id}/events"), "GET"),
         (Method::POST, "/healthz".to_owned(), "GET"),
+        (Method::POST, "/".to_owned(), "GET"),
         (Method::from_bytes(b"BREW").unwrap(), "/v1/jobs".to_owned(), "GET"),
     ] {
         let reply = client.request(method, &path).send().await;

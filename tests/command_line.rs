@@ -4,6 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use serde_json::{Value, json};
 
 use crate::harness::{DataDir, Server, jobs, packstone, results, run};
@@ -26,12 +28,15 @@ async fn run_packs_a_job_without_a_server() {
     write_job(directory.path(), &jobs::quick(4));
     let ended = packstone(
         directory.path(),
-        &["run", "job.json", "--out", "made/here", "--format", "json,csv,vtk,vtp,npy"],
+        &["run", "job.json", "--out", "made/here", "--format", "json,csv,vtk,vtp,npy,view"],
     )
     .await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
     let out = directory.path().join("made/here");
-    assert_eq!(files(&out), ["result.csv", "result.json", "result.npy", "result.vtk", "result.vtp"]);
+    assert_eq!(
+        files(&out),
+        ["result.csv", "result.json", "result.npy", "result.view", "result.vtk", "result.vtp"]
+    );
 
     let read = |name: &str| fs::read(out.join(name)).unwrap();
     let result: Value = serde_json::from_slice(&read("result.json")).unwrap();
@@ -275,9 +280,36 @@ async fn the_demo_leaves_a_packing_to_look_at() {
     assert_eq!(results::from_csv(&read("result.csv")), rows);
     assert_eq!(results::from_vtp(&read("result.vtp")), rows);
     assert!(read("result.png").starts_with(b"\x89PNG"));
-    for name in ["result.json", "result.csv", "result.vtp", "result.png"] {
+    let page = String::from_utf8(read("result.html")).unwrap();
+    assert_eq!(page_data(&page)["result"]["request"], result["request"]);
+    assert_eq!(page_data(&page)["grains"], rows.len());
+    for name in ["result.json", "result.csv", "result.vtp", "result.png", "result.html"] {
         assert!(ended.stdout.contains(name), "{} is not told of:\n{}", name, ended.stdout);
     }
+}
+
+/// What the script of a page reads.
+fn page_data(page: &str) -> Value {
+    let start = page.split("id=\"result-data\">").nth(1).unwrap();
+    serde_json::from_str(start.split("</script>").next().unwrap()).unwrap()
+}
+
+#[tokio::test]
+async fn a_run_writes_a_page_with_its_grains() {
+    let directory = tempfile::tempdir().unwrap();
+    let job = json!({"name": "</script>", "seed": 7, "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+        "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}});
+    fs::write(directory.path().join("job.json"), job.to_string()).unwrap();
+    let ended = packstone(directory.path(), &["run", "job.json", "--format", "html,view"]).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let page = fs::read_to_string(directory.path().join("result.html")).unwrap();
+    let data = page_data(&page);
+    assert_eq!(data["result"]["request"]["name"], "</script>");
+    let view = fs::read(directory.path().join("result.view")).unwrap();
+    assert_eq!((data["grains"].as_u64().unwrap() as usize) * 8 + 64, view.len());
+    let grains = page.split("id=\"grains-data\">").nth(1).unwrap().split('<').next().unwrap();
+    assert!(grains == BASE64_STANDARD.encode(&view), "the page holds the view");
+    assert!(!page.contains("src=") && !page.contains("href="), "the page refers to nothing outside");
 }
 
 #[tokio::test]

@@ -4,12 +4,13 @@ use serde_json::json;
 
 use crate::harness::{Client, DataDir, Server, id_of, jobs, results};
 
-const MEDIA_TYPES: [(&str, &str); 5] = [
+const MEDIA_TYPES: [(&str, &str); 6] = [
     ("json", "application/json"),
     ("csv", "text/csv"),
     ("vtk", "application/vnd.vtk.legacy"),
     ("vtp", "application/vnd.vtk.polydata+xml"),
     ("npy", "application/x-npy"),
+    ("view", "application/vnd.packstone.view"),
 ];
 
 #[tokio::test]
@@ -95,6 +96,40 @@ async fn nothing_acceptable(client: &Client, path: &str) {
     assert!(problem["detail"].as_str().unwrap().contains("xlsx"), "{problem:#}");
 }
 
+/// The form for viewers is shorter and coarser than the others; any prefix of it holds the largest grains.
+#[tokio::test]
+async fn the_form_for_viewers_holds_the_grains_and_is_sent_in_parts() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let job = client.succeed(&jobs::quick(13)).await;
+    let id = id_of(&job);
+    let size = client.request_of(id).await["specimen"]["size_mm"].clone();
+    let size: Vec<f64> = size.as_array().unwrap().iter().map(|edge| edge.as_f64().unwrap()).collect();
+    let rows = results::from_json(&client.result(id).await);
+    let view = client.result_in(id, "view").await;
+    assert_eq!((&view[..8], view.len()), (&b"PKSTVIEW"[..], 64 + 8 * rows.len()));
+    let number = |at: usize| f64::from(u16::from_le_bytes([view[at], view[at + 1]])) / 65_535.0;
+    let largest = f64::from(f32::from_le_bytes(view[32..36].try_into().unwrap()));
+    for (i, row) in rows.iter().enumerate() {
+        let at = 64 + 8 * i;
+        for axis in 0..3 {
+            let place = number(at + 2 * axis) * size[axis];
+            assert!((place - row[axis]).abs() < size[axis] / 65_535.0, "grain {i}: {place} of {row:?}");
+        }
+        let d = number(at + 6) * largest;
+        assert!((d - row[3]).abs() < largest / 65_535.0, "grain {i}: {d} of {row:?}");
+    }
+    let path = format!("/v1/jobs/{id}/result?format=view");
+    let etag = client.head(&path).send().await.header("etag").to_owned();
+    let first = client.get(&path).header("range", "bytes=0-143").header("if-range", &etag).send().await;
+    assert_eq!(first.expect(206).body, view[..144]);
+    let rest = client.get(&path).header("range", "bytes=144-").header("if-range", &etag).send().await;
+    assert_eq!(rest.expect(206).body, view[144..]);
+    client.get(&path).header("if-none-match", &etag).send().await.expect(304);
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn a_packing_of_one_grain_has_every_format() {
     let data_dir = DataDir::new();
@@ -115,5 +150,6 @@ async fn a_packing_of_one_grain_has_every_format() {
     assert_eq!(results::from_npy(&client.result_in(id, "npy").await), expected);
     assert_eq!(results::from_vtp(&client.result_in(id, "vtp").await), expected);
     assert_eq!(results::from_vtk(&client.result_in(id, "vtk").await), expected);
+    assert_eq!(client.result_in(id, "view").await.len(), 72);
     server.stop().await;
 }

@@ -44,6 +44,13 @@ async fn every_kind_is_a_picture_with_a_tag_of_its_own() {
         let head = client.head(&path).send().await;
         assert!(head.expect(200).body.is_empty());
         assert_eq!(head.header("etag"), etag);
+        let light = client.get(&format!("{path}?theme=light")).send().await;
+        assert!(light.expect(200).body == reply.body, "{kind}: light is what is drawn without a word");
+        let dark = text_of(&client.get(&format!("{path}?theme=dark")).send().await.expect(200).body);
+        assert!(dark.contains("#E5E8EB") && !dark.contains("=\"#FFFFFF\"") && !dark.contains("=\"#000000\""));
+        assert!(dark.contains(says) && dark.matches('<').count() == drawn.matches('<').count(), "{dark}");
+        let unknown = client.get(&format!("{path}?theme=blue")).send().await;
+        unknown.expect_problem(400, "validation-error");
         let again = client.get(&path).header("if-none-match", "\"another\"").send().await;
         assert!(again.expect(200).body == reply.body, "{kind} is drawn anew in other bytes");
         tags.push(etag);
@@ -252,6 +259,7 @@ async fn a_study_is_drawn_against_its_columns() {
         ("event_time", "time per event in \u{3BC}s"),
         ("success?x=grains&log_x=true", "number of grains N"),
         ("success?title=false", "success rate in %"),
+        ("success?theme=dark", "success rate in %"),
     ] {
         let reply = get(query).await;
         assert_eq!(reply.expect(200).header("content-type"), "image/svg+xml");

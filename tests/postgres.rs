@@ -79,6 +79,33 @@ async fn a_crash_of_the_database_is_survived_without_a_restart() {
     assert_eq!(counts(&postgres), "cancelled|1\nsucceeded|2");
 }
 
+#[cfg(feature = "tls")]
+#[tokio::test]
+async fn a_connection_to_the_database_can_be_encrypted_and_its_certificate_demanded() {
+    let Some(postgres) = Postgres::start() else { return };
+    let url = postgres.restarted_with_tls("lab");
+    let certificate = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/tls/certificate.pem");
+    for (parameters, is_served) in [
+        // By default the connection is encrypted, because the database offers it; this one takes no others.
+        (String::new(), true),
+        (format!("?sslmode=verify-ca&sslrootcert={certificate}"), true),
+        ("?sslmode=disable".to_owned(), false),
+        // The authorities of the system know nothing of this certificate.
+        ("?sslmode=verify-full".to_owned(), false),
+    ] {
+        let (data_dir, store) = (DataDir::new(), format!("{url}{parameters}"));
+        let launch = Launch::new(&data_dir).args(&["--store", &store]);
+        if is_served {
+            let server = launch.start().await;
+            server.client().succeed(&jobs::quick(1)).await;
+            server.stop().await;
+        } else {
+            let output = launch.into_command().output().unwrap();
+            assert!(!output.status.success(), "{parameters}");
+        }
+    }
+}
+
 #[tokio::test]
 async fn several_servers_share_one_queue_and_one_folder_of_results() {
     let Some(postgres) = Postgres::start() else { return };

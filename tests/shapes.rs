@@ -45,6 +45,8 @@ async fn ellipsoids_come_back_in_every_table_and_export_that_has_them() {
             let length = get(&format!("result?format={format}")).send().await.expect(200).body.len();
             assert!(length > 8 * 12 * rows.len(), "{format}: {length}");
         }
+        let view = get("result?format=view").send().await.expect(200).body.len();
+        assert_eq!(view, 64 + 24 * rows.len());
         let voxels =
             get("exports/voxels?format=raw&cells=40&label=grain").send().await.expect(200).body.clone();
         let labelled = voxels.chunks(4).filter(|label| **label != [0; 4]).count() as f64 / 64_000.0;

@@ -83,6 +83,13 @@ pub(crate) struct ServeOptions {
     /// without API keys (may be repeated)
     #[arg(long, env = "PACKSTONE_ALLOWED_HOST", value_delimiter = ',')]
     pub(crate) allowed_host: Vec<String>,
+    /// Folder from which the files of the web page are read at each request, in place of those of the program: for its
+    /// development
+    #[arg(long, env = "PACKSTONE_WEB_DIR", value_name = "FOLDER", conflicts_with = "no_web")]
+    pub(crate) web_dir: Option<PathBuf>,
+    /// Serve no web page
+    #[arg(long, env = "PACKSTONE_NO_WEB", value_parser = BoolishValueParser::new())]
+    pub(crate) no_web: bool,
     /// File with one secret a line (see `packstone webhook-secret`), by which webhooks are signed; without it none are
     /// sent
     #[arg(long, env = "PACKSTONE_WEBHOOK_SECRET_FILE", value_name = "FILE")]

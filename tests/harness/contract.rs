@@ -75,6 +75,8 @@ impl Contract {
             return match answer.status {
                 // The document does not describe itself.
                 200 if answer.path == "/openapi.json" => Ok(()),
+                // The web page is no part of it.
+                200 | 304 if is_of_pages(answer.path) => Ok(()),
                 404 | 405 => self.judge_problem(answer),
                 _ => Err("neither this path nor this method is documented".into()),
             };
@@ -172,6 +174,12 @@ impl Contract {
 /// The media type without its parameters.
 pub(crate) fn essence(content_type: &str) -> &str {
     content_type.split(';').next().unwrap_or_default().trim()
+}
+
+/// Whether a path is one of the web page, outside the interface.
+fn is_of_pages(path: &str) -> bool {
+    let page = path.split('/').nth(1).unwrap_or_default();
+    ["", "jobs", "studies", "service", "assets"].contains(&page)
 }
 
 fn is_json(media_type: &str) -> bool {

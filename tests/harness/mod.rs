@@ -30,4 +30,4 @@ pub(crate) use proxy::{Fault, Proxy};
 pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};
 pub(crate) use slurm::Slurm;
-pub(crate) use sse::Event;
+pub(crate) use sse::{Event, EventStream};

@@ -62,16 +62,38 @@ impl Postgres {
 
     /// Starts it again after [`Self::crash`].
     pub(crate) fn up(&self) {
-        let home = self.home();
-        self.run(
-            "pg_ctl",
-            &format!(
-                "-D {} -w -l {} -o \"-c listen_addresses='' -c unix_socket_directories={} -c fsync=off\" start",
-                self.data().display(),
-                home.join("log").display(),
-                home.display()
-            ),
-        );
+        self.up_with("-c listen_addresses=''");
+    }
+
+    /// Starts it so that it takes connections over TLS alone, with the certificate of the tests. The URL of a database
+    /// without the parameters of TLS.
+    #[cfg(feature = "tls")]
+    pub(crate) fn restarted_with_tls(&self, name: &str) -> String {
+        self.database(name);
+        self.crash();
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let tls = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/tls"));
+        let key = self.home().join("key.pem");
+        std::fs::copy(tls.join("key.pem"), &key).unwrap();
+        std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o600)).unwrap();
+        if let Some(user) = &self.user {
+            let (uid, gid) = ids(user);
+            chown(&key, Some(uid), Some(gid)).expect("root may do this");
+        }
+        std::fs::copy(tls.join("certificate.pem"), self.home().join("certificate.pem")).unwrap();
+        std::fs::write(self.data().join("pg_hba.conf"), "hostssl all all 127.0.0.1/32 trust\n").unwrap();
+        let home = self.home().display().to_string();
+        self.up_with(&format!(
+            "-c listen_addresses=127.0.0.1 -c port={port} -c ssl=on -c ssl_cert_file={home}/certificate.pem \
+             -c ssl_key_file={home}/key.pem"
+        ));
+        format!("postgres://packstone@127.0.0.1:{port}/{name}")
+    }
+
+    fn up_with(&self, settings: &str) {
+        let (data, home) = (self.data().display().to_string(), self.home().display().to_string());
+        let settings = format!("{settings} -c unix_socket_directories={home} -c fsync=off");
+        self.run("pg_ctl", &format!("-D {data} -w -l {home}/log -o \"{settings}\" start"));
     }
 
     /// Ends it without a word, as a crash does.

@@ -140,6 +140,9 @@ def main():
                 config.write_text(CONFIG.format(seed=options.seed, examples=options.examples, ids=json.dumps(ids)))
                 command = [SCHEMATHESIS, "--config-file", config, "run", f"{base}/openapi.json"]
                 command += ["--phases", options.phases, "--no-color"]
+                # The stream of all changes lasts for an hour, and while one request waits for it nothing changes.
+                # tests/change_stream.rs asks for it.
+                command += ["--exclude-operation-id", "get_events"]
                 run = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, cwd=directory)
                 print(run.stdout, flush=True)
                 with urllib.request.urlopen(f"{base}/readyz", timeout=10):

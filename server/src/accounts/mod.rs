@@ -29,6 +29,14 @@ pub(crate) use rate::Rate;
 
 const DIGEST_BYTES: usize = 32;
 
+/// SHA-256 of a key.
+pub(crate) type KeyDigest = [u8; DIGEST_BYTES];
+
+/// The digest of a key.
+pub(crate) fn digest(key: &str) -> KeyDigest {
+    Sha256::digest(key.as_bytes()).into()
+}
+
 /// What an API key may do. `Metrics` may read the metrics and `Worker` may lease jobs and end them, nothing else; each
 /// of the others may do what those before it may but these two, an administrator all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema, ValueEnum)]
@@ -99,7 +107,7 @@ pub(crate) struct ApiKeys {
 struct ApiKey {
     caller: Caller,
     quotas: QuotaWords,
-    sha256: [u8; DIGEST_BYTES],
+    sha256: KeyDigest,
 }
 
 impl fmt::Debug for ApiKeys {
@@ -111,11 +119,21 @@ impl fmt::Debug for ApiKeys {
 impl ApiKeys {
     /// The user whose key this is.
     pub(crate) fn find(&self, key: &str) -> Option<&Caller> {
-        let digest = Sha256::digest(key.as_bytes());
+        let digest = digest(key);
+        self.find_by(|known| known.ct_eq(&digest).into())
+    }
+
+    /// Whether a key still has this name, owner and role.
+    pub(crate) fn has(&self, caller: &Caller) -> bool {
+        self.keys.iter().any(|key| key.caller.by == caller.by && key.caller.role == caller.role)
+    }
+
+    /// The user whose key has the digest that is recognised.
+    pub(crate) fn find_by(&self, is_it: impl Fn(&KeyDigest) -> bool) -> Option<&Caller> {
         // Every key is compared, so that the time tells nothing about which was met.
         let mut found = None;
         for known in &self.keys {
-            if bool::from(known.sha256.ct_eq(&digest)) {
+            if is_it(&known.sha256) {
                 found = Some(&known.caller);
             }
         }

@@ -295,8 +295,8 @@ impl Checkpoints {
         Ok(kept.collect())
     }
 
-    /// Those of [`Self::kept`] and the copies that servers share. Where these cannot be listed, an attempt may count
-    /// that should not. Blocks the thread.
+    /// Those of [`Self::kept`] and the copies that servers share, of each attempt the latest. Where these cannot be
+    /// listed, an attempt may count that should not. Blocks the thread.
     pub(crate) fn kept_anywhere(&self) -> io::Result<Vec<Kept>> {
         let mut kept = self.kept()?;
         if let Some(shared) = &self.shared {
@@ -305,6 +305,11 @@ impl Checkpoints {
                 Err(error) => tracing::warn!(%error, "the checkpoints of other servers are not known"),
             }
         }
+        // A checkpoint and its copy are one: an attempt must not be counted out twice.
+        kept.sort_by(|one, other| {
+            (&one.job, one.attempt, other.at_us).cmp(&(&other.job, other.attempt, one.at_us))
+        });
+        kept.dedup_by(|next, latest| next.job == latest.job && next.attempt == latest.attempt);
         Ok(kept)
     }
 

@@ -19,8 +19,9 @@ use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{PICTURE, write_picture};
 use super::http_client::{Client, chunk, json};
 use super::outputs::refuse_existing;
+use super::page::PAGE;
 use super::signals::stop_on_signals;
-use super::{block_on, export, print};
+use super::{block_on, export, page, print};
 use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry::{self, LogFormat};
@@ -38,6 +39,9 @@ pub(super) struct Options {
     /// Overwrite the files of an earlier demo
     #[arg(long)]
     force: bool,
+    /// Open the page with the packing in the browser
+    #[arg(long)]
+    open: bool,
 }
 
 /// The options of `packstone serve` alone, to take their defaults.
@@ -51,11 +55,12 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     telemetry::start(LogFormat::Text, "warn");
     let files: Vec<PathBuf> =
         FORMATS.iter().map(|format| options.out.join(format!("result.{format}"))).collect();
-    let picture = options.out.join(PICTURE);
-    refuse_existing(files.iter().chain([&picture]), options.force)?;
+    let (picture, page) = (options.out.join(PICTURE), options.out.join(PAGE));
+    refuse_existing(files.iter().chain([&picture, &page]), options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     let data_dir = options.out.join("data");
-    let summary = block_on(demonstrate(data_dir.clone(), &files))?;
+    let Shown { result, view } = block_on(demonstrate(data_dir.clone(), &files))?;
+    let summary = &result["summary"];
     eprintln!(
         "Placed {} grains, volume fraction {:.4}.",
         summary["grains"],
@@ -66,20 +71,32 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let packed = export::read(&files[0])?;
     write_picture(&Model::new(&packed.specimen, &packed.grains), &picture, &stop_on_signals()?)?;
-    eprintln!(
-        "\nNext: look at {}. In ParaView, open the .vtp file and add a Glyph filter",
-        picture.display()
-    );
-    eprintln!("(glyph type Sphere, scale array `diameter`, scale factor 1).");
-    eprintln!("Or start the service, which still has this job, and list its jobs:");
+    page::write(&page, &result, &view)?;
+    print(&format!("{}\n", page.display()))?;
+    eprintln!("\nNext: open {} in a browser, and turn and cut the packing.", page.display());
+    eprintln!("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array");
+    eprintln!("`diameter`, scale factor 1).");
+    eprintln!("Or start the service, which still has this job, and open its page:");
     eprintln!("  packstone serve --data-dir {}", data_dir.display());
-    eprintln!("  curl http://127.0.0.1:8080/v1/jobs");
+    eprintln!("  http://127.0.0.1:8080");
+    if options.open
+        && let Err(error) = open::that_detached(&page)
+    {
+        eprintln!("no browser was opened: {error}");
+    }
     Ok(())
 }
 
-/// Runs the service, and the job in it, whose result goes to these files, one for each of the formats. The summary of
-/// the result.
-async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Failure> {
+/// What a client has fetched besides the files.
+struct Shown {
+    /// The result without its grains, with the request.
+    result: Value,
+    /// The grains in the format `view`.
+    view: Vec<u8>,
+}
+
+/// Runs the service, and the job in it, whose result goes to these files, one for each of the formats.
+async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Shown, Failure> {
     let service = Service::open(ServeOptions {
         listen: ([127, 0, 0, 1], 0).into(),
         data_dir,
@@ -97,7 +114,7 @@ async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Fail
     shown
 }
 
-async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
+async fn show(client: Client, files: &[PathBuf]) -> Result<Shown, Failure> {
     let job = json(client.post("/v1/jobs", EXAMPLE).await?).await?;
     let link = |name: &str| job["links"][name].as_str().unwrap_or_default();
     eprintln!("Submitted {} as {}.", job["name"], link("self"));
@@ -109,7 +126,14 @@ async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
     for (file, format) in files.iter().zip(FORMATS) {
         save(client.get(&format!("{}?format={format}", link("result"))).await?, file).await?;
     }
-    Ok(ended["result"]["summary"].clone())
+    let mut result = json(client.get(link("summary")).await?).await?;
+    result["request"] = json(client.get(link("request")).await?).await?;
+    let mut view = Vec::new();
+    let mut body = client.get(&format!("{}?format=view", link("result"))).await?.into_body();
+    while let Some(chunk) = chunk(&mut body).await? {
+        view.extend_from_slice(&chunk);
+    }
+    Ok(Shown { result, view })
 }
 
 /// Follows the events of a job to their end and shows its progress; the job as it ended.

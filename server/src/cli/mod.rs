@@ -18,6 +18,7 @@ mod key;
 mod migrate_store;
 mod openapi;
 mod outputs;
+mod page;
 mod plan;
 mod process;
 mod run;

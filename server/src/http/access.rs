@@ -49,13 +49,13 @@ fn needs(method: &Method, route: &str) -> (Right, Named) {
     match route {
         _ if below("/v1/jobs/{id}") => (own, Named::Job),
         _ if below("/v1/studies/{id}") => (own, Named::Study),
-        "/v1/jobs" | "/v1/studies" => (own, Named::Nothing),
+        "/v1/jobs" | "/v1/studies" | "/v1/events" => (own, Named::Nothing),
         // A plan is computed and not stored.
         "/v1/plans" => (Right::Read, Named::Nothing),
         _ if below("/v1/leases") => (Right::Work, Named::Nothing),
         "/metrics" if reads => (Right::Measure, Named::Nothing),
-        "/v1/capabilities" | "/v1/key" | "/problems" | "/problems/{kind}" | "/openapi.json" | "/healthz"
-        | "/readyz" | UNKNOWN_ROUTE => (Right::Ask, Named::Nothing),
+        "/v1/capabilities" | "/v1/key" | "/problems" | "/problems/{kind}" | "/openapi.json" | "/session"
+        | "/healthz" | "/readyz" | UNKNOWN_ROUTE => (Right::Ask, Named::Nothing),
         _ => (Right::Operate, Named::Nothing),
     }
 }

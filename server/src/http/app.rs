@@ -16,6 +16,8 @@ use crate::config::ServeOptions;
 use crate::disk::Disk;
 use crate::http::hosts::Hosts;
 use crate::http::jobs::polled::Polled;
+use crate::http::session::Sessions;
+use crate::http::web::Web;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
 use crate::problem::{Kind, Problem};
@@ -51,10 +53,14 @@ pub(crate) struct Shared {
     pub(crate) storage: Storage,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) accounts: Arc<Accounts>,
+    /// Sessions of browsers, in place of keys.
+    pub(crate) sessions: Sessions,
     pub(crate) audit: Option<Arc<AuditLog>>,
     pub(crate) trust_proxy: bool,
     /// Names that `Host` may have, where others would let a web page of another site reach this server.
     pub(crate) hosts: Option<Hosts>,
+    /// The files of the web page, where it is served.
+    pub(crate) web: Option<Web>,
     pub(crate) webhook_rules: Arc<WebhookRules>,
     pub(crate) limits: Limits,
     pub(crate) max_body_bytes: u64,
@@ -104,8 +110,14 @@ impl App {
                 hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())
                     .then(|| Hosts::loopback_and(&options.allowed_host)),
                 accounts,
+                sessions: Sessions::default(),
                 audit,
                 trust_proxy: options.trust_proxy,
+                web: match &options.web_dir {
+                    _ if options.no_web => None,
+                    Some(folder) => Some(Web::Folder(folder.clone())),
+                    None => Some(Web::compiled()),
+                },
                 webhook_rules: Arc::new(options.webhook_rules()),
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,

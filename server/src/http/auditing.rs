@@ -9,6 +9,7 @@ use jiff::Timestamp;
 use crate::accounts::Caller;
 use crate::audit::{AuditEntry, AuditLog};
 use crate::http::app::App;
+use crate::http::session;
 use crate::metrics::Metrics;
 use crate::tasks::{self, Task};
 
@@ -20,6 +21,8 @@ fn action(method: &Method, route: &str) -> Option<String> {
         return None;
     }
     let named = match (method.as_str(), route) {
+        ("POST", session::ROUTE) => "begin_session",
+        ("DELETE", session::ROUTE) => "end_session",
         ("POST", "/v1/jobs") => "submit_job",
         ("PATCH", "/v1/jobs/{id}") => "patch_job",
         ("DELETE", "/v1/jobs/{id}") => "delete_job",
@@ -75,6 +78,13 @@ impl Audited {
     pub(crate) fn answered(mut self, response: &Response) -> Option<Task<()>> {
         let mut entry = self.entry.take()?;
         entry.status = Some(response.status().as_u16());
+        if let Some(session::Begun(by)) = response.extensions().get() {
+            entry.key.clone_from(&by.key);
+            entry.owner.clone_from(&by.owner);
+        } else if entry.path == session::ROUTE && entry.key.is_empty() {
+            // Nobody who is known, and nothing has changed.
+            return None;
+        }
         if entry.id.is_none() {
             let location = response.headers().get(header::LOCATION).and_then(|path| path.to_str().ok());
             entry.id = location.and_then(|path| path.rsplit('/').next()).map(str::to_owned);

@@ -1,22 +1,60 @@
-//! The API key of a request.
+//! The API key of a request, or the session that stands for one.
 
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, Method, header};
+use jiff::Timestamp;
 
 use crate::accounts::{ApiKeys, Caller};
+use crate::http::session::{Sessions, Site};
 use crate::problem::{Kind, Problem};
 
-/// The user whose key a request carries.
+/// The user whose key a request carries, or whose session. A key in the header wins over a session, which browsers send
+/// by themselves: what may change something is taken by a session from pages of this server only.
 ///
 /// # Errors
-/// A problem `unauthorized`, which does not tell a missing key from a wrong one's nearness.
-pub(crate) fn caller(keys: &ApiKeys, headers: &HeaderMap) -> Result<Caller, Problem> {
+/// A problem `unauthorized`, which does not tell a missing key from a wrong one's nearness, or `forbidden`.
+pub(crate) fn caller(
+    keys: &ApiKeys,
+    sessions: &Sessions,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Caller, Problem> {
     let Some(field) = headers.get(header::AUTHORIZATION) else {
-        return Err(refusal("the request carries no API key", "Bearer realm=\"packstone\""));
+        return of_session(keys, sessions, method, headers);
     };
     let key = field.to_str().ok().and_then(bearer).unwrap_or_default();
-    let unknown = || refusal("the API key is unknown", "Bearer realm=\"packstone\", error=\"invalid_token\"");
-    keys.find(key).cloned().ok_or_else(unknown)
+    of_key(keys, key)
 }
+
+/// The user of a key.
+///
+/// # Errors
+/// `unauthorized`.
+pub(crate) fn of_key(keys: &ApiKeys, key: &str) -> Result<Caller, Problem> {
+    keys.find(key).cloned().ok_or_else(|| refusal("the API key is unknown", INVALID))
+}
+
+fn of_session(
+    keys: &ApiKeys,
+    sessions: &Sessions,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Caller, Problem> {
+    if !Sessions::has_cookie(headers) {
+        return Err(refusal("the request carries no API key", "Bearer realm=\"packstone\""));
+    }
+    let ended = || refusal("the session has ended: send the API key to POST /session again", INVALID);
+    let caller = sessions.caller(keys, headers, Timestamp::now().as_second()).ok_or_else(ended)?;
+    let reads = [Method::GET, Method::HEAD, Method::OPTIONS].contains(method);
+    if reads || Site::of(headers) == Site::Own {
+        return Ok(caller);
+    }
+    let detail = "a session changes something for pages of this server only: Sec-Fetch-Site must be same-origin, or \
+                  Origin this server; programs send the API key in Authorization";
+    Err(Problem::new(Kind::Forbidden, detail))
+}
+
+/// What is told of a key or a session that is not known.
+const INVALID: &str = "Bearer realm=\"packstone\", error=\"invalid_token\"";
 
 fn refusal(detail: &str, challenge: &str) -> Problem {
     Problem::new(Kind::Unauthorized, detail).with_header("www-authenticate", challenge)
@@ -43,7 +81,7 @@ mod tests {
         let with = |authorization: &str| {
             let mut headers = HeaderMap::new();
             headers.insert(header::AUTHORIZATION, authorization.parse().unwrap());
-            caller(&keys, &headers)
+            caller(&keys, &Sessions::default(), &Method::GET, &headers)
         };
         assert_eq!(with(&format!("Bearer {key}")).unwrap().by.key, "lab");
         assert_eq!(with(&format!("bearer {key}")).unwrap().by.key, "lab");
@@ -52,6 +90,6 @@ mod tests {
             assert_eq!(problem.status, 401, "{refused}");
             assert_eq!(problem.headers[0].0, "www-authenticate");
         }
-        assert!(caller(&keys, &HeaderMap::new()).is_err());
+        assert!(caller(&keys, &Sessions::default(), &Method::GET, &HeaderMap::new()).is_err());
     }
 }

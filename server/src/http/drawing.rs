@@ -10,9 +10,10 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout;
 
 use crate::http::app::App;
-use crate::http::params::parameters;
-use crate::http::params::values::Flag;
+use crate::http::params::values::{Flag, OrDefault};
+use crate::http::params::{Choice, parameters};
 use crate::http::response::set;
+use crate::plots::theme::Theme;
 use crate::plots::{self, PlotError};
 use crate::problem::{Kind, Problem};
 
@@ -20,11 +21,23 @@ use crate::problem::{Kind, Problem};
 const TURN: Duration = Duration::from_secs(10);
 
 parameters! {
-    /// Whether a plot has a heading.
+    /// How a plot is drawn.
     #[derive(Debug)]
-    pub(crate) struct PlotHeading {
+    pub(crate) struct PlotOptions {
         /// Whether the title is printed above the plot.
         pub(crate) title: Flag<true>,
+        /// The ground that it is made for: `light`, dark strokes on white; or `dark`, light strokes without a ground.
+        pub(crate) theme: OrDefault<Theme>,
+    }
+}
+
+impl Choice for Theme {
+    fn all() -> &'static [Self] {
+        Self::ALL
+    }
+
+    fn name(self) -> &'static str {
+        self.name()
     }
 }
 

@@ -159,7 +159,10 @@ mod tests {
         assert_eq!(format(Some(&named("npy")), &headers).unwrap(), Format::Npy);
         let problem = format(Some(&named("xlsx")), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
-        assert_eq!(problem.detail, "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy");
+        assert_eq!(
+            problem.detail,
+            "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy, view"
+        );
         assert_eq!(problem.members.formats.unwrap()[1].media_type, "text/csv");
         let problem = format(Some(&named("vti")), &headers).unwrap_err();
         assert!(problem.detail.ends_with("GET .../exports/voxels?format=vti"), "{}", problem.detail);

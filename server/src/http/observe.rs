@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use axum::body::Body;
 use axum::extract::{ConnectInfo, MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use futures_util::FutureExt as _;
@@ -21,7 +21,7 @@ use crate::accounts::{Caller, Rate};
 use crate::http::app::App;
 use crate::http::auditing::Audited;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
-use crate::http::{access, auth, hosts};
+use crate::http::{access, auth, hosts, session, web};
 use crate::problem::{Kind, Problem};
 
 const REQUEST_ID: &str = "x-request-id";
@@ -31,6 +31,11 @@ const MAX_LOGGED_CHARS: usize = 256;
 const MAX_REQUEST_ID_CHARS: usize = 128;
 /// Routes that need no key: probes have none.
 pub(crate) const OPEN_ROUTES: [&str; 2] = ["/healthz", "/readyz"];
+
+/// Whether a route needs no key and is not counted against rates: pages hold no data.
+fn is_open(route: &str) -> bool {
+    OPEN_ROUTES.contains(&route) || web::is_of_pages(route)
+}
 
 /// The middleware; outermost, and around the fallback too.
 pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: Next) -> Response {
@@ -52,7 +57,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         let known = hosts::check(request.version(), request.headers(), app.shared.hosts.as_ref());
         let admitted = async {
             known?;
-            let caller = authorize(&app, &route, request.headers())?;
+            let caller = authorize(&app, &route, &method, request.headers())?;
             key.clone_from(&caller.by.key);
             admit(&app, &route, &caller)?;
             audited = Audited::begin(&app, (&method, &route, &path), &id, &client, &caller);
@@ -72,6 +77,9 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     }
     .instrument(span.clone())
     .await;
+    if let Some(session::Begun(by)) = response.extensions().get() {
+        key.clone_from(&by.key);
+    }
     let status = response.status();
     if status.is_client_error() || status.is_server_error() {
         response = write_problem(response, &id);
@@ -115,7 +123,7 @@ fn logged(headers: &HeaderMap, name: &str) -> String {
 }
 
 /// Methods have no end either: a client may invent them.
-fn known_method(method: &axum::http::Method) -> &'static str {
+fn known_method(method: &Method) -> &'static str {
     match method.as_str() {
         "GET" => "GET",
         "HEAD" => "HEAD",
@@ -127,16 +135,18 @@ fn known_method(method: &axum::http::Method) -> &'static str {
     }
 }
 
-fn authorize(app: &App, route: &str, headers: &HeaderMap) -> Result<Caller, Problem> {
+fn authorize(app: &App, route: &str, method: &Method, headers: &HeaderMap) -> Result<Caller, Problem> {
+    let sessions = &app.shared.sessions;
     match app.shared.accounts.keys() {
-        Some(keys) if !OPEN_ROUTES.contains(&route) => auth::caller(&keys, headers),
+        Some(keys) if route == session::ROUTE => Ok(session::caller(sessions, &keys, method, headers)),
+        Some(keys) if !is_open(route) => auth::caller(&keys, sessions, method, headers),
         _ => Ok(Caller::default()),
     }
 }
 
-/// Refuses a caller who sends too many requests. Probes are not counted.
-fn admit(app: &App, route: &str, caller: &Caller) -> Result<(), Problem> {
-    if OPEN_ROUTES.contains(&route) {
+/// Refuses a caller who sends too many requests. Probes and pages are not counted.
+pub(crate) fn admit(app: &App, route: &str, caller: &Caller) -> Result<(), Problem> {
+    if is_open(route) {
         return Ok(());
     }
     app.shared.accounts.admit(caller).map_err(|(rate, wait)| {

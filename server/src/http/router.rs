@@ -9,7 +9,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::http::app::App;
-use crate::http::{exports, jobs, leases, observe, openapi, results, service, studies};
+use crate::http::{events, exports, jobs, leases, observe, openapi, results, service, session, studies, web};
 use crate::problem::{Kind, Problem};
 
 /// The service as a router.
@@ -17,7 +17,7 @@ pub(crate) fn router(app: App) -> Router {
     let (router, document) = documented().split_for_parts();
     // Rendered once: it does not change while the process lives.
     let document = serde_json::to_string_pretty(&openapi::finished(&document)).unwrap_or_default();
-    router
+    web::add_to(router, &app)
         .route("/openapi.json", get(move || async move { openapi_json(document) }))
         .fallback(|| async { Problem::new(Kind::NotFound, "there is no such route") })
         .layer(middleware::from_fn_with_state(app.clone(), observe::observe))
@@ -47,6 +47,7 @@ pub(crate) fn documented() -> OpenApiRouter<App> {
         .routes(routes!(studies::plots::get))
         .routes(routes!(studies::actions::cancel))
         .routes(routes!(studies::actions::retry))
+        .routes(routes!(events::events))
         .routes(routes!(leases::claim::lease))
         .routes(routes!(leases::renew::renew))
         .routes(routes!(leases::checkpoint::get, leases::checkpoint::put))
@@ -54,6 +55,7 @@ pub(crate) fn documented() -> OpenApiRouter<App> {
         .routes(routes!(leases::end::end))
         .routes(routes!(service::meta::capabilities))
         .routes(routes!(service::key::get))
+        .routes(routes!(session::begin, session::end))
         .routes(routes!(service::meta::health))
         .routes(routes!(service::meta::ready))
         .routes(routes!(service::meta::metrics))

@@ -5,6 +5,7 @@
 //! delete; the [`store`] decides in one transaction whether the state allows it. Workers lease jobs
 //! and run them, [`sweeper`] clears up behind them. Nothing here knows HTTP.
 
+pub(crate) mod journal;
 pub(crate) mod notifications;
 pub(crate) mod request;
 pub(crate) mod schema;

@@ -567,9 +567,8 @@ mod tests {
         for (given, expected) in [(json!(true), true), (json!(false), false), (json!(null), false)] {
             assert_eq!(read(json!({"shared": given})).unwrap().shared, Some(expected));
         }
-        let faults = read(
-            json!({"name": "", "priority": 101, "labels": {"a=b": "c"}, "expires_at": "x", "webhook_url": "ftp://a", "seed": 1}),
-        );
+        let faults = read(json!({"name": "", "priority": 101, "labels": {"a=b": "c"}, "expires_at": "x",
+                "webhook_url": "ftp://a", "seed": 1}));
         let pointers: Vec<String> = faults.unwrap_err().into_iter().map(|fault| fault.pointer).collect();
         assert_eq!(pointers, ["/name", "/priority", "/labels/a=b", "/expires_at", "/webhook_url", "/seed"]);
     }

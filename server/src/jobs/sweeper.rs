@@ -283,6 +283,8 @@ async fn sweep_checkpoints(store: &Store, checkpoints: &Checkpoints) -> Result<u
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use std::path::Path;
+
     use serde_json::json;
 
     use super::*;
@@ -291,21 +293,19 @@ mod tests {
 
     const RULES: SweepRules = SweepRules { quarantine_days: 7, least_age: Duration::from_hours(1) };
 
+    /// What a sweep works on, in a folder.
+    async fn opened(folder: &Path) -> (Store, Artifacts, Checkpoints) {
+        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
+        let database = folder.join("packstone.sqlite").as_path().into();
+        let store = Store::open(&database, folder, limits, Arc::default()).await.unwrap();
+        let checkpoints = Checkpoints::open(folder.join("checkpoints"), Duration::from_secs(30)).unwrap();
+        (store, Artifacts::open(folder).unwrap(), checkpoints)
+    }
+
     #[tokio::test]
     async fn only_what_nothing_refers_to_is_swept() {
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path()).unwrap();
-        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store = Store::open(
-            &folder.path().join("packstone.sqlite").as_path().into(),
-            folder.path(),
-            limits,
-            Arc::default(),
-        )
-        .await
-        .unwrap();
-        let checkpoints =
-            Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
+        let (store, artifacts, checkpoints) = opened(folder.path()).await;
         let file = |name: &str| folder.path().join("artifacts/ab").join(name);
         std::fs::create_dir(folder.path().join("artifacts/ab")).unwrap();
         for name in
@@ -338,18 +338,7 @@ mod tests {
     #[tokio::test]
     async fn checkpoints_stay_while_their_job_is_open() {
         let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::open(folder.path()).unwrap();
-        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
-        let store = Store::open(
-            &folder.path().join("packstone.sqlite").as_path().into(),
-            folder.path(),
-            limits,
-            Arc::default(),
-        )
-        .await
-        .unwrap();
-        let checkpoints =
-            Checkpoints::open(folder.path().join("checkpoints"), Duration::from_secs(30)).unwrap();
+        let (store, artifacts, checkpoints) = opened(folder.path()).await;
         let id = submit(&store, "2999-01-01T00:00:00Z").await;
         let write = |name: String| std::fs::write(folder.path().join("checkpoints").join(name), "x").unwrap();
         for name in ["1.checkpoint", "2.checkpoint.tmp"] {

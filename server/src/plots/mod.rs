@@ -13,6 +13,7 @@ mod shapes;
 pub(crate) mod study;
 mod style;
 mod text;
+pub(crate) mod theme;
 
 use std::io;
 

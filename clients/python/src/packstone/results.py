@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyvista
 
-TableFormat = Literal["json", "csv", "npy", "vtp", "vtk"]
+TableFormat = Literal["json", "csv", "npy", "vtp", "vtk", "view"]
 FileFormat = Literal[TableFormat, "msh", "vti", "raw", "inp", "svg", "png"]
 
 COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
@@ -142,8 +142,8 @@ class Result:
     ) -> Path:
         """Writes the packing to a file and returns the path.
 
-        The format is that of the suffix if it is not named: the grains as ``json``, ``csv``, ``npy``, ``vtp`` or
-        ``vtk``; or an export, as ``msh``, ``vti``, ``raw``, ``inp``, ``svg`` or ``png``. Exports have options, as
+        The format is that of the suffix if it is not named: the grains as ``json``, ``csv``, ``npy``, ``vtp``,
+        ``vtk`` or ``view``; or an export, as ``msh``, ``vti``, ``raw``, ``inp``, ``svg`` or ``png``. Exports have options, as
         ``save("a.msh", segments=24)``. The server makes them when they are first needed, and this waits for
         it, at most `timeout` in s. Missing folders are created, and a file of the same name is replaced.
         """

@@ -12,6 +12,7 @@ pub mod stored;
 mod surfaces;
 mod templates;
 mod text;
+mod view;
 mod vtk;
 
 use std::io::{self, Write};
@@ -29,7 +30,7 @@ use crate::packing::Report;
 use source::Zeros;
 
 /// Counts the changes of any format's bytes; part of an ETag.
-pub const REVISION: u32 = 4;
+pub const REVISION: u32 = 5;
 
 /// A result format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -46,11 +47,13 @@ pub enum Format {
     Vtp,
     /// NumPy array of float64, N x 4 for spheres.
     Npy,
+    /// Binary, for viewers: 8 bytes a sphere, largest first.
+    View,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 5] = [Self::Json, Self::Csv, Self::Vtk, Self::Vtp, Self::Npy];
+    pub const ALL: [Self; 6] = [Self::Json, Self::Csv, Self::Vtk, Self::Vtp, Self::Npy, Self::View];
 
     /// Name in `?format=`, and file extension.
     pub fn name(self) -> &'static str {
@@ -60,6 +63,7 @@ impl Format {
             Self::Vtk => "vtk",
             Self::Vtp => "vtp",
             Self::Npy => "npy",
+            Self::View => "view",
         }
     }
 
@@ -71,6 +75,7 @@ impl Format {
             Self::Vtk => "application/vnd.vtk.legacy",
             Self::Vtp => "application/vnd.vtk.polydata+xml",
             Self::Npy => "application/x-npy",
+            Self::View => "application/vnd.packstone.view",
         }
     }
 
@@ -127,6 +132,7 @@ pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dy
         Format::Vtk => vtk::write_legacy(head, grains, out),
         Format::Vtp => vtk::write_xml(head, grains, out),
         Format::Npy => npy::write(grains, out),
+        Format::View => view::write(head, grains, out),
     }
 }
 
@@ -149,6 +155,7 @@ pub fn nominal_size(head: &Head, grains: &dyn GrainSource) -> Column {
 pub fn length(format: Format, head: &Head, grains: &dyn GrainSource) -> io::Result<u64> {
     let mut counter = Counter(0);
     match format {
+        Format::View => return Ok(view::length(grains)),
         Format::Json | Format::Csv => write(format, head, grains, &mut counter)?,
         // That of polyhedra as surfaces depends on the templates of the grains.
         Format::Vtk | Format::Vtp if has_polyhedra(grains) => {
@@ -181,3 +188,5 @@ impl Write for Counter {
 mod polyhedron_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod view_tests;

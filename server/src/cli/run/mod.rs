@@ -18,6 +18,7 @@ use packstone_engine::{
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
 use super::outputs::{refuse_existing, write_whole};
+use super::page;
 use super::print;
 use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
@@ -35,9 +36,9 @@ pub(super) struct Options {
     /// Folder for the result; made where it is missing
     #[arg(long, default_value = ".")]
     out: PathBuf,
-    /// Formats of the table of grains
-    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
-    format: Vec<Format>,
+    /// Formats of the table of grains; html is a page of its own with a viewer, to send by mail
+    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = file_parser())]
+    format: Vec<TableOrPage>,
     /// An export of the result: mesh, voxels, slice, ldpm, certificates or shapes, with options, as
     /// `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
@@ -74,6 +75,32 @@ struct Earlier {
     /// Discard the checkpoint of an earlier run
     #[arg(long, conflicts_with = "resume")]
     fresh: bool,
+}
+
+/// A form in which a run writes its grains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TableOrPage {
+    Table(Format),
+    Page,
+}
+
+impl TableOrPage {
+    /// The name of the option's value, and the ending of the file.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Table(format) => format.name(),
+            Self::Page => "html",
+        }
+    }
+
+    fn all() -> impl Iterator<Item = Self> {
+        Format::ALL.into_iter().map(Self::Table).chain([Self::Page])
+    }
+}
+
+fn file_parser() -> impl clap::builder::TypedValueParser<Value = TableOrPage> {
+    PossibleValuesParser::new(TableOrPage::all().map(TableOrPage::name))
+        .try_map(|name| TableOrPage::all().find(|kind| kind.name() == name).ok_or("no such format"))
 }
 
 pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
@@ -168,7 +195,7 @@ fn pack(
 
 /// The files that a run writes.
 struct Files {
-    tables: Vec<(Format, PathBuf)>,
+    grains: Vec<(TableOrPage, PathBuf)>,
     exports: Vec<Output>,
     plots: Vec<(JobPlot, PathBuf)>,
     plot_titles: bool,
@@ -181,7 +208,7 @@ impl Files {
         let by_job = request.postprocess.items().into_iter().map(|(_, export)| export.clone());
         let named = |name: String| options.out.join(name);
         Self {
-            tables: options.format.iter().map(|&f| (f, named(format!("result.{}", f.name())))).collect(),
+            grains: options.format.iter().map(|&f| (f, named(format!("result.{}", f.name())))).collect(),
             exports: Output::all(options.export.iter().cloned().chain(by_job), &options.out),
             plots: options
                 .plot
@@ -194,9 +221,9 @@ impl Files {
     }
 
     fn all(&self) -> Vec<PathBuf> {
-        let tables = self.tables.iter().map(|(_, file)| file.clone());
+        let grains = self.grains.iter().map(|(_, file)| file.clone());
         let plots = self.plots.iter().map(|(_, file)| file.clone());
-        tables
+        grains
             .chain(self.exports.iter().flat_map(Output::files))
             .chain(plots)
             .chain(self.picture.clone())
@@ -217,9 +244,17 @@ impl Files {
             engine: EngineInfo::current(),
             report: packing.report,
         };
-        for (format, file) in &self.tables {
-            write(file, *format, &head, &packing.grains)
-                .map_err(|error| cannot_be("written", file, &error))?;
+        for (format, file) in &self.grains {
+            match *format {
+                TableOrPage::Table(format) => write(file, format, &head, &packing.grains)
+                    .map_err(|error| cannot_be("written", file, &error))?,
+                TableOrPage::Page => {
+                    let mut view = Vec::new();
+                    tables::write(Format::View, &head, &packing.grains, &mut view)
+                        .map_err(|error| cannot_be("written", file, &error))?;
+                    page::write(file, &head, &view)?;
+                }
+            }
             print(&format!("{}\n", file.display()))?;
         }
         let provenance = Provenance::from(&head);

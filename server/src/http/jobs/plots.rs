@@ -8,13 +8,14 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use crate::http::app::App;
-use crate::http::drawing::{PlotHeading, not_drawn, not_modified, svg, turn};
+use crate::http::drawing::{PlotOptions, not_drawn, not_modified, svg, turn};
 use crate::http::params::{PlotPath, Query};
 use crate::http::problems::sets::PlotProblems;
 use crate::http::results::{blocking, finished};
 use crate::http::{conditional, files};
 use crate::plots::draw;
 use crate::plots::job::{self as job_plots, JobPlot, JobResult};
+use crate::plots::theme::themed;
 use crate::problem::Problem;
 
 /// Get a plot of a result
@@ -28,7 +29,7 @@ use crate::problem::Problem;
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(
         PlotPath<JobPlot>,
-        PlotHeading,
+        PlotOptions,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the plot as known"),
     ),
     responses(
@@ -41,12 +42,12 @@ use crate::problem::Problem;
 pub(crate) async fn get(
     State(app): State<App>,
     PlotPath { id, kind }: PlotPath<JobPlot>,
-    Query(query): Query<PlotHeading>,
+    Query(query): Query<PlotOptions>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let heading = query.title.get();
+    let (heading, theme) = (query.title.get(), query.theme.0);
     let (job, artifact) = finished(&app, id).await?;
-    // The heading is part of the address.
+    // The heading and the theme are part of the address.
     let etag = format!(
         "\"{}-{}-{}\"",
         &artifact.sha256[..32.min(artifact.sha256.len())],
@@ -62,7 +63,7 @@ pub(crate) async fn get(
     let drawn = blocking(id, move || {
         let stored = artifacts.read(&artifact)?;
         let chart = job_plots::chart(kind, &JobResult { head: stored.head(), grains: &stored })?;
-        let drawn = draw::svg(&chart, heading);
+        let drawn = draw::svg(&chart, heading).map(|drawn| themed(drawn, theme));
         // Held until the work has ended, even if the client has gone.
         drop(permit);
         drawn.map(Ok).or_else(|error| not_drawn(error).map(Err))

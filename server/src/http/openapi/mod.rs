@@ -8,8 +8,8 @@ use serde_json::{Map, Value, json};
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
 
-use crate::http::observe;
 use crate::http::problems::sets::problem_response;
+use crate::http::{observe, session};
 use crate::jobs::JobRequest;
 use crate::problem::{Kind, ProblemDocument};
 use crate::studies::Study;
@@ -101,7 +101,7 @@ fn add_everywhere(document: &mut Value) {
                 continue;
             }
             let open = observe::OPEN_ROUTES.contains(&path.as_str());
-            if open {
+            if open || path == session::ROUTE {
                 operation["security"] = json!([]);
             }
             let Some(responses) = operation["responses"].as_object_mut() else { continue };
@@ -128,7 +128,14 @@ fn add_everywhere(document: &mut Value) {
             "type": "http",
             "scheme": "bearer",
             "description": "An API key, where the server was given any; without them it listens to its own machine only."
+        },
+        "session": {
+            "type": "apiKey",
+            "in": "cookie",
+            "name": session::COOKIE,
+            "description": "The session of a browser, from `POST /session`. Requests that may change something are taken \
+                            from pages of this server only."
         }
     });
-    document["security"] = json!([{}, {"api_key": []}]);
+    document["security"] = json!([{}, {"api_key": []}, {"session": []}]);
 }

@@ -80,6 +80,9 @@ problem_sets! {
         Busy 503;
     /// Of checkpoints that workers fetch.
     CheckpointProblems: ValidationError 400, NotFound 404, LeaseLost 409, Busy 503;
+    /// Of the beginnings of sessions.
+    SessionProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
+        UnsupportedMediaType 415, ValidationError 422;
     /// Of routes that ask for nothing.
     OpenProblems: ValidationError 400;
     /// Of explanations.

@@ -79,7 +79,8 @@ parameters! {
 /// Get a result
 ///
 /// The grains, in the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with one
-/// part, `If-Range` and `If-None-Match`. Meshes, voxel models, slices and lattice models are exports, at
+/// part, `If-Range` and `If-None-Match`. `view` (`docs/view.md`) is for viewers: 8 bytes a sphere, largest first, so
+/// that any prefix of it is a picture. Meshes, voxel models, slices and lattice models are exports, at
 /// `/v1/jobs/{id}/exports/{type}`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
@@ -98,6 +99,7 @@ parameters! {
                 (Vec<u8> = "application/vnd.vtk.legacy"),
                 (Vec<u8> = "application/vnd.vtk.polydata+xml"),
                 (Vec<u8> = "application/x-npy"),
+                (Vec<u8> = "application/vnd.packstone.view"),
             ),
             headers(("ETag" = String, description = "Strong tag of the result in this format"))),
         (status = 206, description = "A part of the result",
@@ -107,6 +109,7 @@ parameters! {
                 (Vec<u8> = "application/vnd.vtk.legacy"),
                 (Vec<u8> = "application/vnd.vtk.polydata+xml"),
                 (Vec<u8> = "application/x-npy"),
+                (Vec<u8> = "application/vnd.packstone.view"),
             ),
             headers(("Content-Range" = String, description = "Which part, and of how much"))),
         (status = 304, description = "The result is as known"),

@@ -12,7 +12,7 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::http::app::App;
 use crate::http::conditional;
-use crate::http::drawing::{PlotHeading, not_drawn, not_modified, not_ready, svg, turn};
+use crate::http::drawing::{PlotOptions, not_drawn, not_modified, not_ready, svg, turn};
 use crate::http::params::values::Value;
 use crate::http::params::{PlotPath, Query, parameters};
 use crate::http::problems::refused;
@@ -21,6 +21,7 @@ use crate::http::results::blocking;
 use crate::jobs::store::StoreError;
 use crate::plots::draw;
 use crate::plots::study::{self as study_plots, RunCurve, StudyOptions, StudyPlot};
+use crate::plots::theme::themed;
 use crate::problem::{Fault, Problem};
 
 parameters! {
@@ -32,7 +33,7 @@ parameters! {
         x: Option<Abscissa>,
         /// Whether the abscissa is logarithmic; decided by its values when absent.
         log_x: Option<bool>,
-        ..heading: PlotHeading,
+        ..drawing: PlotOptions,
     }
 }
 
@@ -82,10 +83,10 @@ pub(crate) async fn get(
     Query(query): Query<StudyPlotParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let heading = query.heading.title.get();
+    let (heading, theme) = (query.drawing.title.get(), query.drawing.theme.0);
     let store = &app.shared.store;
     let record = store.study(id).await?.ok_or_else(|| refused(StoreError::NoStudy, id))?;
-    // Read before its runs, as that of the table. The abscissa and the heading are part of the address.
+    // Read before its runs, as that of the table. The abscissa, heading and theme are part of the address.
     let etag = format!("\"{}-{}-{}\"", record.version, kind.name(), draw::REVISION);
     if conditional::none_match_fails(&headers, &etag) {
         return Ok(not_modified(&etag));
@@ -102,7 +103,7 @@ pub(crate) async fn get(
         let curves: Vec<RunCurve> =
             reports.iter().map(|(&point, report)| RunCurve::of_report(point, report)).collect();
         let chart = study_plots::chart(kind, record.name.as_deref(), &table, &curves, &options);
-        let drawn = chart.map(|chart| draw::svg(&chart, heading));
+        let drawn = chart.map(|chart| draw::svg(&chart, heading).map(|drawn| themed(drawn, theme)));
         drop(permit);
         match drawn {
             Ok(Ok(drawn)) => Ok(Ok(drawn)),

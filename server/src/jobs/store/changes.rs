@@ -7,6 +7,7 @@ use tokio::sync::Notify;
 
 use super::{Lease, Shared, Store, Subscription};
 use crate::ids::{ExportId, StudyId};
+use crate::jobs::journal::Changed;
 use crate::jobs::{JobId, JobRecord};
 use crate::tasks;
 
@@ -30,6 +31,9 @@ pub(super) enum Change {
     Study(StudyId),
     /// Clients see another state of an export.
     Export(ExportId),
+    /// Anything may have changed: changes of another server were not told.
+    #[cfg(feature = "postgres")]
+    Lost,
 }
 
 impl Shared {
@@ -39,9 +43,17 @@ impl Shared {
             Change::Queue => self.queue.notify_one(),
             Change::Exports => self.export_workers.iter().for_each(Notify::notify_one),
             Change::Webhooks => self.webhooks.notify_one(),
-            Change::Job(id) => self.changes.notify(id),
-            Change::Study(id) => self.study_changes.notify(id),
+            Change::Job(id) => {
+                self.journal.record(Changed::Job(id));
+                self.changes.notify(id);
+            }
+            Change::Study(id) => {
+                self.journal.record(Changed::Study(id));
+                self.study_changes.notify(id);
+            }
             Change::Export(id) => self.export_changes.notify(id),
+            #[cfg(feature = "postgres")]
+            Change::Lost => self.journal.lose(),
         }
     }
 

@@ -6,8 +6,8 @@
 
 use std::time::Duration;
 
-use super::db::{Row, query};
-use super::lifecycle::{Claimed, Lessee};
+use super::claims::{Claimed, Lessee};
+use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
 use crate::jobs::{JobId, JobProgress, Lease, State};
@@ -70,29 +70,9 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             // A power cut that undoes the claim leaves the jobs queued; the leases are then lost.
-            let mut writer = store.quick_writer().await?;
-            let before: Vec<i64> =
-                query("select seq from jobs where claim = ? and worker_key = ? and state = 'running'")
-                    .bind(&claim.id)
-                    .bind(&claim.key)
-                    .scalars(&mut writer)
-                    .await?;
-            let mut claimed = Vec::new();
-            if before.is_empty() {
-                let lessee = Lessee::Process(&claim);
-                while claimed.len() < claim.slots as usize
-                    && let Some(next) = store.claim_next(&mut writer, lessee).await?
-                {
-                    claimed.push(next);
-                }
-            } else {
-                let mut tx = writer.begin().await?;
-                for seq in before {
-                    claimed.push(Claimed::read(&mut tx, seq).await?);
-                }
-                tx.rollback().await?;
-            }
-            drop(writer);
+            let claimed = store
+                .write(Durability::ProcessEnd, claim, |store, claim, tx| Box::pin(claim.take(store, tx)))
+                .await?;
             for claimed in &claimed {
                 store.notify_job(&claimed.job);
             }
@@ -108,38 +88,18 @@ impl Store {
     pub(crate) async fn renew(&self, key: String, renewals: Vec<Renewal>) -> Result<Vec<Held>, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let mut writer = store.quick_writer().await?;
-            let mut tx = writer.begin().await?;
-            let now = store.now_us();
-            let mut held = Vec::with_capacity(renewals.len());
-            for renewal in &renewals {
-                let row = query(
-                    "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
-                         version = version + case when ?2 is null then 0 else 1 end, updated_at = case when ?2 is null then updated_at else ?3 end
-                     where id = ?4 and attempt = ?5 and worker_key = ?6 and worker <> '' and state = 'running'
-                     returning seq, cancel_requested,
-                         (select studies.id from studies where studies.seq = jobs.study) as study_id",
-                )
-                .bind(now.saturating_add(micros(store.limits().lease)))
-                .bind(renewal.progress.as_ref().map(to_json).transpose()?)
-                .bind(now)
-                .bind(renewal.id.to_string())
-                .bind(renewal.attempt)
-                .bind(&key)
-                .fetch_optional(&mut tx)
+            let reported: Vec<JobId> = renewals
+                .iter()
+                .filter(|renewal| renewal.progress.is_some())
+                .map(|renewal| renewal.id)
+                .collect();
+            let held = store
+                .write(Durability::ProcessEnd, (key, renewals), |store, (key, renewals), tx| {
+                    Box::pin(renew_all(store, key, renewals, tx))
+                })
                 .await?;
-                held.push(match row {
-                    Some(row) => Held::Running {
-                        lease: lease(&row, renewal.id, renewal.attempt)?,
-                        cancel_requested: row.try_get("cancel_requested")?,
-                    },
-                    None => Held::Lost,
-                });
-            }
-            tx.commit().await?;
-            drop(writer);
-            for renewal in renewals.iter().filter(|renewal| renewal.progress.is_some()) {
-                store.notify(renewal.id);
+            for id in reported {
+                store.notify(id);
             }
             Ok(held)
         })
@@ -215,6 +175,66 @@ impl Store {
         })
         .await
     }
+}
+
+impl Claim {
+    /// Leases the jobs, or finds those that the same claim has leased before.
+    async fn take(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<Vec<Claimed>, StoreError> {
+        let before: Vec<i64> =
+            query("select seq from jobs where claim = ? and worker_key = ? and state = 'running'")
+                .bind(&self.id)
+                .bind(&self.key)
+                .scalars(&mut *tx)
+                .await?;
+        let mut claimed = Vec::new();
+        for seq in before {
+            claimed.push(Claimed::read(tx, seq).await?);
+        }
+        if claimed.is_empty() {
+            while claimed.len() < self.slots as usize
+                && let Some(next) = store.claim_next(tx, Lessee::Process(self)).await?
+            {
+                claimed.push(next);
+            }
+        }
+        Ok(claimed)
+    }
+}
+
+async fn renew_all(
+    store: &Store,
+    key: &str,
+    renewals: &[Renewal],
+    tx: &mut Transaction<'_>,
+) -> Result<Vec<Held>, StoreError> {
+    let now = store.now_us();
+    let mut held = Vec::with_capacity(renewals.len());
+    for renewal in renewals {
+        let row = query(
+            "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
+                 version = version + case when ?2 is null then 0 else 1 end,
+                 updated_at = case when ?2 is null then updated_at else ?3 end
+             where id = ?4 and attempt = ?5 and worker_key = ?6 and worker <> '' and state = 'running'
+             returning seq, cancel_requested,
+                 (select studies.id from studies where studies.seq = jobs.study) as study_id",
+        )
+        .bind(now.saturating_add(micros(store.limits().lease)))
+        .bind(renewal.progress.as_ref().map(to_json).transpose()?)
+        .bind(now)
+        .bind(renewal.id.to_string())
+        .bind(renewal.attempt)
+        .bind(key)
+        .fetch_optional(&mut *tx)
+        .await?;
+        held.push(match row {
+            Some(row) => Held::Running {
+                lease: lease(&row, renewal.id, renewal.attempt)?,
+                cancel_requested: row.try_get("cancel_requested")?,
+            },
+            None => Held::Lost,
+        });
+    }
+    Ok(held)
 }
 
 fn lease(row: &Row, id: JobId, attempt: i64) -> Result<Lease, StoreError> {

@@ -206,7 +206,7 @@ async fn a_job_that_was_cut_goes_on_with_the_next_worker_whose_time_is_limited()
 #[tokio::test]
 async fn a_claim_within_a_time_looks_at_the_next_jobs_of_each_owner_only() {
     let (_folder, store) = fresh_file().await;
-    let plan = plan_of(&store, lifecycle::NEXT_WITHIN).await;
+    let plan = plan_of(&store, claims::NEXT_WITHIN).await;
     let walked = plan.iter().find(|step| step.contains("jobs_queue")).unwrap();
     assert!(walked.contains("SEARCH") && walked.contains("owner=?"), "{plan:?}");
     assert!(

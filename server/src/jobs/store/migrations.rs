@@ -27,6 +27,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (16, "export_leases", include_str!("../../../../migrations/0016_export_leases.sql")),
     (17, "least_time", include_str!("../../../../migrations/0017_least_time.sql")),
     (18, "webhook_urls", include_str!("../../../../migrations/0018_webhook_urls.sql")),
+    (19, "start_turns", include_str!("../../../../migrations/0019_start_turns.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
@@ -53,8 +54,10 @@ fn migrator<'m>(migrations: impl Iterator<Item = &'m (i64, &'static str, &'stati
 /// The same for PostgreSQL: the tables as the migrations of SQLite have left them when it was added, and each change
 /// since. A test holds both against each other.
 #[cfg(feature = "postgres")]
-const OF_POSTGRES: &[(i64, &str, &str)] =
-    &[(18, "schema", include_str!("../../../../migrations/postgres/0018_schema.sql"))];
+const OF_POSTGRES: &[(i64, &str, &str)] = &[
+    (18, "schema", include_str!("../../../../migrations/postgres/0018_schema.sql")),
+    (19, "start_turns", include_str!("../../../../migrations/postgres/0019_start_turns.sql")),
+];
 
 /// All migrations of PostgreSQL. Servers that start together run them one after another, by a lock of sqlx.
 #[cfg(feature = "postgres")]
@@ -92,7 +95,8 @@ mod tests {
         assert!(columns.len() > 160, "{}", columns.len());
         let theirs = lines(
             &postgres,
-            "select (table_name || '.' || column_name || case when is_nullable = 'NO' then ' not null' else '' end)::text
+            "select (table_name || '.' || column_name || case when is_nullable = 'NO'
+                 then ' not null' else '' end)::text
              from information_schema.columns
              where table_schema = 'public' and table_name not like '\\_sqlx%'",
         )

@@ -1,14 +1,16 @@
-//! The store of jobs, studies and what is made of results: one SQLite file.
+//! The store of jobs, studies and what is made of results: one SQLite file, or a database of PostgreSQL.
 //!
-//! Who may write: one connection behind a lock, each write in its own `BEGIN IMMEDIATE`, so that no
-//! write ever meets another; readers are a separate read-only pool and never wait for it. Writes run
-//! in a task of their own: a client that hangs up halfway cannot leave a transaction open or a commit
-//! unannounced. The clock here decides about leases and expiry.
+//! Who may write: one connection behind a lock, in transactions that may write from their start on, so that no write
+//! ever meets another. The short writes that every job takes share transactions where they wait for each other (see
+//! [`group_commit`]); each other write has one of its own. Readers are a separate read-only pool and never wait. Writes
+//! run in a task of their own: a client that hangs up halfway cannot leave a transaction open or a commit unannounced.
+//! The clock here decides about leases and expiry.
 //!
 //! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the
 //! machine does not outlast its cause: see [`writer`] and [`faults`].
 
 mod changes;
+mod claims;
 mod clock;
 mod database;
 mod db;
@@ -16,18 +18,23 @@ mod exports;
 mod faults;
 mod files;
 mod forecasts;
+mod group_commit;
 mod leases;
 #[cfg(test)]
 mod leases_tests;
 mod lifecycle;
+#[cfg(test)]
+mod load_tests;
 mod migrations;
 #[cfg(test)]
 mod owners_tests;
 mod patch;
 mod query;
 mod rows;
+mod running;
 #[cfg(feature = "postgres")]
 mod servers;
+mod standings;
 mod studies;
 mod submit;
 mod target;
@@ -49,6 +56,7 @@ use std::time::Duration;
 
 use tokio::sync::Notify;
 
+use super::journal::Journal;
 use super::notifications::{Notifications, Subscription};
 use super::{JobId, Lease, State};
 use crate::accounts::Accounts;
@@ -59,14 +67,16 @@ use crate::tasks;
 use db::{Durability, Readers};
 use writer::{Writer, Writing};
 
+pub(crate) use claims::Claimed;
 pub(crate) use database::{Database, NoDatabase};
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use files::{ExpectedFile, files_of};
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use leases::{Claim, Held, Renewal};
-pub(crate) use lifecycle::{Cancelled, Claimed};
+pub(crate) use lifecycle::Cancelled;
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
+pub(crate) use standings::Standing;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 pub(crate) use target::Target;
@@ -81,9 +91,9 @@ const LOST_AFTER: Duration = Duration::from_mins(1);
 /// Why the store did not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum StoreError {
-    /// SQLite refused.
+    /// The database refused; the error of a commit is that of all writes which shared it.
     #[error("the database failed: {0}")]
-    Database(#[from] sqlx::Error),
+    Database(Arc<sqlx::Error>),
     /// The tables could not be brought up to date.
     #[error("the database could not be migrated: {0}")]
     Migrate(#[from] sqlx::migrate::MigrateError),
@@ -137,6 +147,12 @@ pub(crate) enum StoreError {
     KeyReused,
 }
 
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        Self::Database(Arc::new(error))
+    }
+}
+
 /// What the store allows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StoreLimits {
@@ -163,6 +179,7 @@ struct Shared {
     changes: Notifications<JobId>,
     study_changes: Notifications<StudyId>,
     export_changes: Notifications<ExportId>,
+    journal: Journal,
     queue: Notify,
     /// Of those who make anything, and of those who make only what is quick.
     export_workers: [Notify; 2],
@@ -203,6 +220,7 @@ impl Store {
             changes: Notifications::default(),
             study_changes: Notifications::default(),
             export_changes: Notifications::default(),
+            journal: Journal::default(),
             queue: Notify::new(),
             export_workers: [Notify::new(), Notify::new()],
             webhooks: Notify::new(),

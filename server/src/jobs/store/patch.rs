@@ -34,7 +34,8 @@ impl Store {
                 set_labels(&mut tx, &before, merged(labels, patch.labels)?).await?;
             }
             query(
-                "update jobs set name = case when ?2 then ?3 else name end, expires_at = case when ?4 then ?5 else expires_at end,
+                "update jobs set name = case when ?2 then ?3 else name end,
+                     expires_at = case when ?4 then ?5 else expires_at end,
                      shared = coalesce(?7, shared), version = version + 1, updated_at = ?6
                  where seq = ?1",
             )

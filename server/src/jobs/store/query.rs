@@ -44,7 +44,7 @@ pub(crate) struct Holder {
 }
 
 impl Holder {
-    fn read(row: &Row) -> Result<Self, StoreError> {
+    pub(super) fn read(row: &Row) -> Result<Self, StoreError> {
         Ok(Self { owner: row.try_get("owner")?, shared: row.try_get("shared")? })
     }
 }

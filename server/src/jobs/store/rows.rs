@@ -5,12 +5,17 @@ use super::db::{Row, Transaction, query};
 use crate::ids::StudyId;
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StudyPlace};
 
-/// A query for jobs with their artifacts; `$tail` holds what follows the joins.
+/// A query for jobs with their artifacts; `$tail` holds what follows the joins, `$more` further columns.
 macro_rules! select_jobs {
     ($tail:literal) => {
+        $crate::jobs::store::rows::select_jobs!("", $tail)
+    };
+    ($more:literal, $tail:literal) => {
         concat!(
             "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report, ",
-            "artifacts.format_revision, artifacts.format_lengths, studies.id as study_id ",
+            "artifacts.format_revision, artifacts.format_lengths, studies.id as study_id",
+            $more,
+            " ",
             "from jobs left join artifacts on artifacts.job = jobs.seq ",
             "left join studies on studies.seq = jobs.study ",
             $tail

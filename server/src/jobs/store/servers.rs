@@ -1,7 +1,7 @@
 //! What servers that share one database of PostgreSQL tell each other: which jobs, studies and exports have changed,
 //! and that something waits to be done. And which one of them does what only one may do.
 //!
-//! Method: changes are collected for a moment and sent by one `NOTIFY`, from a connection of its own, so that no
+//! Method: changes are collected for a moment and sent together by `NOTIFY`, from a connection of its own, so that no
 //! transaction that changes a job waits for it (a commit with `NOTIFY` holds a lock of the whole database system). Each
 //! server listens. A message can be lost with a connection, so each also wakes all who wait every few seconds, and
 //! those read the database. The leader is the server whose connection holds an advisory lock: it ends with the
@@ -97,10 +97,14 @@ async fn tell(
     store: Weak<Shared>,
 ) {
     let mut connection = None;
+    let mut has_lost = false;
     let mut look = interval(LOOK_EVERY);
     look.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         let mut told = BTreeSet::new();
+        if has_lost {
+            told.insert(Change::Lost);
+        }
         tokio::select! {
             change = changes.recv() => match change {
                 Some(change) => {
@@ -120,9 +124,12 @@ async fn tell(
             // The others look for themselves. The lock has gone with the connection.
             tracing::warn!(%error, "other servers were not told of changes");
             connection = None;
+            has_lost |= !told.is_empty();
             servers.set_leader(false);
             drop(store);
             sleep(CONNECT_EVERY).await;
+        } else {
+            has_lost = false;
         }
     }
 }
@@ -161,6 +168,7 @@ fn messages(own: &str, changes: &BTreeSet<Change>) -> Vec<String> {
             Change::Job(id) => format!("j{id}"),
             Change::Study(id) => format!("s{id}"),
             Change::Export(id) => format!("e{id}"),
+            Change::Lost => "l".to_owned(),
         };
         match messages.last_mut() {
             Some(message) if message.len() + 1 + word.len() <= MOST_BYTES => {
@@ -181,6 +189,7 @@ fn changes_in<'m>(own: &str, message: &'m str) -> impl Iterator<Item = Change> +
         "q" => Some(Change::Queue),
         "x" => Some(Change::Exports),
         "w" => Some(Change::Webhooks),
+        "l" => Some(Change::Lost),
         _ => match word.split_at_checked(1)? {
             ("j", id) => JobId::parse(id).map(Change::Job),
             ("s", id) => StudyId::parse(id).map(Change::Study),
@@ -194,6 +203,7 @@ fn changes_in<'m>(own: &str, message: &'m str) -> impl Iterator<Item = Change> +
 async fn listen(options: PgConnectOptions, own: String, store: Weak<Shared>) {
     loop {
         let Some(wake) = store.upgrade() else { return };
+        wake.wake(Change::Lost);
         wake.wake_all();
         drop(wake);
         if let Err(error) = listen_once(&options, &own, &store).await {
@@ -217,7 +227,10 @@ async fn listen_once(options: &PgConnectOptions, own: &str, store: &Weak<Shared>
                 changes_in(own, message.payload()).for_each(|change| store.wake(change));
             }
             // The connection was opened anew: what was told meanwhile is lost.
-            Ok(Ok(None)) => store.wake_all(),
+            Ok(Ok(None)) => {
+                store.wake(Change::Lost);
+                store.wake_all();
+            }
             Ok(Err(error)) => return Err(error),
             Err(_elapsed) => {
                 store.wake_all();
@@ -233,7 +246,8 @@ mod tests {
 
     #[test]
     fn messages_are_short_and_tell_all_but_their_sender() {
-        let mut changes = BTreeSet::from([Change::Queue, Change::Webhooks, Change::Study(StudyId::new())]);
+        let mut changes =
+            BTreeSet::from([Change::Queue, Change::Webhooks, Change::Lost, Change::Study(StudyId::new())]);
         changes.extend((0..500).map(|_| Change::Job(JobId::new())));
         changes.extend((0..300).map(|_| Change::Export(ExportId::new())));
         let messages = messages("a", &changes);

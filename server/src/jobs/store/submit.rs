@@ -5,7 +5,7 @@
 
 use packstone_engine::export::tables::EngineInfo;
 
-use super::db::{Transaction, query};
+use super::db::{Durability, Transaction, query};
 use super::{Store, StoreError, forecasts, rows, turns, webhooks};
 use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
@@ -45,6 +45,29 @@ pub(crate) enum Submitted {
     Existing(JobRecord),
 }
 
+/// A job to accept, with the documents that its rows hold.
+struct Documents {
+    id: JobId,
+    new: NewJob,
+    body: String,
+    labels: String,
+    engine: String,
+    warnings: String,
+}
+
+impl Documents {
+    fn of(new: NewJob) -> Result<Self, StoreError> {
+        Ok(Self {
+            id: JobId::new(),
+            body: to_json(&new.request)?,
+            labels: to_json(&new.request.labels)?,
+            engine: to_json(&EngineInfo::current())?,
+            warnings: to_json(&new.warnings)?,
+            new,
+        })
+    }
+}
+
 impl Store {
     /// Takes a job in; it is safe on disk when this returns.
     ///
@@ -53,9 +76,12 @@ impl Store {
     pub(crate) async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let id = JobId::new();
-            let submitted = store.insert(id, &new).await?;
-            if let Submitted::Created(_) = submitted {
+            let job = Documents::of(new)?;
+            let submitted = store
+                .write(Durability::PowerCut, job, |store, job, tx| Box::pin(store.insert(job, tx)))
+                .await?;
+            if let Submitted::Created(job) = &submitted {
+                store.notify(job.id);
                 store.wake_worker();
             }
             Ok(submitted)
@@ -63,21 +89,16 @@ impl Store {
         .await
     }
 
-    async fn insert(&self, id: JobId, new: &NewJob) -> Result<Submitted, StoreError> {
+    async fn insert(&self, job: &Documents, tx: &mut Transaction<'_>) -> Result<Submitted, StoreError> {
+        let Documents { id, new, body, labels, engine, warnings } = job;
         let request = &new.request;
-        let body = to_json(request)?;
-        let labels = to_json(&request.labels)?;
-        let engine = to_json(&EngineInfo::current())?;
-        let warnings = to_json(&new.warnings)?;
-        let mut writer = self.writer().await?;
-        let mut tx = writer.begin().await?;
-        if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
+        if let Some(existing) = find_key(&mut *tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
         }
-        self.check_queue(&mut tx, &new.by.owner, 1).await?;
+        self.check_queue(&mut *tx, &new.by.owner, 1).await?;
         let flow =
             turns::Flow { owner: &new.by.owner, number: turns::SINGLE_JOBS, priority: request.priority };
-        let turn = turns::assign_start_times(&mut tx, flow, 1).await?;
+        let turn = turns::assign_start_times(&mut *tx, flow, 1).await?;
         let now = self.now_us();
         let forecast_us = forecasts::micros_of(new.forecast_s, request.timeout_s);
         let seq: i64 = query(
@@ -105,21 +126,21 @@ impl Store {
         .bind(request.shared)
         .bind(forecast_us)
         .bind(forecasts::least_time_us(forecast_us, new.keeps_checkpoints))
-        .fetch_one(&mut tx)
+        .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;
         query("insert into job_requests (job, body) values (?, ?)")
             .bind(seq)
             .bind(body)
-            .execute(&mut tx)
+            .execute(&mut *tx)
             .await?;
-        webhooks::insert(&mut tx, webhooks::Ending::Job(seq), request.webhook_url.as_ref()).await?;
+        webhooks::insert(&mut *tx, webhooks::Ending::Job(seq), request.webhook_url.as_ref()).await?;
         for (key, value) in &request.labels {
             query("insert into job_labels (key, value, job, state) values (?, ?, ?, 'queued')")
                 .bind(key)
                 .bind(value)
                 .bind(seq)
-                .execute(&mut tx)
+                .execute(&mut *tx)
                 .await?;
         }
         if let Some(key) = &new.idempotency_key {
@@ -128,12 +149,10 @@ impl Store {
                 .bind(&key.key)
                 .bind(&key.body_sha256)
                 .bind(seq)
-                .execute(&mut tx)
+                .execute(&mut *tx)
                 .await?;
         }
-        let record = rows::by_seq(&mut tx, seq).await?;
-        tx.commit().await?;
-        Ok(Submitted::Created(record))
+        Ok(Submitted::Created(rows::by_seq(tx, seq).await?))
     }
 
     /// Refuses where the queue, or the share of the owner in it, has no room for so many jobs more.

@@ -469,7 +469,7 @@ async fn every_listing_and_claim_uses_an_index() {
             assert!(!plan[walked + 1].contains("TEMP B-TREE"), "{plan:?}");
         }
     }
-    let plan = plan_of(&store, lifecycle::NEXT_IN_QUEUE).await;
+    let plan = plan_of(&store, claims::NEXT_IN_QUEUE).await;
     let walked = plan.iter().position(|step| step.contains("jobs_queue")).unwrap();
     assert!(plan[walked].contains("SEARCH") && plan[walked].contains("owner=?"), "{plan:?}");
     // Only the owners' first jobs are sorted, and no row of the jobs is scanned.

@@ -55,24 +55,3 @@ pub(super) async fn assign_start_times(
     .try_get("last_turn")?;
     Ok(last - jobs + 1)
 }
-
-/// Advances the virtual time of a priority of an owner to the virtual start time of a job that starts. The virtual time
-/// of the owners follows the state of the job by trigger.
-pub(super) async fn advance_virtual_time(
-    tx: &mut Transaction<'_>,
-    owner: &str,
-    priority: i64,
-    start_time: i64,
-) -> Result<(), StoreError> {
-    query(
-        "insert into queue_starts (owner, priority, turn) values (?, ?, ?)
-         on conflict (owner, priority) do update set
-             turn = case when excluded.turn > queue_starts.turn then excluded.turn else queue_starts.turn end",
-    )
-    .bind(owner)
-    .bind(priority)
-    .bind(start_time)
-    .execute(tx)
-    .await?;
-    Ok(())
-}

@@ -15,6 +15,7 @@ use super::StoreError;
 use super::clock::Clock;
 use super::db::{Connection, Durability, Options, Source, Transaction, Via};
 use super::faults::{Fault, fault_of};
+use super::group_commit::Line;
 
 /// The connection, one writer at a time.
 #[derive(Debug)]
@@ -22,6 +23,8 @@ pub(super) struct Writer {
     options: Options,
     clock: Clock,
     state: Mutex<State>,
+    /// Short writes that wait to be run together.
+    line: Line,
     /// Since when no connection could be opened in place of an unusable one.
     lost_since: std::sync::Mutex<Option<Instant>>,
     /// How often the connection was replaced.
@@ -33,26 +36,26 @@ struct State {
     connection: Connection,
     durability: Durability,
     unusable: bool,
-    /// When a writer last took it.
-    used: Instant,
+    /// When a writer last took it, unless a write has failed since then.
+    used: Option<Instant>,
 }
 
 /// The right to write; dropped, it lets the next writer in.
 #[derive(Debug)]
 pub(super) struct Writing<'a> {
-    clock: &'a Clock,
+    writer: &'a Writer,
     state: MutexGuard<'a, State>,
 }
 
 impl Writer {
     /// Takes over an open connection; `options` open its successors.
     pub(super) fn new(connection: Connection, options: Options) -> Self {
-        let durability = Durability::PowerCut;
-        let state = State { connection, durability, unusable: false, used: Instant::now() };
+        let state = State::new(connection);
         Self {
             options,
             clock: Clock::default(),
             state: Mutex::new(state),
+            line: Line::default(),
             lost_since: std::sync::Mutex::default(),
             replaced: AtomicU64::default(),
         }
@@ -63,36 +66,33 @@ impl Writer {
         &self.clock
     }
 
+    /// Short writes that wait to be run together.
+    pub(super) fn line(&self) -> &Line {
+        &self.line
+    }
+
     /// Waits for the writers before, and hands out a connection that is in no transaction.
     ///
     /// # Errors
     /// The database's, where the connection is unusable and no other one can be opened.
     pub(super) async fn lock(&self, durability: Durability) -> Result<Writing<'_>, StoreError> {
-        let mut state = self.state.lock().await;
-        let used = state.used;
-        if state.unusable || !state.connection.is_idle(used).await {
-            self.replace(&mut state).await?;
-        }
-        if state.durability != durability {
-            state.connection.set_durability(durability).await?;
-            state.durability = durability;
-        }
-        state.used = Instant::now();
-        Ok(Writing { clock: &self.clock, state })
+        let mut writing = self.wait().await;
+        writing.prepare(durability).await?;
+        Ok(writing)
     }
 
-    async fn replace(&self, state: &mut State) -> Result<(), StoreError> {
+    /// Waits for the writers before. The connection is to be prepared before it is used.
+    pub(super) async fn wait(&self) -> Writing<'_> {
+        Writing { writer: self, state: self.state.lock().await }
+    }
+
+    async fn replace(&self, state: &mut State) -> Result<(), sqlx::Error> {
         let opened = self.options.connect().await;
         let mut lost_since = self.lost_since.lock().unwrap_or_else(PoisonError::into_inner);
         match opened {
             Ok(connection) => {
                 // The old one closes when its thread sees that it was dropped.
-                *state = State {
-                    connection,
-                    durability: Durability::PowerCut,
-                    unusable: false,
-                    used: Instant::now(),
-                };
+                *state = State::new(connection);
                 *lost_since = None;
                 self.replaced.fetch_add(1, Ordering::Relaxed);
                 tracing::warn!(
@@ -106,7 +106,7 @@ impl Writer {
                 if fault_of(&error).is_none_or(|fault| fault == Fault::Io) {
                     lost_since.get_or_insert_with(Instant::now);
                 }
-                Err(error.into())
+                Err(error)
             }
         }
     }
@@ -128,10 +128,40 @@ impl Writer {
     }
 }
 
+impl State {
+    fn new(connection: Connection) -> Self {
+        Self { connection, durability: Durability::PowerCut, unusable: false, used: Some(Instant::now()) }
+    }
+}
+
 impl Writing<'_> {
     /// The clock of the database, in microseconds since the Unix epoch.
     pub(super) fn now_us(&self) -> i64 {
-        self.clock.now_us()
+        self.writer.clock.now_us()
+    }
+
+    /// Makes the connection ready for a write: it is in no transaction, and a commit survives this much. An unusable
+    /// one is replaced.
+    ///
+    /// # Errors
+    /// The database's, where no other connection can be opened.
+    pub(super) async fn prepare(&mut self, durability: Durability) -> Result<(), sqlx::Error> {
+        let state = &mut *self.state;
+        let used = state.used;
+        if state.unusable || !state.connection.is_idle(used).await {
+            self.writer.replace(state).await?;
+        }
+        if state.durability != durability {
+            state.connection.set_durability(durability).await?;
+            state.durability = durability;
+        }
+        state.used = Some(Instant::now());
+        Ok(())
+    }
+
+    /// Lets the next write ask whether the connection still answers.
+    pub(super) fn doubt(&mut self) {
+        self.state.used = None;
     }
 
     /// Begins a transaction that may write from its start on.
@@ -140,7 +170,7 @@ impl Writing<'_> {
     /// The database's. Unless another program holds the lock, the connection is replaced before the next write.
     pub(super) async fn begin(&mut self) -> Result<Transaction<'_>, sqlx::Error> {
         let State { connection, unusable, durability, .. } = &mut *self.state;
-        match connection.begin_write(*durability, self.clock).await {
+        match connection.begin_write(*durability, &self.writer.clock).await {
             Ok(transaction) => Ok(transaction),
             Err(error) => {
                 *unusable = fault_of(&error) != Some(Fault::Locked);
@@ -154,6 +184,6 @@ impl Writing<'_> {
 impl<'s> Source<'s> for &'s mut Writing<'_> {
     fn via(self) -> Via<'s> {
         let State { connection, unusable, durability, .. } = &mut *self.state;
-        connection.via_write(*durability, self.clock, unusable)
+        connection.via_write(*durability, &self.writer.clock, unusable)
     }
 }

@@ -116,12 +116,12 @@ impl Connection {
     /// Whether it answers and is in no transaction. A transaction that was dropped is rolled back before it answers.
     /// A connection over a network that was `used` a moment ago is not asked.
     #[cfg_attr(not(feature = "postgres"), expect(unused_variables, reason = "a file always answers at once"))]
-    pub(in super::super) async fn is_idle(&mut self, used: Instant) -> bool {
+    pub(in super::super) async fn is_idle(&mut self, used: Option<Instant>) -> bool {
         match self {
             Self::Sqlite(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
             #[cfg(feature = "postgres")]
             Self::Postgres(connection) => {
-                (used.elapsed() < ASK_AFTER && !connection.is_in_transaction())
+                (used.is_some_and(|used| used.elapsed() < ASK_AFTER) && !connection.is_in_transaction())
                     || (connection.ping().await.is_ok() && !connection.is_in_transaction())
             }
         }

@@ -164,8 +164,9 @@ async fn update(
     now: i64,
 ) -> Result<(), StoreError> {
     query(
-        "update exports set used_at = ?2, rank = case when state = 'queued' or ?3 then 0 else rank end, kept = kept or ?4,
-             version = version + case when ?3 or ?4 then 1 else 0 end, updated_at = case when ?3 or ?4 then ?2 else updated_at end
+        "update exports set used_at = ?2, rank = case when state = 'queued' or ?3 then 0 else rank end,
+             kept = kept or ?4, version = version + case when ?3 or ?4 then 1 else 0 end,
+             updated_at = case when ?3 or ?4 then ?2 else updated_at end
          where seq = ?1",
     )
     .bind(known.seq)

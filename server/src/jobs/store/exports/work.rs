@@ -61,8 +61,10 @@ impl Store {
             let mut writer = store.writer().await?;
             let moved = query(
                 "update exports set
-                     state = case when attempt >= ?2 then 'failed' else 'queued' end, error = case when attempt >= ?2 then ?3 else null end,
-                     finished_at = case when attempt >= ?2 then ?1 else null end, attempt = attempt + 1, progress = null,
+                     state = case when attempt >= ?2 then 'failed' else 'queued' end,
+                     error = case when attempt >= ?2 then ?3 else null end,
+                     finished_at = case when attempt >= ?2 then ?1 else null end, attempt = attempt + 1,
+                     progress = null,
                      lease_expires_at = null, version = version + 1, updated_at = ?1
                  where state = 'running' and coalesce(lease_expires_at, 0) <= ?4 returning id",
             )

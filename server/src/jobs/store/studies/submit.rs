@@ -60,7 +60,8 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let submitted = store.insert_study(&new).await?;
-            if let SubmittedStudy::Created(_) = submitted {
+            if let SubmittedStudy::Created(study) = &submitted {
+                store.notify_study(study.id);
                 store.wake_worker();
             }
             Ok(submitted)

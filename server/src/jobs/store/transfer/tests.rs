@@ -157,7 +157,8 @@ async fn a_copy_that_differs_leaves_the_destination_empty() {
     let refused = moved(&from, &to).await.unwrap_err();
     assert!(matches!(&refused, TransferError::Differs { table, .. } if table == "jobs"), "{refused}");
     let mut there = client(&to).await;
-    let left = "select (select count(*) from jobs) + (select count(*) from removals) + (select sum(jobs)::bigint from job_counts)
+    let left = "select (select count(*) from jobs) + (select count(*) from removals)
+        + (select sum(jobs)::bigint from job_counts)
         + (select count(*) from pg_trigger where not tgisinternal and tgenabled <> 'O')";
     let left: i64 = sqlx::query_scalar(left).fetch_one(&mut there).await.unwrap();
     assert_eq!(left, 0);

@@ -1,0 +1,209 @@
+//! One HTML file with a packing and a viewer in it, to look at without a service and to send by mail.
+//!
+//! The file holds the scripts and styles of the web page that it needs, the result without its grains as JSON, and the
+//! grains in the format `view` as Base64. Modules import each other by bare names, which an import map gives the
+//! scripts as `data:` URLs: relative names mean nothing in a file of its own. Its content security policy lets it ask
+//! no server for anything.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io;
+use std::path::Path;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde::Serialize;
+
+use super::exit::{Failure, cannot_be};
+use super::outputs::write_whole;
+use crate::http::web;
+
+/// Name of the file.
+pub(super) const PAGE: &str = "result.html";
+/// Most grains in a file: 11 MB of spheres, 32 MB of others. A packing with more shows its largest grains, and says so.
+pub(super) const MOST_GRAINS: usize = 1_000_000;
+
+/// The module that the file starts with.
+const ENTRY: &str = "packing.js";
+const STYLES: [&str; 2] = ["app.css", "job.css"];
+/// Before the names of modules.
+const SCHEME: &str = "packstone/";
+const POLICY: &str =
+    "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; img-src blob: data:";
+
+/// What the script of the file reads.
+#[derive(Serialize)]
+struct Data<'a, R> {
+    /// How many grains the file holds.
+    grains: usize,
+    result: &'a R,
+}
+
+/// Writes the page of a result: `result` is the document without grains, with the request, and `view` its grains in the
+/// format of that name.
+///
+/// # Errors
+/// The file cannot be written.
+pub(super) fn write(file: &Path, result: &impl Serialize, view: &[u8]) -> Result<(), Failure> {
+    let page = document(result, view, MOST_GRAINS)?;
+    write_whole(file, |out| io::Write::write_all(out, page.as_bytes()))
+        .map_err(|error: io::Error| cannot_be("written", file, &error))
+}
+
+fn document(result: &impl Serialize, view: &[u8], most: usize) -> Result<String, Failure> {
+    let (grains, view) = largest(view, most);
+    let data = serde_json::to_string(&Data { grains, result })?;
+    let mut page = String::with_capacity(view.len() / 3 * 4 + data.len() + (1 << 17));
+    let styles: String = STYLES.iter().filter_map(|name| web::text(name)).collect();
+    let imports: BTreeMap<String, String> = modules()
+        .into_iter()
+        .map(|(name, text)| {
+            (format!("{SCHEME}{name}"), format!("data:text/javascript;base64,{}", STANDARD.encode(text)))
+        })
+        .collect();
+    let imports = serde_json::to_string(&serde_json::json!({ "imports": imports }))?;
+    // Writing to a string cannot fail.
+    let _ = write!(
+        page,
+        r#"<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<title>Packing - Packstone</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<style>{styles}</style>
+<script type="importmap">{imports}</script>
+</head>
+<body>
+<main id="main">
+<div class="head"><h1 id="title">Packing</h1></div>
+<noscript><div class="notice" data-kind="warning"><p>This page needs JavaScript.</p></div></noscript>
+<div id="result" class="stack"></div>
+</main>
+<script type="application/json" id="result-data">{data}</script>
+<script type="text/plain" id="grains-data">"#,
+        // A name with `</script>` would end the element.
+        data = data.replace('<', "\\u003c"),
+    );
+    STANDARD.encode_string(view, &mut page);
+    let _ = write!(
+        page,
+        "</script>\n<script type=\"module\">import \"{SCHEME}{ENTRY}\";</script>\n</body>\n</html>\n"
+    );
+    Ok(page)
+}
+
+/// The number of grains and the bytes of a view that is cut after its largest grains.
+fn largest(view: &[u8], most: usize) -> (usize, &[u8]) {
+    let number =
+        |at: usize| view.get(at..at + 4).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+    let grains = number(8).min(most);
+    let end = 64 + number(48) + grains * number(44);
+    (grains, &view[..end.min(view.len())])
+}
+
+/// The first module and those that it imports, directly or not, by their names; they import each other by bare names.
+fn modules() -> BTreeMap<String, String> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![ENTRY.to_owned()];
+    while let Some(name) = open.pop() {
+        if found.contains_key(&name) {
+            continue;
+        }
+        let Some(text) = web::text(&name) else { continue };
+        let (text, imported) = with_bare_names(&name, text);
+        open.extend(imported);
+        found.insert(name, text);
+    }
+    found
+}
+
+/// The text of a module with bare names in place of relative ones, and the names of the modules that it names so.
+fn with_bare_names(module: &str, text: &str) -> (String, Vec<String>) {
+    let folder = module.rsplit_once('/').map_or("", |(folder, _)| folder);
+    let (mut bare, mut names) = (String::with_capacity(text.len()), Vec::new());
+    let mut rest = text;
+    while let Some(start) = rest.find("\"./").into_iter().chain(rest.find("\"../")).min() {
+        let (before, quoted) = rest.split_at(start + 1);
+        bare.push_str(before);
+        let end = quoted.find('"').unwrap_or(quoted.len());
+        let (path, after) = quoted.split_at(end);
+        if Path::new(path).extension().is_some_and(|ending| ending == "js") {
+            let name = resolved(folder, path);
+            bare.push_str(SCHEME);
+            bare.push_str(&name);
+            names.push(name);
+        } else {
+            bare.push_str(path);
+        }
+        rest = after;
+    }
+    bare.push_str(rest);
+    (bare, names)
+}
+
+/// A relative path from a folder, as a path from the top.
+fn resolved(folder: &str, path: &str) -> String {
+    let mut parts: Vec<&str> = folder.split('/').filter(|part| !part.is_empty()).collect();
+    for part in path.split('/') {
+        match part {
+            "." => {}
+            ".." => {
+                parts.pop();
+            }
+            name => parts.push(name),
+        }
+    }
+    parts.join("/")
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn modules_name_each_other_by_bare_names_and_all_are_there() {
+        assert_eq!(resolved("viewer", "./draw.js"), "viewer/draw.js");
+        assert_eq!(resolved("viewer", "../dom.js"), "dom.js");
+        let modules = modules();
+        assert!(
+            modules.contains_key(ENTRY) && modules.contains_key("viewer/shaders.js"),
+            "{:?}",
+            modules.keys()
+        );
+        assert!(!modules.contains_key("api.js"), "the file asks no server");
+        for (name, text) in &modules {
+            let imports = ["from \"", "import(\""].map(|start| text.split(start).skip(1));
+            for rest in imports.into_iter().flatten() {
+                let imported = rest.split('"').next().unwrap();
+                let known =
+                    imported.strip_prefix(SCHEME).is_some_and(|imported| modules.contains_key(imported));
+                assert!(known, "{name} imports {imported}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_name_cannot_end_the_element_that_holds_it() {
+        let result = json!({"request": {"name": "</script><script>alert(1)</script>"}});
+        let page = document(&result, &[], 10).unwrap();
+        assert!(!page.contains("<script>alert") && page.contains("\\u003c/script>"), "{page}");
+    }
+
+    #[test]
+    fn the_largest_grains_are_kept() {
+        let mut view = vec![0; 64];
+        view[8..12].copy_from_slice(&3u32.to_le_bytes());
+        view[44..48].copy_from_slice(&8u32.to_le_bytes());
+        view[48..52].copy_from_slice(&4u32.to_le_bytes());
+        view.extend([7; 4 + 3 * 8]);
+        assert_eq!(largest(&view, 10), (3, &view[..]));
+        assert_eq!(largest(&view, 2), (2, &view[..64 + 4 + 16]));
+        assert_eq!(largest(&[], 2), (0, &[][..]));
+    }
+}

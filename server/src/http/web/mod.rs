@@ -1,0 +1,109 @@
+//! The web page: HTML, style sheets and scripts under fixed names, compiled in or, for development, from a folder.
+//!
+//! Pages hold no data, so that they are open without an API key; their scripts ask the published interface, with a key
+//! or a session. They are not part of the contract of the interface.
+
+mod file;
+mod table;
+
+use std::path::PathBuf;
+
+use axum::Router;
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use axum::routing::get;
+
+use crate::http::app::App;
+use crate::http::problems::of_fault;
+use crate::jobs::store::Fault;
+use crate::problem::{Kind, Problem};
+use crate::tasks;
+use file::WebFile;
+use table::{FILES, PAGES};
+
+/// The route of style sheets, scripts and pictures.
+const ASSETS: &str = "/assets/{*name}";
+
+/// Where the files come from.
+#[derive(Debug)]
+pub(crate) enum Web {
+    /// Those of the binary, by their names, in order.
+    Compiled(Vec<(&'static str, WebFile)>),
+    /// Those of a folder, read at each request.
+    Folder(PathBuf),
+}
+
+impl Web {
+    /// The files of the binary.
+    pub(crate) fn compiled() -> Self {
+        Self::Compiled(FILES.iter().map(|(name, bytes)| (*name, WebFile::new(name, *bytes))).collect())
+    }
+
+    /// The answer with a file of the table; any other name does not exist, whatever lies in the folder.
+    ///
+    /// # Errors
+    /// `not-found`, or `machine-fault` where a file of the folder cannot be read.
+    async fn answer(&self, name: &str, headers: &HeaderMap) -> Result<Response, Problem> {
+        let missing = || Problem::new(Kind::NotFound, "there is no such route");
+        match self {
+            Self::Compiled(files) => {
+                let found = files.iter().find(|(known, _)| *known == name);
+                found.map(|(_, file)| file.answer(headers)).ok_or_else(missing)
+            }
+            Self::Folder(folder) => {
+                let (known, _) = FILES.iter().find(|(known, _)| *known == name).ok_or_else(missing)?;
+                let path = folder.join(known);
+                let read = tasks::blocking(move || std::fs::read(path)).await;
+                match read.unwrap_or_else(|error| Err(std::io::Error::other(error))) {
+                    Ok(bytes) => Ok(WebFile::new(known, bytes).answer(headers)),
+                    Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(missing()),
+                    Err(error) => {
+                        tracing::error!(%error, name, "a file of --web-dir cannot be read");
+                        Err(of_fault(Fault::Io))
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A file of the table, which is text.
+pub(crate) fn text(name: &str) -> Option<&'static str> {
+    let (_, bytes) = FILES.iter().find(|(known, _)| *known == name)?;
+    std::str::from_utf8(bytes).ok()
+}
+
+/// Whether a route is one of the pages or of what they use.
+pub(crate) fn is_of_pages(route: &str) -> bool {
+    route == ASSETS || PAGES.iter().any(|(page, _)| *page == route)
+}
+
+/// Adds the pages and their files, if this server has any.
+pub(crate) fn add_to(mut router: Router<App>, app: &App) -> Router<App> {
+    if app.shared.web.is_none() {
+        return router;
+    }
+    for (route, file) in PAGES {
+        let page = move |State(app): State<App>, headers: HeaderMap| answer(app, file, headers);
+        router = router.route(route, get(page));
+    }
+    router.route(ASSETS, get(asset))
+}
+
+async fn asset(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    // Pages have addresses of their own.
+    let is_page = PAGES.iter().any(|(_, file)| *file == name);
+    answer(app, if is_page { "" } else { &name }, headers).await
+}
+
+async fn answer(app: App, name: &str, headers: HeaderMap) -> Result<Response, Problem> {
+    match &app.shared.web {
+        Some(web) => web.answer(name, &headers).await,
+        None => Err(Problem::new(Kind::NotFound, "there is no such route")),
+    }
+}

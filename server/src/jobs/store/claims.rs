@@ -1,0 +1,200 @@
+//! Leasing the next job to a worker: whose turn it is, which of the owner's jobs is next, and the lease itself.
+
+use super::db::{Durability, Row, Transaction, either, query};
+use super::leases::Claim;
+use super::submit::to_json;
+use super::{Store, StoreError, micros, rows};
+use crate::jobs::{JobRecord, Lease};
+
+/// The jobs of an owner in the order of the queue, at the time `?1`. The index is named, because the planner of SQLite
+/// would choose the index of all states and sort the queue at every claim.
+macro_rules! line_of_owner {
+    ($columns:literal) => {
+        concat!(
+            "select ",
+            $columns,
+            " from jobs indexed by jobs_queue
+              where jobs.state = 'queued' and jobs.owner = queue_owners.owner
+                  and (jobs.not_before is null or jobs.not_before <= ?1)
+              order by jobs.priority desc, jobs.turn, jobs.seq"
+        )
+    };
+}
+
+/// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
+/// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 250 jobs
+/// of the owner for which a worker with `?8` µs left has the time; an owner of whom there is none is passed over. The
+/// very first is looked at alone: it fits in most cases, and the others are sorted once more.
+macro_rules! next_in_queue {
+    ($database:ident) => {
+        next_in_queue!(of $database, line_of_owner!("jobs.seq"))
+    };
+    ($database:ident within) => {
+        next_in_queue!(
+            of $database,
+            "select coalesce((select first.seq from (",
+            line_of_owner!("jobs.seq, jobs.least_time_us"),
+            " limit 1) as first where first.least_time_us <= ?8), (select line.seq from (",
+            line_of_owner!("jobs.seq, jobs.priority, jobs.turn, jobs.least_time_us"),
+            " limit 250) as line where line.least_time_us <= ?8
+              order by line.priority desc, line.turn, line.seq limit 1)) as seq"
+        )
+    };
+    (of sqlite, $($first_of_owner:tt)+) => {
+        concat!(
+            "select head.seq from queue_owners cross join jobs as head
+             where queue_owners.queued > 0
+                 and queue_owners.owner not in (select value from json_each(?4))
+                 and head.seq = (",
+            $($first_of_owner)+,
+            " limit 1)
+             order by max(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq limit 1"
+        )
+    };
+    (of postgres, $($first_of_owner:tt)+) => {
+        concat!(
+            "select head.seq from queue_owners cross join lateral (",
+            $($first_of_owner)+,
+            " limit 1) as head
+             where queue_owners.queued > 0 and head.seq is not null
+                 and queue_owners.owner not in (select value from json_each(?4))
+             order by greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq
+             limit 1"
+        )
+    };
+}
+#[cfg(test)]
+pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
+#[cfg(test)]
+pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
+
+/// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact.
+macro_rules! lease {
+    ($next:expr) => {
+        concat!(
+            "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
+                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
+                 worker = ?5, worker_key = ?6, claim = ?7
+             where seq = (",
+            $next,
+            ") returning *, cast(null as text) as path,
+                 (select studies.id from studies where studies.seq = jobs.study) as study_id,
+                 (select job_requests.body from job_requests where job_requests.job = jobs.seq) as body"
+        )
+    };
+}
+
+/// A job that is leased to the caller.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Claimed {
+    pub(crate) lease: Lease,
+    pub(crate) job: JobRecord,
+    /// The request as stored.
+    pub(crate) request: String,
+    /// Faults of the machine that earlier runs have met.
+    pub(crate) faults: i64,
+}
+
+impl Claimed {
+    /// A running job with its request, as the one who leases it gets it.
+    pub(super) async fn read(tx: &mut Transaction<'_>, seq: i64) -> Result<Self, StoreError> {
+        let row = query(rows::select_jobs!(
+            ", (select body from job_requests where job = jobs.seq) as body",
+            "where jobs.seq = ?"
+        ))
+        .bind(seq)
+        .fetch_one(tx)
+        .await?;
+        Self::of(&row)
+    }
+
+    /// Of a row as [`rows::select_jobs!`] has it, with the request as `body`.
+    fn of(row: &Row) -> Result<Self, StoreError> {
+        let job = rows::job(row)?;
+        let study = job.study.map(|place| place.id);
+        let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
+        Ok(Self { lease, job, request: row.try_get("body")?, faults: row.try_get("faults")? })
+    }
+}
+
+/// Who takes a lease.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Lessee<'a> {
+    /// A worker of this server.
+    Here,
+    /// A worker in another process.
+    Process(&'a Claim),
+}
+
+impl Store {
+    /// Leases the next job: of the owner whose turn it is the one of the highest priority, then the smallest virtual
+    /// start time. An owner of whom as many jobs run as may is passed over.
+    ///
+    /// The claim is not synchronized to the disk. A power cut that undoes it leaves the job queued, and the files of
+    /// the attempt are removed by the sweeper. The next synchronized write includes the claim.
+    pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
+        let store = self.clone();
+        self.detached(async move {
+            let claimed = store
+                .write(Durability::ProcessEnd, (), |store, (), tx| {
+                    Box::pin(store.claim_next(tx, Lessee::Here))
+                })
+                .await?;
+            if let Some(claimed) = &claimed {
+                store.notify_job(&claimed.job);
+            }
+            Ok(claimed)
+        })
+        .await
+    }
+
+    /// Leases the next job; see [`Self::claim`].
+    pub(super) async fn claim_next(
+        &self,
+        tx: &mut Transaction<'_>,
+        lessee: Lessee<'_>,
+    ) -> Result<Option<Claimed>, StoreError> {
+        let (worker, key, claim) = match lessee {
+            Lessee::Here => ("", "", None),
+            Lessee::Process(claim) => (claim.worker.as_str(), claim.key.as_str(), Some(&claim.id)),
+        };
+        let held_back = self.held_back(tx).await?;
+        let now = self.now_us();
+        let remaining = match lessee {
+            Lessee::Here => None,
+            Lessee::Process(claim) => claim.remaining,
+        };
+        let text = match remaining {
+            None => either(lease!(next_in_queue!(sqlite)), lease!(next_in_queue!(postgres))),
+            Some(_) => either(lease!(next_in_queue!(sqlite within)), lease!(next_in_queue!(postgres within))),
+        };
+        let mut leasing = query(text)
+            .bind(now)
+            .bind(now.saturating_add(micros(self.limits().lease)))
+            .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
+            .bind(to_json(&held_back)?)
+            .bind(worker)
+            .bind(key)
+            .bind(claim);
+        if let Some(remaining) = remaining {
+            leasing = leasing.bind(micros(remaining));
+        }
+        leasing.fetch_optional(tx).await?.map(|row| Claimed::of(&row)).transpose()
+    }
+
+    /// The owners of whom as many jobs run as may.
+    async fn held_back(&self, tx: &mut Transaction<'_>) -> Result<Vec<String>, StoreError> {
+        if !self.accounts().bounds_running() {
+            return Ok(Vec::new());
+        }
+        let found = query("select owner, running from queue_owners where queued > 0").fetch_all(tx).await?;
+        let mut held_back = Vec::new();
+        for row in found {
+            let (owner, running): (String, i64) = (row.try_get("owner")?, row.try_get("running")?);
+            if self.accounts().quotas(&owner).running.is_some_and(|most| running as u64 >= most) {
+                held_back.push(owner);
+            }
+        }
+        Ok(held_back)
+    }
+}

@@ -1,0 +1,241 @@
+// The form: by keyboard alone, faults at their fields, sieves from a spreadsheet, the address, JSON, studies.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { inBrowser, openPage, startBrowser, startServer } from "./harness.js";
+
+/** What Chromium itself says of a plan that was refused: the answer 422 is what these tests ask for. */
+const REFUSED = /status of 422/;
+
+let server, browser;
+before(async () => {
+  if (inBrowser.skip) return;
+  [server, browser] = await Promise.all([startServer(), startBrowser()]);
+});
+after(async () => {
+  await browser?.close();
+  await server?.end();
+});
+
+/** The request as the page shows it. @param {import("playwright-core").Page} page */
+const request = async (page) => JSON.parse(await page.inputValue("#json"));
+/** Waits until the plan of what the fields say is shown. @param {import("playwright-core").Page} page */
+const planned = (page) => page.waitForSelector(".answer:not([aria-busy]) #answer dl");
+/**
+ * Moves by the tab key until an element has the focus.
+ * @param {import("playwright-core").Page} page
+ * @param {string} id
+ */
+async function tabTo(page, id) {
+  for (let step = 0; step < 80; step += 1) {
+    if (await page.evaluate((wanted) => document.activeElement?.id === wanted, id)) return;
+    await page.keyboard.press("Tab");
+  }
+  assert.fail(`the tab key does not reach ${id}`);
+}
+
+test("a mix is typed by keyboard alone, with a fault at its field, corrected, and submitted", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  await tabTo(page, "d_min");
+  await page.keyboard.type("4");
+  for (const id of ["size_x", "size_y", "size_z"]) {
+    await tabTo(page, id);
+    await page.keyboard.type(id === "size_y" ? "-60" : "60");
+  }
+  await page.waitForFunction(() => document.getElementById("size_y-fault")?.textContent);
+  const field = page.locator("#size_y");
+  assert.equal(await field.getAttribute("aria-invalid"), "true");
+  assert.ok((await field.getAttribute("aria-describedby"))?.split(" ").includes("size_y-fault"));
+  assert.match(await page.innerText("#size_y-fault"), /-60 is out of range/);
+  await tabTo(page, "submit");
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.activeElement?.id === "size_y");
+  await page.keyboard.press("Control+A");
+  await page.keyboard.type("60");
+  await planned(page);
+  assert.equal(await field.getAttribute("aria-invalid"), null);
+  assert.equal(await page.innerText("#size_y-fault"), "");
+  assert.match(await page.innerText("#forecast"), /^\d+ grains/);
+  await tabTo(page, "name");
+  await page.keyboard.type("typed");
+  await page.keyboard.press("Enter");
+  await page.waitForURL(/\/jobs\/[0-9a-f-]{36}$/);
+  const id = new URL(page.url()).pathname.split("/").at(-1);
+  const job = await (await server.ask(`/v1/jobs/${id}?include=request`)).json();
+  assert.equal(job.name, "typed");
+  assert.deepEqual(job.request.specimen.size_mm, [60, 60, 60]);
+  assert.equal(job.request.mix.d_min_mm, 4);
+  clean();
+  await close();
+});
+
+test("sieves pasted from a spreadsheet, falling, with a head, decimal commas and percent", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  await page.selectOption("#grading", "sieves");
+  await page.fill("#points", "Sieve in mm\tPassing in %\n16\t100\n8\t60,5\n4\t36\n2\t21\n");
+  await planned(page);
+  const { mix } = await request(page);
+  assert.deepEqual(mix.grading, {
+    type: "sieves",
+    points: [
+      [2, 0.21],
+      [4, 0.36],
+      [8, 0.605],
+      [16, 1],
+    ],
+  });
+  await page.fill("#points", "16\t100\n8\tsixty\n");
+  await page.waitForFunction(() => document.getElementById("points-fault")?.textContent);
+  assert.match(await page.innerText("#points-fault"), /Row 2/);
+  await page.fill("#points", "16\t100\n8\t60\n4\t99\n");
+  await page.waitForFunction(() => document.getElementById("points-fault")?.textContent?.includes("not fall"));
+  clean();
+  await close();
+});
+
+test("the address restores the form, and keeps what the form does not know", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`);
+  await planned(page);
+  const given = {
+    name: 'a "b", & <i>100 %</i>',
+    labels: { "series.1": "TB 7", plus: "1+1=2" },
+    specimen: { type: "cylinder", diameter_mm: 80, height_mm: 120 },
+    mix: {
+      grading: { type: "classes", classes: [{ d_min_mm: 4, d_max_mm: 8, mass_fraction: 1 }] },
+      proportions: { cement_kg_m3: 350, water_cement: 0.45 },
+      shape: { type: "ellipsoid", ratios: { type: "triangle", k: 0.6 } },
+    },
+    distance: { type: "constant", gap_mm: 0.05, wall_gap_mm: 0 },
+    method: { type: "monte_carlo", stop: { sweeps: 5000, time_s: 20 } },
+    seed: 7,
+  };
+  await page.fill("#json", JSON.stringify(given));
+  await planned(page);
+  const hash = new URL(page.url()).hash;
+  assert.match(hash, /specimen=cylinder&specimen\.diameter_mm=80/);
+  await page.goto("about:blank");
+  await page.goto(`${server.url}/${hash}`);
+  await planned(page);
+  assert.deepEqual(await request(page), given);
+  assert.equal(await page.inputValue("#width"), "80");
+  assert.equal(await page.inputValue("#cement"), "350");
+  assert.equal(await page.inputValue("#grading"), "~given");
+  await page.fill("#stop", "30");
+  await planned(page);
+  const changed = { ...given, method: { type: "monte_carlo", stop: { sweeps: 5000, time_s: 30 } } };
+  assert.deepEqual(await request(page), changed, "only what was changed has changed");
+  clean();
+  await close();
+});
+
+test("an address that is no request is reported, and the form can be used", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/#specimen.size_mm=[1,2`);
+  await planned(page);
+  await page.waitForSelector("#report .notice");
+  clean();
+  await close();
+});
+
+test("what is proposed can be taken, and each method has its forecast", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`);
+  await planned(page);
+  await page.click("text=Use >> nth=1");
+  await planned(page);
+  const { distance } = await request(page);
+  assert.equal(distance.type, "constant");
+  assert.ok(distance.gap_mm > 0.1 && distance.gap_mm < 5, String(distance.gap_mm));
+  assert.equal(await page.evaluate(() => document.activeElement?.id), "gap");
+  const heads = await page.locator(".answer tbody th").allInnerTexts();
+  assert.ok(heads.includes("Random sequential addition") && heads.includes("Growth"), heads.join());
+  assert.equal(await page.locator(".answer svg.chart path.other").count(), 3, "the curves A, B and C");
+  clean();
+  await close();
+});
+
+test("answers that are overtaken are dropped", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: /ERR_FAILED|net::/ });
+  await planned(page);
+  /** @type {((value?: any) => void) | undefined} */
+  let release;
+  const held = new Promise((resolve) => (release = resolve));
+  let first = true;
+  await page.route("**/v1/plans", async (route) => {
+    const isFirst = first;
+    first = false;
+    if (isFirst) await held;
+    await route.continue().catch(() => {});
+  });
+  const sent = page.waitForRequest("**/v1/plans");
+  await page.fill("#size_x", "50");
+  await sent;
+  await page.fill("#size_x", "200");
+  await planned(page);
+  const shown = await page.innerText("#forecast");
+  release?.();
+  await page.waitForTimeout(300);
+  assert.equal(await page.innerText("#forecast"), shown);
+  clean();
+  await close();
+});
+
+test("a study of two fields and seeds is described and submitted", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  for (const id of ["size_x", "size_y", "size_z"]) await page.fill(`#${id}`, "40");
+  await page.fill("#d_min", "4");
+  await page.check("[name=runs][value=study]");
+  await page.selectOption("#vary-0", "/mix/volume_fraction");
+  await page.fill("#values-0", "0.4 to 0.6 step 0.1");
+  await page.selectOption("#vary-1", "/method");
+  await page.fill("#values-1", "rsa, edmd");
+  await page.fill("#seeds", "two");
+  await page.waitForFunction(() => document.getElementById("seeds-fault")?.textContent);
+  await page.fill("#seeds", "2");
+  await planned(page);
+  assert.match(await page.innerText("#study"), /6 points, 12 jobs/);
+  const made = await request(page);
+  assert.deepEqual(made.grid, {
+    "/mix/volume_fraction": { from: 0.4, to: 0.6, step: 0.1 },
+    "/method": [{ type: "rsa" }, { type: "edmd" }],
+  });
+  await page.reload();
+  await planned(page);
+  assert.deepEqual(await request(page), made, "the address holds the study");
+  await page.fill("#values-1", "rsa, nothing");
+  await page.click("#submit");
+  await page.waitForFunction(() => document.getElementById("values-1-fault")?.textContent);
+  await page.fill("#values-1", "rsa, edmd");
+  await planned(page);
+  await page.click("#submit");
+  await page.waitForURL(/\/studies\/[0-9a-f-]{36}$/);
+  clean();
+  await close();
+});
+
+test("the commands of the page do what the page does", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`);
+  await planned(page);
+  await page.fill("#name", 'it\'s "quoted" $HOME `x`');
+  await planned(page);
+  await page.check("[name=code][value=curl]");
+  const command = await page.innerText("#code pre");
+  const { execFileSync } = await import("node:child_process");
+  const job = JSON.parse(execFileSync("bash", ["-c", command], { encoding: "utf8" }));
+  assert.equal(job.name, 'it\'s "quoted" $HOME `x`');
+  await page.check("[name=code][value=python]");
+  assert.match(await page.innerText("#code pre"), /client\.submit\(\{/);
+  clean();
+  await close();
+});
+
+test("an address changes nothing but the request", inBrowser, async () => {
+  const start =
+    "specimen=box&specimen.size_mm=60,60,60&mix.grading=standard&mix.grading.name=A8&mix.volume_fraction=0.4";
+  const address = `/#${start}&__proto__.job=1&vary.__proto__.study=1,2&study.replicates=2`;
+  const { page, close } = await openPage(browser, server.url + address, { allow: REFUSED });
+  await page.waitForSelector(".answer:not([aria-busy])");
+  const found = await page.evaluate(() => [/** @type {any} */ ({}).job, /** @type {any} */ ({}).study]);
+  assert.deepEqual(found, [undefined, undefined]);
+  await close();
+});

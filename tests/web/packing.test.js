@@ -1,0 +1,44 @@
+// The file that `packstone run --format html` writes: one page with a packing, opened from the disk.
+import assert from "node:assert/strict";
+import { spawnSync } from "node:child_process";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { test } from "node:test";
+import { pathToFileURL } from "node:url";
+import { BINARY, inBrowser, openPage, SMALL, startBrowser } from "./harness.js";
+
+const NAME = "</script><img src=x onerror=alert(1)> & <b>";
+const ELLIPSOIDS = { type: "ellipsoid", ratios: { type: "constant", b_over_a: 0.8, c_over_a: 0.667 } };
+
+for (const [kind, mix] of /** @type {[string, any][]} */ ([
+  ["spheres", SMALL.mix],
+  ["ellipsoids", { ...SMALL.mix, shape: ELLIPSOIDS }],
+])) {
+  test(`a file with ${kind} is turned and cut without a server`, inBrowser, async () => {
+    const folder = mkdtempSync(join(tmpdir(), "packstone-file-"));
+    const browser = await startBrowser();
+    try {
+      writeFileSync(join(folder, "job.json"), JSON.stringify({ ...SMALL, name: NAME, mix }));
+      const ran = spawnSync(BINARY, ["run", "job.json", "--format", "html"], { cwd: folder, encoding: "utf8" });
+      assert.equal(ran.status, 0, ran.stderr);
+      const grains = Number(/placed (\d+) grains/.exec(ran.stderr)?.[1]);
+      const url = pathToFileURL(join(folder, "result.html")).href;
+      for (const scheme of /** @type {("light" | "dark")[]} */ (["light", "dark"])) {
+        const { page, clean, accessible, close } = await openPage(browser, url, { scheme });
+        await page.waitForSelector(`canvas[data-drawn="${grains}"]`);
+        assert.equal(await page.textContent("h1"), NAME, "the name is a text");
+        await page.focus("canvas");
+        await page.keyboard.press("c");
+        await page.locator("#view-words", { hasText: /cut: x below 20\smm/ }).waitFor();
+        assert.match((await page.textContent("pre")) ?? "", /"volume_fraction": 0\.5/);
+        await accessible();
+        clean();
+        await close();
+      }
+    } finally {
+      await browser.close();
+      rmSync(folder, { recursive: true, force: true });
+    }
+  });
+}

@@ -1,0 +1,235 @@
+/**
+ * The page with the form. The request is read from the fields at every change; 150 ms after the last one its plan is
+ * asked for and shown beside the form, and answers that are overtaken are dropped. The address holds the request
+ * (`form-address.js`).
+ */
+import { get, Problem, request as ask, send } from "./api.js";
+import { byId, duration, h, percent, replace, text } from "./dom.js";
+import { address, requestOf } from "./form-address.js";
+import { CodePart } from "./form-code.js";
+import { curve, pointsOf } from "./form-curve.js";
+import { drawing } from "./form-drawing.js";
+import { Fields } from "./form-fields.js";
+import { grains, showFaults, showPlan } from "./form-plan.js";
+import { setAt } from "./form-pointer.js";
+import { StudyPart } from "./form-study.js";
+import { report, shell } from "./shell.js";
+
+/** Time after the last change until the plan is asked for, in ms. */
+const PAUSE = 150;
+
+/** A cube of A16 aggregate that packs in less than a second. */
+const START = {
+  specimen: { type: "box", size_mm: [100, 100, 100] },
+  mix: { grading: { type: "standard", name: "A16" }, d_min_mm: 2, volume_fraction: 0.6 },
+};
+
+/** @typedef {{pointer?: string, detail: string}} Fault */
+
+const form = byId("form");
+const answer = byId("answer");
+const panel = /** @type {HTMLElement} */ (answer.closest("section"));
+const submit = /** @type {HTMLButtonElement} */ (byId("submit"));
+const fields = new Fields(/** @type {HTMLFormElement} */ (form));
+const study = new StudyPart(byId("study"), () =>
+  fields.controls
+    .filter(
+      (control) =>
+        !control.closest("[hidden]") &&
+        (control.id === "method" ||
+          (["number", "choice"].includes(control.dataset.kind ?? "") && control.id !== "seed")),
+    )
+    .map((control) => ({
+      pointer: (control.dataset.path ?? "").replace("/method/type", "/method"),
+      label: labelOf(control),
+    })),
+);
+const code = new CodePart(byId("code"), (request) => fill(request));
+
+/** @type {{name: string, points: [number, number][]}[]} */
+let curves = [];
+/** @type {{name: string, about: string}[]} */
+let presets = [];
+/** @type {AbortController | null} */
+let asking = null;
+let timer = 0;
+/** Whether a plan could not be had; what else is reported stays when the next one comes. */
+let unplanned = false;
+/** The key under which the request is submitted; a request that is sent twice makes one job. */
+let idempotency = { body: "", key: "" };
+
+/** @param {import("./form-fields.js").Control} control */
+function labelOf(control) {
+  const unit = control.parentElement?.querySelector(".unit")?.textContent;
+  return `${control.labels?.[0]?.textContent ?? control.id}${unit ? `, ${unit}` : ""}`;
+}
+
+const runs = () => new FormData(/** @type {HTMLFormElement} */ (form)).get("runs");
+
+/** What the form says: a job, or a study. */
+function read() {
+  const { request: job, faults } = fields.read();
+  if (runs() !== "study") return { job, faults, request: job };
+  return { job, faults: [...faults, ...study.faults()], request: study.read(job) };
+}
+
+/** Shows a request. @param {any} request */
+function fill(request) {
+  const isStudy = "template" in request;
+  const job = isStudy
+    ? { ...request.template, name: request.name ?? request.template?.name, seed: request.seed }
+    : request;
+  fields.fill(JSON.parse(JSON.stringify(job)));
+  study.fill(isStudy ? request : { grid: {}, replicates: 10 });
+  /** @type {HTMLInputElement} */ (form.querySelector(`[name="runs"][value="${isStudy ? "study" : "job"}"]`)).checked =
+    true;
+  changed();
+}
+
+/** Everything that follows from the fields at once; the plan comes later. */
+function changed() {
+  byId("study").hidden = runs() !== "study";
+  fields.arrange();
+  study.arrange();
+  const { job, request } = read();
+  const about = presets.find((preset) => preset.name === job.mix?.shape?.name)?.about ?? "";
+  text(byId("preset-about"), about);
+  const points = pointsOf(job.mix?.grading, curves);
+  replace(byId("drawing"), drawing(job.specimen, points.at(-1)?.[0] ?? null));
+  code.set(request);
+  text(submit, runs() === "study" ? "Pack all" : "Pack");
+  clearTimeout(timer);
+  asking?.abort();
+  asking = null;
+  panel.setAttribute("aria-busy", "true");
+  performance.mark("changed");
+  timer = setTimeout(plan, PAUSE);
+}
+
+/** Asks for the plan and shows it, or the faults. */
+async function plan() {
+  const { job, faults, request } = read();
+  if (location.hash || JSON.stringify(request) !== JSON.stringify(START))
+    history.replaceState(null, "", address(request));
+  if (faults.length) return fail(faults);
+  const first = runs() === "study" ? study.first(job, setAt) : { point: job, note: "" };
+  const here = (asking = new AbortController());
+  try {
+    const document = await send("POST", "/v1/plans", first.point, { signal: here.signal });
+    if (here !== asking) return;
+    fields.mark([]);
+    study.mark([]);
+    const chart = curve(pointsOf(job.mix?.grading, curves), job.mix?.d_min_mm ?? null, curves);
+    showPlan(answer, document, { request: job, note: first.note, chart, use });
+    replace(
+      byId("forecast"),
+      h("strong", {}, `${grains(document.grains)} grains`),
+      `, ${duration(document.estimated_time_s)}` +
+        (document.success_probability < 0.995 ? `, success ${percent(document.success_probability)}` : ""),
+    );
+    if (unplanned) report();
+    unplanned = false;
+  } catch (error) {
+    if (here.signal.aborted) return;
+    if (!(error instanceof Problem) || error.status === 0 || error.status === 401 || error.status >= 500) {
+      report(error);
+      unplanned = true;
+      text(byId("forecast"), "");
+    } else fail(error.errors.length ? error.errors : [{ detail: error.message }]);
+  } finally {
+    if (here === asking) panel.removeAttribute("aria-busy");
+    performance.measure("answer", "changed");
+  }
+}
+
+/** Shows faults: each at its field, the others in place of the plan. @param {Fault[]} faults */
+function fail(faults) {
+  const inTemplate = faults.map((fault) => ({ ...fault, pointer: fault.pointer?.replace(/^\/template(?=\/)/, "") }));
+  const others = fields.mark(study.mark(inTemplate));
+  showFaults(answer, others, faults.length - others.length);
+  text(byId("forecast"), faults.length === 1 ? "One fault" : `${faults.length} faults`);
+  panel.removeAttribute("aria-busy");
+}
+
+/** Takes a value that is proposed. @param {string} pointer @param {number} value */
+function use(pointer, value) {
+  const { request } = fields.read();
+  if (pointer === "/distance/gap_mm") setAt(request, "/distance/type", "constant");
+  setAt(request, pointer, value);
+  fields.fill(request);
+  changed();
+  fields.at(pointer)?.focus();
+}
+
+/** Submits the job or the study, and goes to its page. */
+async function run() {
+  const { request, faults } = read();
+  clearTimeout(timer);
+  if (faults.length) {
+    fail(faults);
+    return first();
+  }
+  submit.disabled = true;
+  const isStudy = runs() === "study";
+  const body = JSON.stringify(request);
+  if (idempotency.body !== body) {
+    const random = crypto.getRandomValues(new Uint8Array(16));
+    idempotency = { body, key: Array.from(random, (byte) => byte.toString(16).padStart(2, "0")).join("") };
+  }
+  try {
+    const headers = { "idempotency-key": idempotency.key };
+    const accepted = await (await ask("POST", isStudy ? "/v1/studies" : "/v1/jobs", request, { headers })).json();
+    idempotency = { body: "", key: "" };
+    location.assign(`/${isStudy ? "studies" : "jobs"}/${accepted.id}`);
+  } catch (error) {
+    const known = error instanceof Problem && error.status >= 400 && error.status < 500 && error.errors.length;
+    if (known) {
+      fail(error.errors);
+      first();
+    } else report(error);
+  } finally {
+    submit.disabled = false;
+  }
+}
+
+/** Goes to the first field with a fault. */
+function first() {
+  const field = /** @type {HTMLElement | null} */ (form.querySelector("[aria-invalid=true]"));
+  if (field) field.focus();
+  else answer.scrollIntoView({ block: "nearest" });
+}
+
+/** Shows the request of the address, or the first one. */
+function start() {
+  try {
+    fill(requestOf(location.hash) ?? START);
+    report();
+  } catch (error) {
+    fill(START);
+    report(error);
+  }
+}
+
+shell();
+form.addEventListener("input", changed);
+form.addEventListener("change", changed);
+form.addEventListener("submit", (event) => {
+  event.preventDefault();
+  run();
+});
+addEventListener("hashchange", start);
+addEventListener("pageshow", (event) => {
+  if (event.persisted) changed();
+});
+start();
+get("/v1/capabilities").then((capabilities) => {
+  curves = capabilities.standard_curves;
+  presets = capabilities.shape_presets;
+  changed();
+}, report);
+get("/v1/key", { quiet: true }).then(
+  (key) => {
+    code.withKey = key.name !== null;
+  },
+  () => {},
+);

@@ -1,0 +1,265 @@
+/** The packing in three dimensions: the canvas, its controls, its legend, and what it shows in words and as a table. */
+import { h, number, quantity, replace, text } from "./dom.js";
+import { classTable, legend } from "./job-legend.js";
+import { picturePart } from "./job-picture.js";
+import { Viewer } from "./viewer/viewer.js";
+
+const AXES = ["x", "y", "z"];
+/** Most grains that are loaded: 32 MB on a large screen, 8 MB on a small one. */
+const MOST = matchMedia("(max-width: 40rem)").matches ? 1_000_000 : 4_000_000;
+
+/** Two decimals below 10 mm, one above. @param {number} value */
+const mm = (value) => quantity(Number(value.toFixed(value < 10 ? 2 : 1)), "mm");
+
+/**
+ * @typedef {object} Source the grains of a result
+ * @property {string} name the pictures' file names hold it
+ * @property {() => Promise<ReadableStream<Uint8Array>>} open gives their view format from its start
+ * @property {number} [limit] most grains that it has: the largest
+ */
+
+export class ViewPart {
+  /**
+   * @param {Source} source
+   * @param {any} report the result without its grains
+   */
+  constructor(source, report) {
+    this.source = source;
+    this.summary = report.summary;
+    this.spheres = !report.shapes;
+    this.aggregates = report.summary.aggregates ?? [];
+    /** How the legend's grains are coloured. @type {string | undefined} */
+    this.legendOf = undefined;
+    this.said = h("p", { class: "said" }, "Loading the grains");
+    this.legend = h("div", { class: "legend", "aria-hidden": "true" });
+    this.words = h("p", { id: "view-words", "aria-live": "off" });
+    this.canvas = h("canvas", {
+      id: "view",
+      tabindex: "0",
+      role: "img",
+      "aria-label": "The packing in three dimensions",
+      "aria-describedby": "view-words view-keys",
+    });
+    this.tools = h("div", { class: "tools" });
+    this.shown = h(
+      "div",
+      { class: "shown" },
+      this.words,
+      h(
+        "p",
+        { id: "view-keys", class: "hint" },
+        "Drag or arrow keys turn, wheel or ",
+        h("kbd", {}, "+"),
+        " ",
+        h("kbd", {}, "−"),
+        " magnify, right button or ",
+        h("kbd", {}, "Shift"),
+        " moves, ",
+        h("kbd", {}, "C"),
+        " cuts along x, y, z, ",
+        h("kbd", {}, "Home"),
+        " starts again. On a touch screen one finger turns, two magnify and move.",
+      ),
+      classTable(this.summary),
+    );
+    this.element = h(
+      "section",
+      { class: "panel viewer", "aria-labelledby": "view-title" },
+      h("h2", { id: "view-title" }, "Packing"),
+      h("div", { class: "stage" }, this.canvas, this.said, this.legend),
+      this.tools,
+      this.shown,
+    );
+  }
+
+  /** Loads and draws. Call it when the element is on the page. */
+  async start() {
+    try {
+      this.viewer = new Viewer(this.canvas);
+    } catch (error) {
+      return this.#failed(error);
+    }
+    const { viewer } = this;
+    viewer.classes = this.summary.classes.map((/** @type {any} */ c) => c.d_min_mm);
+    viewer.addEventListener("change", () => this.#follow());
+    viewer.addEventListener("progress", () => this.#arrived());
+    viewer.addEventListener("rest", () => {
+      this.canvas.dataset.drawn = String(viewer.arrived);
+    });
+    viewer.addEventListener("frame", () => {
+      if (viewer.frame.moving) delete this.canvas.dataset.drawn;
+    });
+    viewer.addEventListener("lost", () =>
+      text(this.said, "The graphics context was lost; the grains are loaded again."),
+    );
+    viewer.addEventListener("error", (event) => this.#failed(/** @type {CustomEvent} */ (event).detail));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => viewer.request(false));
+    await this.#load();
+  }
+
+  async #load() {
+    try {
+      await this.viewer?.load(this.source.open, Math.min(MOST, this.source.limit ?? MOST));
+      this.#arrived();
+    } catch (error) {
+      this.#failed(error);
+    }
+  }
+
+  /** @param {unknown} error */
+  #failed(error) {
+    const again = h(
+      "button",
+      {
+        type: "button",
+        onclick: () => {
+          text(this.said, "Loading the grains");
+          this.#load();
+        },
+      },
+      "Load again",
+    );
+    replace(this.said, `${/** @type {Error} */ (error).message} `, this.viewer ? again : null);
+    this.said.setAttribute("role", "alert");
+    again.style.setProperty("pointer-events", "auto");
+  }
+
+  /** Grains arrived. */
+  #arrived() {
+    const { viewer } = this;
+    if (!viewer?.head) return;
+    if (!this.made) this.#controls();
+    const { head, arrived, total } = viewer;
+    const of =
+      total < head.count ? `the ${number(total)} largest of ${number(head.count)} grains` : `${number(total)} grains`;
+    text(this.said, arrived < total ? `${number(arrived)} of ${of}` : total < head.count ? `Drawn: ${of}` : "");
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.#follow(), 100);
+  }
+
+  /** Makes the controls; the head of the view has the specimen's size and the grains'. */
+  #controls() {
+    const viewer = /** @type {Viewer} */ (this.viewer);
+    const { size, dmin, dmax } = /** @type {import("./viewer/read.js").Head} */ (viewer.head);
+    this.made = true;
+    /**
+     * @param {string} id
+     * @param {string} label
+     * @param {number} max
+     * @param {(at: number) => void} set
+     */
+    const slider = (id, label, max, set) => {
+      const input = h("input", { id, type: "range", min: 0, max, step: "any", value: max });
+      const output = h("output", { for: id });
+      input.addEventListener("input", () => set(Number(input.value)));
+      input.addEventListener("keydown", (event) => {
+        // one of 100 steps a key
+        const step = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+        if (!step) return;
+        event.preventDefault();
+        input.value = String(Number(input.value) + (step * max) / 100);
+        set(Number(input.value));
+      });
+      return { row: h("div", { class: "slider" }, h("label", { for: id }, label), input, output), input, output };
+    };
+    this.cuts = size.map((length, i) =>
+      slider(`cut-${AXES[i]}`, AXES[i] ?? "", length, (at) => {
+        viewer.set({ cut: viewer.cut.map((c, k) => (k === i ? (at >= length ? 1e9 : at) : c)) });
+      }),
+    );
+    const scale = Math.log(dmax / dmin) || 1;
+    this.sizes = ["from", "to"].map((label, i) =>
+      slider(`size-${label}`, label, 100, (at) => {
+        const d = at >= 100 ? 1e9 : at <= 0 ? 0 : dmin * Math.exp((scale * at) / 100);
+        viewer.set({
+          show: viewer.show.map((old, k) => (k === i ? d : i === 0 ? Math.max(old, d) : Math.min(old, d))),
+        });
+      }),
+    );
+    /** @type {[string, string][]} */
+    const kinds = [["size", "size"]];
+    // The view has the longest extent of other grains, by which their size class is not known.
+    if (this.spheres) kinds.push(["class", "size class"]);
+    if (this.aggregates.length > 1 && viewer.head?.stride === 24) kinds.push(["aggregate", "aggregate"]);
+    const colour = h(
+      "span",
+      { class: "choices", role: "radiogroup", "aria-label": "Colour of the grains" },
+      kinds.map(([value, label]) =>
+        h(
+          "label",
+          {},
+          h("input", {
+            type: "radio",
+            name: "colour",
+            value,
+            checked: value === viewer.colour,
+            onchange: () => viewer.set({ colour: value }),
+          }),
+          label,
+        ),
+      ),
+    );
+    const back = h("button", { type: "button", onclick: () => viewer.reset() }, "Reset view");
+    replace(
+      this.tools,
+      h(
+        "fieldset",
+        {},
+        h("legend", {}, "Cut, keep below"),
+        this.cuts.map((c) => c.row),
+      ),
+      h(
+        "fieldset",
+        {},
+        h("legend", {}, this.spheres ? "Diameters shown" : "Sizes shown"),
+        this.sizes.map((c) => c.row),
+      ),
+      kinds.length > 1 ? h("div", {}, h("p", { class: "label" }, "Colour by"), colour) : null,
+      h("div", { class: "actions" }, back),
+      picturePart(viewer, `packing-${this.source.name}`),
+    );
+    this.#follow();
+  }
+
+  /** Shows the state of the viewer in the controls, the legend and in words. */
+  #follow() {
+    const { viewer, cuts, sizes } = this;
+    if (!viewer?.head || !cuts || !sizes) return;
+    const { size, dmin, dmax, count } = viewer.head;
+    const scale = Math.log(dmax / dmin) || 1;
+    cuts.forEach(({ input, output }, i) => {
+      const [at, length] = [viewer.cut[i] ?? 1e9, size[i] ?? 1];
+      input.value = String(Math.min(at, length));
+      text(output, at >= length ? "no cut" : mm(at));
+      input.setAttribute("aria-valuetext", output.textContent ?? "");
+    });
+    sizes.forEach(({ input, output }, i) => {
+      const d = Math.min(dmax, Math.max(dmin, viewer.show[i] ?? 0));
+      const at = (viewer.show[i] ?? 0) > dmax ? 100 : (100 * Math.log(d / dmin)) / scale;
+      if (Math.abs(Number(input.value) - at) > 0.01) input.value = String(at);
+      text(output, mm(d));
+      input.setAttribute("aria-valuetext", output.textContent ?? "");
+    });
+    if (viewer.colour !== this.legendOf) {
+      this.legendOf = viewer.colour;
+      replace(
+        this.legend,
+        legend(this.summary, viewer.colour, viewer.head, this.spheres ? "diameter" : "longest extent"),
+      );
+      for (const cell of this.shown.querySelectorAll(".swatch"))
+        cell.toggleAttribute("hidden", viewer.colour !== "class");
+    }
+    const [from, end] = viewer.range();
+    const kept = viewer.cut.map((c, i) => (c < (size[i] ?? 0) ? `${AXES[i]} below ${mm(c)}` : "")).filter(Boolean);
+    const degrees = (/** @type {number} */ a) => `${Math.round((a * 180) / Math.PI)}°`;
+    text(
+      this.words,
+      `${end - from === count ? `All ${number(count)}` : `${number(end - from)} of ${number(count)}`} grains` +
+        ` of ${mm(Math.max(dmin, viewer.show[0] ?? 0))} to ${mm(Math.min(dmax, viewer.show[1] ?? 0))}` +
+        `${this.spheres ? "" : " (longest extent)"}, ${kept.length ? `cut: ${kept.join(", ")} is shown` : "not cut"}` +
+        `, seen from ${degrees(((viewer.pose.az % (2 * Math.PI)) + 2 * Math.PI) % (2 * Math.PI))} about z` +
+        ` and ${degrees(viewer.pose.el)} above, magnified ${number(viewer.pose.zoom, 2)} times.`,
+    );
+    this.canvas.setAttribute("aria-label", `The packing in three dimensions, ${number(end - from)} grains`);
+  }
+}

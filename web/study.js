@@ -1,0 +1,171 @@
+/** One study: progress, plots, and the table of its points. */
+import { get, Problem, request } from "./api.js";
+import { badge, byId, duration, h, number, replace, text, when } from "./dom.js";
+import { live } from "./live.js";
+import { announce, report, shell } from "./shell.js";
+import { buttons, counts, nameOf } from "./study-parts.js";
+import { columnName, StudyTable } from "./study-table.js";
+
+const id = location.pathname.split("/").at(-1) ?? "";
+const path = `/v1/studies/${encodeURIComponent(id)}`;
+
+/** The plots, each with the figure of the table without which it is empty. */
+const PLOTS = {
+  success: ["Success rate", "success_rate"],
+  time: ["Time", "time_s_median"],
+  distance: ["Distance", "distance_mm_median"],
+  volume_fraction: ["Volume fraction", "volume_fraction_effective"],
+  curve: ["Growth curves", "events_median"],
+  event_time: ["Time per event", "event_us_median"],
+};
+
+const table = new StudyTable(byId("points"), path);
+const kind = /** @type {HTMLSelectElement} */ (byId("kind"));
+const abscissa = /** @type {HTMLSelectElement} */ (byId("x"));
+const image = /** @type {HTMLImageElement} */ (byId("plot"));
+const page = {
+  pause: () => watch.close(),
+  resume: () => {
+    watch = live(update);
+  },
+  gone: () => location.assign("/studies"),
+};
+const dark = matchMedia("(prefers-color-scheme: dark)");
+let tag = "";
+let plotted = "";
+let quarter = -1;
+let warned = 0;
+
+async function update() {
+  const started = performance.now();
+  try {
+    const study = await get(path);
+    show(study);
+    const answer = await request("GET", `${path}/table`, undefined, { headers: tag ? { "if-none-match": tag } : {} });
+    if (answer.status !== 304) {
+      tag = answer.headers.get("etag") ?? "";
+      const document = await answer.json();
+      table.set(document, study.finished_at !== null);
+      choices(document);
+    }
+    await plot();
+    report();
+    // A table of thousands of points takes its time: at most a tenth of the time is spent on it.
+    if (!study.finished_at) return Math.max(1, (10 * (performance.now() - started)) / 1000);
+  } catch (error) {
+    report(error);
+    if (error instanceof Problem && error.status === 404) return;
+    throw error;
+  }
+}
+
+/** @param {any} study */
+function show(study) {
+  document.title = `${nameOf(study)} - Packstone`;
+  replace(byId("title"), h("bdi", {}, nameOf(study)));
+  replace(byId("state"), badge(study.finished_at ? "finished" : "open"));
+  replace(byId("buttons"), buttons(study, watch.now, page));
+  const progress = /** @type {HTMLProgressElement} */ (byId("progress"));
+  progress.value = study.progress.fraction;
+  const rest = study.progress.eta_s && !study.finished_at ? `, about ${duration(study.progress.eta_s)} left` : "";
+  text(
+    byId("counts"),
+    `${number(study.progress.done, 1)} of ${number(study.progress.total, 1)} jobs have ended${rest}: ${counts(study)}.`,
+  );
+  const now = Math.floor(4 * study.progress.fraction);
+  if (quarter >= 0 && now > quarter) announce(`${25 * now} percent of the jobs have ended.`);
+  quarter = now;
+  const fact = (/** @type {string} */ term, /** @type {any} */ value) =>
+    h("div", {}, h("dt", {}, term), h("dd", {}, value));
+  replace(
+    byId("facts"),
+    fact("Points", number(study.points, 1)),
+    fact("Seeds for each", number(study.replicates, 1)),
+    fact("Varied", study.columns.map(columnName).join(", ") || "seeds"),
+    fact("Seed", String(study.seed)),
+    fact("Submitted", when(study.created_at)),
+    fact("Ended", when(study.finished_at)),
+  );
+  /** @type {Map<string, number[]>} */
+  const points = new Map();
+  for (const { point, warnings } of study.warnings) {
+    for (const words of warnings) points.set(words, [...(points.get(words) ?? []), point]);
+  }
+  const whose = (/** @type {number[]} */ of) =>
+    of.length === study.points ? "All points" : of.length === 1 ? `Point ${of[0]}` : `${of.length} points`;
+  const lines = [...points].slice(0, 50).map(([words, of]) => h("p", {}, `${whose(of)}: ${words}.`));
+  const shown =
+    lines.length < 4 ? h("div", {}, lines) : h("details", {}, h("summary", {}, `${points.size} warnings`), lines);
+  if (lines.length !== warned) replace(byId("warnings"), h("div", { class: "notice", "data-kind": "warning" }, shown));
+  warned = lines.length;
+}
+
+/** Offers the plots for which there are figures, and the columns with numbers as abscissas. @param {any} document */
+function choices(document) {
+  const has = (/** @type {string} */ figure) => document.rows.some((/** @type {any} */ row) => row[figure] !== null);
+  const plots = Object.entries(PLOTS).filter(([, [, figure = ""]]) => has(figure));
+  offer(
+    kind,
+    plots.map(([value, [name = ""]]) => [value, name]),
+  );
+  const columns = [...document.columns.filter((/** @type {string} */ name) => name.startsWith("/")), "grains"];
+  const numeric = columns.filter((name) =>
+    document.rows.every((/** @type {any} */ row) => typeof row[name] === "number"),
+  );
+  offer(
+    abscissa,
+    numeric.map((name) => [name, columnName(name)]),
+  );
+}
+
+/**
+ * Replaces what a field offers; what was chosen stays, where it can.
+ * @param {HTMLSelectElement} field
+ * @param {string[][]} options
+ */
+function offer(field, options) {
+  const chosen = field.value;
+  if (Array.from(field.options, (option) => option.value).join() === options.map(([value]) => value).join()) return;
+  replace(field, ...options.map(([value, name]) => h("option", { value }, name)));
+  if (options.some(([value]) => value === chosen)) field.value = chosen;
+}
+
+/** Shows the plot that is chosen, if it has changed. */
+async function plot() {
+  byId("plots").hidden = !kind.value;
+  if (!kind.value) {
+    image.hidden = true;
+    return text(byId("no-plot"), "There are no runs to plot yet.");
+  }
+  const query = new URLSearchParams({ title: "false", ...(dark.matches && { theme: "dark" }) });
+  if (kind.value !== "curve" && abscissa.value) query.set("x", abscissa.value);
+  const address = `${path}/plots/${kind.value}?${query}`;
+  byId("x-field").hidden = kind.value === "curve";
+  try {
+    const answer = await request("GET", address);
+    const now = `${address} ${answer.headers.get("etag")}`;
+    if (now === plotted) return;
+    plotted = now;
+    const old = image.src;
+    image.src = URL.createObjectURL(await answer.blob());
+    const over = kind.value === "curve" ? "the time" : columnName(abscissa.value || "the first column");
+    image.alt = `${kind.selectedOptions[0]?.textContent} over ${over}; the figures are in the table below.`;
+    image.hidden = false;
+    URL.revokeObjectURL(old);
+    text(byId("no-plot"), "");
+  } catch (error) {
+    if (!(error instanceof Problem) || error.status >= 500 || error.status === 0) throw error;
+    plotted = "";
+    image.hidden = true;
+    text(byId("no-plot"), error.message);
+  }
+  // A file is for print, whatever the page looks like.
+  query.delete("theme");
+  /** @type {HTMLAnchorElement} */ (byId("plot-file")).href = `${path}/plots/${kind.value}?${query}`;
+}
+
+shell();
+for (const field of [kind, abscissa, dark]) field.addEventListener("change", () => plot().catch(report));
+/** @type {HTMLAnchorElement} */ (byId("csv")).href = `${path}/table?format=csv`;
+/** @type {HTMLAnchorElement} */ (byId("jobs")).href = `/jobs?study=${encodeURIComponent(id)}`;
+let watch = live(update);
