@@ -1,6 +1,7 @@
 //! Workers in other processes: `packstone worker`, and what becomes of jobs when it, or the server, dies or stops.
 
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
@@ -374,6 +375,40 @@ async fn requests_may_be_repeated_and_nothing_but_the_result_is_taken() {
     late.expect_problem(409, "lease-lost");
     let unnamed = client.post("/v1/leases/none/1/end").json(&end).send().await;
     unnamed.expect_problem(404, "not-found");
+    server.stop().await;
+    packing.stop().await;
+}
+
+/// A file that nobody records would stay until the sweeper finds it.
+#[tokio::test]
+async fn a_result_counts_although_its_worker_went_before_the_answer() {
+    let (data_dir, other) = (DataDir::new(), DataDir::new());
+    let packing = Launch::new(&other).start().await;
+    let packed = packing.client().succeed(&jobs::equal_spheres(20_000, 1)).await;
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    let client = server.client();
+    let build = build_of(&client).await;
+    let submitted = client.submit(&jobs::equal_spheres(20_000, 1)).await;
+    let id = id_of(&submitted);
+    client.post("/v1/leases").json(&claim("a", &build)).send().await.expect(200);
+    // What a worker would send: the file of the same packing, with the ID of this job.
+    let mut file = std::fs::read(&other.artifacts()[0]).unwrap();
+    let named = id_of(&packed).as_bytes();
+    let at = file.windows(named.len()).position(|bytes| bytes == named).expect("the ID of the job");
+    file[at..at + named.len()].copy_from_slice(id.as_bytes());
+    let head = format!(
+        "PUT /v1/leases/{id}/1/result?sha256={} HTTP/1.1\r\nhost: {}\r\ncontent-length: {}\r\n\r\n",
+        sha256(&file),
+        server.address(),
+        file.len()
+    );
+    let mut connection = std::net::TcpStream::connect(server.address()).unwrap();
+    connection.write_all(head.as_bytes()).unwrap();
+    connection.write_all(&file).unwrap();
+    drop(connection);
+    let done = client.finished(id).await;
+    assert_eq!((&done["state"], &done["attempt"]), (&json!("succeeded"), &json!(1)), "{done:#}");
+    assert_eq!(data_dir.artifacts().len(), 1);
     server.stop().await;
     packing.stop().await;
 }

@@ -69,11 +69,13 @@ pub(crate) async fn put(
     body: Body,
 ) -> Result<Response, Problem> {
     running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
-    let _alone = app.receive_alone(format!("checkpoint of {}", path.id))?;
+    let alone = app.receive_alone(format!("checkpoint of {}", path.id))?;
     let room = app.shared.disk.room();
     check_length(&headers, room)?;
     let (checkpoints, disk) = (app.shared.checkpoints.clone(), app.shared.disk.clone());
     let kept = upload::take(body, move |pieces| {
+        // Held until the file is written, also where the worker goes before it has its answer.
+        let _alone = alone;
         let id = path.id.to_string();
         let mut file = checkpoints.receive(&id, path.attempt)?;
         let mut bytes = 0;

@@ -5,6 +5,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
+use tracing::Instrument as _;
 
 use super::checkpoint::{check_length, of_disk};
 use super::{LeaseEnded, LeasePath, lost, note_end, recorded, refused, remove_checkpoints, running, upload};
@@ -20,6 +21,7 @@ use crate::http::problems::sets::LeaseFileProblems;
 use crate::jobs::JobRequest;
 use crate::problem::{Fault, Problem};
 use crate::studies::Facts;
+use crate::tasks;
 use crate::workers::ending::complete;
 
 parameters! {
@@ -49,7 +51,24 @@ pub(crate) async fn put(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let Some(lease) = running(&app, &caller.by.key, path).await? else {
+    // A worker that goes before it has its answer must not leave a file that nobody records.
+    let taken = take_in(app, caller.by.key.clone(), path, sha256, headers, body);
+    tasks::spawn(taken.in_current_span()).await.unwrap_or_else(|error| {
+        tracing::error!(%error, "taking in a result panicked");
+        Err(Problem::internal())
+    })
+}
+
+/// Reads a result, and ends its lease with it.
+async fn take_in(
+    app: App,
+    key: String,
+    path: LeasePath,
+    sha256: String,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let Some(lease) = running(&app, &key, path).await? else {
         linger(body);
         return Ok(recorded().into_response());
     };
