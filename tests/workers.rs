@@ -379,6 +379,15 @@ async fn requests_may_be_repeated_and_nothing_but_the_result_is_taken() {
     packing.stop().await;
 }
 
+/// What a worker would send as the result of a job: the file of the same packing, with the ID of that job.
+fn with_id(file: &[u8], packed: &str, id: &str) -> Vec<u8> {
+    let mut file = file.to_vec();
+    let at =
+        file.windows(packed.len()).position(|bytes| bytes == packed.as_bytes()).expect("the ID of the job");
+    file[at..at + id.len()].copy_from_slice(id.as_bytes());
+    file
+}
+
 /// A file that nobody records would stay until the sweeper finds it.
 #[tokio::test]
 async fn a_result_counts_although_its_worker_went_before_the_answer() {
@@ -391,11 +400,7 @@ async fn a_result_counts_although_its_worker_went_before_the_answer() {
     let submitted = client.submit(&jobs::equal_spheres(20_000, 1)).await;
     let id = id_of(&submitted);
     client.post("/v1/leases").json(&claim("a", &build)).send().await.expect(200);
-    // What a worker would send: the file of the same packing, with the ID of this job.
-    let mut file = std::fs::read(&other.artifacts()[0]).unwrap();
-    let named = id_of(&packed).as_bytes();
-    let at = file.windows(named.len()).position(|bytes| bytes == named).expect("the ID of the job");
-    file[at..at + named.len()].copy_from_slice(id.as_bytes());
+    let file = with_id(&std::fs::read(&other.artifacts()[0]).unwrap(), id_of(&packed), id);
     let head = format!(
         "PUT /v1/leases/{id}/1/result?sha256={} HTTP/1.1\r\nhost: {}\r\ncontent-length: {}\r\n\r\n",
         sha256(&file),
@@ -409,6 +414,44 @@ async fn a_result_counts_although_its_worker_went_before_the_answer() {
     let done = client.finished(id).await;
     assert_eq!((&done["state"], &done["attempt"]), (&json!("succeeded"), &json!(1)), "{done:#}");
     assert_eq!(data_dir.artifacts().len(), 1);
+    server.stop().await;
+    packing.stop().await;
+}
+
+/// A worker that lost its connection sends its result again, while the first request may still be under way.
+#[tokio::test]
+async fn a_result_that_is_sent_many_times_at_once_is_kept() {
+    let (data_dir, other) = (DataDir::new(), DataDir::new());
+    let packing = Launch::new(&other).start().await;
+    let packed = packing.client().succeed(&jobs::quick(1)).await;
+    let file = std::fs::read(&other.artifacts()[0]).unwrap();
+    let server = Launch::new(&data_dir).workers(0).start().await;
+    let client = server.client();
+    let build = build_of(&client).await;
+    for round in 0..20 {
+        let submitted = client.submit(&jobs::quick(1)).await;
+        let id = id_of(&submitted);
+        client.post("/v1/leases").json(&claim(&round.to_string(), &build)).send().await.expect(200);
+        let file = with_id(&file, id_of(&packed), id);
+        let target = format!("/v1/leases/{id}/1/result?sha256={}", sha256(&file));
+        let put = || client.request(reqwest::Method::PUT, &target).body(file.clone()).send();
+        let statuses: Vec<u16> = futures_util::future::join_all((0..24).map(|_| put()))
+            .await
+            .iter()
+            .map(|reply| reply.status.as_u16())
+            .collect();
+        assert!(
+            statuses.contains(&200) && statuses.iter().all(|status| [200, 503].contains(status)),
+            "{statuses:?}"
+        );
+        let done = client.finished(id).await;
+        assert_eq!((&done["state"], &done["attempt"]), (&json!("succeeded"), &json!(1)), "{done:#}");
+        assert!(
+            client.get(&format!("/v1/jobs/{id}/result?format=npy")).send().await.status == 200,
+            "{statuses:?}"
+        );
+    }
+    assert_eq!(data_dir.artifacts().len(), 20);
     server.stop().await;
     packing.stop().await;
 }

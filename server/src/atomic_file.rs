@@ -4,7 +4,7 @@
 //! POSIX makes `rename` atomic, and after the folder's `fsync` the name survives a power cut.
 
 use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 /// What the name of a file that is being written ends with.
@@ -34,6 +34,24 @@ pub(crate) fn write<T, E: From<io::Error>>(
         let _ = fs::remove_file(&partial);
     }
     written
+}
+
+/// Writes a file by `write`, through a buffer.
+///
+/// # Errors
+/// As those of [`write()`]. Of a failure nothing is left.
+pub(crate) fn write_buffered<T, E: From<io::Error>>(
+    file: &Path,
+    write: impl FnOnce(&mut BufWriter<&File>) -> Result<T, E>,
+) -> Result<T, E> {
+    let buffered = |inner: &File| -> Result<T, E> {
+        // `&File` writes as `File` does.
+        let mut out = BufWriter::with_capacity(1 << 18, inner);
+        let written = write(&mut out)?;
+        out.flush()?;
+        Ok(written)
+    };
+    self::write(file, buffered, || Ok(()))
 }
 
 /// A file that comes piece by piece; dropped before it is finished, it leaves nothing.
@@ -133,5 +151,21 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no partial file is left");
         write::<_, io::Error>(&file, text("second"), || Ok(())).unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"second");
+    }
+
+    #[test]
+    fn a_write_that_fails_leaves_the_file_that_was_there() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("result.csv");
+        fs::write(&file, "before").unwrap();
+        let ended = write_buffered::<(), io::Error>(&file, |out| {
+            out.write_all(b"half")?;
+            Err(io::Error::other("no more"))
+        });
+        assert!(ended.is_err());
+        assert_eq!(fs::read_to_string(&file).unwrap(), "before");
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1);
+        write_buffered::<_, io::Error>(&file, |out| out.write_all(b"after")).unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), "after");
     }
 }

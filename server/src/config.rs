@@ -259,6 +259,12 @@ pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
     }
 }
 
+/// The limits of one packing that has the machine to itself.
+pub(crate) fn limits_of_one_packing(max_grains: u64) -> Limits {
+    let max_memory_bytes = default_memory_bytes(1);
+    Limits { max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes }
+}
+
 /// The command line, in which a variable of the environment that is empty counts as not set: `compose.yaml` sets such.
 pub(crate) fn without_empty_variables(command: Command) -> Command {
     let command = command.mut_args(|arg| {

@@ -40,7 +40,8 @@ const LAYERS: &[&[&str]] = &[
     ],
     &["config", "plots"],
     &["http", "problem"],
-    &["http_server", "service"],
+    &["http_server", "page", "service"],
+    &["local"],
     &["cli"],
     &["layers", "lib", "main"],
 ];

@@ -25,8 +25,10 @@ mod ids;
 mod jobs;
 #[cfg(test)]
 mod layers;
+pub mod local;
 mod memory;
 mod metrics;
+mod page;
 mod plots;
 mod problem;
 mod remaining_time;
@@ -40,7 +42,8 @@ mod watched_file;
 mod webhooks;
 mod workers;
 
-/// Runs the command line of this process.
-pub fn main() -> std::process::ExitCode {
-    cli::main()
+/// Runs a command line, whose first argument is the name of the program, and returns the exit code. A wrong command line
+/// ends the process with exit code 2, as `--help` does with 0.
+pub fn main(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
+    cli::main(arguments)
 }

@@ -7,5 +7,5 @@ mod allocator;
 static ALLOCATOR: allocator::HugePages = allocator::HugePages;
 
 fn main() -> std::process::ExitCode {
-    packstone_server::main()
+    std::process::ExitCode::from(packstone_server::main(std::env::args_os()))
 }

@@ -16,12 +16,11 @@ use serde_json::Value;
 use tokio::io::AsyncWriteExt as _;
 
 use super::exit::{Exit, Failure, cannot_be};
-use super::exports::{PICTURE, write_picture};
+use super::exports::{PAGE, PICTURE, write_page, write_picture};
 use super::http_client::{Client, chunk, json};
 use super::outputs::refuse_existing;
-use super::page::PAGE;
 use super::signals::stop_on_signals;
-use super::{block_on, export, page, print};
+use super::{block_on, export, print};
 use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry::{self, LogFormat};
@@ -71,7 +70,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let packed = export::read(&files[0])?;
     write_picture(&Model::new(&packed.specimen, &packed.grains), &picture, &stop_on_signals()?)?;
-    page::write(&page, &result, &view)?;
+    write_page(&result, &view, &page)?;
     print(&format!("{}\n", page.display()))?;
     eprintln!("\nNext: open {} in a browser, and turn and cut the packing.", page.display());
     eprintln!("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array");

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::io::{self, ErrorKind};
 use std::path::Path;
-use std::process::ExitCode;
 
 use packstone_engine::PackError;
 use packstone_engine::export::ExportError;
@@ -124,13 +123,13 @@ pub(super) fn cannot_be(participle: &str, path: &Path, error: &io::Error) -> Fai
 }
 
 /// The code of a failure.
-pub(super) fn code_of(failure: &Failure) -> ExitCode {
+pub(super) fn code_of(failure: &Failure) -> u8 {
     let exit = match (failure.downcast_ref::<Ended>(), failure.downcast_ref::<io::Error>()) {
         (Some(ended), _) => ended.exit,
         (None, Some(error)) => Exit::of_io(error),
         (None, None) => Exit::Unexpected,
     };
-    ExitCode::from(exit as u8)
+    exit as u8
 }
 
 #[cfg(test)]
@@ -147,8 +146,8 @@ mod tests {
             (ErrorKind::PermissionDenied, Exit::BadInput),
         ] {
             let failure = cannot_be("written", Path::new("out"), &io::Error::from(kind));
-            assert_eq!(code_of(&failure), ExitCode::from(exit as u8), "{kind:?}");
-            assert_eq!(code_of(&io::Error::from(kind).into()), ExitCode::from(exit as u8), "{kind:?}");
+            assert_eq!(code_of(&failure), exit as u8, "{kind:?}");
+            assert_eq!(code_of(&io::Error::from(kind).into()), exit as u8, "{kind:?}");
             assert!(failure.to_string().starts_with("out cannot be written: "), "{failure}");
         }
     }

@@ -11,16 +11,21 @@ use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, Expor
 use packstone_engine::request::GrainKind;
 use packstone_engine::request::Specimen;
 use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
+use serde::Serialize;
 
 use super::bar::Bar;
 use super::exit::{Exit, Failure, cannot_be};
-use super::outputs::{Names, beside, write_whole};
+use super::outputs::{Names, beside};
 use super::print;
+use crate::atomic_file::write_buffered;
+use crate::page;
 
 /// The size of a file of this length is announced before the file is made.
 const LARGE_BYTES: u64 = 50_000_000;
 /// Name of the picture of a packing.
 pub(super) const PICTURE: &str = "result.png";
+/// Name of the page of a packing.
+pub(super) const PAGE: &str = "result.html";
 
 /// Reads `TYPE[:OPTION=VALUE,...]`, as `mesh` or `voxels:format=raw,cells=200`.
 ///
@@ -149,13 +154,20 @@ pub(super) fn write_picture(model: &Model<'_>, file: &Path, stop: &Arc<AtomicBoo
     let watch = Watch { bar: Bar::new(), what: "picture", stop };
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let options = PictureOptions { threads, ..PictureOptions::default() };
-    let written = write_whole(file, |out| picture::write(model, &options, &watch, out));
+    let written = write_buffered(file, |out| picture::write(model, &options, &watch, out));
     watch.bar.finish();
     written.map_err(|error| match error {
         ExportError::Write(error) => cannot_be("written", file, &error),
         other => Exit::of_export(&other).because(format_args!("{} was not made: {other}", file.display())),
     })?;
     print(&format!("{}\n", file.display()))
+}
+
+/// Writes the page of a result, of its document without grains and of its grains in the format `view`.
+pub(super) fn write_page(result: &impl Serialize, view: &[u8], file: &Path) -> Result<(), Failure> {
+    let page = page::document(result, view)?;
+    write_buffered(file, |out| out.write_all(page.as_bytes()))
+        .map_err(|error| cannot_be("written", file, &error))
 }
 
 /// What stops an export from being made, as lines for a person.
@@ -183,12 +195,12 @@ pub(super) fn write(
     file: &Path,
 ) -> Result<(), ExportError> {
     let mut text = String::new();
-    write_whole(file, |out| {
+    write_buffered(file, |out| {
         let report = export.write(model, limits, control, out)?;
         text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
         Ok::<(), ExportError>(())
     })?;
-    write_whole(&beside(file, "report.json"), |out| out.write_all(text.as_bytes()))?;
+    write_buffered(&beside(file, "report.json"), |out| out.write_all(text.as_bytes()))?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     if let Some((ending, text)) = export.companion(&name) {
         fs::write(beside(file, ending), text)?;

@@ -18,7 +18,6 @@ mod key;
 mod migrate_store;
 mod openapi;
 mod outputs;
-mod page;
 mod plan;
 mod process;
 mod run;
@@ -29,7 +28,7 @@ mod study;
 mod webhook_secret;
 mod worker;
 
-use std::process::ExitCode;
+use std::ffi::OsString;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
@@ -86,9 +85,11 @@ enum Command {
 
 /// Runs the command line of this process.
 #[inline(never)] // Nothing of it may run before the processor has been looked at.
-pub(crate) fn main() -> ExitCode {
+/// Runs a command line, of which the first is the name of the program; its exit code. Wrong use of it ends the process.
+pub(crate) fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let command = crate::config::without_empty_variables(Cli::command());
-    let cli = Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit());
+    let matches = command.get_matches_from(arguments);
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let ended = match cli.command {
         Command::Serve(options) => serve::run(*options),
         Command::Worker(options) => worker::run(&options),
@@ -109,7 +110,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Man(options) => shell::man(&options, Cli::command()),
     };
     match ended {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(failure) => {
             crate::telemetry::say(&format!("packstone: {failure}"));
             exit::code_of(&failure)

@@ -1,14 +1,11 @@
 //! Names of the files that a command writes, and the rule that it overwrites none unless it is told to.
 
 use std::collections::HashSet;
-use std::fs::File;
-use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use packstone_engine::export::ExportRequest;
 
 use super::exit::{Exit, Failure};
-use crate::atomic_file;
 
 /// Names of files that begin alike, none of them twice: `result.msh`, then `result-2.msh`.
 pub(super) struct Names {
@@ -68,20 +65,6 @@ pub(super) fn refuse_existing<'a>(
     )))
 }
 
-/// Writes a file so that its name only ever stands for a whole one ([`atomic_file`]). Of a failure nothing is left.
-pub(super) fn write_whole<E: From<io::Error>>(
-    file: &Path,
-    write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
-) -> Result<(), E> {
-    let buffered = |inner: &File| -> Result<(), E> {
-        // `&File` writes as `File` does.
-        let mut out = BufWriter::with_capacity(1 << 18, inner);
-        write(&mut out)?;
-        Ok(out.flush()?)
-    };
-    atomic_file::write(file, buffered, || Ok(()))
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -99,21 +82,5 @@ mod tests {
         assert!(refused.contains("--force") && refused.contains("1.csv"), "{refused}");
         assert!(!refused.contains("/0.csv") && refused.ends_with("and 2 more"), "{refused}");
         assert!(refuse_existing(&files, true).is_ok());
-    }
-
-    #[test]
-    fn a_write_that_fails_leaves_the_file_that_was_there() {
-        let directory = tempfile::tempdir().unwrap();
-        let file = directory.path().join("result.csv");
-        std::fs::write(&file, "before").unwrap();
-        let ended = write_whole(&file, |out| {
-            out.write_all(b"half")?;
-            Err(io::Error::other("no more"))
-        });
-        assert!(ended.is_err());
-        assert_eq!(std::fs::read_to_string(&file).unwrap(), "before");
-        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
-        write_whole(&file, |out| out.write_all(b"after")).unwrap();
-        assert_eq!(std::fs::read_to_string(&file).unwrap(), "after");
     }
 }

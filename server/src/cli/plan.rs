@@ -8,8 +8,9 @@ use packstone_engine::{Limits, Plan};
 
 use super::exit::Failure;
 use super::exports;
-use super::run::{read_job, refused, stated_limits};
+use super::run::{read_job, refused};
 use super::{print, run};
+use crate::config::limits_of_one_packing;
 use crate::exports::estimates::{JobPlan, PlannedExport, planned};
 use crate::jobs::request;
 
@@ -30,7 +31,7 @@ pub(super) struct Options {
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let job = read_job(&options.job, request::draw_seed())?;
     let packing = job.packing();
-    let limits = stated_limits(options.max_grains);
+    let limits = limits_of_one_packing(options.max_grains);
     let plan = Plan::new(&packing, &limits).map_err(|error| refused(&options.job, &error))?;
     run::warn(&plan.warnings);
     let named: Vec<&ExportRequest> = job.exports().chain(&options.exports).collect();

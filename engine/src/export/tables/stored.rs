@@ -113,6 +113,57 @@ impl Layout {
     }
 }
 
+/// A stored result in memory.
+#[derive(Debug)]
+pub struct StoredBytes<'a> {
+    layout: Layout,
+    bytes: &'a [u8],
+}
+
+impl<'a> StoredBytes<'a> {
+    /// Reads the layout of a whole stored result.
+    ///
+    /// # Errors
+    /// Those of [`Layout::read`]; `InvalidData` where the bytes are more or fewer than the layout says.
+    pub fn read(bytes: &'a [u8]) -> io::Result<Self> {
+        let layout = Layout::read(&mut &*bytes)?;
+        if layout.file_length() != bytes.len() as u64 {
+            let what =
+                format!("a stored result of {} bytes: must have {}", bytes.len(), layout.file_length());
+            return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+        }
+        Ok(Self { layout, bytes })
+    }
+
+    /// All but the grains.
+    pub fn into_head(self) -> Head {
+        self.layout.head
+    }
+}
+
+impl GrainSource for StoredBytes<'_> {
+    fn len(&self) -> usize {
+        self.layout.rows as usize
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        self.layout.columns
+    }
+
+    fn templates(&self) -> &[Polyhedron] {
+        &self.layout.templates
+    }
+
+    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let from = self.layout.offset(column, start as u64)? as usize;
+        let bytes = self.bytes.get(from..from + 8 * block.len()).ok_or(io::ErrorKind::UnexpectedEof)?;
+        for (value, eight) in block.iter_mut().zip(bytes.chunks_exact(8)) {
+            *value = f64::from_le_bytes(std::array::from_fn(|byte| eight[byte]));
+        }
+        Ok(())
+    }
+}
+
 /// Writes the stored form: revision 1 for spheres, revision 2 for other grains.
 ///
 /// # Errors

@@ -17,11 +17,11 @@ use packstone_engine::{
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
-use super::outputs::{refuse_existing, write_whole};
-use super::page;
+use super::outputs::refuse_existing;
 use super::print;
+use crate::atomic_file::write_buffered;
 use crate::checkpoints;
-use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
+use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, limits_of_one_packing, seconds_or_none};
 use crate::jobs::{JobRequest, request};
 use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::{PlotError, draw};
@@ -124,7 +124,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
     let request = read_job(&options.job, seed)?;
     let packing_request = request.packing();
-    let limits = stated_limits(options.max_grains);
+    let limits = limits_of_one_packing(options.max_grains);
     let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
     warn(&plan.warnings);
     let files = Files::of(options, &request);
@@ -252,7 +252,7 @@ impl Files {
                     let mut view = Vec::new();
                     tables::write(Format::View, &head, &packing.grains, &mut view)
                         .map_err(|error| cannot_be("written", file, &error))?;
-                    page::write(file, &head, &view)?;
+                    exports::write_page(&head, &view, file)?;
                 }
             }
             print(&format!("{}\n", file.display()))?;
@@ -296,12 +296,6 @@ pub(super) fn read_job(job: &Path, seed: u64) -> Result<JobRequest, Failure> {
     JobRequest::read(&value, seed, None).map_err(|faults| Exit::BadInput.because(listed(job, &faults)))
 }
 
-/// The limits of one packing that has the machine to itself.
-pub(super) fn stated_limits(max_grains: u64) -> Limits {
-    let max_memory_bytes = default_memory_bytes(1);
-    Limits { max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes }
-}
-
 /// Tells of what is likely to go wrong.
 pub(super) fn warn(warnings: &[String]) {
     for warning in warnings {
@@ -337,13 +331,13 @@ pub(super) fn listed(job: &Path, faults: &[FieldError]) -> String {
 }
 
 pub(super) fn write(file: &Path, format: Format, head: &Head, grains: &Grains) -> std::io::Result<()> {
-    write_whole(file, |out| tables::write(format, head, grains, out))
+    write_buffered(file, |out| tables::write(format, head, grains, out))
 }
 
 fn plot(kind: JobPlot, result: &JobResult<'_>, heading: bool, file: &Path) -> Result<(), PlotError> {
     let chart = job::chart(kind, result)?;
     let drawn = draw::svg(&chart, heading)?;
-    Ok(write_whole(file, |out| out.write_all(drawn.as_bytes()))?)
+    Ok(write_buffered(file, |out| out.write_all(drawn.as_bytes()))?)
 }
 
 fn not_drawn(file: &Path, error: PlotError) -> Failure {

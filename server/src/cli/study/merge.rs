@@ -9,11 +9,11 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::super::exit::{Exit, Failure};
-use super::super::outputs::write_whole;
 use super::super::print;
 use super::run_log::{Folder, RunRecord, StudyRecord};
 use super::shards::claims::{self, PointLog, publish};
 use super::{Done, Log, Options, discard_checkpoints, expand, limits_elsewhere, read_request, report};
+use crate::atomic_file::write_buffered;
 use crate::studies::{Outcome, Study, Table};
 
 /// Most points of which it is said what is missing.
@@ -124,7 +124,7 @@ fn write(options: &Options, study: &Study, done: &Done<'_>, table: &Table) -> Re
     let written =
         report::write(&staging, study, table, &done.records, !options.no_plot_titles).and_then(|files| {
             let runs = staging.join(Folder(&options.out).runs().file_name().unwrap_or_default());
-            write_whole(&runs, |out| {
+            write_buffered(&runs, |out| {
                 done.records.iter().try_for_each(|record| {
                     serde_json::to_writer(&mut *out, record)?;
                     out.write_all(b"\n")

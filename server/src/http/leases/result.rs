@@ -19,6 +19,7 @@ use crate::http::params::values::Sha256;
 use crate::http::params::{Query, parameters};
 use crate::http::problems::sets::LeaseFileProblems;
 use crate::jobs::JobRequest;
+use crate::jobs::store::StoreError;
 use crate::problem::{Fault, Problem};
 use crate::studies::Facts;
 use crate::tasks;
@@ -68,11 +69,13 @@ async fn take_in(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
+    // Before the look at the lease: a request that waited for the one before it finds that the attempt has ended. Were
+    // it to take the file in once more, it would find its lease lost at the end, and remove what is recorded.
+    let _alone = app.receive_alone(format!("result of {}", path.id))?;
     let Some(lease) = running(&app, &key, path).await? else {
         linger(body);
         return Ok(recorded().into_response());
     };
-    let _alone = app.receive_alone(format!("result of {}", path.id))?;
     let store = &app.shared.store;
     let job = store.get(path.id).await?.ok_or_else(lost)?;
     let request = store.request(job.seq).await?;
@@ -98,9 +101,9 @@ async fn take_in(
     let ended = store.succeed(lease, received.artifact, complete(received.grains), facts, exports).await;
     drop(place);
     if let Err(error) = ended {
-        // Where several servers take results in, another may have got the same one and record it: then the sweeper
-        // decides, after an hour.
-        if !app.shared.artifacts.are_shared() {
+        // Where several servers take results in, another may have got the same one and record it; after an error of the
+        // database the file may be recorded nevertheless: then the sweeper decides, after an hour.
+        if matches!(error, StoreError::LeaseLost) && !app.shared.artifacts.are_shared() {
             app.shared.artifacts.discard(vec![file]).await;
         }
         return Err(refused(&app, error));

@@ -66,8 +66,8 @@ impl Success {
         .bind(lease.attempt)
         .bind(to_json(progress)?)
         .fetch_optional(&mut *tx)
-        .await?
-        .ok_or(StoreError::LeaseLost)?;
+        .await?;
+        let Some(moved) = moved else { return self.recorded_before(tx).await };
         query(
             "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths, owner)
              values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, (select owner from jobs where seq = ?1))",
@@ -84,6 +84,21 @@ impl Success {
         .await?;
         insert_beforehand(tx, lease.seq, postprocess, now).await?;
         runs::record(tx, &moved, Outcome::Succeeded, facts, now).await
+    }
+
+    /// Whether the same result is recorded already, as when the connection to the database went between a commit and
+    /// its answer. A caller that heard of a lost lease would remove the file that is recorded.
+    async fn recorded_before(&self, tx: &mut Transaction<'_>) -> Result<Vec<JobId>, StoreError> {
+        let Self { lease, artifact, .. } = self;
+        query("select 1 from artifacts where job = ?1 and attempt = ?2 and path = ?3 and sha256 = ?4")
+            .bind(lease.seq)
+            .bind(lease.attempt)
+            .bind(&artifact.path)
+            .bind(&artifact.sha256)
+            .fetch_optional(&mut *tx)
+            .await?
+            .map(|_| Vec::new())
+            .ok_or(StoreError::LeaseLost)
     }
 }
 

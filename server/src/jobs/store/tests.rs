@@ -218,6 +218,9 @@ async fn only_the_holder_of_the_lease_may_write() {
     assert!(matches!(store.give_back(old).await, Err(StoreError::LeaseLost)));
     assert!(!store.refers_to("x").await.unwrap());
     succeed(&store, new).await;
+    // As after a commit whose answer was lost: no caller may take its file for one that nobody records.
+    succeed(&store, new).await;
+    assert_eq!(store.get(new.id).await.unwrap().unwrap().state, State::Succeeded);
     assert!(
         matches!(store.fail(new, &failure, Facts::default()).await, Err(StoreError::LeaseLost)),
         "it ended already"

@@ -7,21 +7,16 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io;
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
-use super::exit::{Failure, cannot_be};
-use super::outputs::write_whole;
 use crate::http::web;
 
-/// Name of the file.
-pub(super) const PAGE: &str = "result.html";
 /// Most grains in a file: 11 MB of spheres, 32 MB of others. A packing with more shows its largest grains, and says so.
-pub(super) const MOST_GRAINS: usize = 1_000_000;
+const MOST_GRAINS: usize = 1_000_000;
 
 /// The module that the file starts with.
 const ENTRY: &str = "packing.js";
@@ -39,18 +34,16 @@ struct Data<'a, R> {
     result: &'a R,
 }
 
-/// Writes the page of a result: `result` is the document without grains, with the request, and `view` its grains in the
-/// format of that name.
+/// The page of a result: `result` is the document without grains, with the request, and `view` its grains in the format
+/// of that name.
 ///
 /// # Errors
-/// The file cannot be written.
-pub(super) fn write(file: &Path, result: &impl Serialize, view: &[u8]) -> Result<(), Failure> {
-    let page = document(result, view, MOST_GRAINS)?;
-    write_whole(file, |out| io::Write::write_all(out, page.as_bytes()))
-        .map_err(|error: io::Error| cannot_be("written", file, &error))
+/// The result cannot be written as JSON.
+pub(crate) fn document(result: &impl Serialize, view: &[u8]) -> serde_json::Result<String> {
+    with_at_most(result, view, MOST_GRAINS)
 }
 
-fn document(result: &impl Serialize, view: &[u8], most: usize) -> Result<String, Failure> {
+fn with_at_most(result: &impl Serialize, view: &[u8], most: usize) -> serde_json::Result<String> {
     let (grains, view) = largest(view, most);
     let data = serde_json::to_string(&Data { grains, result })?;
     let mut page = String::with_capacity(view.len() / 3 * 4 + data.len() + (1 << 17));
@@ -191,7 +184,7 @@ mod tests {
     #[test]
     fn a_name_cannot_end_the_element_that_holds_it() {
         let result = json!({"request": {"name": "</script><script>alert(1)</script>"}});
-        let page = document(&result, &[], 10).unwrap();
+        let page = with_at_most(&result, &[], 10).unwrap();
         assert!(!page.contains("<script>alert") && page.contains("\\u003c/script>"), "{page}");
     }
 

@@ -1,0 +1,211 @@
+//! Packings in the process of a caller, without a service: what the Python package calls.
+//!
+//! Requests, plans, reports and refusals are JSON texts of the same form as those of the service, and files have the
+//! same bytes; only what a service adds to a job (its ID, its state, its times) is missing.
+//!
+//! ```
+//! use packstone_server::local::{Ended, Job, Run};
+//!
+//! let job = Job::read(
+//!     r#"{"specimen": {"type": "box", "size_mm": [40, 40, 40]}, "seed": 1,
+//!         "mix": {"grading": {"type": "standard", "name": "A16"}, "volume_fraction": 0.4}}"#,
+//!     None,
+//!     None,
+//! )?;
+//! let packed = job.pack(&Run::default())?;
+//! let mut file = Vec::new();
+//! packed.write_table("csv", &mut file)?;
+//! assert!(file.starts_with(b"x_mm,y_mm,z_mm,d_mm"));
+//! # Ok::<(), Ended>(())
+//! ```
+
+mod packed;
+mod run;
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+
+use packstone_engine::export::ExportError;
+use packstone_engine::{CheckpointError, Limits, PackError, PackingRequest, Plan, Resume, checkpoint};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::config::limits_of_one_packing;
+use crate::exports::estimates::{JobPlan, planned};
+use crate::failure::{Failure, FailureCode};
+use crate::jobs::{JobRequest, request};
+use crate::plots::PlotError;
+use crate::problem::FailureDocument;
+use crate::strict_json;
+use crate::studies::Study;
+
+pub use packed::{Packed, page};
+pub use run::Run;
+
+/// How a call ends that does not give what was asked for.
+#[derive(Debug, thiserror::Error)]
+pub enum Ended {
+    /// The request is refused, or the run failed; the text is a problem document as JSON.
+    #[error("{0}")]
+    Refused(String),
+    /// [`Run::stop`] was called.
+    #[error("the run was stopped")]
+    Stopped,
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+impl From<Failure> for Ended {
+    fn from(failure: Failure) -> Self {
+        // A document of texts and numbers can always be written.
+        Self::Refused(serde_json::to_string(&FailureDocument::from(&failure)).unwrap_or_default())
+    }
+}
+
+impl From<PackError> for Ended {
+    fn from(error: PackError) -> Self {
+        match error {
+            PackError::Stopped { .. } => Self::Stopped,
+            ended => Failure::from(ended).into(),
+        }
+    }
+}
+
+impl From<ExportError> for Ended {
+    fn from(error: ExportError) -> Self {
+        match error {
+            ExportError::Stopped => Self::Stopped,
+            ExportError::Write(error) => Self::Io(error),
+            ended => Failure::from(ended).into(),
+        }
+    }
+}
+
+impl From<PlotError> for Ended {
+    fn from(error: PlotError) -> Self {
+        match error {
+            PlotError::NotAvailable(reason) => Failure::new(FailureCode::FormatNotAvailable, reason).into(),
+            PlotError::Failed(error) => Self::Io(error),
+        }
+    }
+}
+
+/// A job that was read.
+#[derive(Clone, Debug)]
+pub struct Job {
+    request: JobRequest,
+    limits: Limits,
+    /// Where checkpoints are kept.
+    checkpoint: Option<PathBuf>,
+}
+
+impl Job {
+    /// Reads a job in the form of `POST /v1/jobs`.
+    ///
+    /// At most `max_grains` are packed, 2 000 000 or what the engine's default is when it is `None`. With a
+    /// `checkpoint`, a run goes on from the file of that name where there is one. A job without a seed has that of the
+    /// checkpoint, or one that is drawn.
+    ///
+    /// # Errors
+    /// [`Ended::Refused`] with all faults of the request, or where no run of the job can go on from the checkpoint;
+    /// [`Ended::Io`] where the checkpoint cannot be read.
+    pub fn read(text: &str, max_grains: Option<u64>, checkpoint: Option<&Path>) -> Result<Self, Ended> {
+        let value = strict_json::parse(text.as_bytes())?;
+        let stored = checkpoint.map(stored_request).transpose()?.flatten();
+        let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
+        let request = JobRequest::read(&value, seed, None).map_err(Failure::invalid)?;
+        let limits = limits_of_one_packing(max_grains.unwrap_or(Limits::default().max_grains));
+        request.check_postprocess(&limits)?;
+        Ok(Self { request, limits, checkpoint: checkpoint.map(Path::to_owned) })
+    }
+
+    /// What the job amounts to, in the form of the answer to `POST /v1/plans`, as JSON.
+    ///
+    /// # Errors
+    /// [`Ended::Refused`], as a submission is.
+    pub fn plan(&self) -> Result<String, Ended> {
+        let packing = self.request.packing();
+        let plan = Plan::new(&packing, &self.limits).map_err(Failure::from)?.with_proposal(&packing);
+        let exports = planned(self.request.exports(), &packing, &plan);
+        to_json(&JobPlan { plan, exports })
+    }
+
+    /// Packs, on this thread. The checkpoint goes when there is a packing, and when going on from it would only repeat
+    /// the same end.
+    ///
+    /// # Errors
+    /// [`Ended::Refused`] where the job cannot be planned, its target is not reached, a check fails, or the system
+    /// refuses memory; [`Ended::Stopped`]; [`Ended::Io`] where the checkpoint cannot be read or removed.
+    pub fn pack(&self, run: &Run) -> Result<Packed, Ended> {
+        let packing_request = self.request.packing();
+        let resume = match &self.checkpoint {
+            Some(file) => self.resume(file, &packing_request)?,
+            None => None,
+        };
+        run.begin(self.checkpoint.as_deref(), resume.is_some());
+        let packed = packstone_engine::pack_or_resume(&packing_request, &self.limits, resume, run);
+        if let (Some(file), false) = (&self.checkpoint, matches!(packed, Err(PackError::Stopped { .. }))) {
+            crate::checkpoints::remove(file)?;
+        }
+        let request = serde_json::to_value(&self.request).map_err(io::Error::from)?;
+        Ok(Packed::new(request, packed?, self.limits))
+    }
+
+    fn resume(&self, file: &Path, request: &PackingRequest) -> Result<Option<Resume>, Ended> {
+        let Some(mut input) = open(file)? else { return Ok(None) };
+        Ok(Some(Resume::read_from(&mut input, request).map_err(|error| refused(file, error))?))
+    }
+}
+
+/// The runs of a study in the form of `POST /v1/studies`, as JSON: `seed`, `columns` (the pointers of the values that
+/// vary), `points` (their values), and `runs`, each with `point`, `replicate` and `request`, in the order in which a
+/// service starts them.
+///
+/// # Errors
+/// [`Ended::Refused`] with all faults of the study.
+pub fn study_runs(text: &str) -> Result<String, Ended> {
+    let value = strict_json::parse(text.as_bytes())?;
+    let limits = limits_of_one_packing(Limits::default().max_grains);
+    let study = Study::read(&value, request::draw_seed(), None, &limits)?;
+    let points: Vec<&Vec<Value>> = study.points.iter().map(|point| &point.values).collect();
+    let mut runs = Vec::with_capacity(study.jobs());
+    for (point, replicate) in study.order() {
+        let request = study.points[point].replicate(replicate);
+        runs.push(json!({"point": point, "replicate": replicate, "request": request}));
+    }
+    to_json(&json!({"seed": study.seed, "columns": study.columns, "points": points, "runs": runs}))
+}
+
+/// The request of a checkpoint, where there is one.
+fn stored_request(file: &Path) -> Result<Option<PackingRequest>, Ended> {
+    let Some(mut input) = open(file)? else { return Ok(None) };
+    Ok(Some(checkpoint::read_request(&mut input).map_err(|error| refused(file, error))?))
+}
+
+fn open(file: &Path) -> io::Result<Option<BufReader<File>>> {
+    match File::open(file) {
+        Ok(file) => Ok(Some(BufReader::with_capacity(1 << 18, file))),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// A checkpoint that no run of the job can go on from.
+fn refused(file: &Path, error: CheckpointError) -> Ended {
+    match error {
+        CheckpointError::Io(error) => Ended::Io(error),
+        other => {
+            let detail = format!("{}: {other}; remove the file or name another checkpoint", file.display());
+            Failure::new(FailureCode::ValidationError, detail).into()
+        }
+    }
+}
+
+fn to_json(value: &impl Serialize) -> Result<String, Ended> {
+    Ok(serde_json::to_string(value).map_err(io::Error::from)?)
+}
+
+#[cfg(test)]
+mod tests;

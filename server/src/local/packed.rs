@@ -1,0 +1,189 @@
+//! A packing in memory, and the files, figures and plots that are made of it.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use packstone_engine::export::tables::stored::StoredBytes;
+use packstone_engine::export::tables::{self, EngineInfo, Format, GrainSource as _, Head};
+use packstone_engine::export::{ExportRequest, Model, Provenance};
+use packstone_engine::request::Specimen;
+use packstone_engine::{FieldError, Grains, Limits, Packing};
+use serde_json::{Map, Value};
+
+use super::{Ended, Run, to_json};
+use crate::atomic_file::write_buffered;
+use crate::config::limits_of_one_packing;
+use crate::failure::{Failure, FailureCode};
+use crate::jobs::JobRequest;
+use crate::plots::draw;
+use crate::plots::job::{self, JobPlot, JobResult};
+use crate::plots::theme::{Theme, themed};
+use crate::strict_json;
+
+/// A packing with its report.
+#[derive(Debug)]
+pub struct Packed {
+    head: Head,
+    grains: Grains,
+    limits: Limits,
+}
+
+/// The page of a result with its viewer, in one HTML file, of its report with the `request` as JSON and its grains in
+/// the format `view`.
+///
+/// # Errors
+/// [`Ended::Refused`] where the report is no JSON.
+pub fn page(report: &str, view: &[u8]) -> Result<String, Ended> {
+    let report = strict_json::parse(report.as_bytes())?;
+    Ok(crate::page::document(&report, view).map_err(io::Error::from)?)
+}
+
+impl Packed {
+    pub(super) fn new(request: Value, packing: Packing, limits: Limits) -> Self {
+        let head = Head { job_id: None, request, engine: EngineInfo::current(), report: packing.report };
+        Self { head, grains: packing.grains, limits }
+    }
+
+    /// Number of grains.
+    pub fn len(&self) -> usize {
+        self.grains.len()
+    }
+
+    /// Whether there is no grain.
+    pub fn is_empty(&self) -> bool {
+        self.grains.is_empty()
+    }
+
+    /// Everything but the grains, as JSON: `request`, `engine` and the report.
+    ///
+    /// # Errors
+    /// None that a packing causes.
+    pub fn report(&self) -> Result<String, Ended> {
+        to_json(&self.head)
+    }
+
+    /// The columns of the grains, one after the other, and their number: those of the format `npy`.
+    ///
+    /// # Errors
+    /// None that a packing causes.
+    pub fn columns(&self) -> Result<(Vec<f64>, usize), Ended> {
+        let columns = self.grains.columns();
+        let mut values = vec![0.0; columns.len() * self.grains.len()];
+        for (column, block) in columns.iter().zip(values.chunks_mut(self.grains.len().max(1))) {
+            self.grains.read(*column, 0, block)?;
+        }
+        Ok((values, columns.len()))
+    }
+
+    /// Writes the grains in a format of that name: those of a result, or `html` for a page with a viewer.
+    ///
+    /// # Errors
+    /// [`Ended::Refused`] for another name; [`Ended::Io`].
+    pub fn write_table(&self, format: &str, out: &mut dyn Write) -> Result<(), Ended> {
+        if format == "html" {
+            let mut view = Vec::new();
+            tables::write(Format::View, &self.head, &self.grains, &mut view)?;
+            let page = crate::page::document(&self.head, &view).map_err(io::Error::from)?;
+            return Ok(out.write_all(page.as_bytes())?);
+        }
+        let format = Format::from_name(format).ok_or_else(|| {
+            let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
+            unknown("format", format, &[&names[..], &["html"]].concat())
+        })?;
+        Ok(tables::write(format, &self.head, &self.grains, out)?)
+    }
+
+    /// Writes an export of a type, as `mesh`, with `options` as a JSON object, its `format` among them; its report as
+    /// JSON.
+    ///
+    /// # Errors
+    /// [`Ended::Refused`] for options that do not hold, an export that there is not of such a packing, or that would
+    /// be too large; [`Ended::Stopped`]; [`Ended::Io`].
+    pub fn write_export(
+        &self,
+        export: &str,
+        options: &str,
+        run: &Run,
+        out: &mut dyn Write,
+    ) -> Result<String, Ended> {
+        let mut request = Map::from_iter([("type".to_owned(), Value::from(export))]);
+        match strict_json::parse(options.as_bytes())? {
+            Value::Object(options) => request.extend(options.into_iter().filter(|(name, _)| name != "type")),
+            other => return Err(refused("", format!("{other} must be an object of options"))),
+        }
+        let export = ExportRequest::from_json(&Value::Object(request)).map_err(Failure::invalid)?;
+        let specimen = self.specimen()?;
+        let provenance = Provenance::from(&self.head);
+        let model = Model::new(&specimen, &self.grains).with_provenance(&provenance);
+        to_json(&export.write(&model, &self.limits, run, out)?)
+    }
+
+    /// Writes a file in a format of that name, as [`write_table`](Self::write_table) does. Its name only ever stands for
+    /// a whole file.
+    ///
+    /// # Errors
+    /// As those of [`write_table`](Self::write_table); of a failure nothing is left.
+    pub fn save_table(&self, format: &str, file: &Path) -> Result<(), Ended> {
+        write_buffered(file, |out| self.write_table(format, out))
+    }
+
+    /// Writes an export as a file, as [`write_export`](Self::write_export) does. Its name only ever stands for a whole
+    /// file.
+    ///
+    /// # Errors
+    /// As those of [`write_export`](Self::write_export); of a failure nothing is left.
+    pub fn save_export(&self, export: &str, options: &str, run: &Run, file: &Path) -> Result<String, Ended> {
+        write_buffered(file, |out| self.write_export(export, options, run, out))
+    }
+
+    /// A plot of a kind, as `grading`, as SVG; `theme` is `light` or `dark`.
+    ///
+    /// # Errors
+    /// [`Ended::Refused`] for another name, and for a plot that the packing has no data for.
+    pub fn plot(&self, kind: &str, title: bool, theme: &str) -> Result<String, Ended> {
+        let kind = named(JobPlot::ALL, |kind| kind.name(), "kind", kind)?;
+        let theme = named(Theme::ALL, |theme| theme.name(), "theme", theme)?;
+        let chart = job::chart(kind, &JobResult { head: &self.head, grains: &self.grains })?;
+        Ok(themed(draw::svg(&chart, title)?, theme))
+    }
+
+    /// The packing as bytes, from which [`restore`](Self::restore) makes it again: the stored form of the service.
+    ///
+    /// # Errors
+    /// None that a packing causes.
+    pub fn store(&self) -> Result<Vec<u8>, Ended> {
+        let mut stored = Vec::new();
+        tables::stored::write(&self.head, &self.grains, &mut stored)?;
+        Ok(stored)
+    }
+
+    /// Reads what [`store`](Self::store) wrote.
+    ///
+    /// # Errors
+    /// [`Ended::Io`] for bytes that are no stored packing.
+    pub fn restore(stored: &[u8]) -> Result<Self, Ended> {
+        let stored = StoredBytes::read(stored)?;
+        let grains = tables::load(&stored)?;
+        let limits = limits_of_one_packing(Limits::default().max_grains);
+        Ok(Self { head: stored.into_head(), grains, limits })
+    }
+
+    fn specimen(&self) -> Result<Specimen, Ended> {
+        let request = JobRequest::read(&self.head.request, 0, None).map_err(Failure::invalid)?;
+        Ok(request.specimen)
+    }
+}
+
+/// The item of that name.
+fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, what: &str, asked: &str) -> Result<T, Ended> {
+    let found = all.iter().copied().find(|item| name(*item) == asked);
+    found.ok_or_else(|| unknown(what, asked, &all.iter().map(|item| name(*item)).collect::<Vec<_>>()))
+}
+
+fn unknown(what: &str, asked: &str, known: &[&str]) -> Ended {
+    refused(&format!("/{what}"), format!("{asked:?} must be one of {}", known.join(", ")))
+}
+
+fn refused(pointer: &str, detail: String) -> Ended {
+    Failure::fields(FailureCode::ValidationError, vec![FieldError::new(pointer, detail)]).into()
+}
