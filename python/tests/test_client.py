@@ -94,8 +94,10 @@ def test_the_package_is_installed_with_its_types() -> None:
     assert set(packstone.__all__) <= set(dir(packstone))
 
 
-def test_an_import_leaves_other_libraries_out() -> None:
+def test_an_import_leaves_other_libraries_out(tmp_path: Path) -> None:
     others = {"httpx", "numpy", "pandas", "anywidget"}
     script = f"import packstone, sys; print(sorted({others!r} & sys.modules.keys()))"
-    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout
     assert said == "[]\n"

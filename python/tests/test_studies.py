@@ -130,7 +130,7 @@ def test_names_of_saved_files(
     with pytest.raises(ValueError, match="names 'colour': must be one of id, name, point"):
         study.save_all(tmp_path / "none", "csv", "{colour}")
     unknown: Any = "ply"
-    with pytest.raises(ValueError, match="'ply' is not a format of results"):
+    with pytest.raises(ValueError, match="'ply' is not a format of packings"):
         study.save_all(tmp_path / "none", unknown)
     assert not (tmp_path / "none").exists()
     wild = client.study(list=[mixes.quick(seed) | {"name": "../../x y"} for seed in (1, 2)]).wait()

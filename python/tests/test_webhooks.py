@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from live_server import LiveServer, binary
-from mixes import quick
+from mixes import endless, quick
 
 import packstone
 
@@ -53,8 +53,10 @@ def test_a_job_and_a_study_end_in_signed_messages(
         assert job.data["webhook"]["url"] == url
         ended = messages.get(timeout=60)
         assert "webhook" not in job.update(webhook_url=None).data
-        study = client.study(list=[quick(2)])
+        # One that does not end before the server knows the URL.
+        study = client.study(list=[endless()])
         assert study.update(webhook_url=url).data["webhook"]["url"] == url
+        study.cancel()
         expected = ((ended, "job.succeeded", job.id), (messages.get(timeout=60), "study.finished", study.id))
     for (headers, body), kind, id in expected:
         text = f"{headers['webhook-id']}.{headers['webhook-timestamp']}.".encode() + body
