@@ -21,7 +21,7 @@ fn root() -> PathBuf {
 fn documents() -> BTreeMap<PathBuf, String> {
     let root = root();
     let mut paths: Vec<PathBuf> =
-        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "clients/python/README.md"]
+        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "python/README.md"]
             .into_iter()
             .map(PathBuf::from)
             .collect();

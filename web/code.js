@@ -43,7 +43,7 @@ const literal = (request) =>
 
 /** @param {any} request @param {boolean} withKey */
 export function python(request, withKey) {
-  const client = `# pip install ./clients/python${withKey ? "; the key is read from PACKSTONE_API_KEY" : ""}
+  const client = `# pip install ./python${withKey ? "; the key is read from PACKSTONE_API_KEY" : ""}
 import packstone
 
 client = packstone.Client(${JSON.stringify(location.origin)})

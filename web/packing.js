@@ -24,13 +24,15 @@ document.title = `${name} - Packstone`;
 replace(byId("title"), h("bdi", {}, name));
 const words = h("pre", { tabindex: "0", "aria-label": "Request as JSON" }, `${json(request)}\n`);
 const view = new ViewPart({ name: String(request.seed), open, limit: grains }, result);
+const warnings = result.warnings.map((/** @type {string} */ warning) =>
+  h("div", { class: "notice", "data-kind": "warning" }, h("p", {}, warning)),
+);
+const figures = [...warnings, facts(request, request, result)];
+// A frame, as that of a notebook, is small and is there for the viewer.
+const framed = window.parent !== window;
 replace(
   byId("result"),
-  ...result.warnings.map((/** @type {string} */ warning) =>
-    h("div", { class: "notice", "data-kind": "warning" }, h("p", {}, warning)),
-  ),
-  facts(request, request, result),
-  view.element,
+  ...(framed ? [view.element, ...figures] : [...figures, view.element]),
   h(
     "section",
     { class: "panel stack tight", "aria-labelledby": "request-title" },

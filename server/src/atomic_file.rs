@@ -126,11 +126,13 @@ fn partial_of(file: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Makes the entries of a folder survive a power cut.
+/// Makes the entries of a folder survive a power cut. The empty path, which a bare name has as its parent, is the
+/// current folder.
 ///
 /// # Errors
 /// The system's.
 pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     File::open(folder)?.sync_all()
 }
 
@@ -138,6 +140,12 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_folder_of_a_bare_name_is_the_current_one() {
+        let bare = Path::new("name");
+        sync_folder(bare.parent().unwrap()).unwrap();
+    }
 
     #[test]
     fn a_failed_write_leaves_the_file_before() {

@@ -1,7 +1,7 @@
 // The file that `packstone run --format html` writes: one page with a packing, opened from the disk.
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
-import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { test } from "node:test";
@@ -42,3 +42,26 @@ for (const [kind, mix] of /** @type {[string, any][]} */ ([
     }
   });
 }
+
+test("in a frame without rights, as of a notebook, the viewer comes first", inBrowser, async () => {
+  const folder = mkdtempSync(join(tmpdir(), "packstone-frame-"));
+  const browser = await startBrowser();
+  try {
+    writeFileSync(join(folder, "job.json"), JSON.stringify(SMALL));
+    const ran = spawnSync(BINARY, ["run", "job.json", "--format", "html"], { cwd: folder, encoding: "utf8" });
+    assert.equal(ran.status, 0, ran.stderr);
+    const packing = readFileSync(join(folder, "result.html"), "utf8");
+    const escaped = packing.replaceAll("&", "&amp;").replaceAll('"', "&quot;");
+    const around = `<!doctype html><html lang="en"><title>Notebook</title>
+      <iframe title="Packing" sandbox="allow-scripts allow-downloads" srcdoc="${escaped}"></iframe>`;
+    writeFileSync(join(folder, "notebook.html"), around);
+    const { page, clean, close } = await openPage(browser, pathToFileURL(join(folder, "notebook.html")).href);
+    const frame = page.frameLocator("iframe");
+    await frame.locator("#result > :first-child canvas[data-drawn]").waitFor();
+    clean();
+    await close();
+  } finally {
+    await browser.close();
+    rmSync(folder, { recursive: true, force: true });
+  }
+});

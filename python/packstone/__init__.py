@@ -1,0 +1,89 @@
+"""Packstone packs the aggregate of a concrete mix and checks the packing: in this process, or by a service.
+
+    import packstone
+
+    packing = packstone.pack(specimen=packstone.Box(150), mix=packstone.Mix("A16", 0.7, d_min_mm=2), seed=1)
+    packing.positions, packing.diameters  # arrays, in mm
+
+    with packstone.Client("http://localhost:8080") as client:
+        job = client.submit(specimen=packstone.Box(150), mix=packstone.Mix("A16", 0.7, d_min_mm=2), seed=1)
+        packing = job.result()  # the same packing
+
+The engine checks requests, here and on the server: ``openapi.yaml`` has all fields and bounds. What it refuses is
+raised as :class:`PackstoneError`.
+"""
+
+from ._native import __version__ as __version__
+from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncPacking, AsyncStudy
+from .builders import (
+    Addition,
+    Aggregate,
+    Box,
+    Cylinder,
+    Distance,
+    Grading,
+    Method,
+    Mix,
+    Proportions,
+    Ratios,
+    Segregation,
+    Shape,
+    Specimen,
+)
+from .client import Client
+from .completion import as_completed
+from .errors import (
+    ConnectionFailed,
+    Fault,
+    JobCancelled,
+    PackstoneError,
+    PackstoneWarning,
+    TargetNotReached,
+    WaitTimeout,
+)
+from .exports import Export
+from .jobs import Job
+from .local import forecast, pack
+from .packings import Packing
+from .studies import Study, steps
+from .svg import Svg
+from .view import View
+
+__all__ = [
+    "Addition",
+    "Aggregate",
+    "AsyncClient",
+    "AsyncExport",
+    "AsyncJob",
+    "AsyncPacking",
+    "AsyncStudy",
+    "Box",
+    "Client",
+    "ConnectionFailed",
+    "Cylinder",
+    "Distance",
+    "Export",
+    "Fault",
+    "Grading",
+    "Job",
+    "JobCancelled",
+    "Method",
+    "Mix",
+    "Packing",
+    "PackstoneError",
+    "PackstoneWarning",
+    "Proportions",
+    "Ratios",
+    "Segregation",
+    "Shape",
+    "Specimen",
+    "Study",
+    "Svg",
+    "TargetNotReached",
+    "View",
+    "WaitTimeout",
+    "as_completed",
+    "forecast",
+    "pack",
+    "steps",
+]

@@ -1,0 +1,52 @@
+"""Writes files so that each is there as a whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from uuid import uuid4
+
+from ._transport import Params, Transport
+
+
+@contextmanager
+def replacing(path: str | PathLike[str]) -> Iterator[Path]:
+    """Yields the path of a new file, which takes the place of `path` at the end of the ``with`` statement.
+
+    Missing folders are created. After an exception the new file is removed, and `path` is as it was.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # In the same folder, because a rename is atomic within one file system only.
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    try:
+        yield part
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def save(
+    transport: Transport,
+    address: str,
+    path: str | PathLike[str],
+    params: Params | None = None,
+    timeout: float | None = None,
+) -> Path:
+    """Downloads a file and returns its path.
+
+    Missing folders are created. A file of the same name is replaced when the download is complete.
+    """
+    with replacing(path) as part, part.open("xb") as sink:
+        transport.download(address, sink, params=params, timeout=timeout)
+    return Path(path)
+
+
+def write(path: str | PathLike[str], content: bytes) -> Path:
+    """Writes a file and returns its path. Missing folders are created."""
+    with replacing(path) as part:
+        part.write_bytes(content)
+    return Path(path)

@@ -1,0 +1,72 @@
+"""The engine and the command line of Packstone, written in Rust (python/src/lib.rs).
+
+Requests, options and documents are JSON text of the forms that `openapi.yaml` describes.
+"""
+
+from collections.abc import Callable
+from os import PathLike
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class Refused(Exception):
+    """A request that is refused, or a packing that failed. `args` is the problem document as JSON."""
+
+class Stopped(Exception):
+    """A pack that another thread stopped."""
+
+def main(args: list[str]) -> int:
+    """Runs the command line and returns the exit code. The first argument is the name of the program."""
+
+def plan(request: str, max_grains: int | None = None) -> str:
+    """Returns the plan of a job, as ``POST /v1/plans`` answers it."""
+
+def pack(
+    request: str,
+    *,
+    max_grains: int | None = None,
+    checkpoint: str | PathLike[str] | None = None,
+    checkpoint_every_s: float = 30.0,
+    on_progress: Callable[[str], None] | None = None,
+) -> Packing:
+    """Packs a job without the GIL. `on_progress` takes the progress as JSON; what it raises ends the run."""
+
+def study_runs(study: str) -> str:
+    """Returns the runs of a study: its seed, columns, points, and the request of each run."""
+
+def page(summary: str, view: bytes) -> str:
+    """Returns the page of a result: `summary` is the result with its request, `view` the grains in that format."""
+
+@final
+class Packing:
+    """A packing in memory."""
+
+    @staticmethod
+    def restore(stored: bytes) -> Packing:
+        """Reads what :meth:`store` wrote."""
+
+    def store(self) -> bytes:
+        """The packing in the form in which a service stores it."""
+
+    def summary(self) -> str:
+        """The result without its grains, with its request."""
+
+    def grains(self) -> NDArray[np.float64]:
+        """The grains as a new array."""
+
+    def table(self, format: str, path: str | PathLike[str]) -> None:
+        """Writes the grains in a format to a file."""
+
+    def table_bytes(self, format: str) -> bytes:
+        """Returns the grains in a format."""
+
+    def export(self, type: str, options: str, path: str | PathLike[str]) -> str:
+        """Writes an export with its format and options to a file, and returns its report."""
+
+    def plot(self, kind: str, title: bool, theme: str) -> str:
+        """Returns a plot as SVG."""
+
+    def __len__(self) -> int: ...

@@ -1,0 +1,95 @@
+"""The packing of a job on a server."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import _files, _native
+from ._requests import encoded, parameters
+from ._transport import Transport, document
+from .exports import Export, ExportType
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from .packings import File, PackingPlotKind, Theme
+
+
+class Remote:
+    """A source of :class:`Packing`: the result of a job, which is read from its server."""
+
+    def __init__(self, transport: Transport, job_path: str, title: str) -> None:
+        self._transport = transport
+        self._job_path = job_path
+        self.title = title
+
+    def report(self) -> dict[str, Any]:
+        """The result without its grains."""
+        return document(self._transport.request("GET", f"{self._job_path}/result/summary"))
+
+    def request(self) -> dict[str, Any]:
+        """The request of the job."""
+        return document(self._transport.request("GET", f"{self._job_path}/request"))
+
+    def grains(self) -> NDArray[np.float64]:
+        """The grains, of the format ``npy``."""
+        import numpy as np
+
+        content = io.BytesIO(self._download(f"{self._job_path}/result", {"format": "npy"}))
+        grains: NDArray[np.float64] = np.load(content, allow_pickle=False)
+        return grains
+
+    def read(self, file: File, timeout: float | None) -> bytes:
+        """Downloads a file. A server has no pages of packings: they are made here."""
+        if file.format == "html":
+            return self._page()
+        return self._download(*self._address(file), timeout)
+
+    def save(self, file: File, path: Path, timeout: float | None) -> None:
+        """Downloads a file to a path."""
+        if file.format == "html":
+            _files.write(path, self._page())
+        else:
+            address, params = self._address(file)
+            _files.save(self._transport, address, path, params, timeout)
+
+    def export(
+        self, type: ExportType, options: Mapping[str, Any], path: Path, timeout: float | None
+    ) -> dict[str, Any]:
+        """Lets the server make an export that it need not keep, and downloads it."""
+        params = {"keep": False, **parameters(options)}
+        response = self._transport.request(
+            "POST", f"{self._job_path}/exports/{type}", params=params, repeatable=True
+        )
+        export = Export(self._transport, document(response), response.headers.get("etag"))
+        export.save(path, timeout)
+        return export.report
+
+    def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:
+        """A plot as the server draws it."""
+        response = self._transport.request(
+            "GET",
+            f"{self._job_path}/plots/{kind}",
+            params={"title": title, "theme": theme},
+            headers={"accept": "image/svg+xml"},
+        )
+        return response.text
+
+    def _page(self) -> bytes:
+        result = {**self.report(), "request": self.request()}
+        view = self._download(f"{self._job_path}/result", {"format": "view"})
+        return _native.page(encoded(result), view).encode()
+
+    def _download(self, address: str, params: dict[str, Any], timeout: float | None = None) -> bytes:
+        buffer = io.BytesIO()
+        self._transport.download(address, buffer, params=params, timeout=timeout)
+        return buffer.getvalue()
+
+    def _address(self, file: File) -> tuple[str, dict[str, Any]]:
+        params = {"format": file.format, **parameters(file.options)}
+        name = "result" if file.type is None else f"exports/{file.type}"
+        return f"{self._job_path}/{name}", params

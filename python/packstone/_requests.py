@@ -1,0 +1,47 @@
+"""Writes requests and options as JSON, for the service and for the native module alike."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .builders import JobFields
+
+
+def job_body(job: Mapping[str, Any] | None, fields: JobFields) -> dict[str, Any]:
+    """Returns the request of a job. A field that is given by name replaces that of the mapping."""
+    return {**(job or {}), **fields}
+
+
+def encoded(value: object) -> str:
+    """Writes a value as JSON. NumPy's numbers and arrays become numbers and lists, times those of RFC 3339."""
+    return json.dumps(value, allow_nan=False, default=_plain)
+
+
+def rfc3339(at: datetime | str | None) -> str | None:
+    """Writes a time in RFC 3339. A time without a zone is local."""
+    return at.astimezone().isoformat() if isinstance(at, datetime) else at
+
+
+def parameters(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns options of an export as parameters of a query: objects and lists as JSON."""
+    nested = (Mapping, list, tuple)
+    return {name: encoded(value) if isinstance(value, nested) else value for name, value in options.items()}
+
+
+def _plain(value: Any) -> object:
+    # A value of NumPy exists only where NumPy has been imported.
+    numpy = sys.modules.get("numpy")
+    if numpy is not None and isinstance(value, (numpy.ndarray, numpy.generic)):
+        return value.tolist()
+    if isinstance(value, datetime):
+        return rfc3339(value)
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Sequence):
+        return list(value)
+    raise TypeError(f"{type(value).__name__} {value!r} cannot be written as JSON")

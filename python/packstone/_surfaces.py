@@ -1,0 +1,78 @@
+"""Grains as points and surfaces of PyVista."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pyvista
+    from numpy.typing import NDArray
+
+
+def points(grains: NDArray[np.float64]) -> pyvista.PolyData:
+    """The centres with the point data ``diameter_mm``."""
+    import pyvista
+
+    centres = pyvista.PolyData(grains[:, :3].copy())
+    centres.point_data["diameter_mm"] = grains[:, 3].copy()
+    centres.set_active_scalars("diameter_mm")
+    return centres
+
+
+def spheres(grains: NDArray[np.float64], resolution: int) -> pyvista.PolyData:
+    """The surfaces of spheres."""
+    import pyvista
+
+    geometry = _sphere(resolution)
+    surfaces = points(grains).glyph(geom=geometry, scale="diameter_mm", orient=False)
+    assert isinstance(surfaces, pyvista.PolyData)
+    return surfaces
+
+
+def ellipsoids(grains: NDArray[np.float64], resolution: int) -> pyvista.PolyData:
+    """The surfaces of ellipsoids as images of a sphere of diameter 1."""
+    import pyvista
+
+    sphere = _sphere(resolution)
+    center, axes = grains[:, :3], 2 * grains[:, 9:12]
+    w, x, y, z = (grains[:, 5:9] / np.linalg.norm(grains[:, 5:9], axis=1, keepdims=True)).T
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    unit = np.asarray(sphere.points, dtype=np.float64)
+    corners = np.einsum("ijn,nj,pj->npi", rotation, axes, unit) + center[:, None, :]
+    faces = np.asarray(sphere.faces).reshape(-1, 4)
+    offsets = np.arange(len(grains))[:, None, None] * len(unit)
+    indices = faces[None, :, 1:] + offsets
+    counted = np.concatenate([np.full((*indices.shape[:2], 1), 3), indices], axis=2)
+    surfaces: pyvista.PolyData = pyvista.PolyData(corners.reshape(-1, 3), counted.reshape(-1))
+    surfaces.point_data["diameter_mm"] = np.repeat(grains[:, 3], len(unit))
+    surfaces.set_active_scalars("diameter_mm")
+    return surfaces
+
+
+def polyhedra(vtp: bytes) -> pyvista.PolyData:
+    """The surfaces of a packing with polyhedra, of its file in the format ``vtp``."""
+    import pyvista
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "grains.vtp"
+        file.write_bytes(vtp)
+        surfaces: pyvista.PolyData = pyvista.PolyData(str(file))
+    surfaces.cell_data["diameter_mm"] = surfaces.cell_data.pop("diameter")
+    surfaces.set_active_scalars("diameter_mm", preference="cell")
+    return surfaces
+
+
+def _sphere(resolution: int) -> pyvista.PolyData:
+    import pyvista
+
+    return pyvista.Sphere(radius=0.5, theta_resolution=resolution, phi_resolution=resolution)

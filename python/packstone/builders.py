@@ -1,0 +1,448 @@
+"""Builders of requests: dictionaries with typed arguments, for completion and checks in an editor.
+
+Each builder returns a dictionary of the form that :func:`pack` and ``POST /v1/jobs`` take. A plain dictionary does as
+well. Bounds are checked by the engine, whose errors name the field, the value and the bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    import numpy as np
+    from numpy.typing import ArrayLike
+    from typing_extensions import TypedDict
+
+    class JobFields(TypedDict, total=False):
+        """The fields of a job."""
+
+        name: str | None
+        labels: Mapping[str, str]
+        seed: int | np.integer[Any]
+        priority: int
+        timeout_s: float | None
+        expires_at: str | datetime | None
+        max_attempts: int
+        shared: bool
+        webhook_url: str | None
+        specimen: Specimen | Mapping[str, Any]
+        mix: Mix | Mapping[str, Any]
+        distance: Distance | Mapping[str, Any]
+        method: Method | Mapping[str, Any]
+        segregation: Segregation | Mapping[str, Any]
+        postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
+
+
+StandardCurve = Literal["A8", "B8", "C8", "A16", "B16", "C16", "A32", "B32", "C32"]
+Face = Literal["x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "side"]
+
+
+class _Fields(dict[str, Any]):
+    """A dictionary without the fields that are `None`."""
+
+    def __init__(self, **fields: Any) -> None:
+        super().__init__({name: value for name, value in fields.items() if value is not None})
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({super().__repr__()})"
+
+
+class Specimen(_Fields):
+    """The region that is filled: a :class:`Box` or a :class:`Cylinder`."""
+
+
+class Box(Specimen):
+    """A box. ``Box(150)`` is a cube with edges of 150 mm, ``Box(40, 40, 160)`` a prism.
+
+    `boundary` is ``walls`` (the default) for rigid walls, as of a mould, or ``periodic``.
+    """
+
+    def __init__(
+        self,
+        x_mm: float,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        *,
+        boundary: Literal["walls", "periodic"] | None = None,
+    ) -> None:
+        if (y_mm is None) != (z_mm is None):
+            raise TypeError("a box has one edge length or three")
+        size = [x_mm, x_mm if y_mm is None else y_mm, x_mm if z_mm is None else z_mm]
+        super().__init__(type="box", size_mm=size, boundary=boundary)
+
+
+class Cylinder(Specimen):
+    """A cylinder that stands on z = 0 with its axis at x = y = diameter / 2."""
+
+    def __init__(self, diameter_mm: float, height_mm: float) -> None:
+        super().__init__(type="cylinder", diameter_mm=diameter_mm, height_mm=height_mm)
+
+
+class Grading(_Fields):
+    """The mass fraction of the aggregate that passes each sieve."""
+
+    @classmethod
+    def standard(cls, name: StandardCurve) -> Grading:
+        """A grading curve of DIN 1045-2."""
+        return cls(type="standard", name=name)
+
+    @classmethod
+    def fuller(cls, d_max_mm: float, exponent: float = 0.5) -> Grading:
+        """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d."""
+        return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
+
+    @classmethod
+    def sieves(cls, points: Sequence[tuple[float, float]] | ArrayLike) -> Grading:
+        """A curve through sieves: pairs of the diameter in mm and the fraction passing, both rising to 1."""
+        return cls(type="sieves", points=points)
+
+    @classmethod
+    def classes(cls, classes: Sequence[tuple[float, float, float]]) -> Grading:
+        """Size classes: triples of the lower and the upper diameter in mm and the mass fraction."""
+        names = ("d_min_mm", "d_max_mm", "mass_fraction")
+        return cls(type="classes", classes=[dict(zip(names, item, strict=True)) for item in classes])
+
+    @classmethod
+    def monodisperse(cls, diameter_mm: float) -> Grading:
+        """Equal spheres."""
+        return cls(type="monodisperse", diameter_mm=diameter_mm)
+
+    @classmethod
+    def diameters(cls, diameters_mm: Sequence[float] | ArrayLike) -> Grading:
+        """An explicit list of diameters. Its volume is that of the mix."""
+        return cls(type="diameters", diameters_mm=diameters_mm)
+
+
+class Addition(_Fields):
+    """A fine addition to the cement, such as fly ash, in a cubic metre of concrete."""
+
+    def __init__(self, mass_kg_m3: float, density_kg_m3: float) -> None:
+        super().__init__(mass_kg_m3=mass_kg_m3, density_kg_m3=density_kg_m3)
+
+
+class Proportions(_Fields):
+    """The contents of a cubic metre of fresh concrete.
+
+    The aggregate takes the volume that the other parts leave, or has `aggregate_cement` times the mass of the
+    cement.
+    """
+
+    def __init__(
+        self,
+        cement_kg_m3: float,
+        water_cement: float,
+        *,
+        aggregate_cement: float | None = None,
+        additions: Sequence[Addition] | None = None,
+        air: float | None = None,
+        cement_density_kg_m3: float | None = None,
+        water_density_kg_m3: float | None = None,
+        aggregate_density_kg_m3: float | None = None,
+    ) -> None:
+        super().__init__(
+            cement_kg_m3=cement_kg_m3,
+            water_cement=water_cement,
+            aggregate_cement=aggregate_cement,
+            additions=additions,
+            air=air,
+            cement_density_kg_m3=cement_density_kg_m3,
+            water_density_kg_m3=water_density_kg_m3,
+            aggregate_density_kg_m3=aggregate_density_kg_m3,
+        )
+
+
+class Ratios(_Fields):
+    """How the ratios of the axes ``a >= b >= c`` of grains are distributed.
+
+    The elongation is b/a, the flatness c/b, both 0.1 to 1. A law of one ratio is a number, or a mapping as
+    ``{"type": "uniform", "min": 0.5, "max": 0.9}``.
+    """
+
+    @classmethod
+    def constant(cls, elongation: float, flatness: float) -> Ratios:
+        """The same for all grains."""
+        return cls(type="constant", elongation=elongation, flatness=flatness)
+
+    @classmethod
+    def independent(
+        cls, elongation: float | Mapping[str, Any], flatness: float | Mapping[str, Any]
+    ) -> Ratios:
+        """Elongation and flatness independent of one another."""
+        return cls(type="independent", elongation=elongation, flatness=flatness)
+
+    @classmethod
+    def triangle(cls, k: float) -> Ratios:
+        """Uniform over ``k <= c/a <= b/a <= 1``."""
+        return cls(type="triangle", k=k)
+
+    @classmethod
+    def measured(
+        cls, axes: Sequence[tuple[float, float, float]] | ArrayLike, weights: Sequence[float] | None = None
+    ) -> Ratios:
+        """Those of grains that were measured: triples of axes in any unit."""
+        return cls(type="measured", axes=axes, weights=weights)
+
+    @classmethod
+    def flakiness(cls, index: float, elongation: float | Mapping[str, Any] | None = None) -> Ratios:
+        """Grains with this flakiness index of EN 933-3, 0 to 1."""
+        return cls(type="flakiness", index=index, elongation=elongation)
+
+    @classmethod
+    def shape_index(cls, index: float, elongation: float | Mapping[str, Any] | None = None) -> Ratios:
+        """Grains with this shape index of EN 933-4, 0 to 1."""
+        return cls(type="shape_index", index=index, elongation=elongation)
+
+
+class Shape(_Fields):
+    """The shape of grains."""
+
+    @classmethod
+    def sphere(cls) -> Shape:
+        """Spheres."""
+        return cls(type="sphere")
+
+    @classmethod
+    def ellipsoid(cls, ratios: Ratios | Mapping[str, Any]) -> Shape:
+        """Ellipsoids with these ratios of axes."""
+        return cls(type="ellipsoid", ratios=ratios)
+
+    @classmethod
+    def polyhedron(
+        cls,
+        template: Literal[
+            "cuts",
+            "deformed_cuboid",
+            "voronoi",
+            "tetrahedron",
+            "cube",
+            "octahedron",
+            "dodecahedron",
+            "icosahedron",
+        ]
+        | None = None,
+        *,
+        faces: int | None = None,
+        displacement: float | None = None,
+        ratios: Ratios | Mapping[str, Any] | None = None,
+        rounding: float | None = None,
+        template_count: int | None = None,
+        template_seed: int | None = None,
+    ) -> Shape:
+        """Angular grains: convex polyhedra, each of them one of `template_count` templates in its own size.
+
+        `faces` is the number of ``cuts``, `displacement` how far the corners of a ``deformed_cuboid`` are moved, as a
+        share of its edge. Templates are stretched by `ratios` and rounded by a radius of `rounding` times the
+        equivalent diameter. They depend on `template_seed` alone, not on the seed of the job. A Platonic solid has one
+        template where `template_count` is left out.
+        """
+        return cls(
+            type="polyhedron",
+            template=template,
+            faces=faces,
+            displacement=displacement,
+            ratios=ratios,
+            rounding=rounding,
+            template_count=template_count,
+            template_seed=template_seed,
+        )
+
+    @classmethod
+    def preset(cls, name: str) -> Shape:
+        """A shape by its name, of those that the service lists as ``shape_presets`` in its capabilities."""
+        return cls(type="preset", name=name)
+
+    @classmethod
+    def mixture(cls, parts: Sequence[tuple[float, Shape]]) -> Shape:
+        """Grains of several shapes: pairs of the share of the volume and the shape."""
+        return cls(type="mixture", of=[{"share": share, "shape": shape} for share, shape in parts])
+
+
+class Aggregate(_Fields):
+    """One of several aggregates of a mix: a supply of grains with its own grading, shapes and density.
+
+    `share` is its share of the volume of all aggregate; the shares of a mix sum to 1. `d_min_mm` is a cut-off of its
+    own, that of the mix when absent. `shape` and `shapes` are as those of a :class:`Mix`.
+    """
+
+    def __init__(
+        self,
+        share: float,
+        grading: StandardCurve | Grading | Mapping[str, Any],
+        *,
+        name: str | None = None,
+        density_kg_m3: float | None = None,
+        d_min_mm: float | None = None,
+        shape: Shape | Mapping[str, Any] | None = None,
+        shapes: Sequence[tuple[float, Shape]] | None = None,
+    ) -> None:
+        super().__init__(
+            name=name,
+            share=share,
+            density_kg_m3=density_kg_m3,
+            grading=_grading(grading),
+            d_min_mm=d_min_mm,
+            shape=shape,
+            shapes=_shapes(shapes),
+        )
+
+
+def _grading(grading: StandardCurve | Grading | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    return Grading.standard(grading) if isinstance(grading, str) else grading
+
+
+def _shapes(shapes: Sequence[tuple[float, Shape]] | None) -> list[dict[str, Any]] | None:
+    return None if shapes is None else [{"above_mm": size, "shape": shape} for size, shape in shapes]
+
+
+class Mix(_Fields):
+    """The aggregate: its grading, its smallest diameter and its amount.
+
+    `grading` is a :class:`Grading` or the name of a standard curve; `aggregates` takes its place in a mix of several
+    aggregates, each with its own grading and shapes. The amount is a `volume_fraction` or
+    follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
+    default), including the part finer than `d_min_mm`, or ``placed_grains``.
+
+    `shape` is the shape of all grains; `shapes` has pairs of the size above which a shape holds and the shape.
+    `size` says what a diameter is of grains that are not spheres: their ``sieve`` size (the default) or the
+    diameter of the sphere of ``equivalent`` volume.
+    """
+
+    def __init__(
+        self,
+        grading: StandardCurve | Grading | Mapping[str, Any] | None = None,
+        volume_fraction: float | None = None,
+        *,
+        aggregates: Sequence[Aggregate | Mapping[str, Any]] | None = None,
+        d_min_mm: float | None = None,
+        proportions: Proportions | Mapping[str, Any] | None = None,
+        volume_fraction_of: Literal["all_aggregate", "placed_grains"] | None = None,
+        allow_coarse: bool | None = None,
+        shape: Shape | Mapping[str, Any] | None = None,
+        shapes: Sequence[tuple[float, Shape]] | None = None,
+        size: Literal["sieve", "equivalent"] | None = None,
+        orientation: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(
+            grading=_grading(grading),
+            d_min_mm=d_min_mm,
+            aggregates=aggregates,
+            volume_fraction=volume_fraction,
+            proportions=proportions,
+            volume_fraction_of=volume_fraction_of,
+            allow_coarse=allow_coarse,
+            shape=shape,
+            shapes=_shapes(shapes),
+            size=size,
+            orientation=orientation,
+        )
+
+
+class Distance(_Fields):
+    """The rule for the distance that the surfaces of two grains keep.
+
+    `wall_gap_mm` is the gap to the walls. Its default is half of what a grain keeps from another of its size.
+    """
+
+    @classmethod
+    def none(cls, *, wall_gap_mm: float | None = None) -> Distance:
+        """Grains may touch."""
+        return cls(type="none", wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def constant(cls, gap_mm: float, *, wall_gap_mm: float | None = None) -> Distance:
+        """The same gap for every pair."""
+        return cls(type="constant", gap_mm=gap_mm, wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def proportional(cls, factor: float, *, wall_gap_mm: float | None = None) -> Distance:
+        """A gap of `factor` times the mean diameter of the pair."""
+        return cls(type="proportional", factor=factor, wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def smaller_diameter(cls, factor: float, *, wall_gap_mm: float | None = None) -> Distance:
+        """A gap of `factor` times the smaller diameter of the pair."""
+        return cls(type="smaller_diameter", factor=factor, wall_gap_mm=wall_gap_mm)
+
+    @classmethod
+    def maximize(cls, *, wall_gap_mm: float | None = None) -> Distance:
+        """The largest gap, the same for every pair, that can be reached."""
+        return cls(type="maximize", wall_gap_mm=wall_gap_mm)
+
+
+class Method(_Fields):
+    """The method that computes the packing."""
+
+    @classmethod
+    def auto(cls) -> Method:
+        """Random sequential addition if it will almost surely succeed.
+
+        Otherwise event-driven molecular dynamics, or hard-particle Monte Carlo for grains that are not spheres.
+        """
+        return cls(type="auto")
+
+    @classmethod
+    def rsa(cls, *, attempts_per_grain: int | None = None) -> Method:
+        """Random sequential addition. Without `attempts_per_grain` the search is exhaustive."""
+        return cls(type="rsa", attempts_per_grain=attempts_per_grain)
+
+    @classmethod
+    def edmd(
+        cls,
+        *,
+        time_s: float | None = None,
+        events: int | None = None,
+        stall_dt_s: float | None = None,
+        initial_scale: float | None = None,
+        growth_rate: float | None = None,
+        initial_velocity: float | None = None,
+        equal_mass: bool | None = None,
+        swap: bool | None = None,
+    ) -> Method:
+        """Event-driven molecular dynamics with growing grains.
+
+        It stops after `time_s` of packing, after a number of `events`, or if the simulated time per event and
+        grain falls below `stall_dt_s`.
+        """
+        stop = _Fields(time_s=time_s, events=events, stall_dt_s=stall_dt_s)
+        return cls(
+            type="edmd",
+            initial_scale=initial_scale,
+            growth_rate=growth_rate,
+            initial_velocity=initial_velocity,
+            equal_mass=equal_mass,
+            swap=swap,
+            stop=dict(stop) or None,
+        )
+
+    @classmethod
+    def monte_carlo(cls, *, time_s: float | None = None, sweeps: int | None = None) -> Method:
+        """Hard-particle Monte Carlo with growing grains, for grains that are not spheres.
+
+        It stops after `time_s` of packing, or after a number of `sweeps`.
+        """
+        return cls(type="monte_carlo", stop=dict(_Fields(time_s=time_s, sweeps=sweeps)) or None)
+
+
+class Segregation(_Fields):
+    """A gradient of the grain sizes in the specimen."""
+
+    @classmethod
+    def none(cls) -> Segregation:
+        """No gradient."""
+        return cls(type="none")
+
+    @classmethod
+    def along(
+        cls, axis: Literal["x", "y", "z"], strength: float, *, direction: Literal["up", "down"] | None = None
+    ) -> Segregation:
+        """Coarse grains gather at one end of an axis, at 0 by default."""
+        field = _Fields(type="linear", axis=axis, direction=direction)
+        return cls(type="gradient", field=dict(field), strength=strength)
+
+    @classmethod
+    def at_face(cls, face: Face, strength: float) -> Segregation:
+        """Coarse grains gather at a face of the specimen."""
+        return cls(type="gradient", field={"type": "face", "face": face}, strength=strength)

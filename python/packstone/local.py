@@ -1,0 +1,180 @@
+"""Packs in this process, without a service."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import _native, _warnings
+from ._progress import Progress, note
+from ._requests import encoded, job_body
+from .errors import error_of
+from .exports import ExportType
+from .packings import File, Packing
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from typing_extensions import Unpack
+
+    from .builders import JobFields
+    from .packings import PackingPlotKind, Theme
+
+
+def pack(
+    job: Mapping[str, Any] | None = None,
+    /,
+    *,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: bool | Callable[[dict[str, Any]], object] | None = None,
+    max_grains: int | None = None,
+    **fields: Unpack[JobFields],
+) -> Packing:
+    """Packs in this process and returns the packing: the same bits as a service makes of the same request.
+
+    The request is a mapping as :meth:`Client.submit` takes it, its fields as arguments, or both. An argument replaces
+    the field of the mapping: ``pack(mix_design, seed=2)``.
+
+    ``progress=True`` shows a bar (of tqdm if it is installed) with the remaining time. A function is called at most
+    10 times a second with ``phase``, ``fraction``, ``eta_s`` and ``message``; what it raises ends the run. Other
+    threads go on meanwhile. Ctrl-C ends the run at once. With the path of a `checkpoint` the run is kept there from
+    time to time and when it is stopped; a later call with the same request and path continues it and makes the same
+    packing. The file is removed at the end.
+
+    Raises :class:`TargetNotReached` if the method could not reach the target, and :class:`PackstoneError` if the
+    request is refused, for example because it has more than `max_grains`. What is doubtful about request or packing is
+    issued as :class:`PackstoneWarning`.
+    """
+    request = encoded(job_body(job, fields))
+    with _shown(progress) as told, _refusals():
+        made = _native.pack(
+            request,
+            max_grains=max_grains,
+            checkpoint=checkpoint,
+            on_progress=told,
+        )
+    packing = Packing(Local(made))
+    _warnings.warn(_warnings.texts(packing.report))
+    return packing
+
+
+def forecast(
+    job: Mapping[str, Any] | None = None,
+    /,
+    *,
+    max_grains: int | None = None,
+    **fields: Unpack[JobFields],
+) -> dict[str, Any]:
+    """Returns what a job amounts to, as :meth:`Client.plan`: expected grains, volume fractions, memory, time, warnings.
+
+    Nothing is packed. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not fit.
+    """
+    with _refusals():
+        plan: dict[str, Any] = json.loads(_native.plan(encoded(job_body(job, fields)), max_grains))
+    _warnings.warn(_warnings.texts(plan))
+    return plan
+
+
+class Local:
+    """A source of :class:`Packing`: a packing in the memory of this process."""
+
+    def __init__(self, made: _native.Packing) -> None:
+        self._made = made
+
+    def __getstate__(self) -> bytes:
+        return self._made.store()
+
+    def __setstate__(self, stored: bytes) -> None:
+        self._made = _native.Packing.restore(stored)
+
+    @property
+    def title(self) -> str:
+        """The name of the request and the number of grains."""
+        grains, name = f"{len(self._made)} grains", self.request().get("name")
+        return grains if name is None else f"{name!r} ({grains})"
+
+    def report(self) -> dict[str, Any]:
+        """The result without its grains and its request."""
+        summary: dict[str, Any] = json.loads(self._made.summary())
+        summary.pop("request", None)
+        return summary
+
+    def request(self) -> dict[str, Any]:
+        """The request with the defaults filled in."""
+        return dict(json.loads(self._made.summary())["request"])
+
+    def grains(self) -> NDArray[np.float64]:
+        """The grains as an array."""
+        return self._made.grains()
+
+    def read(self, file: File, timeout: float | None) -> bytes:
+        """The content of a file."""
+        with _refusals():
+            if file.type is None:
+                return self._made.table_bytes(file.format)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"packing.{file.format}"
+            self.save(file, path, timeout)
+            return path.read_bytes()
+
+    def save(self, file: File, path: Path, timeout: float | None) -> None:
+        """Writes a file."""
+        if file.type is not None:
+            self.export(file.type, {"format": file.format, **file.options}, path, timeout)
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _refusals():
+            self._made.table(file.format, path)
+
+    def export(
+        self, type: ExportType, options: Mapping[str, Any], path: Path, timeout: float | None
+    ) -> dict[str, Any]:
+        """Makes an export. It is not limited to a time."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _refusals():
+            report: dict[str, Any] = json.loads(self._made.export(type, encoded(options), path))
+        return report
+
+    def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:
+        """A plot, drawn as a server draws it."""
+        with _refusals():
+            return self._made.plot(kind, title, theme)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Raises what the native module refuses as the exceptions of this package."""
+    try:
+        yield
+    except _native.Refused as refused:
+        raise error_of(json.loads(refused.args[0])) from None
+
+
+@contextmanager
+def _shown(
+    progress: bool | Callable[[dict[str, Any]], object] | None,
+) -> Iterator[Callable[[str], None] | None]:
+    """Yields the function that takes the progress as JSON."""
+    if not progress:
+        yield None
+    elif callable(progress):
+        call = progress
+
+        def tell(text: str) -> None:
+            call(json.loads(text))
+
+        yield tell
+    else:
+        with Progress("packing") as bar:
+
+            def show(text: str) -> None:
+                seen = json.loads(text)
+                bar.show(seen["fraction"], note(seen["phase"], seen["eta_s"]))
+
+            yield show
+            bar.show(1.0, "done")

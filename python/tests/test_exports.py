@@ -1,0 +1,129 @@
+"""Exports of packings: meshes, voxel models, cross-sections, lattice models."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import meshio
+import mixes
+import numpy as np
+import packstone
+import pytest
+from faulty_proxy import Answered, FaultyProxy
+from live_server import LiveServer
+
+
+@pytest.fixture(scope="module")
+def job(session_client: packstone.Client) -> packstone.Job:
+    return session_client.submit(mixes.quick()).wait()
+
+
+def test_an_export_is_started_waited_for_and_saved(job: packstone.Job, tmp_path: Path) -> None:
+    seen: list[str] = []
+    export = job.export("voxels", format="raw", cells=20, label="phase")
+    export.wait(timeout=60, progress=lambda export: seen.append(export.state))
+    assert export.succeeded and export.finished and export.error is None and seen[-1] == "succeeded"
+    assert (export.type, export.format, export.kept) == ("voxels", "raw", True)
+    assert export.options["cells"] == 20 and export.options["samples"] == 4
+    saved = export.save(tmp_path / "new" / "labels.raw")
+    labels = np.fromfile(saved, dtype=export.report["dtype"])
+    assert labels.size == np.prod(export.report["shape"])
+    fraction = export.report["volume_fraction"]
+    assert fraction == pytest.approx(job.result().summary["volume_fraction_effective"])
+    assert labels.mean() == pytest.approx(fraction, rel=0.2)
+    assert export.read() == saved.read_bytes()
+    assert job.export("voxels", format="raw", cells=20).path == export.path, "the same is made once"
+    assert [found.path for found in job.exports()].count(export.path) == 1
+    assert str(export) == f"voxels (raw) of job {job.id}: succeeded"
+    assert "volume_fraction" in export._repr_html_()
+
+
+def test_a_result_is_saved_as_an_export(job: packstone.Job, tmp_path: Path) -> None:
+    result = job.result()
+    saved = result.save(tmp_path / "a.vti", cells=10, fractions=True)
+    assert saved.read_bytes() == result.read("vti", cells=10, fractions=True)
+    assert saved.read_bytes().startswith(b"<?xml")
+    archive = job.export("mesh", format="stl", segments=8, keep=False).save(tmp_path / "surfaces.zip")
+    assert archive.read_bytes().startswith(b"PK")
+    mesh = meshio.read(result.save(tmp_path / "a.msh", segments=8))
+    assert mesh.cells_dict["triangle"].shape[1] == 3
+
+
+@pytest.mark.parametrize("suffix", ["geo", "stl", "zip"])
+def test_a_suffix_of_several_exports_is_refused(job: packstone.Job, tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(ValueError, match=f"'{suffix}' does not name one export: use export"):
+        job.result().save(tmp_path / f"a.{suffix}")
+
+
+def test_a_cross_section_is_a_picture_or_a_table(job: packstone.Job, tmp_path: Path) -> None:
+    section = json.loads(job.slice(tmp_path / "new" / "x.json", axis="x", at_mm=10))
+    assert json.loads((tmp_path / "new" / "x.json").read_text()) == section
+    assert section["axis"] == "x" and section["at_mm"] == 10 and 0 < section["area_fraction"] < 1
+    assert job.slice(format="png", pixels=64).startswith(b"\x89PNG")
+    assert b"<svg" in job.slice()
+    with pytest.raises(ValueError, match="'gif' is not a format of cross-sections: must be one of svg, png, json, geo"):
+        job.slice(tmp_path / "a.gif")
+
+
+def test_a_job_names_its_exports_beforehand(client: packstone.Client) -> None:
+    exports: list[dict[str, Any]] = [{"type": "voxels", "format": "raw", "cells": 8}, {"type": "slice"}]
+    job = client.submit(mixes.quick(), postprocess=exports).wait()
+    assert sorted(export.wait(60).type for export in job.exports()) == ["slice", "voxels"]
+    export = next(job.exports())
+    export.delete()
+    left = [found.path for found in job.exports()]
+    assert len(left) == 1 and export.path not in left
+
+
+@pytest.mark.parametrize(
+    ("type", "options", "kind", "parameter"),
+    [
+        ("voxels", {"cells": 0}, "validation-error", "cells"),
+        ("voxels", {"colour": "red"}, "validation-error", "colour"),
+        ("voxels", {"format": "ply"}, "validation-error", "format"),
+        ("voxels", {"format": "raw", "cells": 8000}, "too-large", "cells"),
+    ],
+)
+def test_what_cannot_be_made_is_refused(
+    job: packstone.Job, type: Any, options: dict[str, Any], kind: str, parameter: str
+) -> None:
+    with pytest.raises(packstone.PackstoneError) as refused:
+        job.export(type, **options)
+    assert refused.value.kind == kind
+    assert refused.value.errors[0].parameter == parameter
+
+
+def test_an_unknown_type_is_refused(job: packstone.Job) -> None:
+    unknown: Any = "ball"
+    with pytest.raises(packstone.PackstoneError) as refused:
+        job.export(unknown)
+    assert refused.value.status is not None and 400 <= refused.value.status < 500
+
+
+def test_a_file_that_is_being_made_is_waited_for(proxy: FaultyProxy, pauses: list[float]) -> None:
+    with packstone.Client(proxy.url, retry_s=0.001) as client:
+        result = client.submit(mixes.quick()).result()
+        made = Answered(202, {"retry-after": "2", "content-type": "application/json"}, b"{}")
+        proxy.faults.extend([made, made])
+        proxy.seen.clear()
+        assert len(result.read("raw", cells=10)) == 1000
+        assert pauses == [2.0, 2.0], "as long as the server says, and longer than failures are repeated"
+        assert proxy.seen[0].headers["prefer"] == "wait=60"
+        proxy.faults.append(made)
+        with pytest.raises(packstone.WaitTimeout, match="is not made within 1 s"):
+            result.read("raw", cells=11, timeout=1)
+
+
+def test_a_file_is_fetched_from_where_the_server_says(server: LiveServer, job: packstone.Job) -> None:
+    storage, front = FaultyProxy(server.address), FaultyProxy(server.address)
+    with packstone.Client(front.url, api_key="secret") as client:
+        export = client.job(job.id).export("voxels", format="raw", cells=20).wait(timeout=60)
+        whole = export.read()
+        front.faults.append(Answered(307, {"Location": f"{storage.url}{export.data['links']['file']}"}))
+        assert export.read() == whole
+    assert "authorization" in front.seen[-1].headers
+    assert len(storage.seen) == 1 and "authorization" not in storage.seen[0].headers
+    for proxy in (storage, front):
+        proxy.stop()

@@ -1,0 +1,142 @@
+"""Packings of a service as arrays, tables and files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mixes
+import numpy as np
+import packstone
+import pytest
+from faulty_proxy import CutAfter, FaultyProxy
+from packstone.packings import MIXED_COLUMNS, FileFormat
+
+
+@pytest.fixture
+def result(client: packstone.Client) -> packstone.Packing:
+    return client.submit(mixes.quick()).result()
+
+
+def test_arrays_tables_and_files_agree(result: packstone.Packing, tmp_path: Path) -> None:
+    spheres = result.to_numpy()
+    assert spheres.shape == (result.summary["grains"], 4) and spheres.dtype == np.float64
+    assert (np.diff(spheres[:, 3]) <= 0).all(), "largest first"
+    written = json.loads(result.save(tmp_path / "packing.json").read_text())
+    assert np.array_equal(spheres, np.array(written["grains"]["rows"]))
+    assert written["summary"] == result.summary == result.report["summary"]
+    table = result.to_dataframe()
+    assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "d_mm"]
+    assert np.array_equal(table.to_numpy(), spheres)
+
+
+def test_the_aggregate_of_each_grain_is_a_column(client: packstone.Client) -> None:
+    gravel = packstone.Aggregate(0.6, packstone.Grading.sieves([(4, 0), (12, 1)]), name="gravel")
+    beads = packstone.Aggregate(0.4, packstone.Grading.monodisperse(5))
+    mix = packstone.Mix(volume_fraction=0.3, aggregates=[gravel, beads])
+    result = client.submit(mixes.quick() | {"mix": mix}).result()
+    table = result.to_dataframe()
+    assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "d_mm", "aggregate"]
+    counted = [aggregate["grains"] for aggregate in result.summary["aggregates"]]
+    assert counted == table.groupby("aggregate").size().to_list()
+    assert (table["d_mm"][table["aggregate"] == 1] == 5).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "format", "head"),
+    [
+        ("a.csv", None, b"x_mm,y_mm,z_mm,d_mm"),
+        ("a.VTP", None, b"<?xml"),
+        ("a.vtk", None, b"# vtk DataFile"),
+        ("a.npy", None, b"\x93NUMPY"),
+        ("a.txt", "csv", b"x_mm"),
+    ],
+)
+def test_files_in_every_format(
+    result: packstone.Packing, tmp_path: Path, name: str, format: FileFormat | None, head: bytes
+) -> None:
+    saved = result.save(tmp_path / name, format)
+    assert saved == tmp_path / name
+    assert saved.read_bytes().startswith(head)
+
+
+def test_an_unknown_suffix_is_refused(result: packstone.Packing, tmp_path: Path) -> None:
+    for name in ("a.ply", "a"):
+        with pytest.raises(ValueError, match="is not a format of packings: must be one of json, csv"):
+            result.save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_are_created(result: packstone.Packing, tmp_path: Path) -> None:
+    assert result.save(tmp_path / "no" / "folder" / "a.csv").exists()
+
+
+def test_other_libraries_take_the_grains(result: packstone.Packing) -> None:
+    grains = result.to_numpy()
+    points = result.to_pyvista()
+    assert np.array_equal(points.points, grains[:, :3].astype(points.points.dtype))
+    assert np.array_equal(points["diameter_mm"], grains[:, 3])
+    surfaces = result.to_pyvista(spheres=True, resolution=8)
+    assert surfaces.n_cells > 8 * len(grains)
+    top = (grains[:, 2] + grains[:, 3] / 2).max()
+    assert surfaces.bounds[5] == pytest.approx(top, abs=1e-3)
+    mesh = result.to_meshio()
+    assert np.array_equal(mesh.points, grains[:, :3])
+    assert np.array_equal(mesh.point_data["diameter_mm"], grains[:, 3])
+
+
+def test_ellipsoids_have_axes_and_surfaces(client: packstone.Client) -> None:
+    result = client.submit(mixes.ellipsoids()).result()
+    grains = result.to_numpy()
+    assert grains.shape == (result.summary["grains"], 12)
+    table = result.to_dataframe()
+    assert np.allclose(table["b_mm"] / table["a_mm"], 0.8) and np.allclose(table["c_mm"] / table["b_mm"], 0.6)
+    assert np.allclose(table["d_mm"] ** 3, 8 * table["a_mm"] * table["b_mm"] * table["c_mm"])
+    surfaces = result.to_pyvista(spheres=True, resolution=24)
+    volume = (np.pi / 6 * grains[:, 3] ** 3).sum()
+    assert surfaces.volume == pytest.approx(volume, rel=0.05) and surfaces.volume < volume
+    assert surfaces.bounds[0] >= 0 and surfaces.bounds[5] <= 40
+
+
+def test_ellipsoids_and_polyhedra_have_columns_of_both(client: packstone.Client) -> None:
+    result = client.submit(mixes.mixed()).result()
+    table = result.to_dataframe()
+    assert tuple(table.columns) == MIXED_COLUMNS
+    of_template = table["template"] >= 0
+    assert 0 < of_template.sum() < len(table) and len(result.templates()) == 3
+    assert (table["a_mm"][of_template] == 0).all() and (table["template"][~of_template] == -1).all()
+    surfaces = result.to_pyvista(spheres=True)
+    assert set(surfaces.cell_data["id"]) == set(range(len(table)))
+
+
+def test_notebooks_show_a_cross_section(result: packstone.Packing, client: packstone.Client) -> None:
+    png = result._repr_png_()
+    assert png is not None and png.startswith(b"\x89PNG")
+    assert "data:image/png;base64," in result._repr_html_() and "volume_fraction_effective" in result._repr_html_()
+    assert repr(result).startswith("<Packing of job ")
+
+
+def test_a_file_is_replaced_as_a_whole_or_not_at_all(client: packstone.Client, tmp_path: Path) -> None:
+    job = client.submit(mixes.quick())
+    result = job.result()
+    path = tmp_path / "a.csv"
+    path.write_text("of last week")
+    job.delete()
+    with pytest.raises(packstone.PackstoneError):
+        result.save(path)
+    assert path.read_text() == "of last week"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_broken_download_goes_on_where_it_was(proxy: FaultyProxy, pauses: list[float]) -> None:
+    with packstone.Client(proxy.url) as client:
+        job = client.submit(mixes.quick())
+        whole = job.result().to_numpy()
+        result = job.result()
+        proxy.seen.clear()
+        proxy.faults.extend([CutAfter(100), CutAfter(50)])
+        assert np.array_equal(result.to_numpy(), whole)
+        assert result.to_numpy() is result.to_numpy(), "it is fetched once"
+    ranges = [seen.headers["range"] for seen in proxy.seen]
+    assert ranges == [None, "bytes=100-", "bytes=150-"]
+    assert len(pauses) == 2
