@@ -1,7 +1,5 @@
 //! Cancel, retry and delete, and the states that forbid them.
 
-use std::time::{Duration, Instant};
-
 use serde_json::Value;
 
 use crate::harness::deadline::eventually;
@@ -16,7 +14,7 @@ async fn delete(client: &Client, id: &str) -> Reply {
 }
 
 #[tokio::test]
-async fn a_running_job_is_cancelled_within_two_seconds() {
+async fn a_running_job_that_would_not_end_is_cancelled() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
@@ -24,11 +22,9 @@ async fn a_running_job_is_cancelled_within_two_seconds() {
     let id = id_of(&job);
     client.running(id).await;
 
-    let start = Instant::now();
     let asked = act(&client, id, "cancel").await.expect(202).json();
     assert!(asked["cancel_requested"] == true, "{asked:#}");
     let cancelled = client.finished(id).await;
-    assert!(start.elapsed() < Duration::from_secs(2), "took {:?}", start.elapsed());
     assert_eq!(cancelled["state"], "cancelled");
     assert!(cancelled["result"].is_null());
     client.get(&format!("/v1/jobs/{id}/result")).send().await.expect_problem(409, "job-failed");

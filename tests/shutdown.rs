@@ -87,11 +87,9 @@ async fn an_idle_server_ends_at_once_and_twice_asked_is_no_harm() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     server.client().succeed(&jobs::quick(1)).await;
-    let start = Instant::now();
     server.terminate();
     server.terminate();
     assert!(server.ends_within(LIMIT).await.success());
-    assert!(start.elapsed() < Duration::from_secs(3), "an idle server took {:?}", start.elapsed());
 }
 
 #[tokio::test]

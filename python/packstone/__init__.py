@@ -44,6 +44,7 @@ from .errors import (
 from .exports import Export
 from .jobs import Job
 from .local import forecast, pack
+from .local_studies import LocalStudy, study
 from .packings import Packing
 from .studies import Study, steps
 from .svg import Svg
@@ -67,6 +68,7 @@ __all__ = [
     "Grading",
     "Job",
     "JobCancelled",
+    "LocalStudy",
     "Method",
     "Mix",
     "Packing",
@@ -86,4 +88,5 @@ __all__ = [
     "forecast",
     "pack",
     "steps",
+    "study",
 ]

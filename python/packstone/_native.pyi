@@ -34,8 +34,10 @@ def pack(
 ) -> Packing:
     """Packs a job without the GIL. `on_progress` takes the progress as JSON; what it raises ends the run."""
 
-def study_runs(study: str) -> str:
-    """Returns the runs of a study: its seed, columns, points, and the request of each run."""
+def run_of_study(
+    request: str, on_progress: Callable[[str], None] | None = None
+) -> tuple[str, Packing | None]:
+    """Packs a run of a study: its record (outcome, facts, curve, error) as JSON, and the packing if there is one."""
 
 def page(summary: str, view: bytes) -> str:
     """Returns the page of a result: `summary` is the result with its request, `view` the grains in that format."""
@@ -70,3 +72,29 @@ class Packing:
         """Returns a plot as SVG."""
 
     def __len__(self) -> int: ...
+
+@final
+class Study:
+    """A study whose runs Python executes; the records of runs are those of :func:`run_of_study` with their places."""
+
+    def __new__(cls, study: str) -> Study: ...
+    def runs(self) -> str:
+        """The study with its points and the request of each run."""
+
+    def count(self, point: int, outcome: str) -> bool:
+        """Counts a run that ended; whether no further run of its point is to be started."""
+
+    def table(self, records: str, format: str) -> str:
+        """Returns the table of the runs that have ended, as ``json`` or ``csv``."""
+
+    def plot(
+        self,
+        kind: str,
+        records: str,
+        *,
+        x: str | None = None,
+        log_x: bool | None = None,
+        title: bool = True,
+        theme: str = "light",
+    ) -> str:
+        """Returns a plot of the table as SVG."""

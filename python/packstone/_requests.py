@@ -17,6 +17,11 @@ def job_body(job: Mapping[str, Any] | None, fields: JobFields) -> dict[str, Any]
     return {**(job or {}), **fields}
 
 
+def study_body(study: Mapping[str, Any] | None, **fields: Any) -> dict[str, Any]:
+    """Returns the request of a study. A field that is given by name, and is not `None`, replaces that of the mapping."""
+    return {**(study or {}), **{field: value for field, value in fields.items() if value is not None}}
+
+
 def encoded(value: object) -> str:
     """Writes a value as JSON. NumPy's numbers and arrays become numbers and lists, times those of RFC 3339."""
     return json.dumps(value, allow_nan=False, default=_plain)

@@ -13,7 +13,7 @@ from uuid import uuid4
 from . import _html, _warnings
 from ._listing import ITEMS_PER_PAGE, pages
 from ._native import __version__
-from ._requests import job_body, rfc3339
+from ._requests import job_body, rfc3339, study_body
 from ._transport import Transport, document
 from .jobs import Job, State
 from .studies import Study, StudyState
@@ -169,21 +169,21 @@ class Client:
         `webhook_url` is sent a signed message when the study is finished, if the server sends webhooks.
         The values of `zip` vary together. The study is accepted as a whole or not at all.
         """
-        fields = {
-            "template": template,
-            "grid": grid,
-            "zip": zip,
-            "list": list,
-            "replicates": replicates,
-            "stop_when": stop_when,
-            "seed": seed,
-            "name": name,
-            "labels": labels,
-            "shared": shared,
-            "webhook_url": webhook_url,
-        }
-        given = {field: value for field, value in fields.items() if value is not None}
-        return self._submitted(Study, "/v1/studies", {**(study or {}), **given}, idempotency_key)
+        body = study_body(
+            study,
+            template=template,
+            grid=grid,
+            zip=zip,
+            list=list,
+            replicates=replicates,
+            stop_when=stop_when,
+            seed=seed,
+            name=name,
+            labels=labels,
+            shared=shared,
+            webhook_url=webhook_url,
+        )
+        return self._submitted(Study, "/v1/studies", body, idempotency_key)
 
     def open_study(self, id: str) -> Study:
         """Returns the study of that ID."""

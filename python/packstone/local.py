@@ -51,7 +51,7 @@ def pack(
     issued as :class:`PackstoneWarning`.
     """
     request = encoded(job_body(job, fields))
-    with _shown(progress) as told, _refusals():
+    with _shown(progress) as told, refusals():
         made = _native.pack(
             request,
             max_grains=max_grains,
@@ -74,7 +74,7 @@ def forecast(
 
     Nothing is packed. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not fit.
     """
-    with _refusals():
+    with refusals():
         plan: dict[str, Any] = json.loads(_native.plan(encoded(job_body(job, fields)), max_grains))
     _warnings.warn(_warnings.texts(plan))
     return plan
@@ -114,7 +114,7 @@ class Local:
 
     def read(self, file: File, timeout: float | None) -> bytes:
         """The content of a file."""
-        with _refusals():
+        with refusals():
             if file.type is None:
                 return self._made.table_bytes(file.format)
         with tempfile.TemporaryDirectory() as folder:
@@ -128,7 +128,7 @@ class Local:
             self.export(file.type, {"format": file.format, **file.options}, path, timeout)
             return
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _refusals():
+        with refusals():
             self._made.table(file.format, path)
 
     def export(
@@ -136,18 +136,18 @@ class Local:
     ) -> dict[str, Any]:
         """Makes an export. It is not limited to a time."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _refusals():
+        with refusals():
             report: dict[str, Any] = json.loads(self._made.export(type, encoded(options), path))
         return report
 
     def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:
         """A plot, drawn as a server draws it."""
-        with _refusals():
+        with refusals():
             return self._made.plot(kind, title, theme)
 
 
 @contextmanager
-def _refusals() -> Iterator[None]:
+def refusals() -> Iterator[None]:
     """Raises what the native module refuses as the exceptions of this package."""
     try:
         yield

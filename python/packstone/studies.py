@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import string
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
@@ -11,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import _columns, _html
+from . import _html, _tables
 from ._columns import Labels
 from ._listing import pages
 from ._progress import Progress
@@ -96,15 +94,7 @@ class Study(Resource):
         by pointer or name: a function of the value, a mapping from the text, or a list in the order of the values.
         The mapping from pointers to names is ``frame.attrs["pointers"]``.
         """
-        import pandas as pd
-
-        columns, rows = self._table()
-        named, values = _values(columns, rows, labels, names)
-        figures = [name for name in (rows[0] if rows else {}) if name not in columns]
-        data = {**values, **{name: [row.get(name) for row in rows] for name in figures}}
-        frame = pd.DataFrame(data)
-        frame.attrs["pointers"] = named
-        return frame
+        return _tables.of_points(*self._table(), labels, names, RUN_COLUMNS)
 
     def runs(self, *, labels: Labels | None = None, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
         """Returns one row per run: its ID, point, replicate, seed, values, state, times and figures.
@@ -149,9 +139,7 @@ class Study(Resource):
         check_format(format)
         columns, rows = self._runs(labels, names)
         rows = [row for row in rows if row["state"] == "succeeded"]
-        pattern = "-".join(f"{{{field}}}" for field in [*(columns or ["point"]), "seed"]) if name is None else name
-        paths = [Path(directory) / f"{_file_name(pattern, row)}.{format}" for row in rows]
-        _check_distinct(paths, rows, pattern)
+        paths = _tables.paths(Path(directory), rows, columns, name, format)
         jobs = [f"/v1/jobs/{row['id']}" for row in rows]
         Path(directory).mkdir(parents=True, exist_ok=True)
 
@@ -225,7 +213,7 @@ class Study(Resource):
     ) -> tuple[list[str], list[dict[str, Any]]]:
         """The names of the columns that distinguish the points, and the rows of :meth:`runs`."""
         columns, rows = self._table()
-        named, values = _values(columns, rows, labels, names)
+        named, values = _tables.values(columns, rows, labels, names, RUN_COLUMNS)
         found = []
         for job in self.jobs():
             point = {name: column[job.data["point"]] for name, column in values.items()}
@@ -266,23 +254,6 @@ class Study(Resource):
         return _html.card(self._title, rows, bar=None if self.finished else self.fraction)
 
 
-def _values(
-    columns: list[str], rows: list[dict[str, Any]], labels: Labels | None, names: Mapping[str, str] | None
-) -> tuple[dict[str, str], dict[str, list[Any]]]:
-    """The name of each column by its pointer, and the labelled values of the points by the name."""
-    figures = [name for name in (rows[0] if rows else {}) if name not in columns]
-    # A list of jobs has the columns `point` and `name`, which a run has, too.
-    taken = [*figures, *(name for name in RUN_COLUMNS if name not in columns)]
-    named = _columns.names(columns, taken)
-    for key, name in (names or {}).items():
-        named[_columns.pointer(key, named)] = name
-    by_pointer = {_columns.pointer(key, named): given for key, given in (labels or {}).items()}
-    values = {
-        named[column]: _columns.labelled([row[column] for row in rows], by_pointer.get(column)) for column in columns
-    }
-    return named, values
-
-
 def _run(job: Job) -> dict[str, Any]:
     data = job.data
     started = job._time_of("started_at")
@@ -297,28 +268,3 @@ def _figures(job: Job) -> dict[str, Any]:
     plain = {name: value for name, value in job.summary.items() if not isinstance(value, (dict, list))}
     reached = {name: job.error.get(name) for name in SUMMARY_COLUMNS if name in job.error} if job.error else {}
     return plain | reached
-
-
-def _file_name(pattern: str, row: dict[str, Any]) -> str:
-    try:
-        return _FileNames().vformat(pattern, (), row)
-    except (KeyError, IndexError) as error:
-        raise ValueError(f"the pattern {pattern!r} names {error}: must be one of {', '.join(row)}") from None
-
-
-class _FileNames(string.Formatter):
-    """Formats a pattern so that each value is safe as a part of a file name."""
-
-    def format_field(self, value: Any, format_spec: str) -> str:
-        return re.sub(r"[^\w.+=,-]+", "_", format(value, format_spec)).strip("_.") or "_"
-
-
-def _check_distinct(paths: list[Path], rows: list[dict[str, Any]], pattern: str) -> None:
-    seen: dict[Path, str] = {}
-    for path, row in zip(paths, rows, strict=True):
-        if path in seen:
-            raise ValueError(
-                f"the jobs {seen[path]} and {row['id']} are both named {path.name}: add a field such as {{seed}} or "
-                f"{{replicate}} to the pattern {pattern!r}"
-            )
-        seen[path] = row["id"]

@@ -103,7 +103,9 @@ fn pack(
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<Packing> {
     let every = Duration::try_from_secs_f64(checkpoint_every_s).map_err(|_| {
-        PyValueError::new_err(format!("checkpoint_every_s is {checkpoint_every_s}: must be a time in s, at least 0"))
+        PyValueError::new_err(format!(
+            "checkpoint_every_s is {checkpoint_every_s}: must be a time in s, at least 0"
+        ))
     })?;
     let job = py.detach(|| Job::read(request, max_grains, checkpoint.as_deref())).map_err(raised)?;
     let run = Run::with_checkpoint_every(every);
@@ -118,10 +120,65 @@ fn plan(py: Python<'_>, request: &str, max_grains: Option<u64>) -> PyResult<Stri
     py.detach(|| Job::read(request, max_grains, None)?.plan()).map_err(raised)
 }
 
-/// Returns the runs of a study, as JSON.
+/// A study whose runs Python executes.
+#[pyclass(frozen, module = "packstone._native")]
+struct Study {
+    study: local::Study,
+}
+
+#[pymethods]
+impl Study {
+    #[new]
+    fn new(py: Python<'_>, study: &str) -> PyResult<Self> {
+        let study = py.detach(|| local::Study::read(study)).map_err(raised)?;
+        Ok(Self { study })
+    }
+
+    /// Returns the study with its points and its runs, as JSON.
+    fn runs(&self, py: Python<'_>) -> PyResult<String> {
+        py.detach(|| self.study.runs()).map_err(raised)
+    }
+
+    /// Counts a run that ended; whether no further run of its point is to be started.
+    fn count(&self, point: usize, outcome: &str) -> PyResult<bool> {
+        self.study.count(point, outcome).map_err(raised)
+    }
+
+    /// Returns the table of the runs that have ended, as JSON or CSV.
+    fn table(&self, py: Python<'_>, records: &str, format: &str) -> PyResult<String> {
+        py.detach(|| self.study.table(records, format)).map_err(raised)
+    }
+
+    /// Returns a plot of the table as SVG.
+    #[pyo3(signature = (kind, records, *, x=None, log_x=None, title=true, theme="light"))]
+    // As many as the plot has options.
+    #[allow(clippy::too_many_arguments)]
+    fn plot(
+        &self,
+        py: Python<'_>,
+        kind: &str,
+        records: &str,
+        x: Option<&str>,
+        log_x: Option<bool>,
+        title: bool,
+        theme: &str,
+    ) -> PyResult<String> {
+        py.detach(|| self.study.plot(kind, records, x, log_x, title, theme)).map_err(raised)
+    }
+}
+
+/// Packs the request of a run of a study; its record as JSON, and the packing if there is one.
 #[pyfunction]
-fn study_runs(py: Python<'_>, study: &str) -> PyResult<String> {
-    py.detach(|| local::study_runs(study)).map_err(raised)
+#[pyo3(signature = (request, on_progress=None))]
+fn run_of_study(
+    py: Python<'_>,
+    request: &str,
+    on_progress: Option<Py<PyAny>>,
+) -> PyResult<(String, Option<Packing>)> {
+    let run = Run::default();
+    let work = || local::run_of_study(request, &run);
+    let (record, packed) = attended(py, &run, on_progress.as_ref(), work)?;
+    Ok((record, packed.map(|packed| Packing { packed })))
 }
 
 /// Returns the page of a result with its viewer, in one HTML file.
@@ -154,7 +211,8 @@ fn attended<T: Send>(
         let mut interrupted = None;
         loop {
             let until_end = &mut until_end;
-            let has_ended = py.detach(move || until_end.recv_timeout(ATTEND_EVERY)) != Err(RecvTimeoutError::Timeout);
+            let has_ended =
+                py.detach(move || until_end.recv_timeout(ATTEND_EVERY)) != Err(RecvTimeoutError::Timeout);
             if interrupted.is_none()
                 && let Err(error) = attend(py, run, on_progress)
             {
@@ -202,7 +260,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Packing>()?;
     module.add_function(wrap_pyfunction!(pack, module)?)?;
     module.add_function(wrap_pyfunction!(plan, module)?)?;
-    module.add_function(wrap_pyfunction!(study_runs, module)?)?;
+    module.add_class::<Study>()?;
+    module.add_function(wrap_pyfunction!(run_of_study, module)?)?;
     module.add_function(wrap_pyfunction!(page, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)
 }

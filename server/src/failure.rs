@@ -206,6 +206,16 @@ impl Failure {
         Self::fields(FailureCode::ValidationError, fields)
     }
 
+    /// A job that ran longer than its `timeout_s`, with the share of its work that was done.
+    pub(crate) fn timed_out(timeout_s: f64, fraction_done: f64) -> Self {
+        let done = 100.0 * fraction_done;
+        let detail = format!(
+            "the job ran longer than its timeout_s of {timeout_s} s; about {done:.0} % of the work was done"
+        );
+        let facts = FailureFacts { fraction_done: Some(fraction_done), ..FailureFacts::default() };
+        Self::new(FailureCode::TimedOut, detail).with_facts(facts)
+    }
+
     /// The same failure with figures.
     pub(crate) fn with_facts(self, facts: FailureFacts) -> Self {
         Self { facts: Box::new(facts), ..self }

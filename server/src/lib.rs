@@ -42,8 +42,8 @@ mod watched_file;
 mod webhooks;
 mod workers;
 
-/// Runs a command line, whose first argument is the name of the program, and returns the exit code. A wrong command line
-/// ends the process with exit code 2, as `--help` does with 0.
+/// Runs a command line, whose first argument is the name of the program, and returns the exit code. A wrong command
+/// line ends the process with exit code 2, as `--help` does with 0.
 pub fn main(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     cli::main(arguments)
 }

@@ -21,15 +21,17 @@
 
 mod packed;
 mod run;
+mod study;
 
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
 use packstone_engine::export::ExportError;
-use packstone_engine::{CheckpointError, Limits, PackError, PackingRequest, Plan, Resume, checkpoint};
+use packstone_engine::{
+    CheckpointError, FieldError, Limits, PackError, PackingRequest, Plan, Resume, checkpoint,
+};
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use crate::config::limits_of_one_packing;
 use crate::exports::estimates::{JobPlan, planned};
@@ -38,10 +40,10 @@ use crate::jobs::{JobRequest, request};
 use crate::plots::PlotError;
 use crate::problem::FailureDocument;
 use crate::strict_json;
-use crate::studies::Study;
 
 pub use packed::{Packed, page};
 pub use run::Run;
+pub use study::{Study, run_of_study};
 
 /// How a call ends that does not give what was asked for.
 #[derive(Debug, thiserror::Error)]
@@ -136,52 +138,47 @@ impl Job {
     /// the same end.
     ///
     /// # Errors
-    /// [`Ended::Refused`] where the job cannot be planned, its target is not reached, a check fails, or the system
-    /// refuses memory; [`Ended::Stopped`]; [`Ended::Io`] where the checkpoint cannot be read or removed.
+    /// [`Ended::Refused`] where the job cannot be planned, its target is not reached in the time that it has, a check
+    /// fails, or the system refuses memory; [`Ended::Stopped`]; [`Ended::Io`] where the checkpoint cannot be read or
+    /// removed.
     pub fn pack(&self, run: &Run) -> Result<Packed, Ended> {
+        let packed = self.packed(run)?;
+        match packed {
+            Ok(packed) => Ok(packed),
+            Err(PackError::Stopped { .. }) => {
+                Err(run.timed_out(self.request.timeout_s).map_or(Ended::Stopped, Ended::from))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Packs; what the engine ended with.
+    fn packed(&self, run: &Run) -> Result<Result<Packed, PackError>, Ended> {
         let packing_request = self.request.packing();
         let resume = match &self.checkpoint {
-            Some(file) => self.resume(file, &packing_request)?,
+            Some(file) => resume(file, &packing_request)?,
             None => None,
         };
-        run.begin(self.checkpoint.as_deref(), resume.is_some());
+        run.begin(self.checkpoint.as_deref(), resume.is_some(), self.request.timeout_s);
         let packed = packstone_engine::pack_or_resume(&packing_request, &self.limits, resume, run);
         if let (Some(file), false) = (&self.checkpoint, matches!(packed, Err(PackError::Stopped { .. }))) {
             crate::checkpoints::remove(file)?;
         }
         let request = serde_json::to_value(&self.request).map_err(io::Error::from)?;
-        Ok(Packed::new(request, packed?, self.limits))
-    }
-
-    fn resume(&self, file: &Path, request: &PackingRequest) -> Result<Option<Resume>, Ended> {
-        let Some(mut input) = open(file)? else { return Ok(None) };
-        Ok(Some(Resume::read_from(&mut input, request).map_err(|error| refused(file, error))?))
+        Ok(packed.map(|packing| Packed::new(request, packing, self.limits)))
     }
 }
 
-/// The runs of a study in the form of `POST /v1/studies`, as JSON: `seed`, `columns` (the pointers of the values that
-/// vary), `points` (their values), and `runs`, each with `point`, `replicate` and `request`, in the order in which a
-/// service starts them.
-///
-/// # Errors
-/// [`Ended::Refused`] with all faults of the study.
-pub fn study_runs(text: &str) -> Result<String, Ended> {
-    let value = strict_json::parse(text.as_bytes())?;
-    let limits = limits_of_one_packing(Limits::default().max_grains);
-    let study = Study::read(&value, request::draw_seed(), None, &limits)?;
-    let points: Vec<&Vec<Value>> = study.points.iter().map(|point| &point.values).collect();
-    let mut runs = Vec::with_capacity(study.jobs());
-    for (point, replicate) in study.order() {
-        let request = study.points[point].replicate(replicate);
-        runs.push(json!({"point": point, "replicate": replicate, "request": request}));
-    }
-    to_json(&json!({"seed": study.seed, "columns": study.columns, "points": points, "runs": runs}))
+/// The state that a run goes on from, where there is a checkpoint.
+fn resume(file: &Path, request: &PackingRequest) -> Result<Option<Resume>, Ended> {
+    let Some(mut input) = open(file)? else { return Ok(None) };
+    Ok(Some(Resume::read_from(&mut input, request).map_err(|error| no_checkpoint(file, error))?))
 }
 
 /// The request of a checkpoint, where there is one.
 fn stored_request(file: &Path) -> Result<Option<PackingRequest>, Ended> {
     let Some(mut input) = open(file)? else { return Ok(None) };
-    Ok(Some(checkpoint::read_request(&mut input).map_err(|error| refused(file, error))?))
+    Ok(Some(checkpoint::read_request(&mut input).map_err(|error| no_checkpoint(file, error))?))
 }
 
 fn open(file: &Path) -> io::Result<Option<BufReader<File>>> {
@@ -193,7 +190,7 @@ fn open(file: &Path) -> io::Result<Option<BufReader<File>>> {
 }
 
 /// A checkpoint that no run of the job can go on from.
-fn refused(file: &Path, error: CheckpointError) -> Ended {
+fn no_checkpoint(file: &Path, error: CheckpointError) -> Ended {
     match error {
         CheckpointError::Io(error) => Ended::Io(error),
         other => {
@@ -201,6 +198,20 @@ fn refused(file: &Path, error: CheckpointError) -> Ended {
             Failure::new(FailureCode::ValidationError, detail).into()
         }
     }
+}
+
+/// The item of that name.
+fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, what: &str, asked: &str) -> Result<T, Ended> {
+    let found = all.iter().copied().find(|item| name(*item) == asked);
+    found.ok_or_else(|| unknown(what, asked, &all.iter().map(|item| name(*item)).collect::<Vec<_>>()))
+}
+
+fn unknown(what: &str, asked: &str, known: &[&str]) -> Ended {
+    refused(&format!("/{what}"), format!("{asked:?} must be one of {}", known.join(", ")))
+}
+
+fn refused(pointer: &str, detail: String) -> Ended {
+    Failure::fields(FailureCode::ValidationError, vec![FieldError::new(pointer, detail)]).into()
 }
 
 fn to_json(value: &impl Serialize) -> Result<String, Ended> {

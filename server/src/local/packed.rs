@@ -7,13 +7,13 @@ use packstone_engine::export::tables::stored::StoredBytes;
 use packstone_engine::export::tables::{self, EngineInfo, Format, GrainSource as _, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
-use packstone_engine::{FieldError, Grains, Limits, Packing};
+use packstone_engine::{Grains, Limits, Packing, Report};
 use serde_json::{Map, Value};
 
-use super::{Ended, Run, to_json};
+use super::{Ended, Run, named, refused, to_json, unknown};
 use crate::atomic_file::write_buffered;
 use crate::config::limits_of_one_packing;
-use crate::failure::{Failure, FailureCode};
+use crate::failure::Failure;
 use crate::jobs::JobRequest;
 use crate::plots::draw;
 use crate::plots::job::{self, JobPlot, JobResult};
@@ -42,6 +42,11 @@ impl Packed {
     pub(super) fn new(request: Value, packing: Packing, limits: Limits) -> Self {
         let head = Head { job_id: None, request, engine: EngineInfo::current(), report: packing.report };
         Self { head, grains: packing.grains, limits }
+    }
+
+    /// What is known about the packing.
+    pub(super) fn of_engine(&self) -> &Report {
+        &self.head.report
     }
 
     /// Number of grains.
@@ -118,8 +123,8 @@ impl Packed {
         to_json(&export.write(&model, &self.limits, run, out)?)
     }
 
-    /// Writes a file in a format of that name, as [`write_table`](Self::write_table) does. Its name only ever stands for
-    /// a whole file.
+    /// Writes a file in a format of that name, as [`write_table`](Self::write_table) does. Its name only ever stands
+    /// for a whole file.
     ///
     /// # Errors
     /// As those of [`write_table`](Self::write_table); of a failure nothing is left.
@@ -141,8 +146,8 @@ impl Packed {
     /// # Errors
     /// [`Ended::Refused`] for another name, and for a plot that the packing has no data for.
     pub fn plot(&self, kind: &str, title: bool, theme: &str) -> Result<String, Ended> {
-        let kind = named(JobPlot::ALL, |kind| kind.name(), "kind", kind)?;
-        let theme = named(Theme::ALL, |theme| theme.name(), "theme", theme)?;
+        let kind = named(JobPlot::ALL, JobPlot::name, "kind", kind)?;
+        let theme = named(Theme::ALL, Theme::name, "theme", theme)?;
         let chart = job::chart(kind, &JobResult { head: &self.head, grains: &self.grains })?;
         Ok(themed(draw::svg(&chart, title)?, theme))
     }
@@ -172,18 +177,4 @@ impl Packed {
         let request = JobRequest::read(&self.head.request, 0, None).map_err(Failure::invalid)?;
         Ok(request.specimen)
     }
-}
-
-/// The item of that name.
-fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, what: &str, asked: &str) -> Result<T, Ended> {
-    let found = all.iter().copied().find(|item| name(*item) == asked);
-    found.ok_or_else(|| unknown(what, asked, &all.iter().map(|item| name(*item)).collect::<Vec<_>>()))
-}
-
-fn unknown(what: &str, asked: &str, known: &[&str]) -> Ended {
-    refused(&format!("/{what}"), format!("{asked:?} must be one of {}", known.join(", ")))
-}
-
-fn refused(pointer: &str, detail: String) -> Ended {
-    Failure::fields(FailureCode::ValidationError, vec![FieldError::new(pointer, detail)]).into()
 }

@@ -9,6 +9,7 @@ use packstone_engine::{Checkpoint, Control, Phase, Progress};
 
 use crate::checkpoints::{self, Schedule};
 use crate::config::DEFAULT_CHECKPOINT_EVERY_S;
+use crate::failure::Failure;
 use crate::jobs::JobProgress;
 use crate::remaining_time::RemainingTime;
 
@@ -31,6 +32,8 @@ pub struct Run {
 struct State {
     started: Instant,
     stopped_at: Option<Instant>,
+    /// When the time limit of the job ends it.
+    deadline: Option<Instant>,
     checkpoint: Option<(PathBuf, Schedule)>,
     latest: Option<Progress>,
     remaining: RemainingTime,
@@ -50,6 +53,7 @@ impl Run {
         let state = State {
             started: Instant::now(),
             stopped_at: None,
+            deadline: None,
             checkpoint: None,
             latest: None,
             remaining: RemainingTime::default(),
@@ -94,14 +98,26 @@ impl Run {
         self.lock().fault.take()
     }
 
-    /// The run begins, with a file for its checkpoints or without.
-    pub(super) fn begin(&self, checkpoint: Option<&Path>, resumed: bool) {
+    /// The run begins, with a file for its checkpoints and a time limit or without.
+    pub(super) fn begin(&self, checkpoint: Option<&Path>, resumed: bool, timeout_s: Option<f64>) {
         let mut state = self.lock();
         state.started = Instant::now();
+        state.deadline = timeout_s.map(|s| state.started + Duration::from_secs_f64(s));
         state.checkpoint = checkpoint.map(|file| (file.to_owned(), Schedule::new(self.every)));
         if resumed {
             state.remaining.resumed();
         }
+    }
+
+    /// The failure of a run that its time limit ended; `None` where [`stop`](Self::stop) did.
+    pub(super) fn timed_out(&self, timeout_s: Option<f64>) -> Option<Failure> {
+        let fraction = self.lock().remaining.fraction();
+        timeout_s.filter(|_| !self.is_stopping()).map(|timeout_s| Failure::timed_out(timeout_s, fraction))
+    }
+
+    /// Time since the run began, in s.
+    pub(super) fn time_s(&self) -> f64 {
+        self.lock().started.elapsed().as_secs_f64()
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, State> {
@@ -125,7 +141,7 @@ impl Control for Run {
 
     fn should_stop(&self) -> bool {
         if !self.is_stopping() {
-            return false;
+            return self.lock().deadline.is_some_and(|deadline| Instant::now() >= deadline);
         }
         let waits = self.keeps.load(Ordering::Acquire) && !self.kept_last.load(Ordering::Acquire);
         !waits || self.lock().stopped_at.is_some_and(|at| at.elapsed() > LAST_CHECKPOINT_WITHIN)

@@ -90,11 +90,12 @@ fn a_plan_and_the_runs_of_a_study_are_those_of_a_service() {
         "grid": {"/mix/volume_fraction": [0.2, 0.3]}});
     let mut study = study;
     study["template"].as_object_mut().unwrap().remove("seed");
-    let runs: Value = serde_json::from_str(&study_runs(&study.to_string()).unwrap()).unwrap();
-    assert_eq!(
-        (&runs["columns"], &runs["points"]),
-        (&json!(["/mix/volume_fraction"]), &json!([[0.2], [0.3]]))
-    );
+    let runs: Value =
+        serde_json::from_str(&Study::read(&study.to_string()).unwrap().runs().unwrap()).unwrap();
+    assert_eq!(runs["columns"], json!(["/mix/volume_fraction"]));
+    let values: Vec<_> = runs["points"].as_array().unwrap().iter().map(|point| &point["values"]).collect();
+    assert_eq!(values, [&json!([0.2]), &json!([0.3])]);
+    assert!(runs["points"][0]["warnings"][0].as_str().unwrap().contains("40 mm"), "{runs:#}");
     let places: Vec<_> =
         runs["runs"].as_array().unwrap().iter().map(|run| (&run["point"], &run["replicate"])).collect();
     assert_eq!(places.len(), 4, "{runs:#}");
@@ -102,7 +103,7 @@ fn a_plan_and_the_runs_of_a_study_are_those_of_a_service() {
         runs["runs"].as_array().unwrap().iter().map(|run| run["request"]["seed"].as_u64().unwrap()).collect();
     assert_eq!(seeds.len(), 4, "each run has a seed of its own");
     study["grid"]["/mix/volume_fraction"] = json!([2]);
-    assert_eq!(problem(study_runs(&study.to_string()).unwrap_err())["type"], "/problems/validation-error");
+    assert_eq!(problem(Study::read(&study.to_string()).unwrap_err())["type"], "/problems/validation-error");
 }
 
 #[test]
@@ -110,7 +111,7 @@ fn a_stopped_run_keeps_a_last_checkpoint_and_goes_on_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.checkpoint");
     // Never due: the last one is written because the run is stopped.
-    let run = Run::with_checkpoint_every(std::time::Duration::from_secs(3600));
+    let run = Run::with_checkpoint_every(std::time::Duration::from_hours(1));
     let job = Job::read(&growth(None), None, Some(&file)).unwrap();
     let ended = std::thread::scope(|scope| {
         let packing = scope.spawn(|| job.pack(&run));

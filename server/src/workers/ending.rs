@@ -7,7 +7,7 @@ use packstone_engine::Phase;
 use super::control::Stop;
 use crate::artifacts::InFlight;
 use crate::exports::NewExport;
-use crate::failure::{Failure, FailureCode, FailureFacts};
+use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobProgress};
 use crate::studies::Facts;
 
@@ -98,12 +98,7 @@ impl End {
             }
             Self::Stopped(Stop::Cancelled) => Told::Cancelled,
             Self::Stopped(Stop::TimedOut) => {
-                let (bound, done) = (run.timeout_s.unwrap_or_default(), 100.0 * run.fraction);
-                let detail = format!(
-                    "the job ran longer than its timeout_s of {bound} s; about {done:.0} % of the work was done"
-                );
-                let known = FailureFacts { fraction_done: Some(run.fraction), ..FailureFacts::default() };
-                let failure = Failure::new(FailureCode::TimedOut, detail).with_facts(known);
+                let failure = Failure::timed_out(run.timeout_s.unwrap_or_default(), run.fraction);
                 Told::Failed(failure, Facts { time_s, ..Facts::default() })
             }
             Self::Stopped(Stop::Shutdown) => Told::Released,
