@@ -4,14 +4,17 @@
 #
 #   packaging/deb.sh BINARY [FOLDER]    FOLDER for the package: target/debian without it
 #
-# Needs cargo-deb (cargo install cargo-deb --locked) and dpkg-dev with binutils, for the
-# libraries that the binary depends on.
+# Needs cargo-deb, cargo-about (cargo install --locked cargo-deb; the same with cargo-about --features cli), and dpkg-dev
+# with binutils, for the libraries that the binary depends on. cargo-about collects the licences of the crates in the
+# binary, which takes a minute; NOTICES=FILE takes the text that it made before.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# = 1 ] || [ $# = 2 ] || { echo "usage: $0 BINARY [FOLDER]" >&2; exit 2; }
 binary=$(realpath "$1")
 out=$(realpath --canonicalize-missing "${2:-target/debian}")
-for program in cargo-deb dpkg-shlibdeps strip; do
+needed=(cargo-deb dpkg-shlibdeps strip)
+[ -n "${NOTICES:-}" ] || needed+=(cargo-about)
+for program in "${needed[@]}"; do
     command -v "$program" >/dev/null || { echo "$0: there is no $program" >&2; exit 1; }
 done
 # The date of the package is that of the commit, so that two runs make the same bytes.
@@ -26,6 +29,14 @@ install --strip -m 0755 "$binary" "$stage/packstone"
 "$binary" completions bash >"$stage/packstone.bash"
 "$binary" completions zsh >"$stage/_packstone"
 "$binary" completions fish >"$stage/packstone.fish"
+if [ -n "${NOTICES:-}" ]; then
+    cp "$NOTICES" "$stage/THIRD-PARTY"
+else
+    # All crates of Cargo.lock, which cargo-about reads without the network then.
+    cargo fetch --locked --quiet
+    cargo about generate --config packaging/about.toml --manifest-path server/Cargo.toml --features postgres,s3 \
+        --locked --offline --output-file "$stage/THIRD-PARTY" packaging/about.hbs
+fi
 version=$("$binary" --version | cut -d ' ' -f 2)
 maintainer=$(sed -n 's/^maintainer = "\(.*\)"$/\1/p' server/Cargo.toml)
 cat >"$stage/changelog" <<CHANGELOG

@@ -26,13 +26,15 @@ trap cleanup EXIT
 fail() { echo "packaging/test-deb.sh: $1" >&2; exit 1; }
 
 echo 'the package'
-package=$(packaging/deb.sh "$binary" "$work")
+# The licences of the crates are not what is tested here.
+echo 'a test' >"$work/notices"
+package=$(NOTICES=${NOTICES:-$work/notices} packaging/deb.sh "$binary" "$work")
 dpkg-deb --info "$package"
 dpkg-deb --contents "$package" | awk '{ print $NF }' >"$work/files"
 for file in usr/bin/packstone usr/lib/systemd/system/packstone{,-worker}.service etc/packstone/packstone{,-worker}.env \
     usr/share/man/man1/packstone{,-serve}.1.gz usr/share/bash-completion/completions/packstone \
     usr/share/zsh/vendor-completions/_packstone usr/share/fish/vendor_completions.d/packstone.fish \
-    usr/share/doc/packstone/{README.md,copyright,LICENSE-MIT,LICENSE-APACHE}; do
+    usr/share/doc/packstone/{README.md,copyright,LICENSE-MIT,LICENSE-APACHE,THIRD-PARTY}; do
     grep -qx "./$file" "$work/files" || fail "$file is not in the package"
 done
 conffiles=$(dpkg-deb --info "$package" conffiles | grep . | sort | tr '\n' ' ')
