@@ -4,9 +4,9 @@
 #
 #   packaging/deb.sh BINARY [FOLDER]    FOLDER for the package: target/debian without it
 #
-# Needs cargo-deb, cargo-about (cargo install --locked cargo-deb; the same with cargo-about --features cli), and dpkg-dev
-# with binutils, for the libraries that the binary depends on. cargo-about collects the licences of the crates in the
-# binary, which takes a minute; NOTICES=FILE takes the text that it made before.
+# Needs cargo-deb and cargo-about (cargo install --locked, the latter with --features cli), and dpkg-dev with binutils,
+# for the libraries that the binary depends on. cargo-about collects the licences of the crates in the binary, which
+# takes a minute; NOTICES=FILE takes the text that it made before.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# = 1 ] || [ $# = 2 ] || { echo "usage: $0 BINARY [FOLDER]" >&2; exit 2; }

@@ -4,10 +4,12 @@
 #
 #   packaging/test-deb.sh BINARY      or a folder with it, as target/release
 #
-# systemd does not run in the chroot. The script takes the command, the file of variables and the variables from the
-# installed unit, and does for the process what systemd would: a user without a name, who owns the state directory.
+# systemd does not run in the chroot (packaging/test-units.sh runs the units by systemd). The script takes the command,
+# the file of variables and the variables from the installed unit, and does for the process what systemd would: a user
+# without a name, who owns the state directory.
 # Needs cargo-deb, dpkg-dev and curl; for the chroot root, debootstrap and a Debian mirror: without these it says so and
-# ends with 0. BASE_CACHE=DIR keeps the base system. lintian judges the package where it is installed.
+# ends with 0. BASE_CACHE=DIR keeps the base system. lintian and systemd-analyze judge the package where they are
+# installed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source packaging/debian-base.sh
@@ -64,6 +66,13 @@ inside packstone --version
 unit=$root/usr/lib/systemd/system/packstone.service
 enabled=$(find "$root/etc/systemd" -name 'packstone*' -print)
 [ -z "$enabled" ] || fail "the installation enables $enabled"
+
+if command -v systemd-analyze >/dev/null; then
+    # The base system has no systemd, whose targets are missing.
+    verified=$(systemd-analyze verify --man=no --root="$root" packstone.service packstone-worker.service 2>&1 || true)
+    verified=$(grep -v 'Unit sysinit.target not found' <<<"$verified" || true)
+    [ -z "$verified" ] || fail "the units: $verified"
+fi
 
 echo 'chroot: a job in the service of the unit'
 # value KEY: what the unit says, a line for each line of the unit.

@@ -1,12 +1,15 @@
 """The page with the options of every command, as the binary states them."""
 
+import os
 import re
 import subprocess
 
 
 def help_of(program: str, *command: str) -> str:
     """What `packstone COMMAND --help` prints."""
-    asked = subprocess.run([program, *command, "--help"], check=True, capture_output=True, text=True)
+    # The help shows the values of the variables that are options.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PACKSTONE")}
+    asked = subprocess.run([program, *command, "--help"], check=True, capture_output=True, text=True, env=environment)
     return asked.stdout.strip()
 
 
