@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs the units of a Debian package by systemd, which systemd-nspawn boots in a Debian with a network of its own: the
-# service with keys and without workers of its own, and a worker, which packs a job for it.
+# service with keys and without workers of its own, and a worker, which packs a job for it. Then it upgrades the package.
 #
 #   packaging/test-units.sh PACKAGE    as packaging/deb.sh makes it
 #
@@ -49,6 +49,9 @@ curl -fsS --retry 60 --retry-delay 1 --retry-connrefused -o /dev/null http://127
 curl -fsS http://127.0.0.1:8080/v1/jobs -H 'authorization: Bearer $(sed -n 1p "$work/me")' -H 'prefer: wait=60' \\
     -H 'content-type: application/json' -d @/usr/share/doc/packstone/examples/a16-distance.json -o /job.json
 systemctl show --property=ActiveState,User,NRestarts packstone packstone-worker
+systemctl show --property=MainPID packstone packstone-worker >/before
+dpkg --install /packstone.deb </dev/null
+systemctl show --property=MainPID packstone packstone-worker >/after
 systemctl stop packstone-worker packstone
 systemctl show --property=Id,Result packstone packstone-worker
 journalctl --no-pager --unit=packstone --unit=packstone-worker
@@ -75,5 +78,9 @@ grep -q '"worker": *"' "$root/job.json" || bad 'the job names no worker'
 [ "$(grep -c '^ActiveState=active$' "$root/probe.out")" = 2 ] || bad 'a unit did not run'
 [ "$(grep -c '^NRestarts=0$' "$root/probe.out")" = 2 ] || bad 'a unit was started again'
 [ "$(grep -c '^Result=success$' "$root/probe.out")" = 2 ] || bad 'a unit ended with an error'
+# The same package again, as an upgrade: running units are restarted, and the configuration is kept.
+[ "$(grep -c '^MainPID=[1-9]' "$root/after")" = 2 ] || bad 'a unit does not run after an upgrade'
+[ -z "$(grep MainPID "$root/before" | grep -xFf - "$root/after" | grep .)" ] || bad 'an upgrade restarts no unit'
+grep -qx PACKSTONE_WORKERS=0 "$etc/packstone.env" || bad 'an upgrade takes the configuration'
 [ "$(stat -c %u "$root/var/lib/private/packstone")" -ge 61184 ] || bad 'the state is not of a dynamic user'
 echo 'packaging/test-units.sh: the units work'
