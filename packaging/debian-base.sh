@@ -1,3 +1,4 @@
+# shellcheck shell=bash
 # For scripts, to be sourced: a base system of Debian, as a folder.
 
 # debian_base CACHE: prints the path of a minimal Debian in the folder CACHE, which is made where it is missing. It is

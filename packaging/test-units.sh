@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs the units of a Debian package by systemd, which systemd-nspawn boots in a Debian with a network of its own: the
-# service with keys and without workers of its own, and a worker, which packs a job for it. Then it upgrades the package.
+# service with keys and without workers of its own, and a worker, which packs a job for it. Then it is upgraded.
 #
 #   packaging/test-units.sh PACKAGE    as packaging/deb.sh makes it
 #
@@ -80,7 +80,7 @@ grep -q '"worker": *"' "$root/job.json" || bad 'the job names no worker'
 [ "$(grep -c '^Result=success$' "$root/probe.out")" = 2 ] || bad 'a unit ended with an error'
 # The same package again, as an upgrade: running units are restarted, and the configuration is kept.
 [ "$(grep -c '^MainPID=[1-9]' "$root/after")" = 2 ] || bad 'a unit does not run after an upgrade'
-[ -z "$(grep MainPID "$root/before" | grep -xFf - "$root/after" | grep .)" ] || bad 'an upgrade restarts no unit'
+! grep MainPID "$root/before" | grep -qxFf - "$root/after" || bad 'an upgrade does not restart a unit'
 grep -qx PACKSTONE_WORKERS=0 "$etc/packstone.env" || bad 'an upgrade takes the configuration'
 [ "$(stat -c %u "$root/var/lib/private/packstone")" -ge 61184 ] || bad 'the state is not of a dynamic user'
 echo 'packaging/test-units.sh: the units work'
