@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Makes the files of a release, in a folder that is new: the Debian package, an archive with the binary, the bill of
-# materials (CycloneDX 1.5), and their checksums.
+# Makes the files of a release, in a folder that is new: the Debian package, an archive with the binary, the wheel for
+# Python, the bill of materials (CycloneDX 1.5), and their checksums.
 #
 #   packaging/release.sh [FOLDER]    without it target/releases/VERSION
 #   BINARY=FILE packaging/release.sh    takes a binary that is built, as a trial
 #
-# The version is that of Cargo.toml. Needs cargo-about, cargo-cyclonedx and cargo-deb (cargo install --locked), and what
-# packaging/deb.sh needs. The container image is made by docker/Dockerfile.
+# The version is that of Cargo.toml. Needs maturin (pip install maturin), cargo-about, cargo-cyclonedx and cargo-deb
+# (cargo install --locked), and what packaging/deb.sh needs. The container image is made by docker/Dockerfile.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# -le 1 ] || { echo "usage: $0 [FOLDER]" >&2; exit 2; }
@@ -53,7 +53,10 @@ cp LICENSE-MIT LICENSE-APACHE CHANGELOG.md packaging/packstone{,-worker}.{servic
 tar --directory target/package --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$SOURCE_DATE_EPOCH" \
     --create "$name" | gzip --no-name -9 >"$out/$name.tar.gz"
 
-# === The wheel: `maturin build --release --locked --out "$out" --manifest-path python/Cargo.toml` goes here. ===
+echo '=== the wheel'
+grep -q "^version = \"$version\"$" python/Cargo.toml || fail "python/Cargo.toml is not of version $version"
+# In the folder of the build of its own workspace, without debug symbols.
+maturin build --quiet --release --locked --manifest-path python/Cargo.toml --out "$out"
 
 echo '=== the bill of materials'
 # cargo-cyclonedx writes beside the Cargo.toml of each crate of the workspace.
