@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import _thread
 import concurrent.futures
-import importlib.util
 import math
 from pathlib import Path
 from typing import Any
@@ -113,21 +112,20 @@ def test_processes_have_the_same_bits() -> None:
         check_executor(executor)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="dask.distributed is not installed")
 # Its own code warns of deprecations.
 @pytest.mark.filterwarnings("default")
 def test_dask_has_the_same_bits() -> None:
-    from distributed import Client, LocalCluster
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as dask:
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as dask,
+    ):
         check_executor(dask)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="ray is not installed")
 @pytest.mark.filterwarnings("default")
 def test_ray_has_the_same_bits() -> None:
-    import ray
-
+    ray = pytest.importorskip("ray", reason="ray is not installed")
     ray.init(num_cpus=2, include_dashboard=False, logging_level="error")
     try:
         check_executor(ray)
