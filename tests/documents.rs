@@ -20,11 +20,10 @@ fn root() -> PathBuf {
 /// The documents, by their path from the root.
 fn documents() -> BTreeMap<PathBuf, String> {
     let root = root();
-    let mut paths: Vec<PathBuf> =
-        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "python/README.md"]
-            .into_iter()
-            .map(PathBuf::from)
-            .collect();
+    let mut paths: Vec<PathBuf> = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "python/README.md"]
+        .into_iter()
+        .map(PathBuf::from)
+        .collect();
     for entry in fs::read_dir(root.join("docs")).unwrap() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|extension| extension == "md") {
