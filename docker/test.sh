@@ -9,19 +9,17 @@
 # BASE_CACHE=DIR keeps the base system, PROFILE=release builds faster than the default `dist`.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+source packaging/debian-base.sh
 
 skip() {
     echo "SKIPPED docker/test.sh: $1" >&2
     exit 0
 }
 [ $# = 1 ] || { echo "usage: $0 BINARY | --from-source" >&2; exit 2; }
-[ "$(id -u)" = 0 ] || skip 'not root'
 command -v buildah >/dev/null || skip 'no buildah (apt-get install buildah)'
-command -v debootstrap >/dev/null || skip 'no debootstrap (apt-get install debootstrap)'
 
 work=$(mktemp -d)
 cache=${BASE_CACHE:-$work/cache}
-mkdir -p "$cache"
 # Storage of its own: nothing of the machine's is touched. vfs needs no rights that a container has not.
 export STORAGE_DRIVER=vfs BUILDAH_ISOLATION=chroot
 buildah() { command buildah --root "$work/storage" --runroot "$work/run" "$@"; }
@@ -44,15 +42,7 @@ image() {
     buildah rm "$container" >/dev/null
 }
 
-base=$cache/debian
-if [ ! -e "$base.complete" ]; then
-    echo 'debootstrap: the base system'
-    rm -rf "$base"
-    debootstrap --variant=minbase bookworm "$base" "${DEBIAN_MIRROR:-http://deb.debian.org/debian}" >"$work/debootstrap.log" 2>&1 \
-        || { tail -5 "$work/debootstrap.log" >&2; skip 'debootstrap failed: no mirror?'; }
-    rm -rf "$base"/var/cache/apt/archives/*.deb "$base"/var/lib/apt/lists/*
-    touch "$base.complete"
-fi
+base=$(debian_base "$cache") || skip 'no base system'
 image packstone-runtime "$base"
 
 # The build image: the base with what spares the build stage a registry of images, of crates, or the compilation.

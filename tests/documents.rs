@@ -24,10 +24,15 @@ fn documents() -> BTreeMap<PathBuf, String> {
         .into_iter()
         .map(PathBuf::from)
         .collect();
-    for entry in fs::read_dir(root.join("docs")).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_some_and(|extension| extension == "md") {
-            paths.push(path.strip_prefix(&root).unwrap().to_owned());
+    let mut folders = vec![root.join("docs")];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "md") {
+                paths.push(path.strip_prefix(&root).unwrap().to_owned());
+            }
         }
     }
     assert!(paths.len() > 15, "{paths:?}");

@@ -20,7 +20,7 @@ def test_the_examples_of_the_readme(
     monkeypatch.chdir(tmp_path)
     readme = REPOSITORY / "python/README.md"
     blocks = re.findall(r"^```python\n(.*?)^```", readme.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(blocks) == 10
+    assert len(blocks) == 11
     names: dict[str, Any] = {}
     for block in blocks:
         code = compile(block, str(readme), "exec", flags=ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)

@@ -1,0 +1,77 @@
+"""Runs the commands of the tutorials as they stand there: python run_tutorials.py BINARY [TUTORIAL...]
+
+Every block fenced as `sh` of a page in docs/tutorial, in one shell, in this order, in a folder with the files that the
+page tells the reader to save. The port 8080 is replaced by a free one. The last tutorial needs CalculiX and, in the
+Python that runs this script, the wheels gmsh and numpy; it is skipped where they are missing.
+"""
+
+import importlib.util
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+TUTORIALS = Path(__file__).resolve().parents[1] / "tutorial"
+# In their order in the site; a later one may use the file of an earlier one.
+NAMES = ["first-packing", "study", "cluster", "calculix"]
+LONGEST_S = 900
+
+
+def commands(page: Path) -> str:
+    """The lines of all blocks fenced as `sh`, which may be indented."""
+    blocks = re.findall(r"^( *)```sh\n(.*?)^ *```$", page.read_text(), re.DOTALL | re.MULTILINE)
+    return "".join(re.sub(f"^{indent}", "", block, flags=re.MULTILINE) for indent, block in blocks)
+
+
+def differences(page: Path) -> list[str]:
+    """The files to be saved that a page shows otherwise than they are."""
+    shown = re.findall(r"\[`(\S+\.json)`\]\(\1\):\n\n```json\n(.*?)```", page.read_text(), re.DOTALL)
+    return [name for name, text in shown if (page.parent / name).read_text() != text]
+
+
+def run(name: str, binary: Path) -> bool:
+    """Runs one tutorial, and says what it printed where a command fails."""
+    with socket.socket() as listener, tempfile.TemporaryDirectory() as folder:
+        listener.bind(("127.0.0.1", 0))
+        port = listener.getsockname()[1]
+        listener.close()
+        for file in [*TUTORIALS.glob("*.json"), *TUTORIALS.glob("*.py")]:
+            shutil.copy(file, folder)
+        bin_folder = Path(folder) / "bin"
+        bin_folder.mkdir()
+        (bin_folder / "packstone").symlink_to(binary)
+        script = "set -euo pipefail\ntrap 'running=$(jobs -p); [ -z \"$running\" ] || kill $running; wait' EXIT\n"
+        script += commands(TUTORIALS / f"{name}.md").replace("localhost:8080", f"localhost:{port}")
+        environment = {**os.environ, "PATH": f"{bin_folder}:{Path(sys.executable).parent}:{os.environ['PATH']}",
+                       "PACKSTONE_LISTEN": f"127.0.0.1:{port}"}
+        ended = subprocess.run(["bash", "-c", script], cwd=folder, env=environment, check=False, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=LONGEST_S)
+    if ended.returncode != 0:
+        print(f"{name}: exit code {ended.returncode}\n{script}\n{ended.stdout}", file=sys.stderr)
+    return ended.returncode == 0
+
+
+def main() -> None:
+    binary, names = Path(sys.argv[1]).resolve(), sys.argv[2:] or NAMES
+    failed = []
+    for name in names:
+        different = differences(TUTORIALS / f"{name}.md")
+        if different:
+            print(f"{name}.md shows {', '.join(different)} otherwise than the file is", file=sys.stderr)
+            failed.append(name)
+        elif name == "calculix" and not (shutil.which("ccx") and importlib.util.find_spec("gmsh")):
+            print("SKIPPED calculix: no ccx, or no wheel gmsh", file=sys.stderr)
+        elif run(name, binary):
+            print(f"{name}: its commands work")
+        else:
+            failed.append(name)
+    if failed:
+        sys.exit(f"run_tutorials.py: {', '.join(failed)}")
+
+
+if __name__ == "__main__":
+    main()
