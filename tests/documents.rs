@@ -20,11 +20,10 @@ fn root() -> PathBuf {
 /// The documents, by their path from the root.
 fn documents() -> BTreeMap<PathBuf, String> {
     let root = root();
-    let mut paths: Vec<PathBuf> =
-        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "python/README.md"]
-            .into_iter()
-            .map(PathBuf::from)
-            .collect();
+    let mut paths: Vec<PathBuf> = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "python/README.md"]
+        .into_iter()
+        .map(PathBuf::from)
+        .collect();
     let mut folders = vec![root.join("docs")];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {

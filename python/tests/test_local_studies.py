@@ -127,9 +127,11 @@ def test_dask_has_the_same_bits() -> None:
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="ray is not installed")
 @pytest.mark.filterwarnings("default", "ignore::packstone.PackstoneWarning")
-def test_ray_has_the_same_bits() -> None:
+def test_ray_has_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import ray
 
+    # Its workers import from the current folder before they look for what is installed.
+    monkeypatch.chdir(tmp_path)
     ray.init(num_cpus=2, include_dashboard=False, logging_level=logging.ERROR)
     try:
         check_executor(ray)
