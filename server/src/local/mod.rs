@@ -106,9 +106,9 @@ pub struct Job {
 impl Job {
     /// Reads a job in the form of `POST /v1/jobs`.
     ///
-    /// At most `max_grains` are packed, 2 000 000 or what the engine's default is when it is `None`. With a
-    /// `checkpoint`, a run goes on from the file of that name where there is one. A job without a seed has that of the
-    /// checkpoint, or one that is drawn.
+    /// A job of more than `max_grains`, or of more than the default of [`Limits`], is refused when it is planned or
+    /// packed. With a `checkpoint`, a run goes on from the file of that name where there is one. A job without a seed
+    /// has that of the checkpoint, or one that is drawn.
     ///
     /// # Errors
     /// [`Ended::Refused`] with all faults of the request, or where no run of the job can go on from the checkpoint;
@@ -134,8 +134,8 @@ impl Job {
         to_json(&JobPlan { plan, exports })
     }
 
-    /// Packs, on this thread. The checkpoint goes when there is a packing, and when going on from it would only repeat
-    /// the same end.
+    /// Packs, on this thread. The checkpoint is removed when there is a packing, and when going on from it would only
+    /// repeat the same end.
     ///
     /// # Errors
     /// [`Ended::Refused`] where the job cannot be planned, its target is not reached in the time that it has, a check
@@ -161,7 +161,9 @@ impl Job {
         };
         run.begin(self.checkpoint.as_deref(), resume.is_some(), self.request.timeout_s);
         let packed = packstone_engine::pack_or_resume(&packing_request, &self.limits, resume, run);
-        if let (Some(file), false) = (&self.checkpoint, matches!(packed, Err(PackError::Stopped { .. }))) {
+        let is_final =
+            matches!(packed, Ok(_) | Err(PackError::TargetNotReached(_) | PackError::CheckFailed(_)));
+        if let (Some(file), true) = (&self.checkpoint, is_final) {
             crate::checkpoints::remove(file)?;
         }
         let request = serde_json::to_value(&self.request).map_err(io::Error::from)?;

@@ -127,6 +127,10 @@ fn a_stopped_run_keeps_a_last_checkpoint_and_goes_on_to_the_same_bits() {
     // Of another request.
     let other = Job::read(&growth(Some(1)), None, Some(&file)).unwrap().pack(&Run::default()).unwrap_err();
     assert!(problem(other)["detail"].as_str().unwrap().contains("belongs to another request"));
+    // What refuses the job before it runs says nothing about the checkpoint.
+    let few = Job::read(&growth(None), Some(10), Some(&file)).unwrap();
+    assert_eq!(problem(few.pack(&Run::default()).unwrap_err())["type"], "/problems/too-large");
+    assert!(file.exists());
     // The seed that was drawn is that of the checkpoint.
     let again = Job::read(&growth(None), None, Some(&file)).unwrap();
     assert_eq!(again.request.seed, job.request.seed);
