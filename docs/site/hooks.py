@@ -3,6 +3,8 @@
 - reference/http.md and reference/objects.md from openapi.yaml, a file of the repository;
 - reference/commands.md and viewer/first.html by the binary `packstone`, which the variable PACKSTONE names; without it
   the one in target/release, or on the path;
+- tutorial/python-*.md from the notebooks in python/notebooks, which are not executed, and python/overview.md from
+  python/README.md;
 - a page for each file of the repository outside of docs that a page links to, unless Cargo.toml states the address of
   the repository, where the links then lead.
 """
@@ -20,7 +22,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from outside import Outside
+from notebooks import NOTEBOOK_PAGES, notebook_page
+from outside import README_PAGES, Outside, moved
 
 ROOT = Path(__file__).resolve().parents[2]
 # The packing of the first tutorial, which its page shows in a frame.
@@ -62,8 +65,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/commands.md": command_page(program),
         VIEWER: viewer(program),
     }
-    for file in files.documentation_pages():
-        made |= outside.pages_for(file.src_uri, file.content_string)
+    texts: dict[str, str] = {}
+    for path, place in README_PAGES.items():
+        texts[place] = moved((ROOT / path).read_text(), path, place)
+    for path, place in NOTEBOOK_PAGES.items():
+        notebook, name = (ROOT / path).read_text(), Path(path).name
+        made[f"tutorial/{name}"] = notebook
+        # The link to the download is one of the site.
+        title, text = moved(notebook_page(notebook), path, place).split("\n", 1)
+        texts[place] = f"{title}\n\n[Download the notebook]({name})\n{text}"
+    texts |= {file.src_uri: file.content_string for file in files.documentation_pages()}
+    for place, text in texts.items():
+        made |= outside.pages_for(place, text)
+    made |= {place: texts[place] for place in (*README_PAGES.values(), *NOTEBOOK_PAGES.values())}
     for path, content in made.items():
         files.append(File.generated(config, path, content=content))
     return files

@@ -6,13 +6,26 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+from notebooks import NOTEBOOK_PAGES
+
 LINK = re.compile(r"\]\((?!https?://|#)([^)\s]+)\)")
 # Larger files, and those that are no text, are copied as they are.
 MOST_SHOWN_BYTES = 60_000
 LANGUAGES = {".env": "ini", ".js": "javascript", ".json": "json", ".py": "python", ".rs": "rust", ".service": "ini",
              ".sh": "bash", ".toml": "toml", ".yaml": "yaml"}
-# openapi.yaml has pages that are made of it.
-PAGES = {"openapi.yaml": "reference/http.md"}
+README_PAGES = {"python/README.md": "python/overview.md"}
+# Files that have pages which are made of them.
+PAGES = {"openapi.yaml": "reference/http.md", **README_PAGES, **NOTEBOOK_PAGES}
+
+
+def moved(markdown: str, path: str, place: str) -> str:
+    """The Markdown of a file of the repository with its links as they are in the page at `place`."""
+
+    def link(found: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(path), found[1]))
+        return f"]({posixpath.relpath(target, posixpath.join('docs', posixpath.dirname(place)))})"
+
+    return LINK.sub(link, markdown)
 
 
 class Outside:

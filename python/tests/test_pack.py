@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ import mixes
 import numpy as np
 import packstone
 import pytest
-from live_server import binary
+from live_server import REPOSITORY, binary
 from packstone.exports import ExportType
 from packstone.packings import PACKING_PLOT_KINDS, FileFormat
 
@@ -339,6 +340,12 @@ def test_other_libraries_take_the_grains(packing: packstone.Packing) -> None:
     assert packing.to_pyvista().n_points == len(packing)
     assert packing.to_pyvista(spheres=True, resolution=8).n_cells > 8 * len(packing)
     assert np.array_equal(packing.to_meshio().points, packing.positions)
+
+
+def test_the_version_is_that_of_the_service() -> None:
+    stated = re.search(r'^version = "(.+)"$', (REPOSITORY / "python/Cargo.toml").read_text(), re.MULTILINE)
+    said = subprocess.run([binary(), "--version"], capture_output=True, text=True, check=True).stdout
+    assert stated is not None and said.split()[:2] == ["packstone", stated[1]]
 
 
 def test_the_command_is_that_of_the_service(tmp_path: Path) -> None:
