@@ -198,10 +198,11 @@ async fn a_study_goes_on_after_a_full_disk() {
         }
     })
     .await;
-    // Nothing more can be written at all now, not even that a job is leased.
+    // No file can become longer now. Where the log of the database has room for it no more, not even that a job is
+    // leased can be written; else the jobs are tried once more in vain.
     disk.fill();
-    patiently("the disk to be full", async {
-        while !server.log().contains("disk is full") {
+    patiently("the jobs to meet the full disk", async {
+        while !["disk is full", "pause_s=20"].iter().any(|told| server.log().contains(told)) {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
     })
