@@ -235,7 +235,10 @@ proptest! {
         let grain = Grain::random(&mut rng, center, scale, rounding);
         let body = Checked::new(&grain.shape(), &grain.pose).unwrap();
         prop_assert_eq!(&body.points, &grain.vertices());
-        prop_assert!((body.volume / (grain.template.volume() * scale.powi(3)) - 1.0).abs() < 1e-12);
+        // Digits are lost where a small grain lies far from the origin, and in angles between faces that are almost
+        // parallel: 1e-12 was exceeded once in some hundred thousand grains.
+        let error = body.volume / (grain.template.volume() * scale.powi(3)) - 1.0;
+        prop_assert!(error.abs() < 1e-10, "{error:e}");
         prop_assert_eq!(body.edges.len(), grain.template.edges().len());
     }
 }
