@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import nullcontext
 from os import PathLike
@@ -187,7 +187,7 @@ class LocalStudy:
         path.write_text(self._native.table(self._ended(), "csv"))
         return path
 
-    def _run(self, runner: Runner) -> Any:
+    def _run(self, runner: Runner) -> Iterator[int]:
         """Executes the runs; yields the number of those that have ended or are called off, after each."""
         waiting = deque(self._runs)
         running: dict[Future[tuple[str, Packing | None]], dict[str, Any]] = {}

@@ -172,12 +172,19 @@ impl Study {
         let records: Vec<Counted> =
             serde_json::from_str(records).map_err(|error| invalid(error.to_string()))?;
         let tallies = self.tallies.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut ended = vec![0_usize; tallies.len()];
+        for record in &records {
+            // A point that there is not has no row either.
+            if let Some(ended) = ended.get_mut(record.run.point) {
+                *ended += 1;
+            }
+        }
         let rest: Vec<Rest> = tallies
             .iter()
-            .enumerate()
-            .map(|(point, tally)| {
-                let ended = records.iter().filter(|record| record.run.point == point).count();
-                let left = self.study.points[point].seeds.len().saturating_sub(ended) as u64;
+            .zip(&self.study.points)
+            .zip(ended)
+            .map(|((tally, point), ended)| {
+                let left = point.seeds.len().saturating_sub(ended) as u64;
                 if tally.stopped {
                     Rest { waiting: 0, stopped_early: left }
                 } else {

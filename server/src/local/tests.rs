@@ -140,3 +140,41 @@ fn a_stopped_run_keeps_a_last_checkpoint_and_goes_on_to_the_same_bits() {
         Job::read(&growth(Some(job.request.seed)), None, None).unwrap().pack(&Run::default()).unwrap();
     assert!(resumed.columns().unwrap() == alone.columns().unwrap(), "the bits differ");
 }
+
+#[test]
+fn a_table_counts_what_ran_and_what_a_stop_rule_left_out() {
+    let mut template: Value = serde_json::from_str(FAST).unwrap();
+    template.as_object_mut().unwrap().remove("seed");
+    let study = json!({"seed": 5, "template": template, "replicates": 3, "stop_when": {"failed_in_a_row": 1},
+        "grid": {"/mix/volume_fraction": [0.2, 0.3]}});
+    let study = Study::read(&study.to_string()).unwrap();
+    let runs: Value = serde_json::from_str(&study.runs().unwrap()).unwrap();
+    let (record, packed) = run_of_study(&runs["runs"][0]["request"].to_string(), &Run::default()).unwrap();
+    assert!(packed.is_some());
+    let mut ran: Value = serde_json::from_str(&record).unwrap();
+    assert_eq!(ran["outcome"], "succeeded");
+    (ran["point"], ran["replicate"]) = (json!(0), json!(0));
+    // As a run elsewhere may end.
+    let failed =
+        json!({"point": 1, "replicate": 0, "outcome": "target_not_reached", "facts": {"time_s": 1.0}});
+    assert!(!study.count(0, "succeeded").unwrap());
+    assert!(study.count(1, "target_not_reached").unwrap(), "the rule is met");
+    let records = json!([ran, failed]).to_string();
+    let table: Value = serde_json::from_str(&study.table(&records, "json").unwrap()).unwrap();
+    let figures = |row: usize| {
+        ["runs", "successes", "waiting", "stopped_early"].map(|name| table["rows"][row][name].as_u64())
+    };
+    assert_eq!(figures(0), [Some(1), Some(1), Some(2), Some(0)]);
+    assert_eq!(figures(1), [Some(1), Some(0), Some(0), Some(2)]);
+    assert_eq!(study.table(&records, "csv").unwrap().lines().count(), 3);
+    assert!(study.plot("success", &records, None, None, true, "light").unwrap().starts_with("<svg"));
+    for refused in [
+        study.count(2, "succeeded").map(|_| String::new()),
+        study.count(0, "lost").map(|_| String::new()),
+        study.table("[{}]", "json"),
+        study.table(&records, "xls"),
+        study.plot("success", &records, Some("colour"), None, true, "light"),
+    ] {
+        assert_eq!(problem(refused.unwrap_err())["type"], "/problems/validation-error");
+    }
+}
