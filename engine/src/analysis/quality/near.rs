@@ -1,0 +1,87 @@
+//! The spheres near a sphere, also through the faces of a periodic box.
+
+use crate::geometry::cells::Octaves;
+use crate::memory::OutOfMemory;
+use crate::packing::Spheres;
+use crate::request::Specimen;
+
+/// A sphere near another.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Neighbor {
+    /// Its row.
+    pub(super) row: usize,
+    /// From the centre of the other to its own.
+    pub(super) step_mm: [f64; 3],
+    /// Length of the step.
+    pub(super) distance_mm: f64,
+    /// Gap of the surfaces.
+    pub(super) gap_mm: f64,
+}
+
+/// Spheres in descending order, sorted for searches.
+pub(super) struct Near<'a> {
+    pub(super) spheres: &'a Spheres,
+    octaves: Octaves,
+    bounds_mm: [f64; 3],
+    is_periodic: bool,
+}
+
+impl<'a> Near<'a> {
+    pub(super) fn new(spheres: &'a Spheres, specimen: &Specimen) -> Result<Self, OutOfMemory> {
+        let bounds_mm = specimen.bounds_mm();
+        Ok(Self {
+            spheres,
+            octaves: Octaves::new(spheres, bounds_mm, 0.0)?,
+            bounds_mm,
+            is_periodic: specimen.is_periodic(),
+        })
+    }
+
+    /// Calls `visit` with every other sphere whose gap to this one is at most `reach_mm`. In a periodic box a sphere that
+    /// is near through two faces is visited twice, and images beyond the neighbouring boxes are not seen.
+    pub(super) fn for_each(&self, row: usize, reach_mm: f64, mut visit: impl FnMut(Neighbor)) {
+        let center = self.spheres.center(row);
+        let radius_mm = self.spheres.d_mm[row] / 2.0;
+        let far_mm = radius_mm + self.spheres.d_mm[0] / 2.0 + reach_mm;
+        let shifts = |axis: usize| {
+            let (x, length) = (center[axis], self.bounds_mm[axis]);
+            let periodic = self.is_periodic;
+            [0.0, length, -length]
+                .into_iter()
+                .filter(move |&s| s == 0.0 || periodic && x + s > -far_mm && x + s < length + far_mm)
+        };
+        for x in shifts(0) {
+            for y in shifts(1) {
+                for z in shifts(2) {
+                    let image = [center[0] + x, center[1] + y, center[2] + z];
+                    self.octaves.for_each_near(image, radius_mm, reach_mm, |other| {
+                        let step_mm: [f64; 3] = std::array::from_fn(|a| other.center_mm[a] - image[a]);
+                        let distance_mm = step_mm.iter().map(|x| x * x).sum::<f64>().sqrt();
+                        let gap_mm = distance_mm - radius_mm - other.d_mm / 2.0;
+                        let other = other.row as usize;
+                        if gap_mm <= reach_mm && other != row {
+                            visit(Neighbor { row: other, step_mm, distance_mm, gap_mm });
+                        }
+                    });
+                }
+            }
+        }
+    }
+
+    /// Gap to the nearest other sphere; `None` where there is none.
+    pub(super) fn nearest_gap_mm(&self, row: usize) -> Option<f64> {
+        let diagonal_mm = self.bounds_mm.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let mut reach_mm = self.spheres.d_mm.last()? / 64.0;
+        loop {
+            let mut nearest = f64::INFINITY;
+            self.for_each(row, reach_mm, |other| nearest = nearest.min(other.gap_mm));
+            if nearest.is_finite() {
+                return Some(nearest);
+            }
+            if reach_mm > diagonal_mm {
+                return None;
+            }
+            reach_mm *= 2.0;
+        }
+    }
+}
