@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Launch, Reply, Server, id_of, jobs, results};
+use crate::harness::{Client, DataDir, Launch, Reply, Server, id_of, jobs, packstone, results};
 
 /// A box of 40 mm with some hundred grains; its result, too.
 async fn packed(client: &Client, seed: u64) -> (String, results::Rows) {
@@ -394,6 +394,55 @@ fn template_of() -> Value {
     template
 }
 
+/// From an export of the service, from `postprocess` and from the command line alike.
+#[tokio::test]
+async fn the_quality_is_a_document_of_the_result() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let job = jobs::with(jobs::quick_growth(4), "/postprocess", json!({"type": "quality"}));
+    let done = client.succeed(&job).await;
+    let path = format!("/v1/jobs/{}/exports/quality", id_of(&done));
+    let reply = client.get(&path).send().await;
+    let quality = reply.expect(200).json();
+    let summary = client.result(id_of(&done)).await["summary"].clone();
+    assert_eq!(quality["grains"], summary["grains"]);
+    let of_class = |name: &'static str| {
+        let classes = quality["classes"].as_array().unwrap().iter();
+        classes.map(move |class| class[name].as_f64().unwrap()).sum::<f64>()
+    };
+    assert!(
+        (of_class("volume_share") - 1.0).abs() < 1e-9 && of_class("grains") == summary["grains"],
+        "{quality:#}"
+    );
+    let volume: f64 = quality["walls"]["layers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .chain([&quality["walls"]["core"]])
+        .map(|layer| {
+            let fractions = layer["volume_fraction"].as_array().unwrap().iter();
+            layer["volume_mm3"].as_f64().unwrap() * fractions.map(|x| x.as_f64().unwrap()).sum::<f64>()
+        })
+        .sum();
+    let known = summary["volume_fraction_effective"].as_f64().unwrap() * 40.0_f64.powi(3);
+    assert!((volume / known - 1.0).abs() < 1e-3, "{volume} {known}");
+    for part in ["gaps", "contacts", "bond_order", "blocks"] {
+        assert!(quality[part].is_object(), "{part}: {quality:#}");
+    }
+
+    let status = client.get(&format!("{path}/status")).send().await.expect(200).json();
+    assert_eq!((&status["kept"], &status["report"]["grains"]), (&json!(true), &quality["grains"]));
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("job.json"), job.to_string()).unwrap();
+    let ended = packstone(directory.path(), &["run", "job.json", "--out", "out"]).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let written = std::fs::read(directory.path().join("out/result.quality.json")).unwrap();
+    assert!(reply.body == written, "the command line measures another quality");
+    client.get(&format!("{path}?format=csv")).send().await.expect_problem(400, "validation-error");
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn capabilities_and_metrics_tell_of_models() {
     let data_dir = DataDir::new();
@@ -407,8 +456,8 @@ async fn capabilities_and_metrics_tell_of_models() {
         let kind = export["type"].as_str().unwrap();
         for format in export["formats"].as_array().unwrap() {
             let options = format["options"].as_array().unwrap();
-            // A table of shapes has no options beside its format.
-            assert_eq!(options.is_empty(), kind == "shapes", "{kind} {format:#}");
+            // A table of shapes and the quality have no options beside their format.
+            assert_eq!(options.is_empty(), ["shapes", "quality"].contains(&kind), "{kind} {format:#}");
             assert!(!options.contains(&json!("format")), "{kind} {format:#}");
             let name = format["name"].as_str().unwrap();
             let fast = if kind == "voxels" { "&cells=8" } else { "" };
@@ -418,7 +467,7 @@ async fn capabilities_and_metrics_tell_of_models() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 18);
+    assert_eq!(seen, 19);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
     let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 3";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::harness::{DataDir, Server, id_of, jobs, packstone};
 
-const KINDS: [&str; 6] = ["grading", "distance", "radial", "profile", "zingg", "flakiness"];
+const KINDS: [&str; 7] = ["grading", "distance", "radial", "profile", "zingg", "flakiness", "quality"];
 
 fn text_of(body: &[u8]) -> String {
     String::from_utf8(body.to_vec()).expect("an SVG is text")
@@ -26,6 +26,7 @@ async fn every_kind_is_a_picture_with_a_tag_of_its_own() {
         ("distance", "distance between grains in mm"),
         ("radial", "gap between grains in mm"),
         ("profile", "depth from the wall in mm"),
+        ("quality", "distance from the nearest wall in mm"),
     ] {
         let path = job["links"]["plots"][kind].as_str().unwrap().to_owned();
         assert_eq!(path, format!("/v1/jobs/{}/plots/{kind}", id_of(&job)));

@@ -59,7 +59,7 @@ async fn ellipsoids_come_back_in_every_table_and_export_that_has_them() {
         let slice = get("exports/slice?format=json").send().await.expect(200).json();
         assert!(slice["ellipses"]["rows"].as_array().unwrap().len() > 10, "{slice:#}");
         assert!(!get("exports/mesh?format=msh&segments=8").send().await.expect(200).body.is_empty());
-        for plot in ["grading", "radial", "profile", "zingg", "flakiness"] {
+        for plot in ["grading", "radial", "profile", "zingg", "flakiness", "quality"] {
             let drawn = get(&format!("plots/{plot}")).send().await;
             assert!(drawn.expect(200).body.starts_with(b"<svg"), "{plot}");
         }
@@ -114,7 +114,7 @@ async fn polyhedra_come_back_in_every_table_and_export_that_has_them() {
         assert!(slice["polygons"]["rows"].as_array().unwrap().len() > 10, "{slice:#}");
         assert!(!get("exports/mesh?format=msh&segments=8").send().await.expect(200).body.is_empty());
         assert!(get("exports/ldpm?format=tets").send().await.expect(200).body.len() > 48 * rows.len());
-        for plot in ["grading", "radial", "profile", "zingg", "flakiness"] {
+        for plot in ["grading", "radial", "profile", "zingg", "flakiness", "quality"] {
             let drawn = get(&format!("plots/{plot}")).send().await;
             assert!(drawn.expect(200).body.starts_with(b"<svg"), "{plot}");
         }

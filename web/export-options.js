@@ -51,6 +51,7 @@ export const TYPES = {
   ldpm: "Lattice discrete particle model",
   certificates: "Proofs that close pairs do not overlap",
   shapes: "Shapes of the grains",
+  quality: "Quality: is the packing random",
 };
 
 /** What a format is for. @type {Record<string, string>} */

@@ -110,6 +110,7 @@ const PLOTS = {
   distance: "Distance between grains against packing time",
   zingg: "Zingg's diagram: elongation against flatness",
   flakiness: "Share of flaky mass by particle size fraction",
+  quality: "Quality: volumes near the walls, near pairs and bond order against chance",
 };
 
 /**
@@ -128,6 +129,7 @@ export function plotPart(job, request, report) {
     distance: grown && report.summary.method_used.endsWith("edmd"),
     zingg: Boolean(report.shapes),
     flakiness: Boolean(report.shapes),
+    quality: report.summary.grains * report.summary.volume_fraction_effective > PAIRS,
   };
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const kinds = Object.keys(PLOTS).filter((kind) => has[kind] && job.links.plots[kind]);

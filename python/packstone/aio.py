@@ -298,6 +298,10 @@ class AsyncPacking:
         export = partial(self.sync.export, type, path, format=format, timeout=timeout, **options)
         return await self._threads.call(export)
 
+    async def quality(self, *, timeout: float | None = None) -> dict[str, Any]:
+        """See :meth:`Packing.quality`."""
+        return await self._threads.call(partial(self.sync.quality, timeout=timeout))
+
     async def plot(
         self,
         kind: PackingPlotKind,

@@ -11,7 +11,7 @@ from . import _files, _html
 from ._resource import Changing
 from .errors import error_of
 
-ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates", "shapes"]
+ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates", "shapes", "quality"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
 MeshFormat = Literal["msh", "geo", "stl"]
 VoxelFormat = Literal["vti", "raw", "inp"]
@@ -39,7 +39,7 @@ class Export(Changing):
 
     @property
     def type(self) -> ExportType:
-        """The type: ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates`` or ``shapes``."""
+        """The type: ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates``, ``shapes`` or ``quality``."""
         type: ExportType = self.data["type"]
         return type
 

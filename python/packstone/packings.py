@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 TableFormat = Literal["json", "csv", "npy", "vtp", "vtk", "view", "html"]
 FileFormat = Literal[TableFormat, "msh", "vti", "raw", "inp", "svg", "png"]
-PackingPlotKind = Literal["grading", "distance", "radial", "profile", "zingg", "flakiness"]
+PackingPlotKind = Literal["grading", "distance", "radial", "profile", "zingg", "flakiness", "quality"]
 PACKING_PLOT_KINDS: tuple[PackingPlotKind, ...] = get_args(PackingPlotKind)
 Theme = Literal["light", "dark"]
 
@@ -232,12 +232,21 @@ class Packing:
     ) -> dict[str, Any]:
         """Writes an export of any type and format to a file, and returns its figures, such as a number of triangles.
 
-        The types are ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates`` and ``shapes``. The format is the
-        first of the type's formats if it is not named, whatever the suffix. A server does not keep the file:
+        The types are ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates``, ``shapes`` and ``quality``.
+        The format is the first of the type's formats if it is not named, whatever the suffix. A server does not keep the file:
         :meth:`Job.export` does. `timeout` limits the wait for a server, in s.
         """
         given = options if format is None else {"format": format, **options}
         return self._source.export(type, given, Path(path), timeout)
+
+    def quality(self, *, timeout: float | None = None) -> dict[str, Any]:
+        """Measures whether the packing is random: gaps, contacts, bond order, walls and blocks, by size.
+
+        The keys are those of the export ``quality``, and lengths are in mm. `timeout` limits the wait for a server, in
+        s.
+        """
+        report: dict[str, Any] = json.loads(self._source.read(File("json", "quality", {}), timeout))
+        return report
 
     def plot(
         self,
@@ -251,7 +260,8 @@ class Packing:
 
         ``grading``: the target curve and the actual one; ``distance``: the distance of grown grains against
         time; ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth;
-        ``zingg`` and ``flakiness``: the forms of grains that are no spheres, and their flakiness index by size.
+        ``zingg`` and ``flakiness``: the forms of grains that are no spheres, and their flakiness index by size;
+        ``quality``: volumes near the walls, near pairs and bond order, each against chance.
         The theme ``dark`` has light strokes without a ground. A plot for which the packing has no data is refused.
         """
         svg = Svg(self._source.plot(kind, title, theme))

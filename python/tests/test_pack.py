@@ -81,6 +81,7 @@ EXPORTS: list[tuple[ExportType, dict[str, Any]]] = [
     ("certificates", {"format": "json"}),
     ("shapes", {"format": "csv"}),
     ("shapes", {"format": "json"}),
+    ("quality", {"format": "json"}),
 ]
 
 

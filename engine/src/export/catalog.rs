@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{ExportError, Model};
-use super::{certificates, ldpm, mesh, shapes, slice, voxels};
+use super::{certificates, ldpm, mesh, quality, shapes, slice, voxels};
+use crate::analysis::quality::QualityReport;
 use crate::control::Control;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
@@ -29,12 +30,14 @@ pub enum ExportType {
     Certificates,
     /// Sizes, ratios, sphericity and roundness of each grain.
     Shapes,
+    /// Whether the packing is random: contacts, bond order, walls and blocks by size.
+    Quality,
 }
 
 impl ExportType {
     /// All types, in the order of the documentation.
-    pub const ALL: [Self; 6] =
-        [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm, Self::Certificates, Self::Shapes];
+    pub const ALL: [Self; 7] =
+        [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm, Self::Certificates, Self::Shapes, Self::Quality];
 
     /// Its name in requests and addresses.
     pub fn name(self) -> &'static str {
@@ -45,6 +48,7 @@ impl ExportType {
             Self::Ldpm => "ldpm",
             Self::Certificates => "certificates",
             Self::Shapes => "shapes",
+            Self::Quality => "quality",
         }
     }
 
@@ -61,6 +65,7 @@ impl ExportType {
             Self::Slice => &["svg", "png", "json", "geo"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
             Self::Certificates | Self::Shapes => &["csv", "json"],
+            Self::Quality => &["json"],
         }
     }
 
@@ -92,6 +97,7 @@ impl ExportType {
                 certificates::CertificateOptions::read(object).map(ExportRequest::Certificates)
             }
             Self::Shapes => shapes::ShapeTableOptions::read(object).map(ExportRequest::Shapes),
+            Self::Quality => quality::QualityOptions::read(object).map(ExportRequest::Quality),
         }
     }
 }
@@ -113,6 +119,8 @@ pub enum ExportRequest {
     Certificates(certificates::CertificateOptions),
     /// Sizes, ratios, sphericity and roundness of each grain.
     Shapes(shapes::ShapeTableOptions),
+    /// Whether the packing is random.
+    Quality(quality::QualityOptions),
 }
 
 /// The figures of an export, beside its file.
@@ -134,6 +142,8 @@ pub enum ExportReport {
     Certificates(certificates::CertificateReport),
     /// Sizes, ratios, sphericity and roundness of each grain.
     Shapes(shapes::ShapeTableReport),
+    /// Whether the packing is random.
+    Quality(QualityReport),
 }
 
 /// What an export is likely to come out as.
@@ -169,6 +179,7 @@ impl ExportRequest {
             Self::Ldpm(_) => ExportType::Ldpm,
             Self::Certificates(_) => ExportType::Certificates,
             Self::Shapes(_) => ExportType::Shapes,
+            Self::Quality(_) => ExportType::Quality,
         }
     }
 
@@ -181,6 +192,7 @@ impl ExportRequest {
             Self::Ldpm(options) => options.format.name(),
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
+            Self::Quality(options) => options.format.name(),
         }
     }
 
@@ -195,7 +207,7 @@ impl ExportRequest {
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
-            Self::Certificates(_) | Self::Shapes(_) => Ok(()),
+            Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => Ok(()),
         }
     }
 
@@ -252,6 +264,7 @@ impl ExportRequest {
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
             Self::Shapes(_) => shapes::expected_bytes(grains.number),
+            Self::Quality(_) => quality::expected_bytes(),
         };
         ExportEstimate { bytes, mesh: None, warnings: Vec::new() }
     }
@@ -281,6 +294,7 @@ impl ExportRequest {
                 certificates::write(model, options, limits, control, out).map(ExportReport::Certificates)
             }
             Self::Shapes(options) => shapes::write(model, options, control, out).map(ExportReport::Shapes),
+            Self::Quality(_) => quality::write(model, limits, control, out).map(ExportReport::Quality),
         }
     }
 
@@ -347,6 +361,7 @@ impl ExportRequest {
             Self::Ldpm(options) => options.format.media_type(),
             Self::Certificates(options) => options.format.media_type(),
             Self::Shapes(options) => options.format.media_type(),
+            Self::Quality(options) => options.format.media_type(),
         }
     }
 
@@ -359,6 +374,7 @@ impl ExportRequest {
             Self::Ldpm(options) => options.format.extension(),
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
+            Self::Quality(options) => options.format.name(),
         }
     }
 
@@ -374,6 +390,7 @@ impl ExportRequest {
             Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
             Self::Certificates(_) => vec!["certificates".to_owned()],
             Self::Shapes(_) => vec!["shapes".to_owned()],
+            Self::Quality(_) => vec!["quality".to_owned()],
         };
         parts.extend(self.chosen_options());
         parts.push(extension.to_owned());

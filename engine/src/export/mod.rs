@@ -1,4 +1,5 @@
-//! Exports of a finished packing: surface meshes, voxels, slices, lattice models, and tables of its grains.
+//! Exports of a finished packing: surface meshes, voxels, slices, lattice models, tables of its grains, and its
+//! quality.
 //!
 //! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
@@ -9,6 +10,7 @@ pub mod ldpm;
 pub mod mesh;
 pub mod picture;
 mod provenance;
+pub mod quality;
 mod rows;
 #[cfg(feature = "openapi")]
 mod schema;

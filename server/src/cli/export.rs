@@ -25,7 +25,7 @@ use crate::config::default_memory_bytes;
 pub(super) struct Options {
     /// The result: JSON as `packstone run` or the service give it, or the file in which the service stores it
     result: PathBuf,
-    /// What to make of it: mesh, voxels, slice, ldpm, certificates or shapes, with options, as
+    /// What to make of it: mesh, voxels, slice, ldpm, certificates, shapes or quality, with options, as
     /// `voxels:format=raw,cells=200`
     #[arg(value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse, required_unless_present = "picture")]
     exports: Vec<ExportRequest>,

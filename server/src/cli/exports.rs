@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(parse("voxels:"), Ok(with(&[])));
         assert_eq!(parse("voxels:format=raw,cells=12"), Ok(with(&[("format", "raw"), ("cells", "12")])));
         for (text, says) in [
-            ("cube", "must be one of mesh, voxels, slice, ldpm, certificates, shapes"),
+            ("cube", "must be one of mesh, voxels, slice, ldpm, certificates, shapes, quality"),
             ("voxels:raw", "must be OPTION=VALUE"),
             ("voxels:cells=0", "/cells: 0 is out of range"),
             ("voxels:colour=red", "/colour: unknown option"),

@@ -41,6 +41,9 @@ pub(crate) struct Layout {
     pub(crate) is_square: bool,
     /// Texts in the data area, drawn below the data.
     pub(crate) notes: Vec<Note>,
+    /// Charts that are drawn below this one in the same drawing. Their titles, descriptions and charts below are not
+    /// used.
+    pub(crate) below: Vec<Chart>,
 }
 
 /// A text in the data area, centred at a point.
@@ -124,7 +127,12 @@ impl Chart {
         self.x.accepts(point.x) && self.y.accepts(point.y)
     }
 
-    /// Whether no series but a reference has a point that can be shown.
+    /// The charts of the drawing, from top to bottom.
+    pub(super) fn panels(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(&self.layout.below)
+    }
+
+    /// Whether no series but a reference has a point that can be shown; charts below are not looked at.
     pub(crate) fn is_empty(&self) -> bool {
         let empty = |series: &Series| !series.points.iter().any(|point| self.shows(point));
         self.series.iter().filter(|series| series.style != SeriesStyle::Reference).all(empty)

@@ -29,6 +29,10 @@ pub(crate) const REVISION: u32 = 3;
 const WIDTH_MM: f64 = 160.0;
 /// Height of the data area.
 const PLOT_HEIGHT_MM: f64 = 82.0;
+/// The same of each of several charts in one drawing.
+const PANEL_HEIGHT_MM: f64 = 52.0;
+/// Between them.
+const PANEL_GAP_MM: f64 = 3.0;
 /// Edge of a square data area.
 const SQUARE_MM: f64 = 100.0;
 const EDGE_MM: f64 = 2.0;
@@ -86,11 +90,23 @@ pub(crate) fn svg(chart: &Chart, heading: bool) -> Result<String, PlotError> {
 }
 
 fn drawn(chart: &Chart, heading: bool) -> Result<String, Failure> {
-    let legend = Legend::of(chart);
-    let frame = Frame::of(chart, &legend, heading);
+    let top_mm = if heading { EDGE_MM + TITLE_MM } else { EDGE_MM };
+    let mut panels: Vec<(&Chart, Legend, Frame)> = Vec::new();
+    let mut end_mm = top_mm;
+    for panel in chart.panels() {
+        if !panels.is_empty() {
+            end_mm += PANEL_GAP_MM;
+        }
+        let legend = Legend::of(panel);
+        let plot_mm = plot_height_mm(chart, panel);
+        let frame = Frame { top_mm: end_mm, plot_mm };
+        end_mm += plot_mm + X_LABELS_MM + legend.height_mm() + EDGE_MM;
+        panels.push((panel, legend, frame));
+    }
+    let height_mm = end_mm;
     let mut text = String::new();
     {
-        let size = (units(WIDTH_MM) as u32, units(frame.height_mm) as u32);
+        let size = (units(WIDTH_MM) as u32, units(height_mm) as u32);
         let canvas = SVGBackend::with_string(&mut text, size).into_drawing_area();
         canvas.fill(&WHITE)?;
         if heading {
@@ -98,32 +114,33 @@ fn drawn(chart: &Chart, heading: bool) -> Result<String, Failure> {
             let style = font(TITLE_SIZE_MM).pos(Pos::new(HPos::Center, VPos::Center));
             canvas.draw_text(&title, &style, (units(WIDTH_MM / 2.0), units(EDGE_MM + TITLE_MM / 2.0)))?;
         }
-        draw_data(&canvas, chart, &frame)?;
-        legend.draw(&canvas, frame.height_mm)?;
+        for (panel, legend, frame) in &panels {
+            draw_data(&canvas, panel, frame, height_mm)?;
+            legend
+                .draw(&canvas, frame.top_mm + frame.plot_mm + X_LABELS_MM + legend.height_mm() + EDGE_MM)?;
+        }
         canvas.present()?;
     }
-    Ok(headed(&text, chart, frame.height_mm))
+    Ok(headed(&text, chart, height_mm))
 }
 
-/// Heights of the parts of a drawing.
+/// Where a chart lies in a drawing.
 struct Frame {
-    /// Above the data.
+    /// Above the data area.
     top_mm: f64,
-    /// Of the whole drawing.
-    height_mm: f64,
+    /// Height of the data area.
+    plot_mm: f64,
 }
 
-impl Frame {
-    fn of(chart: &Chart, legend: &Legend, heading: bool) -> Self {
-        let top_mm = if heading { EDGE_MM + TITLE_MM } else { EDGE_MM };
-        let plot_mm = plot_height_mm(chart);
-        Self { top_mm, height_mm: top_mm + plot_mm + X_LABELS_MM + legend.height_mm() + EDGE_MM }
+/// Height of the data area of a chart in a drawing that begins with another or the same.
+fn plot_height_mm(first: &Chart, chart: &Chart) -> f64 {
+    if chart.layout.is_square {
+        SQUARE_MM
+    } else if first.layout.below.is_empty() {
+        PLOT_HEIGHT_MM
+    } else {
+        PANEL_HEIGHT_MM
     }
-}
-
-/// Height of the data area.
-fn plot_height_mm(chart: &Chart) -> f64 {
-    if chart.layout.is_square { SQUARE_MM } else { PLOT_HEIGHT_MM }
 }
 
 /// The drawing with its size in mm, and with a title and a description for screen readers.
@@ -140,7 +157,7 @@ fn headed(text: &str, chart: &Chart, height_mm: f64) -> String {
     )
 }
 
-fn draw_data(canvas: &Canvas<'_>, chart: &Chart, frame: &Frame) -> Result<(), Failure> {
+fn draw_data(canvas: &Canvas<'_>, chart: &Chart, frame: &Frame, height_mm: f64) -> Result<(), Failure> {
     let shown = || chart.series.iter().flat_map(|s| &s.points).filter(|point| chart.shows(point));
     let ends = |point: &Point| {
         let interval = point.interval.unwrap_or([point.y; 2]);
@@ -153,7 +170,7 @@ fn draw_data(canvas: &Canvas<'_>, chart: &Chart, frame: &Frame) -> Result<(), Fa
     let full_mm = WIDTH_MM - EDGE_MM - left_mm - RIGHT_MM;
     let aside_mm = if chart.layout.is_square { (full_mm - SQUARE_MM) / 2.0 } else { 0.0 };
     thin_out(&mut x, full_mm - 2.0 * aside_mm);
-    let below_mm = frame.height_mm - frame.top_mm - plot_height_mm(chart) - X_LABELS_MM;
+    let below_mm = height_mm - frame.top_mm - frame.plot_mm - X_LABELS_MM;
     let mut context = ChartBuilder::on(canvas)
         .margin_top(units(frame.top_mm))
         .margin_bottom(units(below_mm))

@@ -1,5 +1,5 @@
 //! The plots of a job's result: grading curve, distance over time, pair correlation and wall effect; those of shapes
-//! are in [`super::shapes`].
+//! are in [`super::shapes`], that of the quality in [`super::quality`].
 
 use std::io;
 
@@ -12,7 +12,7 @@ use packstone_engine::request::{Distance, GrainKind, Method, PackingRequest};
 
 use super::axis::{Axis, plain};
 use super::chart::{Chart, Layout, Marks, Point, Series, SeriesStyle};
-use super::{PlotError, shapes};
+use super::{PlotError, quality, shapes};
 use crate::jobs::JobRequest;
 
 super::kinds! {
@@ -30,6 +30,8 @@ super::kinds! {
         Zingg "zingg",
         /// Share of flaky mass by particle size fraction, of grains that are no spheres.
         Flakiness "flakiness",
+        /// Whether the packing is random: volumes near the walls, near pairs and bond order.
+        Quality "quality",
     }
 }
 
@@ -112,6 +114,7 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
                 Some(grains) => shapes::flakiness(&packing, &grains, name.as_deref()),
             }
         }
+        JobPlot::Quality => quality::chart(&packing, &tables::load(result.grains)?, name.as_deref())?,
         JobPlot::Profile => profile(result.head, &packing, &tables::load(result.grains)?, name.as_deref()),
     })
 }
@@ -313,7 +316,7 @@ fn profile(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<
 }
 
 /// A diameter, rounded to three digits.
-fn rounded(mm: f64) -> String {
+pub(super) fn rounded(mm: f64) -> String {
     let digits = 2 - mm.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
     let scale = 10_f64.powi(digits);
     plain((mm * scale).round() / scale, None)

@@ -9,6 +9,7 @@ pub(crate) mod chart;
 pub(crate) mod draw;
 pub(crate) mod job;
 mod names;
+mod quality;
 mod shapes;
 pub(crate) mod study;
 mod style;

@@ -81,6 +81,7 @@ pub(super) fn zingg(request: &PackingRequest, grains: &[MeasuredGrain], name: Op
             notes: shares
                 .map(|(name, share, [x, y])| Note { x, y, text: format!("{name} {share} %") })
                 .into(),
+            below: Vec::new(),
         },
         when_empty: "the packing has no grains".into(),
     }

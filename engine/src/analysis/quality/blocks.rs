@@ -8,8 +8,8 @@
 //!
 //! with the volume `v_i` of fine grain `i` in the block: the first term is that of the place left, the second that of
 //! Poisson's law for the number of grains (Illian, Penttinen, Stoyan and Stoyan, Statistical Analysis and Modelling of
-//! Spatial Point Patterns, 2008, [10.1002/9780470725160](https://doi.org/10.1002/9780470725160), chapter 2). Grains that
-//! exclude one another vary less than points. More than that is a sorting of sizes.
+//! Spatial Point Patterns, 2008, [10.1002/9780470725160](https://doi.org/10.1002/9780470725160), chapter 2). Grains
+//! that exclude one another vary less than points. More than that is a sorting of sizes.
 
 use serde::{Deserialize, Serialize};
 
@@ -150,8 +150,8 @@ impl Grid {
         specimen.clearance_reaching_all(center, half) >= -1.0e-9 * self.edge_mm[0]
     }
 
-    /// Calls `visit` with every block that a sphere lies in, and with the volume of it that lies there; what lies beyond
-    /// walls is in no block.
+    /// Calls `visit` with every block that a sphere lies in, and with the volume of it that lies there; what lies
+    /// beyond walls is in no block.
     fn for_each_part(&self, center: [f64; 3], r: f64, mut visit: impl FnMut(usize, f64)) {
         let span = |a: usize| {
             let index = |x: f64| (x / self.edge_mm[a]).floor() as i64;

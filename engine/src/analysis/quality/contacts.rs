@@ -1,12 +1,13 @@
 //! Gaps and contacts: how close grains are, and which sizes are neighbours.
 //!
-//! Pairs are *near* where their gap is below the smallest gap of the packing plus [`NEAR`] smallest diameters, and in
-//! *contact* where it is below the smallest gap plus [`CONTACT`] smallest diameters; so a packing whose grains keep a
-//! constant distance has contacts at that distance.
+//! Gaps are counted from the smallest gap of the packing, so that a packing whose grains keep a constant distance has
+//! contacts at that distance; their unit is the smallest diameter with that gap, `d_min + g_min`. Pairs are *near*
+//! where their gap is at most [`NEAR`] units above the smallest, and in *contact* where it is at most [`CONTACT`] units
+//! above.
 //!
-//! - Mark correlation: Pearson's correlation of `ln d` over the two grains of all near pairs, `r = cov(ln d_i, ln d_j) /
-//!   var(ln d_i)`, means taken over the ends of the pairs (Stoyan and Stoyan, Fractals, Random Shapes and Point Fields,
-//!   1994, chapter 14; as the assortativity of a network Newman, Physical Review Letters 89, 2002,
+//! - Mark correlation: Pearson's correlation of `ln d` over the two grains of all near pairs, `r = cov(ln d_i, ln
+//!   d_j) / var(ln d_i)`, means taken over the ends of the pairs (Stoyan and Stoyan, Fractals, Random Shapes and
+//!   Point Fields, 1994, chapter 14; as the assortativity of a network Newman, Physical Review Letters 89, 2002,
 //!   [10.1103/PhysRevLett.89.208701](https://doi.org/10.1103/PhysRevLett.89.208701)). 0: sizes of neighbours know
 //!   nothing of one another; below 0: coarse grains have fine neighbours; above 0: like sizes gather.
 //! - Shuffled partners: each grain keeps its number `k_i` of near pairs and gets partners at random (the configuration
@@ -21,9 +22,9 @@ use super::near::Near;
 use super::{Counter, Moments, QualityError, evenly};
 use crate::control::Control;
 
-/// Gap of near pairs in smallest diameters, above the smallest gap.
+/// Gap of near pairs above the smallest gap, in units of `d_min + g_min`.
 pub const NEAR: f64 = 0.05;
-/// Gap of contacts in smallest diameters, above the smallest gap.
+/// The same of contacts.
 pub const CONTACT: f64 = 0.002;
 /// Largest ratio of the diameters of grains of like size.
 pub const LIKE_RATIO: f64 = 1.1;
@@ -44,8 +45,8 @@ pub struct GapFigures {
     pub smallest_mm: f64,
     /// Median of the gap from a grain to its nearest grain.
     pub median_mm: f64,
-    /// The median over the smallest diameter.
-    pub median_over_d_min: f64,
+    /// The median above the smallest gap, over the sum of the smallest diameter and the smallest gap.
+    pub median_excess: f64,
 }
 
 /// Pairs of near grains.
@@ -125,7 +126,7 @@ pub(super) fn gaps(near: &Near<'_>, control: &dyn Control) -> Result<Option<GapF
         references: gaps_mm.len() as u64,
         smallest_mm,
         median_mm,
-        median_over_d_min: median_mm / d_min_mm,
+        median_excess: (median_mm - smallest_mm) / (d_min_mm + smallest_mm),
     }))
 }
 
@@ -138,7 +139,8 @@ pub(super) fn contacts(
 ) -> Result<Option<ContactFigures>, QualityError> {
     let d_mm = &near.spheres.d_mm;
     let (Some(&d_max_mm), Some(&d_min_mm)) = (d_mm.first(), d_mm.last()) else { return Ok(None) };
-    let [near_gap_mm, contact_gap_mm] = [NEAR, CONTACT].map(|gap| smallest_gap_mm + gap * d_min_mm);
+    let [near_gap_mm, contact_gap_mm] =
+        [NEAR, CONTACT].map(|gap| smallest_gap_mm + gap * (d_min_mm + smallest_gap_mm));
     let bounds = ratio_bounds(d_max_mm / d_min_mm);
     let ln_d: Vec<f64> = crate::memory::collected(d_mm.iter().map(|d| d.ln()))?;
     let class: Vec<u8> = crate::memory::collected(d_mm.iter().map(|&d| class_of(classes, d) as u8))?;

@@ -3,10 +3,10 @@
 //!
 //! No single figure proves that a packing is random (Torquato, Truskett and Debenedetti, Physical Review Letters 84,
 //! 2000, [10.1103/PhysRevLett.84.2064](https://doi.org/10.1103/PhysRevLett.84.2064)). These are the figures by which
-//! crystals, sorted sizes and sizes that gather at walls are found: [`contacts`] has those of pairs of grains, [`order`]
-//! those of directions, [`walls`] and [`blocks`] those of volumes by size class. Lengths and classes follow from the
-//! grains alone and are stated in the report, so that packings of one mix can be compared. Nothing is drawn at random:
-//! where there are many grains, some are looked at, at equal steps of the grains by descending diameter.
+//! crystals, sorted sizes and sizes that gather at walls are found: [`contacts`] has those of pairs of grains,
+//! [`order`] those of directions, [`walls`] and [`blocks`] those of volumes by size class. Lengths and classes follow
+//! from the grains alone and are stated in the report, so that packings of one mix can be compared. Nothing is drawn at
+//! random: where there are many grains, some are looked at, at equal steps of the grains by descending diameter.
 
 pub mod blocks;
 pub mod classes;
@@ -113,10 +113,10 @@ pub fn quality<'a>(
         let near = near::Near::new(&spheres, specimen)?;
         report.gaps = contacts::gaps(&near, &part(0.25, 0.45))?;
         if let Some(gaps) = &report.gaps {
-            report.contacts =
-                contacts::contacts(&near, &report.classes, gaps.smallest_mm, &part(0.45, 0.75))?;
+            let smallest_mm = gaps.smallest_mm;
+            report.contacts = contacts::contacts(&near, &report.classes, smallest_mm, &part(0.45, 0.75))?;
+            report.bond_order = order::bond_order(&near, specimen, smallest_mm, &part(0.75, 1.0))?;
         }
-        report.bond_order = order::bond_order(&near, specimen, &part(0.75, 1.0))?;
     }
     Counter { control, total: 1, what: "" }.report(1);
     Ok(report)
@@ -137,8 +137,8 @@ pub fn wall_layers<'a>(
     walls::layers(&spheres, &classes::classes(&spheres.d_mm), specimen, bounds_mm, control)
 }
 
-/// The grains as spheres of equal volume, from the largest down. Equivalent diameters of a result may be out of order by
-/// rounding.
+/// The grains as spheres of equal volume, from the largest down. Equivalent diameters of a result may be out of order
+/// by rounding.
 fn descending(grains: GrainsRef<'_>) -> Result<Spheres, OutOfMemory> {
     let mut order: Vec<u32> = crate::memory::collected(0..grains.len() as u32)?;
     order.sort_by(|&i, &j| grains.d_mm(j as usize).total_cmp(&grains.d_mm(i as usize)));

@@ -37,8 +37,8 @@ impl<'a> Near<'a> {
         })
     }
 
-    /// Calls `visit` with every other sphere whose gap to this one is at most `reach_mm`. In a periodic box a sphere that
-    /// is near through two faces is visited twice, and images beyond the neighbouring boxes are not seen.
+    /// Calls `visit` with every other sphere whose gap to this one is at most `reach_mm`. In a periodic box a sphere
+    /// that is near through two faces is visited twice, and images beyond the neighbouring boxes are not seen.
     pub(super) fn for_each(&self, row: usize, reach_mm: f64, mut visit: impl FnMut(Neighbor)) {
         let center = self.spheres.center(row);
         let radius_mm = self.spheres.d_mm[row] / 2.0;

@@ -1,9 +1,9 @@
 //! Bond order: whether the directions to neighbours repeat, as in a crystal.
 //!
-//! A *bond* joins grains of like size (ratio of the diameters at most [`LIKE_RATIO`](super::contacts::LIKE_RATIO)) whose
-//! centres are closer than [`REACH`] mean diameters, which takes the first shell of neighbours in fcc, hcp and simple
-//! cubic crystals. Steinhardt, Nelson and Ronchetti (Physical Review B 28, 1983,
-//! [10.1103/PhysRevB.28.784](https://doi.org/10.1103/PhysRevB.28.784)):
+//! A *bond* joins grains of like size (ratio of the diameters at most [`LIKE_RATIO`](super::contacts::LIKE_RATIO))
+//! whose centres are closer than [`REACH`] mean diameters, each with the smallest gap of the packing, which takes the
+//! first shell of neighbours in fcc, hcp and simple cubic crystals. Steinhardt, Nelson and Ronchetti (Physical Review B
+//! 28, 1983, [10.1103/PhysRevB.28.784](https://doi.org/10.1103/PhysRevB.28.784)):
 //!
 //! `Q6 = (4 pi / 13 sum_m |mean over all bonds of Y_6m|^2)^(1/2)`
 //!
@@ -11,7 +11,10 @@
 //! is about `1 / sqrt(N)`. A packing of many small crystals has a small `Q6`; it is found by the vectors `q_6m(i)`, the
 //! mean over the bonds of one grain: a bond is coherent where the normed product of the vectors of its two grains is
 //! above [`COHERENT`], and a grain with at least [`SOLID_BONDS`] coherent bonds is solid-like (ten Wolde, Ruiz-Montero
-//! and Frenkel, Journal of Chemical Physics 104, 1996, [10.1063/1.471721](https://doi.org/10.1063/1.471721)).
+//! and Frenkel, Journal of Chemical Physics 104, 1996, [10.1063/1.471721](https://doi.org/10.1063/1.471721); the bound
+//! of the product as for hard spheres: Filion, Hermes, Ni and Dijkstra, Journal of Chemical Physics 133, 2010,
+//! [10.1063/1.3506838](https://doi.org/10.1063/1.3506838)). At the bound 0.5 of the former, which is for soft
+//! particles, a sixth of the grains of a jammed random packing of equal spheres would be solid-like.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,13 +24,13 @@ use super::{Counter, QualityError, evenly};
 use crate::control::Control;
 use crate::request::Specimen;
 
-/// Distance of the centres of a bond in mean diameters, at most.
+/// Distance of the centres of a bond at most, in mean diameters with the smallest gap.
 pub const REACH: f64 = 1.4;
 /// Least normed product of the vectors of a coherent bond.
-pub const COHERENT: f64 = 0.5;
+pub const COHERENT: f64 = 0.7;
 /// Least number of coherent bonds of a solid-like grain.
 pub const SOLID_BONDS: usize = 7;
-/// Grains are away from the walls where their centre is as many diameters from them.
+/// Grains are away from the walls where their centre is as many diameters, with the smallest gap, from them.
 const AWAY: f64 = 3.0;
 /// Grains whose bonds are looked at, at most.
 const MAX_REFERENCES: usize = 20_000;
@@ -42,7 +45,7 @@ pub struct BondOrder {
     pub references: u64,
     /// Largest ratio of the diameters of two grains with a bond.
     pub like_ratio: f64,
-    /// Largest distance of the centres of a bond over the mean of the two diameters.
+    /// Largest distance of the centres of a bond, over the sum of the mean of the two diameters and the smallest gap.
     pub reach_over_d: f64,
     /// Mean number of bonds of a grain.
     pub bonds_per_grain: f64,
@@ -94,15 +97,18 @@ fn product(a: &Harmonics, b: &Harmonics) -> f64 {
 }
 
 /// Sum of the harmonics over the bonds of a grain, and their number.
-fn of_grain(near: &Near<'_>, row: usize, mut bond: impl FnMut(&Neighbor)) -> (Harmonics, usize) {
+fn of_grain(near: &Near<'_>, gap_mm: f64, row: usize, mut bond: impl FnMut(&Neighbor)) -> (Harmonics, usize) {
     let (mut sum, mut bonds) = ([0.0; 13], 0);
     let d_mm = near.spheres.d_mm[row];
     // The largest partner has the longest reach.
-    let reach_mm = (REACH - 1.0) * d_mm * f64::midpoint(1.0, LIKE_RATIO);
+    let reach_mm = REACH * gap_mm + (REACH - 1.0) * d_mm * f64::midpoint(1.0, LIKE_RATIO);
     near.for_each(row, reach_mm, |other| {
         let of_other = near.spheres.d_mm[other.row];
         let is_like = d_mm.max(of_other) <= LIKE_RATIO * d_mm.min(of_other);
-        if is_like && other.distance_mm <= REACH * f64::midpoint(d_mm, of_other) && other.distance_mm > 0.0 {
+        if is_like
+            && other.distance_mm <= REACH * (f64::midpoint(d_mm, of_other) + gap_mm)
+            && other.distance_mm > 0.0
+        {
             let own = harmonics(other.step_mm.map(|x| x / other.distance_mm));
             sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             bonds += 1;
@@ -116,6 +122,7 @@ fn of_grain(near: &Near<'_>, row: usize, mut bond: impl FnMut(&Neighbor)) -> (Ha
 pub(super) fn bond_order(
     near: &Near<'_>,
     specimen: &Specimen,
+    smallest_gap_mm: f64,
     control: &dyn Control,
 ) -> Result<Option<BondOrder>, QualityError> {
     let references = evenly(near.spheres.len(), MAX_REFERENCES);
@@ -128,7 +135,7 @@ pub(super) fn bond_order(
     for (done, row) in references.enumerate() {
         counter.look(done)?;
         partners.clear();
-        let (own, bonds) = of_grain(near, row, |other| partners.push(other.row));
+        let (own, bonds) = of_grain(near, smallest_gap_mm, row, |other| partners.push(other.row));
         all.iter_mut().zip(own).for_each(|(all, own)| *all += own);
         ends += bonds;
         // Where there are fewer bonds none can make the grain solid-like, but the list counts them too.
@@ -136,14 +143,14 @@ pub(super) fn bond_order(
         let coherent = partners
             .iter()
             .filter(|&&partner| {
-                let (other, _) = of_grain(near, partner, |_| ());
+                let (other, _) = of_grain(near, smallest_gap_mm, partner, |_| ());
                 product(&own, &other) > COHERENT * norm * product(&other, &other).sqrt()
             })
             .count();
         by_coherent[coherent.min(MOST_LISTED)] += 1;
         let is_solid = coherent >= SOLID_BONDS;
         let is_away = specimen.clearance_reaching_all(near.spheres.center(row), [0.0; 3])
-            >= AWAY * near.spheres.d_mm[row];
+            >= AWAY * (near.spheres.d_mm[row] + smallest_gap_mm);
         solid += u64::from(is_solid);
         away += u64::from(is_away);
         solid_away += u64::from(is_solid && is_away);

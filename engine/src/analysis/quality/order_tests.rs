@@ -12,7 +12,7 @@ fn of(centers: &[[f64; 3]], d_mm: f64, size_mm: f64, boundary: Boundary) -> Bond
     }
     let specimen = Specimen::Box { size_mm: [size_mm; 3], boundary };
     let near = Near::new(&spheres, &specimen).unwrap();
-    bond_order(&near, &specimen, &Unattended).unwrap().unwrap()
+    bond_order(&near, &specimen, 0.0, &Unattended).unwrap().unwrap()
 }
 
 /// Sites of a crystal with cubic cells of edge 1.
@@ -39,6 +39,22 @@ fn crystals_have_their_known_order() {
         assert_eq!((found.solid_like_share, found.share_by_coherent_bonds[bonds as usize]), (solid, 1.0));
         assert!(found.q6_by_chance < 0.08, "{found:?}");
     }
+}
+
+/// Grains that keep a constant gap are ordered as touching ones are.
+#[test]
+fn a_constant_gap_is_a_part_of_the_diameter() {
+    let mut spheres = Spheres::default();
+    for center in crystal(4, &FCC) {
+        spheres.push(center, 0.2);
+    }
+    let specimen = Specimen::Box { size_mm: [4.0; 3], boundary: Boundary::Periodic };
+    let found = crate::analysis::quality(&spheres, &specimen, &Unattended).unwrap();
+    let bonds = found.bond_order.unwrap();
+    assert!((bonds.q6 - 0.57452).abs() < 1e-5 && bonds.solid_like_share == 1.0, "{bonds:?}");
+    let (gaps, contacts) = (found.gaps.unwrap(), found.contacts.unwrap());
+    assert!((gaps.smallest_mm - (0.5_f64.sqrt() - 0.2)).abs() < 1e-12 && gaps.median_excess < 1e-12);
+    assert_eq!((contacts.contacts_per_grain, contacts.mark_correlation), (12.0, None));
 }
 
 #[test]

@@ -39,7 +39,8 @@ impl Prism {
 
     /// Volume of a sphere within it.
     pub(super) fn common_volume(&self, [x, y, z]: [f64; 3], r: f64) -> f64 {
-        // How far the sphere reaches beyond each boundary: not at all where it is below 0, wholly where it is above 2 r.
+        // How far the sphere reaches beyond each boundary: not at all where it is below 0, wholly where it is above 2
+        // r.
         let ends = [self.low - (z - r), z + r - self.high];
         let (sides, count) = match self.section {
             Section::Rectangle { low, high } => {

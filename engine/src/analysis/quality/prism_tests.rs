@@ -43,7 +43,9 @@ proptest! {
     /// Eight cuboids around a point share a sphere without a rest.
     #[test]
     fn parts_add_up(
-        center in prop::array::uniform3(-1.0..1.0_f64), corner in prop::array::uniform3(-1.0..1.0_f64), r in 0.1..2.0_f64,
+        center in prop::array::uniform3(-1.0..1.0_f64),
+        corner in prop::array::uniform3(-1.0..1.0_f64),
+        r in 0.1..2.0_f64,
     ) {
         let sum: f64 = (0..8)
             .map(|octant| {

@@ -1,7 +1,7 @@
 //! Volume by size class in layers by the distance from the nearest wall: the wall effect of each size.
 //!
-//! A layer holds the points of the specimen between two distances from the nearest wall; the core holds those beyond the
-//! last. The volume of the grains in each is that of spheres cut by the inner boundary of the layer, so that the
+//! A layer holds the points of the specimen between two distances from the nearest wall; the core holds those beyond
+//! the last. The volume of the grains in each is that of spheres cut by the inner boundary of the layer, so that the
 //! fractions of all layers and the core add up to the volume of the grains.
 
 use serde::{Deserialize, Serialize};

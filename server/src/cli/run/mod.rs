@@ -39,7 +39,7 @@ pub(super) struct Options {
     /// Formats of the table of grains; html is a page of its own with a viewer, to send by mail
     #[arg(long, value_delimiter = ',', default_value = "json", value_parser = file_parser())]
     format: Vec<TableOrPage>,
-    /// An export of the result: mesh, voxels, slice, ldpm, certificates or shapes, with options, as
+    /// An export of the result: mesh, voxels, slice, ldpm, certificates, shapes or quality, with options, as
     /// `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
     export: Vec<ExportRequest>,

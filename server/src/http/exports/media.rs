@@ -2,11 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use packstone_engine::analysis::QualityReport;
 use packstone_engine::export::{ExportRequest, ExportType, slice};
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::response::{Response, ResponseBuilder};
-use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{IntoResponses, ToSchema};
 
@@ -47,7 +48,11 @@ fn with_files(description: &str) -> ResponseBuilder {
     let mut response = ResponseBuilder::new().description(description);
     for media_type in media_types {
         let schema = if media_type == JSON {
-            RefOr::from(Ref::from_schema_name(slice::SliceDocument::name()))
+            let documents = [slice::SliceDocument::name(), QualityReport::name()];
+            let any = documents
+                .into_iter()
+                .fold(AnyOfBuilder::new(), |any, name| any.item(Ref::from_schema_name(name)));
+            RefOr::from(Schema::from(any.build()))
         } else {
             let file = ObjectBuilder::new().schema_type(Type::String).content_media_type(media_type);
             RefOr::from(Schema::from(file.build()))

@@ -24,7 +24,8 @@ use crate::problem::Problem;
 /// time, for grains that were grown with a constant or the largest distance; `radial`: pair correlation function
 /// against the gap between grains, by size class; `profile`: volume fraction against depth from the walls; `zingg`:
 /// elongation against flatness of grains that are no spheres; `flakiness`: their share of flaky mass by particle size
-/// fraction of EN 933-3. A plot for which the packing has no data is refused with the reason.
+/// fraction of EN 933-3; `quality`: whether the packing is random, by volumes near the walls, near pairs and bond
+/// order. A plot for which the packing has no data is refused with the reason.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(
