@@ -52,33 +52,33 @@ pub(super) fn chart(request: &PackingRequest, grains: &Grains, name: Option<&str
 
 /// One sentence for each measure.
 fn described(report: &QualityReport) -> String {
-    let mut said = format!("Quality of {} grains.", report.grains);
+    let mut said = vec![format!("Quality of {} grains.", report.grains)];
     if let Some(found) = &report.contacts {
         if let Some(correlation) = found.mark_correlation {
-            said += &format!(" The mark correlation of near pairs is {}.", plain(correlation, Some(2)));
+            said.push(format!("The mark correlation of near pairs is {}.", plain(correlation, Some(2))));
         }
-        said += &format!(
-            " {} % of the near pairs are of like size, {} % if partners were shuffled.",
+        said.push(format!(
+            "{} % of the near pairs are of like size, {} % if partners were shuffled.",
             plain(PERCENT * found.like_share, Some(1)),
             plain(PERCENT * found.like_share_shuffled, Some(1))
-        );
+        ));
     }
     if let Some(found) = &report.bond_order {
-        said += &format!(
-            " Q6 is {}, by chance {}; {} % of the grains are solid-like.",
+        said.push(format!(
+            "Q6 is {}, by chance {}; {} % of the grains are solid-like.",
             plain(found.q6, Some(3)),
             plain(found.q6_by_chance, Some(3)),
             plain(PERCENT * found.solid_like_share, Some(1))
-        );
+        ));
     }
     if let Some(found) = &report.blocks {
-        said += &format!(
-            " The volume of the finest third varies by {} from block to block, {} if its grains were independent.",
+        said.push(format!(
+            "The volume of the finest third varies by {} from block to block, {} if its grains were independent.",
             plain(found.fine_variation, Some(3)),
             plain(found.fine_variation_independent, Some(3))
-        );
+        ));
     }
-    said
+    said.join(" ")
 }
 
 fn panel(x: Axis, y: Axis, series: Vec<Series>) -> Chart {

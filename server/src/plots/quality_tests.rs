@@ -51,7 +51,7 @@ fn only_charts_with_data_are_drawn() {
         }
         // A simple cubic crystal: all grains have 6 coherent bonds in a periodic box.
         let bonds = chart.panels().last().unwrap();
-        if std::ptr::eq(specimen, &periodic) {
+        if *specimen == periodic {
             assert!(shown(bonds).contains(&[6.0, 100.0]), "{bonds:?}");
         }
         let drawn = draw::svg(&chart, true).unwrap();

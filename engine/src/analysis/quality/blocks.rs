@@ -97,14 +97,14 @@ pub(super) fn blocks(
         let volumes = &volumes;
         chosen.iter().map(move |&block| [f(volumes[block], block_mm3), volumes[block][coarsest]])
     };
-    let of_left = correlation(pairs(|[_, middle, coarse], all| all - middle - coarse));
+    let of_left = correlation(&pairs(|[_, middle, coarse], all| all - middle - coarse));
     Ok(Some(BlockFigures {
         blocks: chosen.len() as u64,
         edge_mm: grid.edge_mm,
         fine_fraction_mean: fine.mean() / block_mm3,
         fine_variation: fine.variance().sqrt() / fine.mean(),
         fine_variation_independent: independent / fine.mean(),
-        fine_coarse_correlation: correlation(pairs(|of_block, _| of_block[0])),
+        fine_coarse_correlation: correlation(&pairs(|of_block, _| of_block[0])),
         fine_coarse_correlation_independent: of_left
             .filter(|_| independent > 0.0)
             .map(|of_left| of_left * filling * left.variance().sqrt() / independent),

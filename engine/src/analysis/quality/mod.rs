@@ -216,7 +216,7 @@ impl Moments {
 }
 
 /// Pearson's correlation of pairs; `None` where one of the two does not vary.
-fn correlation(pairs: impl Iterator<Item = [f64; 2]> + Clone) -> Option<f64> {
+fn correlation(pairs: &(impl Iterator<Item = [f64; 2]> + Clone)) -> Option<f64> {
     let (mut x, mut y) = (Moments::default(), Moments::default());
     for pair in pairs.clone() {
         x.add(pair[0], 1.0);
