@@ -1,6 +1,9 @@
 //! Results as files of the web: `ETag`, ranges, conditions, HEAD (RFC 9110 sections 8.8, 13 and 14).
 
+use std::io::Read as _;
+
 use bytes::Bytes;
+use flate2::read::GzDecoder;
 
 use crate::harness::{Client, DataDir, Reply, Server, id_of, jobs};
 
@@ -56,6 +59,68 @@ async fn any_part_of_any_format_can_be_fetched() {
             assert_eq!(reply.header("content-length"), (to - from).to_string());
             assert_eq!(reply.header("etag"), stored.etag);
         }
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn text_is_compressed_for_those_who_take_it() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let job = client.succeed(&jobs::equal_spheres(20_000, 1)).await;
+    let gzip = ("accept-encoding", "gzip, br");
+    for format in ["json", "csv"] {
+        let stored = Stored::in_format(&client, id_of(&job), format).await;
+        let vary = client.get(&stored.path).send().await.header("vary").to_owned();
+        assert_eq!(vary, "accept, accept-encoding");
+
+        let zipped = stored.get(&[gzip]).await;
+        assert_eq!(zipped.expect(200).header("content-encoding"), "gzip");
+        for (name, value) in [("vary", vary.as_str()), ("accept-ranges", "none")] {
+            assert_eq!(zipped.header(name), value, "{format}");
+        }
+        assert!(zipped.headers.get("content-length").is_none(), "its length is not known before its end");
+        assert!(
+            5 * zipped.body.len() < 4 * stored.whole.len(),
+            "{} of {}",
+            zipped.body.len(),
+            stored.whole.len()
+        );
+        let mut read = Vec::new();
+        GzDecoder::new(&zipped.body[..]).read_to_end(&mut read).expect("gzip");
+        assert!(read == stored.whole, "{format}");
+
+        // Each form has its tag, by which it is known.
+        let etag = zipped.header("etag").to_owned();
+        assert!(etag.starts_with('"') && etag != stored.etag, "{etag}");
+        assert_eq!(stored.get(&[gzip, ("if-none-match", &etag)]).await.expect(304).header("etag"), etag);
+        stored.get(&[gzip, ("if-none-match", &stored.etag)]).await.expect(200);
+        stored.get(&[("if-none-match", &etag)]).await.expect(200);
+
+        // A range is one of the plain bytes, and none of those that were compressed.
+        let part = stored.get(&[gzip, ("range", "bytes=5-99")]).await;
+        assert!(part.expect(206).body == stored.whole[5..100]);
+        assert!(part.headers.get("content-encoding").is_none());
+        assert_eq!(part.header("etag"), stored.etag);
+        let resumed = stored.get(&[gzip, ("range", "bytes=5-99"), ("if-range", &etag)]).await;
+        assert!(resumed.expect(200).body == stored.whole);
+
+        let head = client.head(&stored.path).header(gzip.0, gzip.1).send().await;
+        assert!(head.expect(200).body.is_empty() && head.headers.get("content-length").is_none());
+        for name in
+            ["content-encoding", "etag", "vary", "accept-ranges", "content-type", "content-disposition"]
+        {
+            assert_eq!(head.header(name), zipped.header(name), "{name}");
+        }
+        let refused = stored.get(&[("accept-encoding", "gzip;q=0, br")]).await;
+        assert!(refused.expect(200).headers.get("content-encoding").is_none());
+    }
+    for format in ["npy", "vtp"] {
+        let stored = Stored::in_format(&client, id_of(&job), format).await;
+        let reply = stored.get(&[gzip]).await;
+        assert!(reply.expect(200).body == stored.whole && reply.headers.get("content-encoding").is_none());
+        assert_eq!((reply.header("vary"), reply.header("etag")), ("accept", &*stored.etag));
     }
     server.stop().await;
 }

@@ -5,11 +5,12 @@
 //!
 //! A Fuller mix of 2 to 16 mm, 60 % by volume, in a cube of that edge or, with `shape=cylinder`, in a cylinder of that
 //! diameter and twice its height. Grains keep the clearance that the documentation recommends, or none with
-//! `clearance=0`. The files go to the directory `out=...`, or nowhere. All other keys are options of the lattice.
+//! `clearance=0`. `threads=N` write them. The files go to the directory `out=...`, or nowhere. All other keys are options of the lattice.
 
 use std::error::Error;
 use std::fs::File;
 use std::io::{self, Write};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -37,11 +38,12 @@ impl<W: Write> Write for Counted<W> {
     }
 }
 
-/// Time that this thread had a processor, where the kernel tells.
+/// Time that the threads of this process had a processor, where the kernel tells; those that ended too.
 fn processor_s() -> f64 {
-    let told = std::fs::read_to_string("/proc/self/schedstat").unwrap_or_default();
-    let nanoseconds = told.split(' ').next().and_then(|first| first.parse::<f64>().ok());
-    nanoseconds.unwrap_or(f64::NAN) / 1e9
+    let told = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields = told.rsplit(')').next().unwrap_or_default().split_whitespace();
+    let ticks: f64 = fields.skip(11).take(2).map(|ticks| ticks.parse().unwrap_or(f64::NAN)).sum();
+    ticks / 100.0
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -54,6 +56,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         .collect::<Result<_, Box<dyn Error>>>()?;
     let edge = keys.remove("edge").and_then(|edge| edge.as_f64()).ok_or("edge=MM is missing")?;
     let directory = keys.remove("out").and_then(|out| Some(PathBuf::from(out.as_str()?)));
+    let threads = keys.remove("threads").and_then(|threads| NonZeroUsize::new(threads.as_u64()? as usize));
+    let threads = threads.unwrap_or(NonZeroUsize::MIN);
     let specimen = match keys.remove("shape") {
         Some(_) => json!({"type": "cylinder", "diameter_mm": edge, "height_mm": 2.0 * edge}),
         None => json!({"type": "box", "size_mm": [edge, edge, edge]}),
@@ -105,7 +109,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             None => Box::new(io::sink()),
         };
         let mut out = Counted { out, bytes: 0 };
-        lattice.write(&LatticeOptions { format: file, ..options.clone() }, None, &Unattended, &mut out)?;
+        let options = LatticeOptions { format: file, ..options.clone() };
+        lattice.write(&options, None, threads, &Unattended, &mut out)?;
         lap(&format!("{file:?}"), &format!("{:.1} MB", out.bytes as f64 / 1e6));
     }
     println!("{}", serde_json::to_string_pretty(lattice.report())?);

@@ -19,7 +19,7 @@
 //! assert_eq!(packing.grains.len() as u64, packing.report.summary.grains);
 //! # Ok::<(), packstone_engine::PackError>(())
 //! ```
-// Allowed in `cpu` alone.
+// Allowed in `cpu` and `memory::pages` alone.
 #![deny(unsafe_code)]
 
 pub mod analysis;

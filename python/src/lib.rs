@@ -2,11 +2,7 @@
 //!
 //! It converts arguments, errors and arrays, hands progress on, and lets Python run other threads meanwhile. Requests,
 //! reports and refusals pass as JSON texts.
-// Allowed in `allocator` alone.
 #![deny(unsafe_code)]
-
-#[path = "../../server/src/allocator.rs"]
-mod allocator;
 
 use std::ffi::OsString;
 use std::panic::resume_unwind;
@@ -20,9 +16,6 @@ use packstone_server::local::{self, Ended, Job, Packed, Run};
 use pyo3::exceptions::{PyException, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-
-#[global_allocator]
-static ALLOCATOR: allocator::HugePages = allocator::HugePages;
 
 /// How often progress is handed on and signals are looked for, while work runs.
 const ATTEND_EVERY: Duration = Duration::from_millis(100);

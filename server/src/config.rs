@@ -63,6 +63,10 @@ pub(crate) struct ServeOptions {
     /// worker more
     #[arg(long, env = "PACKSTONE_EXPORT_WORKERS", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub(crate) export_workers: u16,
+    /// Threads that write one export, whose bytes do not depend on their number [default: one for each core, shared by
+    /// the exports that are made at once]
+    #[arg(long, env = "PACKSTONE_EXPORT_THREADS")]
+    pub(crate) export_threads: Option<NonZeroUsize>,
     /// Most bytes of exports that were made for a download only; beyond, those used longest ago are removed, and made
     /// again when they are requested
     #[arg(long, env = "PACKSTONE_EXPORT_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
@@ -186,8 +190,7 @@ impl ServeOptions {
 
     /// Jobs that run at once.
     pub(crate) fn workers(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        self.workers.map_or_else(cores, usize::from)
+        self.workers.map_or_else(|| cores().get(), usize::from)
     }
 
     /// Open connections that one client address may have. A trusted proxy brings all clients from one address.
@@ -203,7 +206,9 @@ impl ServeOptions {
             None => default_memory_bytes(self.workers() + usize::from(self.export_workers)),
         };
         let max_model_bytes = self.max_model_mib.map_or(max_memory_bytes, |mib| mib.saturating_mul(1 << 20));
-        Limits { max_grains: self.max_grains, max_memory_bytes, max_model_bytes }
+        let shared = || threads_of_one(usize::from(self.export_workers));
+        let export_threads = self.export_threads.unwrap_or_else(shared);
+        Limits { max_grains: self.max_grains, max_memory_bytes, max_model_bytes, export_threads }
     }
 
     /// What the jobs of an owner may take for whom the file of keys says nothing.
@@ -250,6 +255,16 @@ impl ServeOptions {
     }
 }
 
+/// Cores that this process may use.
+pub(crate) fn cores() -> NonZeroUsize {
+    std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
+}
+
+/// Threads of one piece of work by default, when so many may run at once.
+pub(crate) fn threads_of_one(workers: usize) -> NonZeroUsize {
+    NonZeroUsize::new(cores().get() / workers.max(1)).unwrap_or(NonZeroUsize::MIN)
+}
+
 /// What one packing may use by default, when `workers` of them may run at once.
 pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
     let most = Limits::default().max_memory_bytes;
@@ -262,7 +277,7 @@ pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
 /// The limits of one packing that has the machine to itself.
 pub(crate) fn limits_of_one_packing(max_grains: u64) -> Limits {
     let max_memory_bytes = default_memory_bytes(1);
-    Limits { max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes }
+    Limits { max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes, export_threads: cores() }
 }
 
 /// The command line, in which a variable of the environment that is empty counts as not set: `compose.yaml` sets such.

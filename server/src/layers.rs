@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 const LAYERS: &[&[&str]] = &[
     &[
         "accounts",
-        "allocator",
         "atomic_file",
         "blobs",
         "descriptors",

@@ -1,9 +1,11 @@
 //! A client that holds every answer against the contract before a test sees it.
 
+use std::io::Read as _;
 use std::net::SocketAddr;
 use std::time::Duration;
 
 use bytes::Bytes;
+use flate2::read::GzDecoder;
 use reqwest::header::{HeaderMap, HeaderValue};
 use reqwest::{Method, StatusCode};
 use serde_json::Value;
@@ -269,6 +271,13 @@ impl Request {
 fn check(method: &Method, path: &str, status: StatusCode, headers: &HeaderMap, body: Option<&[u8]>) {
     let content_type =
         headers.get("content-type").map(|value| value.to_str().expect("an ASCII content type"));
+    // The contract is one of what is sent, before its coding.
+    let decoded = body.filter(|_| headers.get("content-encoding").is_some()).map(|coded| {
+        let mut decoded = Vec::new();
+        GzDecoder::new(coded).read_to_end(&mut decoded).expect("gzip");
+        decoded
+    });
+    let body = decoded.as_deref().or(body);
     Contract::get().check(&Answer {
         method: method.as_str(),
         path,

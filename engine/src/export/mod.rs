@@ -3,12 +3,14 @@
 //!
 //! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
+mod archive;
 pub mod catalog;
 pub mod certificates;
 mod groups;
 pub mod ldpm;
 pub mod mesh;
 pub mod picture;
+mod pieces;
 mod provenance;
 pub mod quality;
 mod rows;
@@ -42,7 +44,7 @@ pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 5;
+pub const REVISION: u32 = 6;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]

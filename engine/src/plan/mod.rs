@@ -9,6 +9,8 @@ mod model;
 mod rods;
 mod shapes;
 
+use std::num::NonZeroUsize;
+
 use serde::Serialize;
 
 use crate::distance::DistanceRule;
@@ -31,12 +33,19 @@ pub struct Limits {
     pub max_memory_bytes: u64,
     /// Most memory of one model of a packing, and longest file of one, in bytes.
     pub max_model_bytes: u64,
+    /// Most threads that write one model of a packing; what they write does not depend on their number.
+    pub export_threads: NonZeroUsize,
 }
 
 impl Default for Limits {
-    /// 20 million grains, 8 GB.
+    /// 20 million grains, 8 GB, one thread.
     fn default() -> Self {
-        Self { max_grains: 20_000_000, max_memory_bytes: 8_000_000_000, max_model_bytes: 8_000_000_000 }
+        Self {
+            max_grains: 20_000_000,
+            max_memory_bytes: 8_000_000_000,
+            max_model_bytes: 8_000_000_000,
+            export_threads: NonZeroUsize::MIN,
+        }
     }
 }
 

@@ -10,6 +10,8 @@ use std::ops::Range;
 use std::time::Duration;
 
 use bytes::{Bytes, BytesMut};
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use packstone_engine::export::tables::{self, Format};
 use tokio::runtime::Handle;
 use tokio::sync::OwnedSemaphorePermit;
@@ -23,16 +25,20 @@ const BLOCKS_WAITING: usize = 2;
 /// A reader that takes no block for so long is gone.
 const STALLED: Duration = Duration::from_mins(1);
 
-/// Starts to convert; the receiver yields the bytes of `range`. `permit` is held until the end.
+/// Starts to convert; the receiver yields the bytes of `range`, compressed where `gzip` says so. `permit` is held until
+/// the end.
 pub(crate) fn start(
     result: StoredResult,
     format: Format,
     range: Range<u64>,
+    gzip: bool,
     permit: OwnedSemaphorePermit,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
-        let mut window = Window::new(range, Blocks { sender: sender.clone(), handle: Handle::current() });
+        let blocks = Blocks { sender: sender.clone(), handle: Handle::current() };
+        let sink: Box<dyn Sink> = if gzip { Box::new(Gzipped::new(blocks)) } else { Box::new(blocks) };
+        let mut window = Window::new(range, sink);
         let written = tables::write(format, result.head(), &result, &mut window);
         if let Err(error) = window.finish(written) {
             tracing::warn!(%error, format = format.name(), "a result was not sent to its end");
@@ -76,6 +82,21 @@ fn send_bytes(bytes: &mut dyn Read, length: u64, blocks: &mut impl Sink) -> io::
 /// Where blocks go.
 trait Sink {
     fn send(&mut self, block: Bytes) -> io::Result<()>;
+
+    /// Sends what is left of them, after the last.
+    fn end(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Sink for Box<dyn Sink> {
+    fn send(&mut self, block: Bytes) -> io::Result<()> {
+        (**self).send(block)
+    }
+
+    fn end(&mut self) -> io::Result<()> {
+        (**self).end()
+    }
 }
 
 struct Blocks {
@@ -96,6 +117,36 @@ impl Sink for Blocks {
                 }
             }
         }
+    }
+}
+
+/// Compresses blocks on their way.
+struct Gzipped<S> {
+    encoder: GzEncoder<Vec<u8>>,
+    sink: S,
+}
+
+impl<S: Sink> Gzipped<S> {
+    fn new(sink: S) -> Self {
+        Self { encoder: GzEncoder::new(Vec::new(), Compression::fast()), sink }
+    }
+
+    fn pass_on(&mut self) -> io::Result<()> {
+        let compressed = std::mem::take(self.encoder.get_mut());
+        if compressed.is_empty() { Ok(()) } else { self.sink.send(compressed.into()) }
+    }
+}
+
+impl<S: Sink> Sink for Gzipped<S> {
+    fn send(&mut self, block: Bytes) -> io::Result<()> {
+        self.encoder.write_all(&block)?;
+        self.pass_on()
+    }
+
+    fn end(&mut self) -> io::Result<()> {
+        self.encoder.try_finish()?;
+        self.pass_on()?;
+        self.sink.end()
     }
 }
 
@@ -126,7 +177,7 @@ impl<S: Sink> Window<S> {
     /// reader left, from one that failed.
     fn finish(mut self, written: io::Result<()>) -> io::Result<()> {
         match written {
-            _ if self.left == 0 => self.send_block().or_else(reader_left),
+            _ if self.left == 0 => self.send_block().and_then(|()| self.sink.end()).or_else(reader_left),
             Ok(()) => Err(io::Error::new(
                 io::ErrorKind::UnexpectedEof,
                 format!("the format ended {} bytes early", self.left),
@@ -169,6 +220,8 @@ impl<S: Sink> Write for Window<S> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use flate2::read::GzDecoder;
+
     use super::*;
 
     impl Sink for &mut Vec<u8> {
@@ -195,6 +248,20 @@ mod tests {
                 let expected: Vec<u8> = range.clone().map(|i| (i % 251) as u8).collect();
                 assert!(through(range.clone(), piece).unwrap() == expected, "{range:?} by {piece}");
             }
+        }
+    }
+
+    #[test]
+    fn what_is_compressed_reads_back() {
+        let all: Vec<u8> = (0..5 * BLOCK_BYTES + 17).map(|i| (i % 251) as u8).collect();
+        for length in [0, 1, all.len()] {
+            let mut out = Vec::new();
+            let mut window = Window::new(0..length as u64, Gzipped::new(&mut out));
+            let written = window.write_all(&all[..length]);
+            window.finish(written).unwrap();
+            let mut read = Vec::new();
+            GzDecoder::new(&out[..]).read_to_end(&mut read).unwrap();
+            assert!(read == all[..length] && out.len() < length / 10 + 100, "{length}");
         }
     }
 

@@ -67,7 +67,7 @@ async fn every_format_and_range_comes_back_as_it_was() {
         for range in [0..length, 0..1, length / 3..length / 2, length - 7..length] {
             let result = stored.artifacts.read(&record).unwrap();
             let turn = Arc::new(Semaphore::new(1)).acquire_owned().await.unwrap();
-            let mut blocks = stream::start(result, format, range.clone(), turn);
+            let mut blocks = stream::start(result, format, range.clone(), false, turn);
             let mut found = Vec::new();
             while let Some(block) = blocks.recv().await {
                 found.extend_from_slice(&block.unwrap());

@@ -21,7 +21,7 @@ use super::http_client::{Client, chunk, json};
 use super::outputs::refuse_existing;
 use super::signals::stop_on_signals;
 use super::{block_on, export, print};
-use crate::config::ServeOptions;
+use crate::config::{ServeOptions, cores};
 use crate::service::Service;
 use crate::telemetry::{self, LogFormat};
 
@@ -69,7 +69,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         print(&format!("{}\n", file.display()))?;
     }
     let packed = export::read(&files[0])?;
-    write_picture(&Model::new(&packed.specimen, &packed.grains), &picture, &stop_on_signals()?)?;
+    let model = Model::new(&packed.specimen, &packed.grains);
+    write_picture(&model, &picture, cores(), &stop_on_signals()?)?;
     write_page(&result, &view, &page)?;
     print(&format!("{}\n", page.display()))?;
     eprintln!("\nNext: open {} in a browser, and turn and cut the packing.", page.display());

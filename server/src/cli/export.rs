@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -18,7 +19,7 @@ use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
 use super::outputs::refuse_existing;
 use super::signals::stop_on_signals;
-use crate::config::default_memory_bytes;
+use crate::config::{cores, default_memory_bytes};
 
 /// Options of `packstone export`.
 #[derive(Args)]
@@ -38,11 +39,15 @@ pub(super) struct Options {
     /// Overwrite files that exist
     #[arg(long)]
     force: bool,
+    /// Threads that write a file, whose bytes do not depend on their number [default: one for each core]
+    #[arg(long, value_name = "NUMBER")]
+    threads: Option<NonZeroUsize>,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let Packed { specimen, grains, provenance } = read(&options.result)?;
-    let limits = Limits { max_model_bytes: default_memory_bytes(1), ..Limits::default() };
+    let export_threads = options.threads.unwrap_or_else(cores);
+    let limits = Limits { max_model_bytes: default_memory_bytes(1), export_threads, ..Limits::default() };
     let outputs = Output::all(options.exports.iter().cloned(), &options.out);
     for output in &outputs {
         output.check(&specimen, GrainsRef::from(&grains).kind(), &limits)?;
@@ -54,7 +59,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let stop = stop_on_signals()?;
     let model = Model { specimen: &specimen, grains: (&grains).into(), provenance: provenance.as_ref() };
     exports::write_all(&outputs, &model, &limits, &stop)?;
-    picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, &stop))
+    picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, export_threads, &stop))
 }
 
 /// What exports need of a result.

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::Write as _;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -150,10 +151,14 @@ pub(super) fn announce(name: &str, estimate: &ExportEstimate) {
 }
 
 /// Renders the picture of a packing and prints its name.
-pub(super) fn write_picture(model: &Model<'_>, file: &Path, stop: &Arc<AtomicBool>) -> Result<(), Failure> {
+pub(super) fn write_picture(
+    model: &Model<'_>,
+    file: &Path,
+    threads: NonZeroUsize,
+    stop: &Arc<AtomicBool>,
+) -> Result<(), Failure> {
     let watch = Watch { bar: Bar::new(), what: "picture", stop };
-    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let options = PictureOptions { threads, ..PictureOptions::default() };
+    let options = PictureOptions { threads: threads.get(), ..PictureOptions::default() };
     let written = write_buffered(file, |out| picture::write(model, &options, &watch, out));
     watch.bar.finish();
     written.map_err(|error| match error {

@@ -19,6 +19,7 @@ use tokio::time::timeout;
 use crate::artifacts::stream as sending;
 use crate::blobs::Blob;
 use crate::http::app::App;
+use crate::http::coding::takes_gzip;
 use crate::http::conditional;
 use crate::http::problems::of_fault;
 use crate::http::ranges::Asked;
@@ -66,6 +67,35 @@ pub(crate) struct Described {
     pub(crate) inline: bool,
     /// Whether `Accept` had a say in it.
     pub(crate) negotiated: bool,
+    /// Whether it is sent shorter to those who take that.
+    pub(crate) coding: Coding,
+}
+
+/// The coding in which a file is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Coding {
+    /// None, whoever asks.
+    Never,
+    /// None, and gzip to others.
+    Identity,
+    /// Gzip, which has a tag of its own. Its length is not known before its end, and it has no ranges.
+    Gzip,
+}
+
+impl Coding {
+    /// Of a file that gets shorter, in the answer to such a request. What asks for a range gets it of the plain bytes.
+    pub(crate) fn of(headers: &HeaderMap) -> Self {
+        let gzip = takes_gzip(headers) && !headers.contains_key(header::RANGE);
+        if gzip { Self::Gzip } else { Self::Identity }
+    }
+
+    /// The strong tag of what has that tag without a coding.
+    pub(crate) fn tag(self, tag: &str) -> String {
+        match self {
+            Self::Gzip => format!("\"{tag}-gzip\""),
+            Self::Never | Self::Identity => format!("\"{tag}\""),
+        }
+    }
 }
 
 /// What is sent of a file.
@@ -120,12 +150,23 @@ impl Described {
     {
         let Part { status, range, length, with_body } = part;
         let (first, bytes) = (range.start, range.end - range.start);
-        let body = if with_body { send(range).await? } else { Body::empty() };
+        let body = if with_body {
+            send(range).await?
+        } else if self.coding == Coding::Gzip {
+            // An empty body would be said to have a length of 0.
+            Body::from_stream(stream::empty::<io::Result<Bytes>>())
+        } else {
+            Body::empty()
+        };
         let mut response = (status, body).into_response();
         self.describe(&mut response);
         let fields = response.headers_mut();
         fields.insert(header::CONTENT_TYPE, self.content_type.clone());
-        fields.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
+        if self.coding == Coding::Gzip {
+            fields.insert(header::CONTENT_ENCODING, HeaderValue::from_static("gzip"));
+        } else {
+            fields.insert(header::CONTENT_LENGTH, HeaderValue::from(bytes));
+        }
         set(&mut response, header::CONTENT_DISPOSITION, &self.disposition());
         if self.inline {
             // A browser that opens it must not run what a viewer of pictures would not.
@@ -146,9 +187,12 @@ impl Described {
 
     fn describe(&self, response: &mut Response) {
         set(response, header::ETAG, &self.etag);
-        set(response, header::ACCEPT_RANGES, "bytes");
-        if self.negotiated {
-            set(response, header::VARY, "accept");
+        set(response, header::ACCEPT_RANGES, if self.coding == Coding::Gzip { "none" } else { "bytes" });
+        match (self.negotiated, self.coding) {
+            (true, Coding::Never) => set(response, header::VARY, "accept"),
+            (true, _) => set(response, header::VARY, "accept, accept-encoding"),
+            (false, Coding::Never) => {}
+            (false, _) => set(response, header::VARY, "accept-encoding"),
         }
     }
 }

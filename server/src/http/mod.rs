@@ -8,6 +8,7 @@ mod app;
 mod auditing;
 mod auth;
 mod body;
+mod coding;
 mod conditional;
 mod contract;
 mod drawing;

@@ -26,6 +26,7 @@ mod vtu;
 mod tests;
 
 use std::io::Write;
+use std::num::NonZeroUsize;
 
 pub use checks::Cell;
 pub use nodes::Nodes;
@@ -90,7 +91,8 @@ pub fn write(
         LatticeFormat::Tets => 0.9,
     };
     let lattice = Lattice::make(model, options, limits, &Part::new(control, 0.0, made))?;
-    lattice.write(options, model.provenance, &Part::new(control, made, 1.0), out)?;
+    let threads = limits.export_threads;
+    lattice.write(options, model.provenance, threads, &Part::new(control, made, 1.0), out)?;
     Ok(lattice.report)
 }
 
@@ -139,7 +141,7 @@ impl Lattice {
         Ok(lattice)
     }
 
-    /// Writes the file that is asked for; VTK files state the provenance.
+    /// Writes the file that is asked for; VTK files state the provenance. The bytes do not depend on the threads.
     ///
     /// # Errors
     /// [`ExportError::Stopped`] and [`ExportError::Write`]; [`ExportError::Unavailable`] for a grid of more points
@@ -148,6 +150,7 @@ impl Lattice {
         &self,
         options: &LatticeOptions,
         provenance: Option<&Provenance>,
+        threads: NonZeroUsize,
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<(), ExportError> {
@@ -155,7 +158,7 @@ impl Lattice {
         let steps = Steps { control, total, unit: "tetrahedra", message };
         let vtu = Vtu { lattice: self, provenance, steps: &steps };
         match options.format {
-            LatticeFormat::Chrono => chrono::write(self, options, &steps, out),
+            LatticeFormat::Chrono => chrono::write(self, options, threads, &steps, out),
             LatticeFormat::Tets => vtu.write_tets(out),
             LatticeFormat::Facets => vtu.write_facets(out),
             LatticeFormat::Cells => vtu.write_cells(out),

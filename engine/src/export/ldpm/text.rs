@@ -9,6 +9,10 @@ const POWERS: [f64; 23] = [
 const PAIRS: [[u8; 2]; 100] = pairs();
 const DIGITS: i32 = 10;
 const FULL: u64 = 10_000_000_000;
+/// From here on, doubles are integers.
+const INTEGERS: f64 = (1_u64 << 52) as f64;
+/// What [`push_number`] writes beyond the text that it appends, and takes back.
+pub(super) const SPARE_BYTES: usize = 32;
 
 const fn pairs() -> [[u8; 2]; 100] {
     let mut pairs = [[0; 2]; 100];
@@ -39,47 +43,53 @@ pub(super) fn push_number(text: &mut Vec<u8>, x: f64) {
             return;
         }
     };
-    let mut value = scaled.round_ties_even() as u64;
+    // A sum of this size has no digits after the point; it is rounded as `round_ties_even` does it, without a call.
+    let mut value = (scaled + INTEGERS).to_bits() - INTEGERS.to_bits();
     if value >= FULL {
         value /= 10;
         exponent += 1;
     }
-    let mut digits = [0; DIGITS as usize];
+    // Everything is copied in pieces of fixed length, of which a part counts: that takes no calls either.
+    let mut digits = [b'0'; 2 * DIGITS as usize];
     // Halves of five digits are numbers of 32 bits.
     let (high, low) = ((value / 100_000) as u32, (value % 100_000) as u32);
     put_five(&mut digits[..5], high);
-    put_five(&mut digits[5..], low);
+    put_five(&mut digits[5..10], low);
     let used = digits.iter().rposition(|&digit| digit != b'0').map_or(1, |last| last + 1);
-    // One piece: a sign, at most ten digits with a point or five characters before them, or an exponent after.
-    let mut piece = [0; 20];
-    let mut length = 0;
-    let mut put = |bytes: &[u8]| {
-        piece[length..length + bytes.len()].copy_from_slice(bytes);
-        length += bytes.len();
-    };
-    if x < 0.0 {
-        put(b"-");
-    }
-    if (0..DIGITS).contains(&exponent) {
+    let mut piece = [b'-'; SPARE_BYTES];
+    let start = usize::from(x < 0.0);
+    let mut put = |at: usize, ten: &[u8]| piece[start + at..][..10].copy_from_slice(&ten[..10]);
+    let length = if (0..DIGITS).contains(&exponent) {
         let whole = exponent as usize + 1;
-        put(&digits[..whole]);
+        put(0, &digits);
         if used > whole {
-            put(b".");
-            put(&digits[whole..used]);
+            put(whole + 1, &digits[whole..]);
+            piece[start + whole] = b'.';
+            used + 1
+        } else {
+            whole
         }
     } else if (-4..0).contains(&exponent) {
-        put(&b"0.000"[..(1 - exponent) as usize]);
-        put(&digits[..used]);
+        let zeros = (1 - exponent) as usize;
+        put(0, b"0.00000000");
+        put(zeros, &digits);
+        zeros + used
     } else {
-        put(&digits[..1]);
+        put(0, &digits);
+        let mut at = start + used;
         if used > 1 {
-            put(b".");
-            put(&digits[1..used]);
+            put(2, &digits[1..]);
+            piece[start + 1] = b'.';
+            at += 1;
         }
-        put(if exponent < 0 { b"e-" } else { b"e+" });
-        put(&PAIRS[exponent.unsigned_abs() as usize]);
-    }
-    text.extend_from_slice(&piece[..length]);
+        let [tens, ones] = PAIRS[exponent.unsigned_abs() as usize];
+        let sign = if exponent < 0 { b'-' } else { b'+' };
+        piece[at..at + 4].copy_from_slice(&[b'e', sign, tens, ones]);
+        at + 4 - start
+    };
+    let end = text.len() + start + length;
+    text.extend_from_slice(&piece);
+    text.truncate(end);
 }
 
 fn put_five(digits: &mut [u8], value: u32) {
@@ -100,6 +110,11 @@ fn exponent_of(a: f64) -> i32 {
         _ => false,
     };
     exponent + i32::from(at_next)
+}
+
+/// Appends a number with as many digits as it takes to read it back exactly.
+pub(super) fn push_exact(text: &mut Vec<u8>, x: f64) {
+    text.extend_from_slice(zmij::Buffer::new().format_finite(x).as_bytes());
 }
 
 /// Appends a whole number.

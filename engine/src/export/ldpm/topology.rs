@@ -107,6 +107,12 @@ impl Topology {
         })
     }
 
+    /// Nodes of an edge by its number, lower first.
+    pub(super) fn ends(&self, edge: usize) -> [u32; 2] {
+        let node = self.edge_starts.partition_point(|&start| start as usize <= edge) - 1;
+        [node as u32, self.edge_ends[edge]]
+    }
+
     /// Number of the edge between two nodes that have one.
     pub(super) fn edge(&self, a: u32, b: u32) -> u32 {
         let (low, high) = (a.min(b) as usize, a.max(b));

@@ -8,7 +8,7 @@
 //! The cells hold the spheres that touch them, not the centres inside them.
 
 use super::End;
-use crate::memory::{OutOfMemory, filled, push};
+use crate::memory::{OutOfMemory, push, refill};
 use crate::specimen::Region;
 
 /// A placed grain: its centre, and its part of every exclusion radius.
@@ -29,6 +29,18 @@ pub(crate) const MAX_PLACED: u64 = ID_MASK as u64;
 struct Link {
     entry: u32,
     next: u32,
+}
+
+/// Memory of a grid that the next one uses again: pages that are new to a process must be cleared first.
+#[derive(Debug, Default)]
+pub(super) struct CellBuffers {
+    starts: Vec<u32>,
+    entries: Vec<u32>,
+    heads: Vec<u32>,
+    links: Vec<Link>,
+    spheres: Vec<Placed>,
+    /// Of [`Cells::ordered`], where it goes on.
+    next: Vec<u32>,
 }
 
 /// The grid.
@@ -54,16 +66,18 @@ pub(super) struct Cells {
     spheres: Vec<Placed>,
     /// Offsets of the periodic images; only the zero offset where there are walls.
     images: Vec<[f64; 3]>,
+    next: Vec<u32>,
 }
 
 impl Cells {
     /// Builds the grid over `region` with cells of about `edge_mm`, for new grains whose part of
-    /// the exclusion radius is at most `part_mm`.
+    /// the exclusion radius is at most `part_mm`, in the memory of an earlier one.
     ///
     /// # Errors
     /// [`End::Stopped`] when `should_stop` said so, [`End::OutOfMemory`].
     #[inline(always)]
     pub(super) fn build(
+        buffers: CellBuffers,
         region: Region,
         periodic: bool,
         edge_mm: f64,
@@ -76,6 +90,9 @@ impl Cells {
         let edge: [f64; 3] = std::array::from_fn(|a| size[a] / counts[a] as f64);
         let per_edge = edge.map(|e| if e > 0.0 { 1.0 / e } else { 0.0 });
         let number = counts.iter().product::<usize>();
+        let CellBuffers { mut starts, mut entries, mut heads, mut links, spheres, next } = buffers;
+        refill(&mut heads, number, NONE)?;
+        links.clear();
         let mut cells = Self {
             region,
             counts,
@@ -85,13 +102,14 @@ impl Cells {
             per_layer: 1.0 / (counts[0] * counts[1]) as f64,
             starts: Vec::new(),
             entries: Vec::new(),
-            heads: filled(number, NONE)?,
-            links: Vec::new(),
-            spheres: Vec::new(),
+            heads,
+            links,
+            spheres,
             images: images(periodic, size),
+            next,
         };
-        cells.spheres = cells.ordered(placed)?;
-        let mut starts = filled(number + 1, 0)?;
+        cells.order(placed)?;
+        refill(&mut starts, number + 1, 0)?;
         for (id, grain) in cells.spheres.iter().enumerate() {
             if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
                 return Err(End::Stopped);
@@ -101,7 +119,7 @@ impl Cells {
         for i in 0..number {
             starts[i + 1] += starts[i];
         }
-        let mut entries = filled(starts[number] as usize, 0)?;
+        refill(&mut entries, starts[number] as usize, 0)?;
         // Filling moves every start to the end of its cell, which is the start of the next.
         for (id, grain) in cells.spheres.iter().enumerate() {
             if id.is_multiple_of(GRAINS_PER_LOOK) && should_stop() {
@@ -119,17 +137,24 @@ impl Cells {
         Ok(cells)
     }
 
-    /// The grains in a few groups from large to small, each in the order of cells: neighbours are
+    /// Its memory, for the next grid.
+    pub(super) fn into_buffers(self) -> CellBuffers {
+        let Self { starts, entries, heads, links, spheres, next, .. } = self;
+        CellBuffers { starts, entries, heads, links, spheres, next }
+    }
+
+    /// Takes the grains in a few groups from large to small, each in the order of cells: neighbours are
     /// neighbours in memory, and in a cell's list the grains most likely to block come first.
-    fn ordered(&self, placed: &[Placed]) -> Result<Vec<Placed>, OutOfMemory> {
+    fn order(&mut self, placed: &[Placed]) -> Result<(), OutOfMemory> {
+        let (mut ordered, mut next) = (std::mem::take(&mut self.spheres), std::mem::take(&mut self.next));
         let cell_of = |grain: &Placed| {
             let at: [usize; 3] = std::array::from_fn(|a| self.index(a, grain[a]));
             (at[2] * self.counts[1] + at[1]) * self.counts[0] + at[0]
         };
-        let mut ordered = filled(placed.len(), [0.0; 4])?;
+        refill(&mut ordered, placed.len(), [0.0; 4])?;
         let n = placed.len();
         for (from, to) in [(0, n / 8), (n / 8, n / 4), (n / 4, n / 2), (n / 2, n)] {
-            let mut next = filled(self.len() + 1, 0_u32)?;
+            refill(&mut next, self.len() + 1, 0_u32)?;
             for grain in &placed[from..to] {
                 next[cell_of(grain) + 1] += 1;
             }
@@ -142,7 +167,8 @@ impl Cells {
                 *next += 1;
             }
         }
-        Ok(ordered)
+        (self.spheres, self.next) = (ordered, next);
+        Ok(())
     }
 
     /// Index along an axis of the cell that holds a coordinate, or of the nearest.

@@ -17,7 +17,7 @@ use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::cells::{Cells, Placed};
-use crate::memory::{OutOfMemory, push, reserved};
+use crate::memory::{OutOfMemory, make_room, push};
 use crate::request::Specimen;
 use crate::rng::uniform;
 
@@ -112,6 +112,14 @@ pub(super) struct Served<'a> {
     pub(super) least_clearance: f64,
 }
 
+/// Memory of voxels that those of the next grid use again.
+#[derive(Debug, Default)]
+pub(super) struct VoxelBuffers {
+    active: Vec<Vec<Voxel>>,
+    size_bins: Vec<Vec<Deferred>>,
+    due: Vec<Deferred>,
+}
+
 /// The voxels.
 #[derive(Debug)]
 pub(super) struct FreeSpace<'a> {
@@ -135,25 +143,38 @@ pub(super) struct FreeSpace<'a> {
 }
 
 impl<'a> FreeSpace<'a> {
-    /// All of the region, in cells.
+    /// All of the region, in cells, in the memory of earlier voxels.
     ///
     /// # Errors
     /// When the system refuses memory.
-    pub(super) fn whole(cells: &Cells, served: Served<'a>) -> Result<Self, OutOfMemory> {
+    pub(super) fn whole(
+        buffers: VoxelBuffers,
+        cells: &Cells,
+        served: Served<'a>,
+    ) -> Result<Self, OutOfMemory> {
         let half = cells.edge.map(|e| e / 2.0);
         let is_inside = |cell: &usize| {
             let corner = cells.corner(*cell);
             let center = std::array::from_fn(|a| corner[a] + half[a]);
             !cells.region.misses_cuboid(center, half)
         };
-        let mut voxels = reserved(cells.len())?;
+        let VoxelBuffers { mut active, mut size_bins, mut due } = buffers;
+        // Levels below the cells are few, and those that are there must count: their number decides what is drawn.
+        active.truncate(1);
+        active.resize_with(1, Vec::new);
+        let voxels = &mut active[0];
+        voxels.clear();
+        make_room(voxels, cells.len())?;
         let inside = (0..cells.len()).filter(is_inside);
         voxels.extend(inside.map(|cell| Voxel { cell: cell as u32, at: [0; 3] }));
+        size_bins.iter_mut().for_each(Vec::clear);
+        size_bins.resize_with(SIZE_BINS, Vec::new);
+        due.clear();
         Ok(Self {
-            active: vec![voxels],
-            size_bins: vec![Vec::new(); SIZE_BINS],
+            active,
+            size_bins,
             bin: 0,
-            due: BinaryHeap::new(),
+            due: due.into(),
             threshold_mm: served.largest_part,
             served,
             batch: Batch::empty(),
@@ -161,6 +182,11 @@ impl<'a> FreeSpace<'a> {
             spheres: Vec::new(),
             refused: None,
         })
+    }
+
+    /// Its memory, for the next voxels.
+    pub(super) fn into_buffers(self) -> VoxelBuffers {
+        VoxelBuffers { active: self.active, size_bins: self.size_bins, due: self.due.into_vec() }
     }
 
     /// The memory that a voxel was refused, if one was: voxels are missing since then.
@@ -174,10 +200,11 @@ impl<'a> FreeSpace<'a> {
     pub(super) fn activate(&mut self, part_mm: f64, exactly: bool) {
         let bin = self.served.bin_of(part_mm);
         while self.bin <= bin {
-            let deferred = std::mem::take(&mut self.size_bins[self.bin]);
+            let mut deferred = std::mem::take(&mut self.size_bins[self.bin]);
             if self.make_room_due(deferred.len()) {
-                self.due.extend(deferred);
+                self.due.extend(deferred.drain(..));
             }
+            self.size_bins[self.bin] = deferred;
             self.bin += 1;
         }
         self.threshold_mm = if exactly { part_mm } else { self.served.least_of(bin) };

@@ -30,8 +30,8 @@ use crate::rng::uniform;
 use crate::segregation::Preference;
 use crate::specimen::Region;
 pub(crate) use cells::MAX_PLACED;
-use cells::{Cells, Placed};
-use free_space::{Draw, FreeSpace, Served};
+use cells::{CellBuffers, Cells, Placed};
+use free_space::{Draw, FreeSpace, Served, VoxelBuffers};
 pub(crate) use saturation::saturation;
 
 /// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
@@ -123,6 +123,7 @@ impl Rsa<'_> {
         let mut run = Run {
             rsa: self,
             placed,
+            buffers: Default::default(),
             statistics: RsaStatistics::default(),
             looks: 0,
             cpu: Cpu::detect(),
@@ -156,6 +157,8 @@ impl Rsa<'_> {
 struct Run<'a> {
     rsa: &'a Rsa<'a>,
     placed: Vec<Placed>,
+    /// Memory that the grid of the last segment had.
+    buffers: (CellBuffers, VoxelBuffers),
     statistics: RsaStatistics,
     looks: u64,
     /// What the search is compiled for.
@@ -231,9 +234,10 @@ impl Run<'_> {
         let edge = (CELL_EDGE * reach).max(spacing);
         let should_stop = || self.control.should_stop();
         let periodic = rsa.specimen.is_periodic();
+        let (buffers, voxel_buffers) = std::mem::take(&mut self.buffers);
         let built = self.cpu.call(
             #[inline(always)]
-            || Cells::build(region, periodic, edge, &self.placed, rsa.part(first), &should_stop),
+            || Cells::build(buffers, region, periodic, edge, &self.placed, rsa.part(first), &should_stop),
         );
         let mut cells = match built {
             Ok(cells) => cells,
@@ -246,7 +250,7 @@ impl Run<'_> {
             largest_clearance: rsa.clearance(first),
             least_clearance: rsa.clearance(end - 1),
         };
-        let mut free = match FreeSpace::whole(&cells, served) {
+        let mut free = match FreeSpace::whole(voxel_buffers, &cells, served) {
             Ok(free) => free,
             Err(refused) => return refused.into(),
         };
@@ -292,6 +296,7 @@ impl Run<'_> {
             }
         }
         self.statistics.voxels_tested += free.tested;
+        self.buffers = (cells.into_buffers(), free.into_buffers());
         End::Complete
     }
 

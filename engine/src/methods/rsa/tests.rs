@@ -332,6 +332,6 @@ fn a_grid_that_no_memory_holds_is_an_error() {
     let edge = f64::from(1 << 20);
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Walls };
     let region = specimen.center_region(0.0).unwrap();
-    let built = Cells::build(region, false, 1.0, &[], 1.0, &|| false);
+    let built = Cells::build(CellBuffers::default(), region, false, 1.0, &[], 1.0, &|| false);
     assert_eq!(built.err(), Some(End::OutOfMemory { bytes: 4 << 60 }));
 }

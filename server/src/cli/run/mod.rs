@@ -260,7 +260,7 @@ impl Files {
         let provenance = Provenance::from(&head);
         let model = Model::new(&request.specimen, &packing.grains).with_provenance(&provenance);
         if let Some(file) = &self.picture {
-            exports::write_picture(&model, file, watch.stop())?;
+            exports::write_picture(&model, file, limits.export_threads, watch.stop())?;
         }
         exports::write_all(&self.exports, &model, limits, watch.stop())?;
         // The plots that the packing has are written before one that it does not have ends the command.

@@ -30,7 +30,9 @@ use super::print;
 use super::run::{format_parser, listed, read};
 use super::signals::stop_on_signals;
 use crate::checkpoints::Checkpoints;
-use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, default_memory_bytes, seconds_or_none};
+use crate::config::{
+    DEFAULT_CHECKPOINT_EVERY_S, cores, default_memory_bytes, seconds_or_none, threads_of_one,
+};
 use crate::jobs::request::draw_seed;
 use crate::strict_json;
 use crate::studies::shards::Shard;
@@ -108,8 +110,7 @@ impl Options {
     }
 
     fn workers(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        self.workers.map_or_else(cores, usize::from)
+        self.workers.map_or_else(|| cores().get(), usize::from)
     }
 }
 
@@ -190,7 +191,13 @@ fn read_request(options: &Options) -> Result<serde_json::Value, Failure> {
 
 fn limits(options: &Options) -> Limits {
     let max_memory_bytes = default_memory_bytes(options.workers());
-    Limits { max_grains: options.max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes }
+    let export_threads = threads_of_one(options.workers());
+    Limits {
+        max_grains: options.max_grains,
+        max_memory_bytes,
+        max_model_bytes: max_memory_bytes,
+        export_threads,
+    }
 }
 
 /// The limits where other machines pack, whose memory is not known.

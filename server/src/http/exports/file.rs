@@ -17,7 +17,7 @@ use crate::http::exports::address::{ExportPath, Target};
 use crate::http::exports::making::{self, Made};
 use crate::http::exports::media::FileResponses;
 use crate::http::exports::view::{self, Export};
-use crate::http::files::{self, Described};
+use crate::http::files::{self, Coding, Described};
 use crate::http::params::Query;
 use crate::http::problems::of_fault;
 use crate::http::problems::sets::ExportFileProblems;
@@ -128,10 +128,11 @@ async fn redirect(
 fn described(target: &Target) -> Described {
     let (media_type, key) = (target.export.media_type(), &target.new.key);
     Described {
-        etag: format!("\"{}\"", &key[..32.min(key.len())]),
+        etag: Coding::Never.tag(&key[..32.min(key.len())]),
         content_type: HeaderValue::from_static(media_type),
         filename: target.file_name(),
         inline: media_type.starts_with("image/"),
         negotiated: false,
+        coding: Coding::Never,
     }
 }

@@ -22,7 +22,7 @@ use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
 use crate::disk::is_passing;
 use crate::http::app::App;
-use crate::http::files::{self, Described};
+use crate::http::files::{self, Coding, Described};
 use crate::http::negotiation;
 use crate::http::params::values::Named;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, parameters};
@@ -79,9 +79,10 @@ parameters! {
 /// Get a result
 ///
 /// The grains, in the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with one
-/// part, `If-Range` and `If-None-Match`. `view` (`docs/view.md`) is for viewers: 8 bytes a sphere, largest first, so
-/// that any prefix of it is a picture. Meshes, voxel models, slices and lattice models are exports, at
-/// `/v1/jobs/{id}/exports/{type}`.
+/// part, `If-Range` and `If-None-Match`. JSON and CSV are compressed (gzip, with a tag of its own and without ranges)
+/// where `Accept-Encoding` takes it and no range is asked for. `view` (`docs/view.md`) is for viewers: 8 bytes a
+/// sphere, largest first, so that any prefix of it is a picture. Meshes, voxel models, slices and lattice models are
+/// exports, at `/v1/jobs/{id}/exports/{type}`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
     params(
@@ -90,6 +91,7 @@ parameters! {
         ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, one part"),
         ("If-Range" = Option<String>, Header, description = "Send the range only if the tag is still this"),
         ("If-None-Match" = Option<String>, Header, description = "Tag of the result as known"),
+        ("Accept-Encoding" = Option<String>, Header, description = "`gzip`: compressed, where that shortens it"),
     ),
     responses(
         (status = 200, description = "The result",
@@ -101,7 +103,9 @@ parameters! {
                 (Vec<u8> = "application/x-npy"),
                 (Vec<u8> = "application/vnd.packstone.view"),
             ),
-            headers(("ETag" = String, description = "Strong tag of the result in this format"))),
+            headers(
+                ("ETag" = String, description = "Strong tag of the result in this format and coding"),
+                ("Content-Encoding" = Option<String>, description = "`gzip`, where that was taken; else absent"))),
         (status = 206, description = "A part of the result",
             content(
                 (Vec<u8> = "application/json"),
@@ -125,17 +129,15 @@ pub(crate) async fn get(
 ) -> Result<Response, Problem> {
     let (job, mut artifact) = finished(&app, id).await?;
     let format = negotiation::format(query.format.as_ref(), &headers)?;
+    let digest = &artifact.sha256[..32.min(artifact.sha256.len())];
+    let coding = coding(format, &headers);
     let described = Described {
-        etag: format!(
-            "\"{}-{}-{}\"",
-            &artifact.sha256[..32.min(artifact.sha256.len())],
-            format.name(),
-            tables::REVISION
-        ),
+        etag: coding.tag(&format!("{digest}-{}-{}", format.name(), tables::REVISION)),
         content_type: content_type(format),
         filename: format!("{}.{}", files::stem(&job), format.name()),
         inline: false,
         negotiated: true,
+        coding,
     };
     if let Some(response) = described.not_modified(&headers) {
         return Ok(response);
@@ -148,7 +150,15 @@ pub(crate) async fn get(
         Problem::internal()
     })?;
     let part = described.part(&method, &headers, length)?;
-    described.respond(part, |range| send(&app, artifact, format, range)).await
+    described.respond(part, |range| send(&app, artifact, (format, coding), range)).await
+}
+
+/// Text gets shorter by half and more; the digits of floating-point numbers in binary formats hardly do.
+fn coding(format: Format, headers: &HeaderMap) -> Coding {
+    match format {
+        Format::Json | Format::Csv => Coding::of(headers),
+        Format::Vtk | Format::Vtp | Format::Npy | Format::View => Coding::Never,
+    }
 }
 
 fn content_type(format: Format) -> HeaderValue {
@@ -210,14 +220,14 @@ async fn recount(app: &App, job: &JobRecord, artifact: ArtifactRecord) -> Result
 async fn send(
     app: &App,
     artifact: ArtifactRecord,
-    format: Format,
+    (format, coding): (Format, Coding),
     part: std::ops::Range<u64>,
 ) -> Result<Body, Problem> {
     let permit = files::turn(app).await?;
     let artifacts = app.shared.artifacts.clone();
     let path = artifact.path.clone();
     let result: StoredResult = blocking(path, move || artifacts.read(&artifact)).await?;
-    Ok(files::body(conversion::start(result, format, part, permit)))
+    Ok(files::body(conversion::start(result, format, part, coding == Coding::Gzip, permit)))
 }
 
 /// Reads from disk without holding up others. What fails here is this server's fault, or its disk's.

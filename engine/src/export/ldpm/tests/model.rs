@@ -1,3 +1,4 @@
+use std::num::NonZeroUsize;
 use std::sync::Mutex;
 
 use serde_json::json;
@@ -185,7 +186,8 @@ fn it_stops_when_told_to() {
     assert!(matches!(error, ExportError::Stopped), "{error}");
     for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
-        let error = made.write(&options, None, &Impatient, &mut std::io::sink()).unwrap_err();
+        let error =
+            made.write(&options, None, NonZeroUsize::MIN, &Impatient, &mut std::io::sink()).unwrap_err();
         assert!(matches!(error, ExportError::Stopped), "{error}");
     }
 }

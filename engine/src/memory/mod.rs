@@ -1,7 +1,10 @@
 //! Allocations of known size that may fail.
 //!
 //! The standard containers end the process when the system refuses them memory. What a run allocates in proportion to
-//! its grains or cells is reserved here first, so that a refusal ends the run and not the process.
+//! its grains or cells is reserved here first, so that a refusal ends the run and not the process. Large blocks are asked
+//! for as huge pages ([`pages`]).
+
+mod pages;
 
 /// The system refused an allocation of so many bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -21,7 +24,10 @@ impl From<OutOfMemory> for std::io::Error {
 pub(crate) fn reserved<T>(elements: usize) -> Result<Vec<T>, OutOfMemory> {
     let mut vector = Vec::new();
     match vector.try_reserve_exact(elements) {
-        Ok(()) => Ok(vector),
+        Ok(()) => {
+            pages::advise(&mut vector);
+            Ok(vector)
+        }
         Err(_) => Err(OutOfMemory { bytes: (elements as u64).saturating_mul(size_of::<T>() as u64) }),
     }
 }
@@ -56,7 +62,12 @@ pub(crate) fn refill<T: Clone>(vector: &mut Vec<T>, elements: usize, value: T) -
 /// Room for so many more elements, with some to spare as the vector grows.
 pub(crate) fn make_room<T>(vector: &mut Vec<T>, more: usize) -> Result<(), OutOfMemory> {
     let bytes = (vector.len() as u64).saturating_add(more as u64).saturating_mul(size_of::<T>() as u64);
-    vector.try_reserve(more).map_err(|_| OutOfMemory { bytes })
+    let before = vector.capacity();
+    vector.try_reserve(more).map_err(|_| OutOfMemory { bytes })?;
+    if vector.capacity() != before {
+        pages::advise(vector);
+    }
+    Ok(())
 }
 
 /// Appends an element. Where the system refuses memory for more, it is left out and the refusal is noted.
