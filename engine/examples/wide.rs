@@ -46,7 +46,9 @@ fn request(case: &str) -> Result<Value, Box<dyn Error>> {
 fn main() -> Result<(), Box<dyn Error>> {
     let mut seed = 1;
     let mut arguments = std::env::args().skip(1);
-    println!("case | grains | CPU s of growth | of all | collisions | us/collision | predictions | rebuilds | cycles | end");
+    println!(
+        "case | grains | CPU s of growth | of all | collisions | us/collision | predictions | rebuilds | cycles | end"
+    );
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--seed" => seed = arguments.next().ok_or("--seed needs a number")?.parse()?,
@@ -60,7 +62,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                 println!("fluid of {spheres} | {us:.3} us a collision | {:.2e} per CPU s", 1e6 / us);
             }
             case => {
-                let request = PackingRequest::from_json(&request(case)?, seed).map_err(|e| format!("{e:?}"))?;
+                let request =
+                    PackingRequest::from_json(&request(case)?, seed).map_err(|e| format!("{e:?}"))?;
                 let (before, start) = (cpu_s(), Instant::now());
                 let report = match pack(&request, &Limits::default(), &Unattended) {
                     Ok(packing) => packing.report,
