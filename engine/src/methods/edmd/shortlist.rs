@@ -1,7 +1,7 @@
 //! Shortlists: of the many neighbours of a coarse grain, those that may reach it soon.
 //!
 //! Hundreds of fine grains stand in the list of a coarse one, and it collides more often than any of them; nearly all
-//! are far from it in time. A coarse grain therefore lives in a small ball, its *margin*, until a *horizon* in time, and
+//! are far from it in time. A coarse grain therefore lives in a small ball, its *margin*, until a *horizon* in time and
 //! looks only at its shortlist: the neighbours that would touch it before the horizon if it were anywhere in the ball.
 //! The shortlist is complete at all times. It is made from the whole list; a neighbour that gets another velocity, or
 //! is new in the list, looks itself whether it belongs there; and it is made anew at the horizon, when the grain leaves

@@ -369,8 +369,8 @@ impl System {
     #[inline(always)]
     fn fill_lists<const PERIODIC: bool>(&mut self) -> Result<(), OutOfMemory> {
         let n = self.len();
-        // Every pair once, at the coarser of the two or the later in memory: of the levels that a fine grain would search,
-        // the coarse ones are nearly empty.
+        // Every pair once, at the coarser of the two or the later in memory: a fine grain would search many levels
+        // whose cells are nearly empty.
         let mut half: Vec<u32> = reserved(n * 8)?;
         let mut ends: Vec<u32> = reserved(n)?;
         let mut degree = filled(n, 0_u32)?;
