@@ -15,6 +15,7 @@ use crate::memory::{OutOfMemory, refill};
 /// Codes of events that are no meeting of grains, above every list entry of image 0..125.
 const LEAVES_SPHERE: u32 = u32::MAX;
 const NOTHING: u32 = u32::MAX - 1;
+const SCANS: u32 = u32::MAX - 2;
 const WALL: u32 = u32::MAX - 16;
 
 /// Partners that barely close are parted by at least this share of their speeds, so that rounding
@@ -34,16 +35,23 @@ impl System {
         self.queue.reset(n, events_per_time)?;
         refill(&mut self.next, n, Next { time: f64::INFINITY, with: NOTHING })?;
         with_instruction_set!(self.cpu, set => set.call(#[inline(always)] || {
-            let is_periodic = self.container.is_periodic();
-            for i in 0..n {
-                if is_periodic {
-                    self.predict::<_, true>(set, i, 0.0);
-                } else {
-                    self.predict::<_, false>(set, i, 0.0);
-                }
+            if self.container.is_periodic() {
+                self.predict_all_as::<_, true>(set);
+            } else {
+                self.predict_all_as::<_, false>(set);
             }
         }));
         Ok(())
+    }
+
+    #[inline(always)]
+    fn predict_all_as<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S) {
+        for i in 0..self.len() {
+            if self.cold[i].is_coarse {
+                self.scan::<S, PERIODIC>(set, i, 0.0);
+            }
+            self.predict::<S, PERIODIC>(set, i, 0.0);
+        }
     }
 
     /// Processes events until the cycle ends, `collisions` have taken place or `looked_at` events of
@@ -123,6 +131,13 @@ impl System {
             LEAVES_SPHERE => {
                 self.hot[i].advance(now);
                 self.rebuild_list::<S, PERIODIC>(set, i);
+                if self.cold[i].is_coarse {
+                    self.scan::<S, PERIODIC>(set, i, now);
+                }
+                self.predict::<S, PERIODIC>(set, i, now);
+            }
+            SCANS => {
+                self.scan::<S, PERIODIC>(set, i, now);
                 self.predict::<S, PERIODIC>(set, i, now);
             }
             WALL.. => {
@@ -207,9 +222,23 @@ impl System {
         let own = self.hot[i];
         let me = Hot { position: own.position_at(now), ..own };
         let mut best = self.next_without_partner(i, &me, now);
-        let list = self.list(i);
+        let cold = &self.cold[i];
+        let coarse_neighbours = cold.coarse_neighbours;
+        let list = if cold.is_coarse {
+            let shortlist = self.shortlist(i);
+            let until = shortlist.valid_until(&me, now);
+            if until < best.time {
+                best = Next { time: until, with: SCANS };
+            }
+            shortlist.entries()
+        } else {
+            self.list(i)
+        };
         self.meet::<S, PERIODIC>(set, &me, list, now, &mut best);
         self.counts.predictions += list.len() as u64;
+        if coarse_neighbours > 0 {
+            self.announce::<PERIODIC>(i, &me, now);
+        }
         self.next[i] = best;
         if best.time < self.end {
             self.queue.push(best.time, i as u32);
@@ -260,57 +289,13 @@ impl System {
         now: f64,
         best: &mut Next,
     ) {
-        let growth: Growth = self.growth;
         let mut soonest = best.time - now;
-        let [x, y, z] = me.position;
-        let own_position = [set.splat(x), set.splat(y), set.splat(z)];
-        let [u, v, w] = me.velocity;
-        let own_velocity = [set.splat(u), set.splat(v), set.splat(w)];
-        let (own_time, own_radius) = (set.splat(me.time), set.splat(me.radius));
-        let (at, kappa) = (set.splat(now), set.splat(growth.kappa));
-        let (alpha, beta) = (set.splat(growth.alpha), set.splat(2.0 * growth.beta));
+        let own_time = set.splat(me.time);
         let mut from = 0;
         while from < list.len() {
-            // The last block is filled up with the last pair, which changes nothing.
-            let entry = |k: usize| list[(from + k).min(list.len() - 1)];
-            let entries = [entry(0), entry(1), entry(2), entry(3)];
+            let entries = block(list, from);
             from += 4;
-            let [a, b, c, d] = entries;
-            let a = &self.hot[unpack(a).0];
-            let b = &self.hot[unpack(b).0];
-            let c = &self.hot[unpack(c).0];
-            let d = &self.hot[unpack(d).0];
-            let [x, y, z, time] = S::Lanes::transpose([
-                a.position_and_time(set),
-                b.position_and_time(set),
-                c.position_and_time(set),
-                d.position_and_time(set),
-            ]);
-            let [u, v, w, radius] = S::Lanes::transpose([
-                a.velocity_and_radius(set),
-                b.velocity_and_radius(set),
-                c.velocity_and_radius(set),
-                d.velocity_and_radius(set),
-            ]);
-            let since = at - time;
-            let mut d = [
-                x + u * since - own_position[0],
-                y + v * since - own_position[1],
-                z + w * since - own_position[2],
-            ];
-            if PERIODIC && entries.iter().any(|&entry| unpack(entry).1 != HOME as usize) {
-                let shifts = entries.map(|entry| &self.shifts[unpack(entry).1]);
-                for (axis, d) in d.iter_mut().enumerate() {
-                    *d = *d + set.lanes(shifts.map(|shift| shift[axis]));
-                }
-            }
-            let v = [u - own_velocity[0], v - own_velocity[1], w - own_velocity[2]];
-            let start = own_radius + radius + kappa * own_radius.min(radius);
-            let rate = alpha * start + beta;
-            let contact = start + rate * at;
-            let a = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - rate * rate;
-            let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2] - contact * rate;
-            let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - contact * contact;
+            let ([a, b, c], time) = self.coefficients::<S, PERIODIC>(set, me, entries, now);
             // Not those that are too far to meet before `soonest` even if nothing slowed the approach.
             let near = a.lt(set.splat(0.0)) | c.le(b * set.splat(-2.0 * soonest));
             let candidates = near & time.le(own_time);
@@ -328,4 +313,84 @@ impl System {
             }
         }
     }
+    /// Times after which the neighbours of a list would touch a grain at rest; 0 of those that do already.
+    #[inline(always)]
+    pub(crate) fn arrivals<S: InstructionSet, const PERIODIC: bool>(
+        &self,
+        set: S,
+        me: &Hot,
+        list: &[u32],
+        now: f64,
+        after: &mut Vec<f64>,
+    ) {
+        for from in (0..list.len()).step_by(4) {
+            let ([a, b, c], _) = self.coefficients::<S, PERIODIC>(set, me, block(list, from), now);
+            let touch = c.le(set.splat(0.0)).select(set.splat(0.0), fall_to_zero(set, a, b, c));
+            after.extend_from_slice(&touch.to_array());
+        }
+        after.truncate(list.len());
+    }
+
+    /// The coefficients of `contact` for a grain and four of its neighbours, and when these changed last.
+    #[inline(always)]
+    fn coefficients<S: InstructionSet, const PERIODIC: bool>(
+        &self,
+        set: S,
+        me: &Hot,
+        entries: [u32; 4],
+        now: f64,
+    ) -> ([S::Lanes; 3], S::Lanes) {
+        let growth: Growth = self.growth;
+        let [x, y, z] = me.position;
+        let own_position = [set.splat(x), set.splat(y), set.splat(z)];
+        let [u, v, w] = me.velocity;
+        let own_velocity = [set.splat(u), set.splat(v), set.splat(w)];
+        let own_radius = set.splat(me.radius);
+        let (at, kappa) = (set.splat(now), set.splat(growth.kappa));
+        let (alpha, beta) = (set.splat(growth.alpha), set.splat(2.0 * growth.beta));
+        let [a, b, c, d] = entries;
+        let a = &self.hot[unpack(a).0];
+        let b = &self.hot[unpack(b).0];
+        let c = &self.hot[unpack(c).0];
+        let d = &self.hot[unpack(d).0];
+        let [x, y, z, time] = S::Lanes::transpose([
+            a.position_and_time(set),
+            b.position_and_time(set),
+            c.position_and_time(set),
+            d.position_and_time(set),
+        ]);
+        let [u, v, w, radius] = S::Lanes::transpose([
+            a.velocity_and_radius(set),
+            b.velocity_and_radius(set),
+            c.velocity_and_radius(set),
+            d.velocity_and_radius(set),
+        ]);
+        let since = at - time;
+        let mut d = [
+            x + u * since - own_position[0],
+            y + v * since - own_position[1],
+            z + w * since - own_position[2],
+        ];
+        if PERIODIC && entries.iter().any(|&entry| unpack(entry).1 != HOME as usize) {
+            let shifts = entries.map(|entry| &self.shifts[unpack(entry).1]);
+            for (axis, d) in d.iter_mut().enumerate() {
+                *d = *d + set.lanes(shifts.map(|shift| shift[axis]));
+            }
+        }
+        let v = [u - own_velocity[0], v - own_velocity[1], w - own_velocity[2]];
+        let start = own_radius + radius + kappa * own_radius.min(radius);
+        let rate = alpha * start + beta;
+        let contact = start + rate * at;
+        let a = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - rate * rate;
+        let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2] - contact * rate;
+        let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - contact * contact;
+        ([a, b, c], time)
+    }
+}
+
+/// Four entries of a list from a place on; behind its end the last one again, which changes nothing.
+#[inline(always)]
+fn block(list: &[u32], from: usize) -> [u32; 4] {
+    let entry = |k: usize| list[(from + k).min(list.len() - 1)];
+    [entry(0), entry(1), entry(2), entry(3)]
 }

@@ -12,8 +12,12 @@ use crate::memory::{OutOfMemory, refill};
 const NIL: u32 = u32::MAX;
 /// Edge of a cell in largest cutoffs of its level.
 const EDGE: f64 = 1.6;
-/// Most cells per grain, over all levels; a finer grid would hold mostly nothing.
+/// Most cells per grain of a level; a finer grid would hold mostly nothing.
 const CELLS_PER_GRAIN: f64 = 3.0;
+/// Cells that every level may have.
+const LEAST_CELLS: f64 = 64.0;
+/// Beyond the range of a search, for rounding.
+const WIDER: f64 = 1.0 + 1e-9;
 /// Cells that are looked into together.
 const BATCH: usize = 32;
 
@@ -22,9 +26,54 @@ struct Level {
     /// Largest cutoff of a grain here, in mm.
     cutoff_mm: f64,
     cells: [i32; 3],
+    /// Cells per mm along the axes.
     per_edge: [f64; 3],
+    /// Edges of a cell in mm.
+    edge: [f64; 3],
     first_cell: u32,
     grains: u32,
+}
+
+impl Level {
+    /// The cell along an axis; with walls the nearest one there is.
+    #[inline(always)]
+    fn at<const PERIODIC: bool>(&self, axis: usize, x: f64) -> i32 {
+        let cell = floor(x * self.per_edge[axis]);
+        if PERIODIC { cell } else { cell.clamp(0, self.cells[axis] - 1) }
+    }
+
+    #[inline(always)]
+    fn first_within<const PERIODIC: bool>(&self, center: [f64; 3], range: f64) -> [i32; 3] {
+        std::array::from_fn(|axis| self.at::<PERIODIC>(axis, center[axis] - range))
+    }
+
+    #[inline(always)]
+    fn last_within<const PERIODIC: bool>(&self, center: [f64; 3], range: f64) -> [i32; 3] {
+        std::array::from_fn(|axis| self.at::<PERIODIC>(axis, center[axis] + range))
+    }
+
+    /// Where a point lies along an axis, in cells; with walls the nearest place between them.
+    #[inline(always)]
+    fn place<const PERIODIC: bool>(&self, axis: usize, center: [f64; 3]) -> f64 {
+        let x = center[axis] * self.per_edge[axis];
+        if PERIODIC { x } else { x.clamp(0.0, f64::from(self.cells[axis])) }
+    }
+
+    /// Square of the distance of a place along an axis from a layer of cells. Grains beyond a wall are in the outermost
+    /// layer, and further from a place between the walls than this layer is.
+    #[inline(always)]
+    fn square_distance(&self, axis: usize, place: f64, layer: i32) -> f64 {
+        let above = place - f64::from(layer);
+        let above = if above > 1.0 {
+            above - 1.0
+        } else if above < 0.0 {
+            above
+        } else {
+            0.0
+        };
+        let distance = above * self.edge[axis];
+        distance * distance
+    }
 }
 
 /// The grid.
@@ -37,7 +86,7 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// Empties the grid and lays it out for cutoffs between two bounds.
+    /// Empties the grid and lays it out for so many grains, of cutoffs between two bounds.
     ///
     /// # Errors
     /// When the system refuses memory.
@@ -47,21 +96,38 @@ impl Grid {
         grains: usize,
         least_mm: f64,
         top_mm: f64,
+        cutoffs: impl Iterator<Item = f64>,
     ) -> Result<(), OutOfMemory> {
         let count = ((top_mm / least_mm).log2().floor().max(0.0) as usize + 1).min(40);
         let size = container.bounds_mm();
-        let most_cells = (CELLS_PER_GRAIN * grains as f64 / count as f64).max(64.0);
         self.top_mm = top_mm;
         self.levels.clear();
-        let mut first_cell = 0;
         for level in 0..count {
             let cutoff_mm = top_mm / f64::from(1_u32 << level.min(31));
-            let volume = size[0] * size[1] * size[2];
-            let edge = (EDGE * cutoff_mm).max((volume / most_cells).cbrt());
-            let cells = size.map(|length| ((length / edge).floor() as i32).max(1));
-            let per_edge = std::array::from_fn(|a| f64::from(cells[a]) / size[a]);
-            self.levels.push(Level { cutoff_mm, cells, per_edge, first_cell, grains: 0 });
-            first_cell += cells.iter().product::<i32>() as u32;
+            self.levels.push(Level {
+                cutoff_mm,
+                cells: [1; 3],
+                per_edge: [0.0; 3],
+                edge: [0.0; 3],
+                first_cell: 0,
+                grains: 0,
+            });
+        }
+        for cutoff in cutoffs {
+            let level = self.level_of(cutoff);
+            self.levels[level].grains += 1;
+        }
+        let mut first_cell = 0;
+        let volume = size[0] * size[1] * size[2];
+        for level in &mut self.levels {
+            let most_cells = (CELLS_PER_GRAIN * f64::from(level.grains)).max(LEAST_CELLS);
+            let edge = (EDGE * level.cutoff_mm).max((volume / most_cells).cbrt());
+            level.cells = size.map(|length| ((length / edge).floor() as i32).max(1));
+            level.per_edge = std::array::from_fn(|a| f64::from(level.cells[a]) / size[a]);
+            level.edge = std::array::from_fn(|a| size[a] / f64::from(level.cells[a]));
+            level.first_cell = first_cell;
+            level.grains = 0;
+            first_cell += level.cells.iter().product::<i32>() as u32;
         }
         refill(&mut self.heads, first_cell as usize, NIL)?;
         refill(&mut self.next, grains, NIL)
@@ -135,26 +201,42 @@ impl Grid {
             if level.grains == 0 {
                 continue;
             }
-            let range = cutoff_mm + level.cutoff_mm + extra * cutoff_mm.min(level.cutoff_mm);
-            let low: [i32; 3] = std::array::from_fn(|a| floor((center[a] - range) * level.per_edge[a]));
-            let high: [i32; 3] = std::array::from_fn(|a| floor((center[a] + range) * level.per_edge[a]));
-            if PERIODIC {
-                self.visit_images(level, low, high, &mut found);
-            } else {
-                let low: [i32; 3] = std::array::from_fn(|a| low[a].clamp(0, level.cells[a] - 1));
-                let high: [i32; 3] = std::array::from_fn(|a| high[a].clamp(0, level.cells[a] - 1));
-                let mut batch = Batch::new(self, &mut found);
-                for z in low[2]..=high[2] {
-                    for y in low[1]..=high[1] {
-                        let row =
-                            level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
-                        for &head in &self.heads[row + low[0] as usize..=row + high[0] as usize] {
+            let range = (cutoff_mm + level.cutoff_mm + extra * cutoff_mm.min(level.cutoff_mm)) * WIDER;
+            let mut batch = Batch::new(self, &mut found);
+            let [_, y_low, z_low] = level.first_within::<PERIODIC>(center, range);
+            let [_, y_high, z_high] = level.last_within::<PERIODIC>(center, range);
+            let (y_place, z_place) = (level.place::<PERIODIC>(1, center), level.place::<PERIODIC>(2, center));
+            for z in z_low..=z_high {
+                let left = range * range - level.square_distance(2, z_place, z);
+                let (iz, z) = if PERIODIC { wrapped(z, level.cells[2]) } else { (0, z) };
+                for y in y_low..=y_high {
+                    // Only what of the row lies within the sphere.
+                    let left = left - level.square_distance(1, y_place, y);
+                    if left < 0.0 {
+                        continue;
+                    }
+                    let half = left.sqrt();
+                    let low = level.at::<PERIODIC>(0, center[0] - half);
+                    let high = level.at::<PERIODIC>(0, center[0] + half);
+                    let (iy, y) = if PERIODIC { wrapped(y, level.cells[1]) } else { (0, y) };
+                    let row =
+                        level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
+                    if PERIODIC {
+                        for x in low..=high {
+                            let (ix, x) = wrapped(x, level.cells[0]);
+                            let head = self.heads[row + x as usize];
+                            if head != NIL {
+                                batch.add(head, image_code([ix, iy, iz]));
+                            }
+                        }
+                    } else {
+                        for &head in &self.heads[row + low as usize..=row + high as usize] {
                             batch.add(head, HOME);
                         }
                     }
                 }
-                batch.flush();
             }
+            batch.flush();
         }
     }
 
@@ -176,30 +258,10 @@ impl Grid {
         }
     }
 
+    /// Levels as fine as or finer than that of a cutoff.
     #[inline(always)]
-    fn visit_images(&self, level: &Level, low: [i32; 3], high: [i32; 3], found: &mut impl FnMut(u32, u32)) {
-        let mut batch = Batch::new(self, found);
-        for z in low[2]..=high[2] {
-            let (iz, z) = wrapped(z, level.cells[2]);
-            for y in low[1]..=high[1] {
-                let (iy, y) = wrapped(y, level.cells[1]);
-                let row = level.first_cell as usize + ((z * level.cells[1] + y) * level.cells[0]) as usize;
-                for x in low[0]..=high[0] {
-                    let (ix, x) = wrapped(x, level.cells[0]);
-                    let head = self.heads[row + x as usize];
-                    if head != NIL {
-                        batch.add(head, image_code([ix, iy, iz]));
-                    }
-                }
-            }
-        }
-        batch.flush();
-    }
-
-    /// Levels as coarse as or coarser than that of a cutoff.
-    #[inline(always)]
-    pub(crate) fn coarser(&self, cutoff_mm: f64) -> std::ops::Range<usize> {
-        0..self.level_of(cutoff_mm) + 1
+    pub(crate) fn finer(&self, cutoff_mm: f64) -> std::ops::Range<usize> {
+        self.level_of(cutoff_mm)..self.levels.len()
     }
 
     /// All levels.
@@ -208,10 +270,10 @@ impl Grid {
         0..self.levels.len()
     }
 
-    /// Whether two cutoffs belong to the same level.
+    /// The bound that cutoffs of the level of a cutoff lie above; 0 of the finest level.
     #[inline(always)]
-    pub(crate) fn same_level(&self, cutoff_a: f64, cutoff_b: f64) -> bool {
-        self.level_of(cutoff_a) == self.level_of(cutoff_b)
+    pub(crate) fn least_of_level(&self, cutoff_mm: f64) -> f64 {
+        self.levels.get(self.level_of(cutoff_mm) + 1).map_or(0.0, |finer| finer.cutoff_mm)
     }
 }
 

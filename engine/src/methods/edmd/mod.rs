@@ -26,6 +26,8 @@ mod growth;
 mod growth_protocol;
 mod queue;
 mod run;
+mod shortlist;
+mod skin;
 mod state;
 mod swap;
 mod system;

@@ -11,6 +11,8 @@ use super::container::{Container, IMAGES, mirrored};
 use super::grid::Grid;
 use super::growth::Growth;
 use super::queue::Queue;
+use super::shortlist::{LEAST_NEIGHBOURS, MOST_SHORTLISTS, Shortlist};
+use super::skin;
 use crate::cpu::{Cpu, InstructionSet, prefetch};
 use crate::memory::{OutOfMemory, collected, copied, filled, make_room, refill, reserved};
 use crate::rng::uniform;
@@ -21,8 +23,6 @@ const GRAIN_MASK: u32 = (1 << GRAIN_BITS) - 1;
 /// Most grains that list entries can name, less the codes of other events.
 pub(crate) const MAX_GRAINS: usize = (1 << GRAIN_BITS) - 16;
 
-/// Reach of a grain that has no history, in contact radii.
-const FIRST_SKIN: f64 = 0.3;
 /// Bounds of the skin in contact radii.
 const LEAST_SKIN: f64 = 0.04;
 const MOST_SKIN: f64 = 2.0;
@@ -97,7 +97,11 @@ pub(crate) struct Cold {
     capacity: u32,
     cell: u32,
     /// Walls that can be met, as bits.
-    pub(crate) walls: u32,
+    pub(crate) walls: u8,
+    /// Whether it has a shortlist.
+    pub(crate) is_coarse: bool,
+    /// Neighbours that have one: the first of the list.
+    pub(crate) coarse_neighbours: u16,
     /// Collisions in the cycle.
     pub(crate) collisions: u16,
     /// Rebuilds in the cycle.
@@ -172,6 +176,11 @@ pub(crate) struct System {
     refused: Option<OutOfMemory>,
     /// Room for the candidates of a rebuild.
     found: Vec<u32>,
+    /// Shortlists, and which of them a grain that has one has.
+    pub(crate) shortlists: Vec<Shortlist>,
+    pub(crate) shortlist_of: Vec<u32>,
+    /// Room for the times of a scan.
+    pub(crate) arrivals: Vec<f64>,
 }
 
 impl System {
@@ -207,6 +216,9 @@ impl System {
             slab_at_start: 0,
             refused: None,
             found: Vec::new(),
+            shortlists: Vec::new(),
+            shortlist_of: Vec::new(),
+            arrivals: Vec::new(),
         })
     }
 
@@ -219,6 +231,12 @@ impl System {
     pub(crate) fn list(&self, grain: usize) -> &[u32] {
         let cold = &self.cold[grain];
         &self.slab[cold.offset as usize..(cold.offset + cold.len) as usize]
+    }
+
+    /// The shortlist of a grain that has one.
+    #[inline(always)]
+    pub(crate) fn shortlist(&self, grain: usize) -> &Shortlist {
+        &self.shortlists[self.shortlist_of[grain] as usize]
     }
 
     /// Asks the memory for the start of a grain's list.
@@ -234,8 +252,14 @@ impl System {
     #[inline(always)]
     pub(crate) fn prefetch_neighbours(&self, grain: usize) {
         let cold = &self.cold[grain];
-        let end = cold.offset + cold.len.min(16 * LIST_LINES);
-        for &entry in &self.slab[cold.offset as usize..end as usize] {
+        let list = if cold.is_coarse {
+            let entries = self.shortlist(grain).entries();
+            &entries[..entries.len().min(16 * LIST_LINES as usize)]
+        } else {
+            let end = cold.offset + cold.len.min(16 * LIST_LINES);
+            &self.slab[cold.offset as usize..end as usize]
+        };
+        for &entry in list {
             prefetch(&self.hot, unpack(entry).0);
         }
     }
@@ -285,6 +309,8 @@ impl System {
             cold.adapt_skin();
             (cold.collisions, cold.rebuilds) = (0, 0);
         }
+        let volume = self.container.bounds_mm().into_iter().product();
+        skin::choose_first(&self.hot, &mut self.cold, volume);
         for i in 0..n {
             debug_assert_eq!(self.hot[i].time, 0.0);
             self.hot[i].position = self.container.wrap(self.hot[i].position);
@@ -293,7 +319,8 @@ impl System {
         let least = self.cold.iter().map(|cold| cold.cutoff).fold(f64::INFINITY, f64::min);
         let top = (0..n).map(|i| self.last_radius(i)).fold(0.0, f64::max) * 1.5;
         let top = self.cold.iter().map(|cold| cold.cutoff).fold(top, f64::max);
-        self.grid.reset(&self.container, n, least.max(1e-9 * top), top)?;
+        let cutoffs = self.cold.iter().map(|cold| cold.cutoff);
+        self.grid.reset(&self.container, n, least.max(1e-9 * top), top, cutoffs)?;
         for i in 0..n {
             self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].cutoff);
         }
@@ -319,13 +346,10 @@ impl System {
         let (start, rate) = self.growth.wall(self.hot[i].radius);
         let contact = start + rate * self.end;
         let cold = &mut self.cold[i];
-        if cold.skin <= 0.0 {
-            cold.skin = FIRST_SKIN * radius;
-        }
         cold.skin = cold.skin.clamp(LEAST_SKIN * radius, MOST_SKIN * radius).min(self.most_skin);
         cold.cutoff = radius + cold.skin;
         cold.center = self.hot[i].position;
-        cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.skin);
+        cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.skin) as u8;
     }
 
     /// Whether two grains must know of each other, the second in some image.
@@ -345,7 +369,8 @@ impl System {
     #[inline(always)]
     fn fill_lists<const PERIODIC: bool>(&mut self) -> Result<(), OutOfMemory> {
         let n = self.len();
-        // Every pair once, at the finer of the two or the later in memory.
+        // Every pair once, at the coarser of the two or the later in memory: a fine grain would search many levels
+        // whose cells are nearly empty.
         let mut half: Vec<u32> = reserved(n * 8)?;
         let mut ends: Vec<u32> = reserved(n)?;
         let mut degree = filled(n, 0_u32)?;
@@ -356,18 +381,19 @@ impl System {
             let cutoff = self.cold[i].cutoff;
             let from = half.len();
             let center = self.cold[i].center;
+            let least_of_level = self.grid.least_of_level(cutoff);
             self.grid.visit::<PERIODIC>(
                 center,
                 cutoff,
                 self.growth.kappa,
-                self.grid.coarser(cutoff),
+                self.grid.finer(cutoff),
                 #[inline(always)]
                 |j, image| {
                     let j_index = j as usize;
                     if j_index == i {
                         return;
                     }
-                    if j_index > i && self.grid.same_level(self.cold[j_index].cutoff, cutoff) {
+                    if j_index > i && self.cold[j_index].cutoff > least_of_level {
                         return;
                     }
                     if self.are_neighbours::<PERIODIC>(i, j_index, image) {
@@ -384,10 +410,12 @@ impl System {
         let mut offset = 0;
         for (cold, &degree) in self.cold.iter_mut().zip(&degree) {
             cold.offset = offset;
-            cold.len = 0;
+            (cold.len, cold.coarse_neighbours) = (0, 0);
+            cold.is_coarse = degree >= LEAST_NEIGHBOURS;
             cold.capacity = degree + SPARE;
             offset += cold.capacity;
         }
+        self.lay_out_shortlists()?;
         refill(&mut self.slab, offset as usize, 0)?;
         self.slab_at_start = offset as usize;
         let mut from = 0;
@@ -402,17 +430,44 @@ impl System {
         Ok(())
     }
 
+    /// Gives every coarse grain an empty shortlist, to the limit of their number.
+    fn lay_out_shortlists(&mut self) -> Result<(), OutOfMemory> {
+        let coarse = self.cold.iter().filter(|cold| cold.is_coarse).count();
+        if coarse > 0 {
+            let n = self.len();
+            refill(&mut self.shortlist_of, n, 0)?;
+        }
+        let mut given = 0;
+        for (cold, own) in self.cold.iter_mut().zip(&mut self.shortlist_of) {
+            cold.is_coarse &= given < MOST_SHORTLISTS;
+            if cold.is_coarse {
+                *own = given as u32;
+                given += 1;
+            }
+        }
+        let missing = given.saturating_sub(self.shortlists.len());
+        make_room(&mut self.shortlists, missing)?;
+        self.shortlists.resize_with(given.max(self.shortlists.len()), Shortlist::default);
+        self.shortlists.iter_mut().for_each(Shortlist::clear);
+        Ok(())
+    }
+
+    /// Notes that a list was refused memory, and ends the cycle.
+    pub(crate) fn refuse(&mut self, refused: OutOfMemory) {
+        self.refused = Some(refused);
+        self.slab_at_start = 0;
+    }
+
     #[inline(always)]
     fn append(&mut self, grain: usize, entry: u32) {
+        let is_coarse = self.cold[(entry & GRAIN_MASK) as usize].is_coarse;
         let cold = &mut self.cold[grain];
         if cold.len == cold.capacity {
             // A new place at the end of the slab; the old one stays empty until the next cycle.
             let (from, len) = (cold.offset as usize, cold.len as usize);
             let capacity = 2 * cold.capacity + SPARE;
             if let Err(refused) = make_room(&mut self.slab, capacity as usize) {
-                self.refused = Some(refused);
-                // Ends the cycle.
-                self.slab_at_start = 0;
+                self.refuse(refused);
                 return;
             }
             cold.offset = self.slab.len() as u32;
@@ -421,18 +476,36 @@ impl System {
             self.slab.extend_from_within(from..from + len);
             self.slab.resize(cold.offset as usize + capacity, 0);
         }
-        self.slab[(cold.offset + cold.len) as usize] = entry;
+        let at = (cold.offset + cold.len) as usize;
         cold.len += 1;
+        if is_coarse {
+            let first = cold.offset as usize + usize::from(cold.coarse_neighbours);
+            cold.coarse_neighbours += 1;
+            self.slab[at] = self.slab[first];
+            self.slab[first] = entry;
+        } else {
+            self.slab[at] = entry;
+        }
     }
 
     #[inline(always)]
     fn take_out(&mut self, grain: usize, entry: u32) {
         let cold = &mut self.cold[grain];
         let list = &mut self.slab[cold.offset as usize..(cold.offset + cold.len) as usize];
-        if let Some(at) = list.iter().position(|&e| e == entry) {
-            let last = list.len() - 1;
-            list.swap(at, last);
-            cold.len -= 1;
+        let Some(at) = position(list, entry) else { return };
+        let last = list.len() - 1;
+        cold.len -= 1;
+        let coarse = usize::from(cold.coarse_neighbours);
+        if at < coarse {
+            // The last of the coarse ones comes to its place, and the last of all to that.
+            list[at] = list[coarse - 1];
+            list[coarse - 1] = list[last];
+            cold.coarse_neighbours -= 1;
+        } else {
+            list[at] = list[last];
+        }
+        if cold.is_coarse {
+            self.shortlists[self.shortlist_of[grain] as usize].remove(entry);
         }
     }
 
@@ -461,7 +534,7 @@ impl System {
             let entry = self.slab[k];
             self.take_out((entry & GRAIN_MASK) as usize, mirror(entry, i));
         }
-        self.cold[i].len = 0;
+        (self.cold[i].len, self.cold[i].coarse_neighbours) = (0, 0);
         self.grid.remove(i as u32, self.cold[i].cell);
         if PERIODIC {
             self.hot[i].position = self.container.wrap(self.hot[i].position);
@@ -589,9 +662,22 @@ fn morton(p: [f64; 3]) -> u32 {
     key
 }
 
+/// Where an entry stands in a list: sixteen comparisons at once.
+#[inline(always)]
+fn position(list: &[u32], entry: u32) -> Option<usize> {
+    let mut from = 0;
+    for chunk in list.chunks_exact(16) {
+        if chunk.iter().fold(0, |found, &e| found | u32::from(e == entry)) != 0 {
+            break;
+        }
+        from += 16;
+    }
+    list[from..].iter().position(|&e| e == entry).map(|at| from + at)
+}
+
 /// The entry under which a grain stands in the list of the one that an entry of its own names.
 #[inline(always)]
-fn mirror(entry: u32, grain: usize) -> u32 {
+pub(crate) fn mirror(entry: u32, grain: usize) -> u32 {
     grain as u32 | mirrored(entry >> GRAIN_BITS) << GRAIN_BITS
 }
 

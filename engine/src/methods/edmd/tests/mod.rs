@@ -11,6 +11,7 @@ mod double;
 mod queue;
 mod reversal;
 mod roots;
+mod shortlists;
 
 use super::container::Container;
 use super::growth::Growth;
