@@ -5,7 +5,8 @@
 //!
 //! A Fuller mix of 2 to 16 mm, 60 % by volume, in a cube of that edge or, with `shape=cylinder`, in a cylinder of that
 //! diameter and twice its height. Grains keep the clearance that the documentation recommends, or none with
-//! `clearance=0`. `threads=N` write them. The files go to the directory `out=...`, or nowhere. All other keys are options of the lattice.
+//! `clearance=0`. `threads=N` write them. The files go to the directory `out=...`, or nowhere. All other
+//! keys are options of the lattice.
 
 use std::error::Error;
 use std::fs::File;

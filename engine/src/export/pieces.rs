@@ -224,20 +224,20 @@ mod tests {
         for threads in [1, 2, 8] {
             let mut slots = vec![(); SLOTS_PER_THREAD * threads];
             let made = AtomicUsize::new(0);
-            let make = |i, _: &mut ()| {
+            let make = |i, (): &mut ()| {
                 made.fetch_add(1, Ordering::SeqCst);
                 if i == 7 || i == 9 { Err(i) } else { Ok(()) }
             };
             let mut taken = 0;
-            let count = |_, _: &mut ()| {
+            let count = |_, (): &mut ()| {
                 taken += 1;
                 Ok(())
             };
             assert_eq!(in_order(&mut slots, 1000, make, count), Err(7));
             assert_eq!(taken, 7);
             assert!(made.load(Ordering::SeqCst) <= 8 + slots.len());
-            let refuse = |i, _: &mut ()| if i == 3 { Err(i) } else { Ok(()) };
-            assert_eq!(in_order(&mut slots, 1000, |_, _| Ok(()), refuse), Err(3));
+            let refuse = |i, (): &mut ()| if i == 3 { Err(i) } else { Ok(()) };
+            assert_eq!(in_order(&mut slots, 1000, |_, ()| Ok(()), refuse), Err(3));
         }
     }
 
@@ -250,7 +250,7 @@ mod tests {
                     &mut slots,
                     1000,
                     |i, ()| if i < 50 { Ok(()) } else { panic!("{i}") },
-                    |_, _| Ok::<(), ()>(()),
+                    |_, ()| Ok::<(), ()>(()),
                 )
             };
             assert!(catch_unwind(AssertUnwindSafe(run)).is_err());

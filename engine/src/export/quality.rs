@@ -1,4 +1,5 @@
-//! The quality of a packing as a document: whether it is random, by the measures of [`crate::analysis::quality`].
+//! The quality of a packing as a document: whether it is random, by the measures of
+//! [`quality`](crate::analysis::quality()).
 
 use std::io::Write;
 

@@ -1,8 +1,8 @@
 //! Allocations of known size that may fail.
 //!
 //! The standard containers end the process when the system refuses them memory. What a run allocates in proportion to
-//! its grains or cells is reserved here first, so that a refusal ends the run and not the process. Large blocks are asked
-//! for as huge pages ([`pages`]).
+//! its grains or cells is reserved here first, so that a refusal ends the run and not the process. Large blocks are
+//! asked for as huge pages ([`pages`]).
 
 mod pages;
 

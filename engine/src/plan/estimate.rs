@@ -4,9 +4,10 @@
 
 use serde::Serialize;
 
-use super::model::{Features, LIKELY, STALL_EVENTS, bisect};
+use super::model::{self, Features, LIKELY, STALL_EVENTS, bisect};
 use super::shapes;
 use crate::distance::DistanceRule;
+use crate::methods::edmd::Expected;
 use crate::mix::GradedMix;
 use crate::request::{
     Boundary, Distance, EdmdOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
@@ -109,9 +110,17 @@ impl<'a> Case<'a> {
         }
     }
 
-    /// Events per grain that growth to the target is expected to take, at most those of a stall.
-    pub(super) fn growth_events_per_grain(&self) -> f64 {
-        self.features.events_per_grain(self.filled, self.grains).min(STALL_EVENTS)
+    /// What growth of spheres to the target is expected to take, at most the events of a stall.
+    pub(super) fn growth(&self) -> Expected {
+        let (features, grains) = (&self.features, self.grains);
+        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
+        let start_fraction = features.growth_start(if maximize { f64::INFINITY } else { self.filled });
+        Expected {
+            start_fraction,
+            start_work: features.rsa_time_s(start_fraction.min(self.filled), grains, None)
+                / (grains * model::event_s(grains)),
+            events_per_grain: features.events_per_grain(self.filled, grains).min(STALL_EVENTS),
+        }
     }
 
     /// What the method of the request is likely to do.

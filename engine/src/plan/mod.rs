@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::distance::DistanceRule;
 use crate::error::PlanError;
-use crate::methods::edmd::MAX_GRAINS;
+use crate::methods::edmd::{Expected, MAX_GRAINS};
 use crate::methods::monte_carlo;
 use crate::methods::rsa::MAX_PLACED;
 use crate::mix::sieve::sieve_classes;
@@ -82,10 +82,10 @@ pub struct Plan {
     pub classes: Vec<ClassPlan>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
-    /// Events per grain that growth to the target is expected to take, at most those of a stall.
+    /// Where growth of spheres starts, and what it is expected to take.
     #[serde(skip)]
     #[cfg_attr(feature = "openapi", schema(ignore))]
-    pub(crate) growth_events_per_grain: f64,
+    pub(crate) growth: Expected,
     /// Whether a run that is cut can go on from a checkpoint: it grows, and random sequential addition of the full
     /// sizes is not tried before.
     #[serde(skip)]
@@ -136,16 +136,12 @@ mod cost {
     pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 370.0;
 }
 
-/// Memory of a run in bytes. `crowding` is the requested volume fraction over that which random sequential addition
-/// reaches;
-/// growth starts from a loose placing.
+/// Memory of a run in bytes. `crowding` is the volume fraction that is placed at random, which growth starts from, over
+/// that which random sequential addition reaches.
 fn memory_bytes(grains: f64, crowding: f64, grows: bool) -> u64 {
     let crowded = ((crowding.min(1.0) - 0.75) / 0.25).max(0.0).powi(2);
-    let per_grain = if grows {
-        cost::BYTES_PER_GROWING_GRAIN
-    } else {
-        cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * crowded
-    };
+    let placing = cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * crowded;
+    let per_grain = if grows { placing.max(cost::BYTES_PER_GROWING_GRAIN) } else { placing };
     (cost::BYTES + grains * per_grain) as u64
 }
 
@@ -199,7 +195,10 @@ impl Plan {
         let is_maximized =
             matches!((&request.method, &request.distance), (Method::Auto {}, Distance::Maximize { .. }));
         let memory_bytes = match &mix.shapes {
-            None => memory_bytes(grains, case.filled / case.features.rsa_limit(None), grows),
+            None => {
+                let placed = if grows { case.growth().start_fraction.min(case.filled) } else { case.filled };
+                memory_bytes(grains, placed / case.features.rsa_limit(None), grows)
+            }
             Some(of_grains) => (cost::BYTES + grains * shapes::bytes_per_grain(of_grains)) as u64,
         };
         check_limits(&mix, grains, memory_bytes, limits)?;
@@ -228,7 +227,7 @@ impl Plan {
             extrapolations: case.extrapolations(),
             classes,
             warnings,
-            growth_events_per_grain: case.growth_events_per_grain(),
+            growth: case.growth(),
             keeps_checkpoints: grows || is_maximized,
             places_first,
         })

@@ -6,6 +6,7 @@
 //! sizes, walls and limits; it must never pack.
 
 use super::rods::random_close;
+use crate::methods::edmd::MOST_START;
 use crate::request::EdmdOptions;
 
 /// Random sequential addition: `-ln(1 - phi)` at its end is linear in moments of the sizes.
@@ -36,35 +37,54 @@ mod rsa {
 
 /// Growth: jamming as a share of random close packing, and events per grain as a power law of the gap.
 mod growth {
-    pub(super) const BULK: f64 = 1.1018;
+    pub(super) const BULK: f64 = 1.1197;
     /// Per share of walls, and its square.
-    pub(super) const WALLS: f64 = -0.087;
-    pub(super) const WALLS_SQUARED: f64 = -0.0065;
+    pub(super) const WALLS: f64 = -0.1241;
+    pub(super) const WALLS_SQUARED: f64 = 0.05;
     /// Equal grains have nothing to exchange.
-    pub(super) const EQUAL: f64 = -0.0414;
+    pub(super) const EQUAL: f64 = -0.0106;
     /// Spread of ln(d) up to which grains are as good as equal.
     pub(super) const EQUAL_SPREAD: f64 = 0.05;
     /// Per cube root of the number of grains.
-    pub(super) const FEW: f64 = -0.3126;
+    pub(super) const FEW: f64 = -0.3678;
     /// ln of events per grain: at no gap and full size,
-    pub(super) const EVENTS: f64 = -1.4014;
+    pub(super) const EVENTS: f64 = -1.8665;
     /// per ln of the gap,
-    pub(super) const GAP: f64 = -2.6771;
-    /// and per ln of the volume fraction over that of jamming.
-    pub(super) const FILLED: f64 = 3.6741;
+    pub(super) const GAP: f64 = -3.6566;
+    /// per ln of the volume fraction over that of jamming,
+    pub(super) const FILLED: f64 = -4.7432;
+    /// and per ln of the share of the volume that is still to grow at the start.
+    pub(super) const TO_GROW: f64 = 1.5492;
     /// Standard error of ln(events).
-    pub(super) const ERROR: f64 = 0.5;
+    pub(super) const ERROR: f64 = 0.4;
     /// Events per grain beyond which, by this power law, few runs of the studies succeeded: it is flatter near
     /// its end than they are.
     pub(super) const LAST_SUCCESS: f64 = 2000.0;
     /// Events per grain at which growth is usually found to have stalled.
     pub(super) const STALL: f64 = 4000.0;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
-    pub(super) const EVENT_US: f64 = 0.71;
+    pub(super) const EVENT_US: f64 = 0.56;
     pub(super) const EVENT_CACHE: f64 = 0.39;
-    /// What the start costs per grain, random placing included, likewise.
-    pub(super) const START_US: f64 = 19.1;
+    /// What the start costs per grain beside the random placing, likewise.
+    pub(super) const START_US: f64 = 1.87;
     pub(super) const START_CACHE: f64 = 0.25;
+}
+
+/// Where growth starts, as a share of the limit of random sequential addition: where the time of both together was
+/// least in measurements (`docs/estimates.md`, "Start of growth").
+mod start {
+    /// For a target at this share of the limit,
+    pub(super) const TARGET: f64 = 0.867;
+    /// the share is this,
+    pub(super) const SHARE: f64 = 0.75;
+    /// more by this per share of the target,
+    pub(super) const PER_TARGET: f64 = 0.9;
+    /// and per ln of the ratio of diameters above this one: events cost more in wide mixes.
+    pub(super) const PER_RATIO: f64 = 0.107;
+    pub(super) const RATIO: f64 = 8.0;
+    /// Bounds of the share. Beyond the upper one random placing begins to fail.
+    pub(super) const LEAST: f64 = 0.7;
+    pub(super) const MOST: f64 = 0.88;
 }
 
 /// Grains that stay in the cache.
@@ -128,6 +148,21 @@ impl Features {
         (1.0 - (-voids).exp() - rsa::PER_DECADE_OF_ATTEMPTS * fewer).max(0.05)
     }
 
+    /// Volume fraction, coating included, up to which random placing is cheaper than growth to a target; an infinite
+    /// target stands for the largest distance.
+    pub(crate) fn growth_start(&self, filled: f64) -> f64 {
+        let limit = self.rsa_limit(None);
+        let wide = (self.ratio / start::RATIO).max(1.0).ln();
+        let by_target = start::PER_TARGET * (filled / limit - start::TARGET);
+        let share = start::SHARE + by_target + start::PER_RATIO * wide;
+        limit * share.clamp(start::LEAST, start::MOST)
+    }
+
+    /// Volume fraction, coating included, from which growth to a target starts.
+    fn starts_from(&self, filled: f64) -> f64 {
+        self.growth_start(filled).min(MOST_START.powi(3) * filled)
+    }
+
     /// Volume fraction, coating included, at which so many growing grains jam.
     pub(crate) fn jamming(&self, grains: f64) -> f64 {
         let equal = (-(self.spread / growth::EQUAL_SPREAD).powi(2)).exp();
@@ -146,7 +181,9 @@ impl Features {
         if share >= 1.0 {
             return f64::INFINITY;
         }
-        (growth::EVENTS + growth::GAP * (1.0 - share).ln() + growth::FILLED * share.ln()).exp()
+        let to_grow = 1.0 - self.starts_from(filled) / filled;
+        let at_jamming = growth::EVENTS + growth::GAP * (1.0 - share).ln() + growth::FILLED * share.ln();
+        (at_jamming + growth::TO_GROW * to_grow.ln()).exp()
     }
 
     /// Time of random sequential addition in s, to its end or its success.
@@ -182,7 +219,8 @@ impl Features {
     pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
         let most = growth::STALL.min(Self::events_allowed(grains, options));
         let events = self.events_per_grain(filled, grains).min(most);
-        grains * (start_s(grains) + events * event_s(grains))
+        let placing_s = self.rsa_time_s(self.starts_from(filled), grains, None);
+        placing_s + grains * (start_s(grains) + events * event_s(grains))
     }
 
     /// Volume fraction up to which growth succeeds with a probability of 90 % within the options.
@@ -225,7 +263,7 @@ pub(crate) const STALL_EVENTS: f64 = growth::STALL;
 /// What counts as likely.
 pub(crate) const LIKELY: f64 = 0.9;
 
-fn event_s(grains: f64) -> f64 {
+pub(super) fn event_s(grains: f64) -> f64 {
     growth::EVENT_US * 1e-6 * beyond_cache(grains, growth::EVENT_CACHE)
 }
 

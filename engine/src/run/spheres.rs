@@ -8,7 +8,7 @@ use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::memory::{OutOfMemory, collected, copied};
-use crate::methods::edmd::{Edmd, Interrupted};
+use crate::methods::edmd::{Edmd, Expected, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, sphere_volume};
 use crate::packing::{Grains, MethodUsed, Spheres, Statistics};
@@ -49,7 +49,7 @@ pub(super) struct Job<'a> {
     pub(super) diameters: &'a [f64],
     /// The aggregate of each; empty where the mix names none.
     pub(super) aggregate: &'a [u16],
-    pub(super) growth_events_per_grain: f64,
+    pub(super) growth: Expected,
 }
 
 /// Packs spheres of these diameters by the method of the request, from a checkpoint where there is one.
@@ -121,12 +121,8 @@ impl Job<'_> {
         resume: Option<Resume>,
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
-        let edmd = Edmd {
-            request: self.request,
-            options,
-            diameters_mm: self.diameters,
-            expected_events_per_grain: self.growth_events_per_grain,
-        };
+        let edmd =
+            Edmd { request: self.request, options, diameters_mm: self.diameters, expected: self.growth };
         let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
             Interrupted::Stopped => stopped(self.diameters.len(), self.diameters.len()),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },

@@ -77,7 +77,7 @@ fn pairs_made_by_hand_are_counted() {
     ];
     let found = measured(grains, &specimen);
     assert!(
-        (found.near_gap_mm - 0.05105).abs() < 1e-9 && (found.contact_gap_mm - 0.003002).abs() < 1e-9,
+        (found.near_gap_mm - 0.05105).abs() < 1e-9 && (found.contact_gap_mm - 0.003_002).abs() < 1e-9,
         "{found:?}"
     );
     assert_eq!((found.near_per_grain, found.contacts_per_grain), (1.0, 0.5));

@@ -1,6 +1,6 @@
 //! Bond order: whether the directions to neighbours repeat, as in a crystal.
 //!
-//! A *bond* joins grains of like size (ratio of the diameters at most [`LIKE_RATIO`](super::contacts::LIKE_RATIO))
+//! A *bond* joins grains of like size (ratio of the diameters at most [`LIKE_RATIO`])
 //! whose centres are closer than [`REACH`] mean diameters, each with the smallest gap of the packing, which takes the
 //! first shell of neighbours in fcc, hcp and simple cubic crystals. Steinhardt, Nelson and Ronchetti (Physical Review B
 //! 28, 1983, [10.1103/PhysRevB.28.784](https://doi.org/10.1103/PhysRevB.28.784)):

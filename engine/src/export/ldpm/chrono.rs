@@ -37,7 +37,7 @@ struct Summary<'a> {
 /// What a file is about, and how much there is of it.
 struct Title<'a> {
     suffix: &'a str,
-    title: &'a str,
+    heading: &'a str,
     columns: &'a str,
     notes: &'a [&'a str],
     /// Number of what it lists.
@@ -50,7 +50,7 @@ impl Title<'_> {
     fn write(&self, text: &mut Vec<u8>) -> io::Result<()> {
         let rule = "// ================================================================================";
         writeln!(text, "{rule}\n// Packstone {}: lattice discrete particle model\n{rule}", crate::VERSION)?;
-        writeln!(text, "// {}\n//\n// Data Structure:\n// {}", self.title, self.columns)?;
+        writeln!(text, "// {}\n//\n// Data Structure:\n// {}", self.heading, self.columns)?;
         for note in self.notes {
             writeln!(text, "// {note}")?;
         }
@@ -161,7 +161,7 @@ fn write_nodes(lattice: &Lattice, archive: &mut Archive<'_>, steps: &Steps<'_>) 
     let nodes = &lattice.nodes;
     let title = Title {
         suffix: "nodes",
-        title: "Nodes",
+        heading: "Nodes",
         columns: "X Y Z",
         notes: &["One line per node: those of the surface first, then grains"],
         items: nodes.len(),
@@ -173,7 +173,7 @@ fn write_nodes(lattice: &Lattice, archive: &mut Archive<'_>, steps: &Steps<'_>) 
     })?;
     let title = Title {
         suffix: "particles",
-        title: "Grains",
+        heading: "Grains",
         columns: "n x y z d",
         notes: &["One line per grain; n counts grains, not nodes, and d is the diameter"],
         items: nodes.len() - nodes.boundary,
@@ -196,7 +196,7 @@ fn write_topology(
 ) -> Result<(), ExportError> {
     let title = Title {
         suffix: "tets",
-        title: "Tetrahedra",
+        heading: "Tetrahedra",
         columns: "Node1 Node2 Node3 Node4",
         notes: &["One line per tetrahedron, det(x2 - x1, x3 - x1, x4 - x1) > 0"],
         items: lattice.tets.len(),
@@ -208,7 +208,7 @@ fn write_topology(
     })?;
     let title = Title {
         suffix: "edges",
-        title: "Edges",
+        heading: "Edges",
         columns: "Node1 Node2",
         notes: &["One line per edge, lower node first"],
         items: lattice.topology.edge_ends.len(),
@@ -222,7 +222,7 @@ fn write_topology(
     faces.extend(topology::boundary(&lattice.tets, &lattice.neighbors));
     let title = Title {
         suffix: "faceFacets",
-        title: "Facets on the surface",
+        heading: "Facets on the surface",
         columns: "n x1 y1 z1 x2 y2 z2 x3 y3 z3",
         notes: &[
             "Six lines per triangle of the surface, two for each of its nodes n; corners in outward order",
@@ -244,7 +244,7 @@ fn write_topology(
 fn write_facets(lattice: &Lattice, archive: &mut Archive<'_>, steps: &Steps<'_>) -> Result<(), ExportError> {
     let title = Title {
         suffix: "facets",
-        title: "Facets",
+        heading: "Facets",
         columns: "Tet IDx IDy IDz Vol pArea cx cy cz px py pz qx qy qz sx sy sz mF",
         notes: &[
             "One line per facet, twelve per tetrahedron in its order",
@@ -289,14 +289,15 @@ fn write_vertices(
 ) -> Result<(), ExportError> {
     let title = Title {
         suffix: "facetsVertices",
-        title: "Vertices of the facets",
+        heading: "Vertices of the facets",
         columns: "X Y Z",
         notes: &["Three lines per facet: the points of its tetrahedron, face and edge"],
         items: lattice.tets.len(),
         numbers: 12 * 3 * 3,
     };
     add(archive, steps, &title, |t, text| {
-        // Facets share their corners, those of the tetrahedron, its faces and its edges: a line is made once and copied.
+        // Facets share their corners, those of the tetrahedron, its faces and its edges: a line is made once and
+        // copied.
         let mut lines: [Range<usize>; 11] = std::array::from_fn(|_| 0..0);
         for (facet, [edge, face]) in Tet::new(&lattice.nodes, lattice.tets[t]).facets().zip(FACETS) {
             for (vertex, corner) in facet.vertices.iter().zip([0, 1 + face, 5 + edge]) {

@@ -65,8 +65,7 @@ pub fn write(
                 match piece.checked_sub(1) {
                     None => begin(stl, name, triangles),
                     Some(piece) => {
-                        pieces
-                            .rows(&mesh, piece)
+                        Pieces::rows(&mesh, piece)
                             .filter(is_in)
                             .for_each(|row| put_grain(stl, &mesh, row, false));
                     }
@@ -91,7 +90,7 @@ pub fn write(
                     }
                 }
                 Some(piece) => {
-                    pieces.rows(&mesh, piece - of_shell).for_each(|row| put_grain(stl, &mesh, row, true));
+                    Pieces::rows(&mesh, piece - of_shell).for_each(|row| put_grain(stl, &mesh, row, true));
                 }
             }
             Ok(())
@@ -122,7 +121,7 @@ impl Pieces {
         }
     }
 
-    fn rows(&self, mesh: &Mesh, piece: usize) -> Range<usize> {
+    fn rows(mesh: &Mesh, piece: usize) -> Range<usize> {
         let first_from = |triangle: usize| match triangle {
             0 => 0,
             // A grain begins where the one before it ends.

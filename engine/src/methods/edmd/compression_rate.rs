@@ -3,18 +3,21 @@
 //! The rate is that of the growth of the mean radius over the thermal velocity (Lubachevsky and Stillinger 1990, DOI
 //! 10.1007/BF01025983). It is constant while grains are loose. Then the pressure `Z` tells how far the packing is from
 //! jamming in its present structure, and the distance to jamming is compared with the growth that the target still
-//! needs. Where it is longer, growth remains fast. Where it is not, the product of rate and pressure is a low constant:
-//! grains rearrange and are swapped about as fast as they grow, and the volume fraction of jamming rises. A constant
-//! product also closes the gaps of a jammed packing by the same factor for the same number of collisions.
+//! needs. Where it is longer, growth remains fast. Where it is not, the product of rate and pressure is low, and the
+//! lower the further the target lies beyond jamming: grains rearrange and are swapped faster than they grow, and the
+//! volume fraction of jamming rises. While the pressure is so high that hardly anything rearranges, gaps are closed at
+//! a constant rate.
 
 /// Compression rate while grains are loose, where the request names none.
 pub(crate) const LOOSE_RATE: f64 = 0.1;
 /// Pressure up to which they are.
 const LOOSE: f64 = 40.0;
-/// Product of rate and pressure where the packing jams before its target.
-const SLOW: f64 = 0.12;
-/// How steeply the product rises with the distance to jamming.
-const DISTANCE_EXPONENT: i32 = 8;
+/// Product of rate and pressure where the packing jams just at its target.
+const SLOW: f64 = 0.3;
+/// How steeply the product rises with the distance to jamming,
+const DISTANCE_EXPONENT: i32 = 12;
+/// and the least share of it where the target lies far beyond jamming: slower growth would take long to give up.
+const LEAST_SLOW: f64 = 0.15;
 /// Fewer grains than this have fewer ways to rearrange: they grow more slowly in proportion, and by its
 /// square while they are loose and without a target, for it is then that they order;
 const MANY_GRAINS: f64 = 500.0;
@@ -23,9 +26,9 @@ const FEW_GRAINS: f64 = 27.0;
 /// Share of the loose rate at which equal grains grow to the largest distance: they have nothing to
 /// exchange, and order is all that makes them denser.
 const EQUAL_GRAINS: f64 = 0.02;
-/// Pressure past which the structure is taken as it is,
+/// Pressure above which hardly anything rearranges,
 const FROZEN: f64 = 1500.0;
-/// and the rate at which its gaps close.
+/// and the least rate there, at which gaps close.
 const CLOSING_RATE: f64 = 0.01;
 
 /// Chooses the rate from the pressure.
@@ -33,13 +36,12 @@ const CLOSING_RATE: f64 = 0.01;
 pub(crate) struct CompressionRate {
     loose: f64,
     slow: f64,
-    frozen: bool,
 }
 
 impl CompressionRate {
     /// The rate of so many grains towards a target, `loose` while they are loose.
     pub(crate) fn new(loose: f64, grains: usize) -> Self {
-        Self { loose, slow: SLOW * few(grains), frozen: false }
+        Self { loose, slow: SLOW * few(grains) }
     }
 
     /// The rate towards the largest distance, of grains that may be all equal.
@@ -48,24 +50,19 @@ impl CompressionRate {
         Self { loose: self.loose * if equal { few.min(EQUAL_GRAINS) } else { few }, ..self }
     }
 
-    /// The same rate for a structure that was, or was not, found frozen before.
-    pub(crate) fn with_frozen(self, frozen: bool) -> Self {
-        Self { frozen, ..self }
-    }
-
-    /// Whether the structure was found frozen; it stays so.
-    pub(crate) fn is_frozen(&self) -> bool {
-        self.frozen
+    /// The rate while grains are loose.
+    pub(crate) fn loose(&self) -> f64 {
+        self.loose
     }
 
     /// The rate for the next cycle, at a [`distance_to_jamming`].
-    pub(crate) fn next(&mut self, reduced_pressure: f64, distance_to_jamming: f64) -> f64 {
-        self.frozen |= reduced_pressure > FROZEN;
-        if reduced_pressure < LOOSE && !self.frozen {
+    pub(crate) fn next(&self, reduced_pressure: f64, distance_to_jamming: f64) -> f64 {
+        if reduced_pressure < LOOSE {
             return self.loose;
         }
-        let slow = self.slow * distance_to_jamming.max(1.0).powi(DISTANCE_EXPONENT) / reduced_pressure;
-        self.loose.min(if self.frozen { slow.max(CLOSING_RATE) } else { slow })
+        let by_distance = distance_to_jamming.max(0.0).powi(DISTANCE_EXPONENT).max(LEAST_SLOW);
+        let slow = self.slow * by_distance / reduced_pressure;
+        self.loose.min(if reduced_pressure > FROZEN { slow.max(CLOSING_RATE) } else { slow })
     }
 }
 
@@ -93,13 +90,16 @@ mod tests {
 
     #[test]
     fn growth_slows_down_with_pressure() {
-        let mut rate = CompressionRate::new(0.1, 10_000);
+        let rate = CompressionRate::new(0.1, 10_000);
         assert_eq!(rate.next(2.0, 1.0), 0.1);
-        assert!((rate.next(1000.0, 0.5) - SLOW / 1000.0).abs() < 1e-12);
+        assert!((rate.next(1000.0, 1.0) - SLOW / 1000.0).abs() < 1e-12);
+        assert!((rate.next(1000.0, 0.98) - SLOW * 0.98_f64.powi(DISTANCE_EXPONENT) / 1000.0).abs() < 1e-12);
+        assert!((rate.next(1000.0, 0.1) - SLOW * LEAST_SLOW / 1000.0).abs() < 1e-12);
         assert!(rate.next(1000.0, 1.5) > 10.0 * rate.next(1000.0, 1.0));
         assert_eq!(rate.next(1000.0, 1e9), 0.1);
         assert_eq!(rate.next(1e4, 1.0), CLOSING_RATE);
-        assert!(rate.is_frozen());
+        // A structure that yields again is given time again.
+        assert!(rate.next(1000.0, 0.5) < CLOSING_RATE);
         assert!(CompressionRate::new(0.1, 50).without_target(50, false).next(2.0, 1.0) < 0.0011);
     }
 

@@ -8,7 +8,8 @@ use super::contact::fall_to_zero;
 use super::container::HOME;
 use super::growth::Growth;
 use super::queue::{Entry, READ_AHEAD};
-use super::system::{Hot, Next, System, unpack};
+use super::records::Hot;
+use super::system::{Next, System, unpack};
 use crate::cpu::{InstructionSet, Lanes, prefetch, with_instruction_set};
 use crate::memory::{OutOfMemory, refill};
 

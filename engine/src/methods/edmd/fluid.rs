@@ -116,7 +116,7 @@ impl Fluid {
 
     /// Centres in the box, whose edge is the second.
     pub fn centers_mm(&self) -> (Vec<[f64; 3]>, f64) {
-        let wrap = |hot: &super::system::Hot| self.system.container.wrap(hot.position);
+        let wrap = |hot: &super::records::Hot| self.system.container.wrap(hot.position);
         (self.system.hot.iter().map(wrap).collect(), self.system.container.bounds_mm()[0])
     }
 

@@ -6,9 +6,10 @@
 //! 2005, DOI 10.1016/j.jcp.2004.08.014).
 //!
 //! From the inside out: `contact` has the closed forms, `growth` how contact distances change in a compression cycle,
-//! `container` the walls, `grid`, `system` and `queue` find and order what can happen, `events` makes it happen, `swap`
-//! exchanges grains between cycles, `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule
-//! grows, `run` strings cycles together, and `exact_fit` ends the growth of grains that fit exactly.
+//! `container` the walls, `records` what is kept of a grain; `grid`, `skin`, `shortlist`, `system` and `queue` find and
+//! order what can happen, `scan` and `events` make it happen, `swap` exchanges grains between cycles,
+//! `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule grows, `run` strings cycles
+//! together, and `exact_fit` ends the growth of grains that fit exactly.
 
 // The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
 #![allow(clippy::inline_always)]
@@ -25,7 +26,9 @@ mod grid;
 mod growth;
 mod growth_protocol;
 mod queue;
+mod records;
 mod run;
+mod scan;
 mod shortlist;
 mod skin;
 mod state;
@@ -58,21 +61,27 @@ use tolerances::{BEYOND_TARGET, EXACT_FIT};
 /// Components of the initial velocities are uniform in plus minus this, where the request names
 /// nothing else.
 pub(crate) const INITIAL_VELOCITY_MM_PER_S: f64 = 0.5;
-/// Volume fraction, coating included, that growth starts from where the request names no scale: what
-/// random placing reaches in no time.
-const START_FRACTION: f64 = 0.52;
-/// Share of the limit of random placing that it reaches in no time.
-const EASY_SHARE: f64 = 0.8;
-/// Largest scale to start from without being told.
-const MOST_START: f64 = 0.98;
+/// Largest scale to start from where the request names none.
+pub(crate) const MOST_START: f64 = 0.985;
 /// Attempts per grain of the random placing that growth starts from.
 const START_ATTEMPTS: u64 = 20_000;
 /// A start that finds no place for a grain is tried again at this share of its size.
-const SMALLER_START: f64 = 0.95;
+const SMALLER_START: f64 = 0.97;
 /// Memory of a grain with its lists and events, in bytes.
 const BYTES_PER_GRAIN: usize = 300;
 /// Starts that are tried.
 const STARTS: u32 = 60;
+
+/// What a run of growth is expected to take, from the model of `docs/estimates.md`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Expected {
+    /// Volume fraction, coating included, up to which random placing is cheaper than growth.
+    pub(crate) start_fraction: f64,
+    /// Work of the random placing, in events per grain.
+    pub(crate) start_work: f64,
+    /// Events per grain that growth from there to the target takes.
+    pub(crate) events_per_grain: f64,
+}
 
 /// What growth is asked for.
 pub(crate) struct Edmd<'a> {
@@ -80,8 +89,7 @@ pub(crate) struct Edmd<'a> {
     pub(crate) options: EdmdOptions,
     /// Diameters from the largest down, in mm.
     pub(crate) diameters_mm: &'a [f64],
-    /// Events per grain that growth to the target is expected to take.
-    pub(crate) expected_events_per_grain: f64,
+    pub(crate) expected: Expected,
 }
 
 /// Why it came to no end of its own.
@@ -125,7 +133,7 @@ impl Edmd<'_> {
             options: self.options,
             diameters_mm: self.diameters_mm,
             control,
-            expected_events_per_grain: self.expected_events_per_grain,
+            expected: self.expected,
             preference: Preference::new(self.request, self.diameters_mm),
             moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
             started: Instant::now(),
@@ -219,8 +227,7 @@ impl Edmd<'_> {
         let volume = self.request.specimen.volume_mm3();
         let fraction = protocol.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
         let mut rng = stream(self.request.seed, Stream::Rsa);
-        let ratio = protocol.radii_mm[0] / protocol.radii_mm[protocol.radii_mm.len() - 1];
-        let quickly = START_FRACTION.min(EASY_SHARE * rsa::saturation(ratio));
+        let quickly = self.expected.start_fraction;
         let mut scale = match self.options.initial_scale {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
@@ -228,7 +235,7 @@ impl Edmd<'_> {
             None => (quickly / fraction).cbrt().min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
-        let share = start_share(self.expected_events_per_grain, CYCLE_EVENTS_PER_GRAIN as f64);
+        let share = start_share(&self.expected, CYCLE_EVENTS_PER_GRAIN as f64);
         let control = Part::new(frame.control, 0.0, share);
         for _ in 0..STARTS {
             let placing = Rsa {

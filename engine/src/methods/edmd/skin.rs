@@ -7,7 +7,7 @@
 //!
 //! The sizes are taken by classes, two for each power of two.
 
-use super::system::{Cold, Hot};
+use super::records::{Cold, Hot};
 
 /// Rebuilds per collision that the first skins aim at. Lists are longest in the first cycles, where a cycle has few
 /// collisions; with fewer rebuilds, wide mixes spend more on their lists than they save.

@@ -15,7 +15,6 @@
 
 mod cells;
 mod free_space;
-mod saturation;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -32,7 +31,6 @@ use crate::specimen::Region;
 pub(crate) use cells::MAX_PLACED;
 use cells::{CellBuffers, Cells, Placed};
 use free_space::{Draw, FreeSpace, Served, VoxelBuffers};
-pub(crate) use saturation::saturation;
 
 /// A segment ends when the exclusion diameter of a new grain has fallen to this share of the first.
 const SEGMENT_RATIO: f64 = 0.75;

@@ -5,8 +5,9 @@ use std::io::{self, Write};
 use super::{CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
 use crate::memory::{collected, filled};
 use crate::methods::edmd::growth_protocol::GrowthProtocol;
+use crate::methods::edmd::records::Cold;
 use crate::methods::edmd::state::{Decoder, Encoder};
-use crate::methods::edmd::system::{Cold, Counts};
+use crate::methods::edmd::system::Counts;
 use crate::methods::edmd::tolerances::BEYOND_TARGET;
 use crate::packing::{GrowthPoint, RsaStatistics};
 
@@ -17,7 +18,6 @@ impl Run {
         let counts = self.system.counts;
         for value in [
             u64::from(self.stage == Stage::Length),
-            u64::from(self.compression_rate.is_frozen()),
             self.compression_cycles,
             self.rescalings,
             self.pinned_grains,
@@ -80,7 +80,6 @@ impl Run {
         let mut input = Decoder(body);
         let mut whole = || input.u64();
         let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
-        let frozen = whole()? == 1;
         let (cycles, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
         let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
         let counts = Counts {
@@ -106,7 +105,6 @@ impl Run {
         run.fraction = input.f64()?;
         run.earlier_s = input.f64()?;
         (run.rsa, run.rsa_s) = (rsa, input.f64()?);
-        run.compression_rate = run.compression_rate.with_frozen(frozen);
         (run.compression_cycles, run.rescalings, run.pinned_grains) = (cycles, rescalings, pinned_grains);
         (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
         run.resumes = resumes + 1;

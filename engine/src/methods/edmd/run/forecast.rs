@@ -16,8 +16,10 @@
 
 use std::collections::VecDeque;
 
-/// Work before the first event: random insertion and the first predictions.
-const START: f64 = 8.0;
+use crate::methods::edmd::Expected;
+
+/// Work before the first event besides the random placing: the first lists and predictions.
+const START: f64 = 2.0;
 /// Work between two compression cycles: swaps, rebuilt lists and predictions.
 const CYCLE: f64 = 1.8;
 /// Standard error of the model's total, as a share of it.
@@ -54,7 +56,9 @@ struct Point {
 /// Prediction of the work of one run.
 #[derive(Clone, Debug)]
 pub(super) struct Forecast {
-    /// Events per grain that the model expects.
+    /// Work before the first event,
+    start: f64,
+    /// and events per grain, as the model expects them.
     expected: f64,
     /// Ends of compression cycles that the trend is taken from, oldest first.
     points: VecDeque<Point>,
@@ -69,16 +73,18 @@ pub(super) struct Predicted {
     pub(super) likely: bool,
 }
 
-/// Share of a run's work that lies before the first event, where the model expects so many events per grain.
-pub(crate) fn start_share(expected: f64, events_per_cycle: f64) -> f64 {
-    START / (START + expected * (1.0 + CYCLE / events_per_cycle))
+/// Share of a run's work that lies before the first event.
+pub(crate) fn start_share(expected: &Expected, events_per_cycle: f64) -> f64 {
+    let start = START + expected.start_work;
+    start / (start + expected.events_per_grain * (1.0 + CYCLE / events_per_cycle))
 }
 
 impl Forecast {
-    /// A forecast of a run that the model expects to take so many events per grain.
-    pub(super) fn new(expected: f64) -> Self {
-        let expected = if expected.is_nan() { STALL_EVENTS } else { expected.clamp(1.0, STALL_EVENTS) };
-        Self { expected, points: VecDeque::new() }
+    /// A forecast of a run that the model expects to take so much.
+    pub(super) fn new(expected: &Expected) -> Self {
+        let events = expected.events_per_grain;
+        let events = if events.is_nan() { STALL_EVENTS } else { events.clamp(1.0, STALL_EVENTS) };
+        Self { start: START + expected.start_work, expected: events, points: VecDeque::new() }
     }
 
     /// Notes the end of a compression cycle: events per grain so far, and the volume over that at the target.
@@ -107,7 +113,7 @@ impl Forecast {
         } else {
             left / cycle_events
         };
-        let done = START + events + CYCLE * cycles;
+        let done = self.start + events + CYCLE * cycles;
         let fraction = done / (done + left + CYCLE * cycles_left);
         Predicted { fraction, likely: total <= LIKELY_EVENTS }
     }
@@ -145,10 +151,15 @@ impl Forecast {
 mod tests {
     use super::*;
 
+    /// Events of a run that starts at 0.52 of its volume.
+    fn expected(events_per_grain: f64) -> Expected {
+        Expected { start_fraction: 0.52, start_work: 6.0, events_per_grain }
+    }
+
     /// Follows a run whose events per growth are constant, where the model is wrong by a factor.
     fn followed(model_factor: f64) -> Vec<(f64, f64)> {
         let (total, from) = (400.0, FLAT_FROM);
-        let mut forecast = Forecast::new(model_factor * total);
+        let mut forecast = Forecast::new(&expected(model_factor * total));
         let mut found = Vec::new();
         forecast.note(0.0, from);
         for cycle in 1..80_u32 {
@@ -172,7 +183,7 @@ mod tests {
 
     #[test]
     fn a_run_that_hardly_grows_is_no_longer_likely() {
-        let mut forecast = Forecast::new(300.0);
+        let mut forecast = Forecast::new(&expected(300.0));
         forecast.note(0.0, 0.8);
         for cycle in 1..400_u32 {
             let events = 5.0 * f64::from(cycle);
@@ -184,10 +195,10 @@ mod tests {
 
     #[test]
     fn before_the_first_cycle_the_model_stands_alone() {
-        let predicted = Forecast::new(100.0).predict(0.0, 0.0, 5.0, 0.03);
-        assert!((predicted.fraction - start_share(100.0, 5.0)).abs() < 1e-12, "{predicted:?}");
+        let predicted = Forecast::new(&expected(100.0)).predict(0.0, 0.0, 5.0, 0.03);
+        assert!((predicted.fraction - start_share(&expected(100.0), 5.0)).abs() < 1e-12, "{predicted:?}");
         for odd in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
-            let predicted = Forecast::new(odd).predict(1.0, 1.0, 5.0, 0.03);
+            let predicted = Forecast::new(&expected(odd)).predict(1.0, 1.0, 5.0, 0.03);
             assert!((0.0..=1.0).contains(&predicted.fraction), "{predicted:?}");
         }
     }

@@ -12,6 +12,7 @@ mod report;
 use std::io::Write;
 use std::time::Instant;
 
+use super::Expected;
 use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
 use super::container::Container;
 use super::growth_protocol::GrowthProtocol;
@@ -36,7 +37,7 @@ pub(crate) const CYCLE_EVENTS_PER_GRAIN: u64 = 5;
 /// Fewest grains that a cycle is laid out for: smaller packings take more events per grain.
 const LEAST_CYCLE_GRAINS: u64 = 100;
 /// Largest relative growth in a cycle.
-const CYCLE_GROWTH: f64 = 0.01;
+const CYCLE_GROWTH: f64 = 0.02;
 /// Swaps tried per grain in a cycle.
 const SWAPS_PER_GRAIN: f64 = 10.0;
 /// Relative difference of sizes that swaps start with.
@@ -87,8 +88,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) options: EdmdOptions,
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) control: &'a dyn Control,
-    /// Events per grain that growth to the target is expected to take; progress is predicted from it.
-    pub(crate) expected_events_per_grain: f64,
+    /// What the run is expected to take; progress is predicted from it.
+    pub(crate) expected: Expected,
     pub(crate) moments: Moments,
     /// The gradient that swaps keep to.
     pub(crate) preference: Option<Preference>,
@@ -210,7 +211,7 @@ impl Run {
             rsa_s: 0.0,
             grow_started: Instant::now(),
             fraction: 0.0,
-            forecast: Forecast::new(frame.expected_events_per_grain),
+            forecast: Forecast::new(&frame.expected),
             curve: Vec::new(),
             curve_stride: 1,
         })
@@ -218,10 +219,8 @@ impl Run {
 
     /// Goes over from growth by scale, done, to growth by length.
     pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) {
-        self.compression_rate = self
-            .compression_rate
-            .with_frozen(false)
-            .without_target(protocol.radii_mm.len(), frame.of_equal_grains());
+        self.compression_rate =
+            self.compression_rate.without_target(protocol.radii_mm.len(), frame.of_equal_grains());
         self.stage = Stage::Length;
         self.size = 0.0;
         self.first_size = 0.0;
@@ -268,8 +267,10 @@ impl Run {
             ),
             Stage::Length => 1.0,
         };
-        let speed =
-            self.compression_rate.next(self.pressure, distance_to_jamming) * self.system.thermal_velocity();
+        let relative_speed = self.compression_rate.next(self.pressure, distance_to_jamming);
+        // Grains that grow as fast as loose ones need no swaps.
+        let swaps_help = relative_speed < self.compression_rate.loose();
+        let speed = relative_speed * self.system.thermal_velocity();
         let (growth, rate, left) = match self.stage {
             Stage::Scale => {
                 let alpha = speed / mean;
@@ -292,7 +293,7 @@ impl Run {
             self.pinned_grains += 1;
             unjam(&mut self.system, grain, UNJAM_TRIES, &mut rng);
         }
-        if frame.options.swap != Some(false) {
+        if swaps_help && frame.options.swap != Some(false) {
             let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
             swap::sweep(
                 &mut self.swaps,

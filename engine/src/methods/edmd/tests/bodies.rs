@@ -58,8 +58,8 @@ fn resumes(packing: &Packing) -> u64 {
     packing.report.statistics.edmd.unwrap().resumes
 }
 
-/// Numbers before the columns: 17 counts and 10 measures; then each column with its length in front.
-const HEAD_BYTES: usize = (17 + 10) * 8;
+/// Numbers before the columns: 16 counts and 10 measures; then each column with its length in front.
+const HEAD_BYTES: usize = (16 + 10) * 8;
 
 #[test]
 fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
@@ -69,7 +69,7 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
     let grains = u64::from_le_bytes(body[HEAD_BYTES..HEAD_BYTES + 8].try_into().unwrap()) as usize;
     assert_eq!(grains, whole.spheres().unwrap().len());
 
-    let measure = |index: usize| (17 + index) * 8;
+    let measure = |index: usize| (16 + index) * 8;
     let column = |index: usize| HEAD_BYTES + index * (8 + 8 * grains);
     let with = |at: usize, bytes: &[u8]| {
         let mut body = body.clone();
