@@ -385,7 +385,7 @@ async fn a_command_that_finds_no_memory_ends_with_its_code() {
     fs::write(folder.path().join("job.json"), job.to_string()).unwrap();
     let mut codes = Vec::new();
     // From a limit that the plan refuses to one that suffices: wherever memory ends, no signal ends the process.
-    for mib in (70..200).step_by(10) {
+    for mib in (70..200).step_by(5) {
         let mut command = Command::new("sh");
         let script =
             format!("ulimit -v {}; exec {} run job.json", mib << 10, env!("CARGO_BIN_EXE_packstone"));

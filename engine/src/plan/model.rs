@@ -135,6 +135,11 @@ impl Features {
         self.random_close
     }
 
+    /// Standard deviation of ln(d) by volume.
+    pub(crate) fn spread(&self) -> f64 {
+        self.spread
+    }
+
     /// Largest diameter over the smallest.
     pub(crate) fn ratio(&self) -> f64 {
         self.ratio

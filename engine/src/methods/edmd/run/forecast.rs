@@ -30,15 +30,15 @@ const MODEL_UPTO: f64 = 1.5;
 const TREND_ERROR: f64 = 0.25;
 /// and what is added to it early in a run, per event of the model that lies ahead of `EARLY` times those done.
 const EARLY_ERROR: f64 = 0.45;
-const EARLY: f64 = 2.5;
+const EARLY: f64 = 1.6;
 /// Share of the events so far, and least events per grain, from which the trend is taken.
 const TREND_SHARE: f64 = 0.3;
 const TREND_EVENTS: f64 = 10.0;
 /// Share of the target's volume above which events per growth are constant, the width of the rise below it, and how
 /// much is still to come at its start.
 const FLAT_FROM: f64 = 0.955;
-const RISE: f64 = 0.06;
-const RISE_BY: f64 = 1.5;
+const RISE: f64 = 0.03;
+const RISE_BY: f64 = 5.0;
 /// Least remaining work, as a share of the model's total, before the target is reached.
 const LEAST_LEFT: f64 = 0.02;
 /// Events per grain by which growth has usually stalled.
