@@ -7,7 +7,7 @@ use packstone_engine::export::{ExportRequest, ExportType, slice};
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::response::{Response, ResponseBuilder};
-use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, Type};
+use utoipa::openapi::schema::{AnyOfBuilder, ArrayBuilder, ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{IntoResponses, ToSchema};
 
@@ -52,7 +52,7 @@ fn with_files(description: &str) -> ResponseBuilder {
             let any = documents
                 .into_iter()
                 .fold(AnyOfBuilder::new(), |any, name| any.item(Ref::from_schema_name(name)));
-            RefOr::from(Schema::from(any.build()))
+            RefOr::from(Schema::from(any.item(table()).build()))
         } else {
             let file = ObjectBuilder::new().schema_type(Type::String).content_media_type(media_type);
             RefOr::from(Schema::from(file.build()))
@@ -60,4 +60,17 @@ fn with_files(description: &str) -> ResponseBuilder {
         response = response.content(media_type, ContentBuilder::new().schema(Some(schema)).build());
     }
     response
+}
+
+/// A table as JSON: `certificates` and `shapes`.
+fn table() -> ObjectBuilder {
+    let names = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(Type::String));
+    let values = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(SchemaType::AnyValue));
+    let rows = ArrayBuilder::new().items(values);
+    ObjectBuilder::new()
+        .description(Some("A table: what each column is, and one list of values for each row"))
+        .property("columns", names)
+        .required("columns")
+        .property("rows", rows)
+        .required("rows")
 }
