@@ -208,7 +208,13 @@ impl ServeOptions {
         let max_model_bytes = self.max_model_mib.map_or(max_memory_bytes, |mib| mib.saturating_mul(1 << 20));
         let shared = || threads_of_one(usize::from(self.export_workers));
         let export_threads = self.export_threads.unwrap_or_else(shared);
-        Limits { max_grains: self.max_grains, max_memory_bytes, max_model_bytes, export_threads }
+        Limits {
+            max_grains: self.max_grains,
+            max_memory_bytes,
+            max_model_bytes,
+            threads: NonZeroUsize::MIN,
+            export_threads,
+        }
     }
 
     /// What the jobs of an owner may take for whom the file of keys says nothing.
@@ -277,7 +283,13 @@ pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
 /// The limits of one packing that has the machine to itself.
 pub(crate) fn limits_of_one_packing(max_grains: u64) -> Limits {
     let max_memory_bytes = default_memory_bytes(1);
-    Limits { max_grains, max_memory_bytes, max_model_bytes: max_memory_bytes, export_threads: cores() }
+    Limits {
+        max_grains,
+        max_memory_bytes,
+        max_model_bytes: max_memory_bytes,
+        threads: cores(),
+        export_threads: cores(),
+    }
 }
 
 /// The command line, in which a variable of the environment that is empty counts as not set: `compose.yaml` sets such.

@@ -17,7 +17,7 @@ use crate::distance::DistanceRule;
 use crate::error::PlanError;
 use crate::methods::edmd::{Expected, MAX_GRAINS};
 use crate::methods::monte_carlo;
-use crate::methods::rsa::MAX_PLACED;
+use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, deviation};
 use crate::request::{Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
@@ -33,17 +33,20 @@ pub struct Limits {
     pub max_memory_bytes: u64,
     /// Most memory of one model of a packing, and longest file of one, in bytes.
     pub max_model_bytes: u64,
+    /// Most threads that compute one packing; the packing does not depend on their number.
+    pub threads: NonZeroUsize,
     /// Most threads that write one model of a packing; what they write does not depend on their number.
     pub export_threads: NonZeroUsize,
 }
 
 impl Default for Limits {
-    /// 20 million grains, 8 GB, one thread.
+    /// 20 million grains, 8 GB, one thread for each.
     fn default() -> Self {
         Self {
             max_grains: 20_000_000,
             max_memory_bytes: 8_000_000_000,
             max_model_bytes: 8_000_000_000,
+            threads: NonZeroUsize::MIN,
             export_threads: NonZeroUsize::MIN,
         }
     }
@@ -67,6 +70,9 @@ pub struct Plan {
     pub memory_bytes: u64,
     /// CPU time that the method of the request is likely to take, on a core of about 2 GHz.
     pub estimated_time_s: f64,
+    /// Most threads that the run has work for; one where all of its work is sequential.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 64))]
+    pub most_threads: u32,
     /// Probability that it reaches its target.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub success_probability: f64,
@@ -119,6 +125,8 @@ const EQUAL_SPHERES: f64 = 0.740_480_489_693_061;
 const VOIDS_EXPONENT: f64 = -0.4;
 /// Ratio of diameters up to which grains may order like equal ones.
 const NEARLY_EQUAL: f64 = 1.2;
+/// Most threads of one run: with more, the sequential share of the work is most of the time.
+const MOST_THREADS: u32 = 64;
 /// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near: the
 /// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
 const BEYOND_RANDOM: f64 = 1.12;
@@ -232,6 +240,7 @@ impl Plan {
             volume_fraction_with_coating: case.coated_mm3 / specimen_volume_mm3,
             memory_bytes,
             estimated_time_s: likely.time_s,
+            most_threads: most_threads(&mix, grains),
             success_probability: likely.success_probability,
             methods,
             proposal: None,
@@ -253,6 +262,11 @@ impl Plan {
         self.proposal = Some(case.proposal(&case.of_request(&self.methods)));
         self
     }
+}
+
+/// Threads that a run has work for: random addition of many spheres, and their check.
+fn most_threads(mix: &GradedMix, grains: f64) -> u32 {
+    if mix.shapes.is_none() && grains >= LEAST_SHARED_GRAINS as f64 { MOST_THREADS } else { 1 }
 }
 
 /// A list of diameters may have more volume than the specimen.

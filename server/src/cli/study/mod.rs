@@ -191,12 +191,13 @@ fn read_request(options: &Options) -> Result<serde_json::Value, Failure> {
 
 fn limits(options: &Options) -> Limits {
     let max_memory_bytes = default_memory_bytes(options.workers());
-    let export_threads = threads_of_one(options.workers());
+    let threads = threads_of_one(options.workers());
     Limits {
         max_grains: options.max_grains,
         max_memory_bytes,
         max_model_bytes: max_memory_bytes,
-        export_threads,
+        threads,
+        export_threads: threads,
     }
 }
 
