@@ -43,6 +43,7 @@ mod run;
 pub mod segregation;
 pub mod shape;
 pub mod specimen;
+mod threads;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
 pub use control::{Control, Growth, Phase, Progress, Unattended};

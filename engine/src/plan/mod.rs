@@ -20,7 +20,9 @@ use crate::methods::monte_carlo;
 use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, deviation};
-use crate::request::{Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Specimen};
+use crate::request::{
+    Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
+};
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
@@ -240,7 +242,7 @@ impl Plan {
             volume_fraction_with_coating: case.coated_mm3 / specimen_volume_mm3,
             memory_bytes,
             estimated_time_s: likely.time_s,
-            most_threads: most_threads(&mix, grains),
+            most_threads: most_threads(request, &mix, grains, grows),
             success_probability: likely.success_probability,
             methods,
             proposal: None,
@@ -264,9 +266,13 @@ impl Plan {
     }
 }
 
-/// Threads that a run has work for: random addition of many spheres, and their check.
-fn most_threads(mix: &GradedMix, grains: f64) -> u32 {
-    if mix.shapes.is_none() && grains >= LEAST_SHARED_GRAINS as f64 { MOST_THREADS } else { 1 }
+/// Threads that a run has work for: threads share the random addition of many spheres where they prefer no places.
+fn most_threads(request: &PackingRequest, mix: &GradedMix, grains: f64, grows: bool) -> u32 {
+    let is_shared = !grows
+        && mix.shapes.is_none()
+        && matches!(request.segregation, Segregation::None {})
+        && grains >= LEAST_SHARED_GRAINS as f64;
+    if is_shared { MOST_THREADS } else { 1 }
 }
 
 /// A list of diameters may have more volume than the specimen.

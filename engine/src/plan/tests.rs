@@ -124,3 +124,21 @@ fn a_cut_off_that_leaves_nothing_is_refused() {
         assert!(faults[0].detail.contains("9 mm leaves less than"), "{}", faults[0].detail);
     }
 }
+
+#[test]
+fn threads_have_work_where_many_spheres_are_placed_at_random() {
+    let most = |d_min_mm: f64, volume_fraction: f64, method: &str| {
+        let request = json!({
+            "specimen": {"type": "box", "size_mm": [60, 60, 60]},
+            "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": d_min_mm,
+                    "volume_fraction": volume_fraction},
+            "method": {"type": method},
+        });
+        let request = PackingRequest::from_json(&request, 1).unwrap();
+        Plan::new(&request, &Limits::default()).unwrap().most_threads
+    };
+    assert_eq!(most(0.5, 0.6, "rsa"), 64);
+    assert_eq!(most(0.5, 0.6, "auto"), 64);
+    assert_eq!(most(0.5, 0.6, "edmd"), 1);
+    assert_eq!(most(2.0, 0.6, "rsa"), 1);
+}

@@ -70,8 +70,14 @@ pub fn pack_or_resume(
 
     let placed = match sampled {
         Sampled::Spheres(Diameters { d_mm, parts }) => {
-            let job =
-                spheres::Job { request, mix: &mix, diameters: &d_mm, aggregate: &parts, growth: plan.growth };
+            let job = spheres::Job {
+                request,
+                mix: &mix,
+                diameters: &d_mm,
+                aggregate: &parts,
+                growth: plan.growth,
+                threads: limits.threads,
+            };
             spheres::place(&job, &plan, resume, control)?
         }
         Sampled::Solids(solids) => shaped::place(request, &mix, &solids, &plan, resume.as_ref(), control)?,

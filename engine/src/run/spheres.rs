@@ -1,5 +1,6 @@
 //! A run whose grains are spheres: random sequential addition, event-driven molecular dynamics, or both.
 
+use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use super::{PACKING_SHARE, Placed, distance_asked_mm, inserted, not_grown, not_inserted, stopped};
@@ -50,6 +51,8 @@ pub(super) struct Job<'a> {
     /// The aggregate of each; empty where the mix names none.
     pub(super) aggregate: &'a [u16],
     pub(super) growth: Expected,
+    /// Most threads; the packing does not depend on their number.
+    pub(super) threads: NonZeroUsize,
 }
 
 /// Packs spheres of these diameters by the method of the request, from a checkpoint where there is one.
@@ -104,6 +107,7 @@ impl Job<'_> {
             rule: DistanceRule::new(&self.request.distance, &self.request.specimen),
             attempts_per_grain,
             preference: preference.as_ref(),
+            threads: self.threads,
         };
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
         let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
@@ -121,8 +125,13 @@ impl Job<'_> {
         resume: Option<Resume>,
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
-        let edmd =
-            Edmd { request: self.request, options, diameters_mm: self.diameters, expected: self.growth };
+        let edmd = Edmd {
+            request: self.request,
+            options,
+            diameters_mm: self.diameters,
+            expected: self.growth,
+            threads: self.threads,
+        };
         let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
             Interrupted::Stopped => stopped(self.diameters.len(), self.diameters.len()),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },

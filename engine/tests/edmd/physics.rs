@@ -69,9 +69,10 @@ fn carnahan_starling(phi: f64) -> f64 {
 fn the_fluid_has_the_pressure_of_carnahan_and_starling() {
     for phi in [0.1, 0.3, 0.45] {
         let mut fluid = Fluid::new(2000, phi, 7);
-        fluid.run(200_000);
-        let figures = fluid.run(800_000);
-        assert_eq!(figures.collisions, 800_000);
+        // The ratio scatters by 0.0017 at most from seed to seed (12 seeds), about means of 1.0005 to 1.0034.
+        fluid.run(100_000);
+        let figures = fluid.run(400_000);
+        assert_eq!(figures.collisions, 400_000);
         let ratio = figures.reduced_pressure / carnahan_starling(phi);
         assert!((ratio - 1.0).abs() < 0.01, "at {phi}: {} ({ratio})", figures.reduced_pressure);
     }

@@ -2,6 +2,7 @@
 //!
 //! Physics and speed are measured on it. Its compressibility factor is `Z = p V / (N k T)`.
 
+use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use super::container::Container;
@@ -58,6 +59,7 @@ impl Fluid {
             specimen: &specimen,
             rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
             preference: None,
+            threads: NonZeroUsize::MIN,
             attempts_per_grain: None,
         };
         let centers = placing.run(&mut stream(seed, Stream::Rsa), &Unattended).centers_mm;

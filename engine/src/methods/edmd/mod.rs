@@ -39,6 +39,7 @@ mod tests;
 mod tolerances;
 
 use std::io;
+use std::num::NonZeroUsize;
 use std::time::Instant;
 
 pub use fluid::{Fluid, FluidFigures};
@@ -90,6 +91,8 @@ pub(crate) struct Edmd<'a> {
     /// Diameters from the largest down, in mm.
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) expected: Expected,
+    /// Most threads; the outcome does not depend on their number.
+    pub(crate) threads: NonZeroUsize,
 }
 
 /// Why it came to no end of its own.
@@ -244,6 +247,7 @@ impl Edmd<'_> {
                 rule: rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
                 preference: frame.preference.as_ref(),
+                threads: self.threads,
             };
             let outcome = placing.run(&mut rng, &control);
             statistics.attempts += outcome.statistics.attempts;

@@ -18,6 +18,7 @@ use crate::memory::{OutOfMemory, make_room};
 pub(crate) const LEAST_NEIGHBOURS: u32 = 80;
 /// Most grains with shortlists: so many fit in a count of 16 bits.
 pub(crate) const MOST_SHORTLISTS: usize = u16::MAX as usize;
+
 /// What a coarse grain looks at.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Shortlist {

@@ -8,6 +8,7 @@
 //! The cells hold the spheres that touch them, not the centres inside them.
 
 use super::End;
+use crate::cpu::prefetch;
 use crate::memory::{OutOfMemory, push, refill};
 use crate::specimen::Region;
 
@@ -41,6 +42,17 @@ pub(super) struct CellBuffers {
     spheres: Vec<Placed>,
     /// Of [`Cells::ordered`], where it goes on.
     next: Vec<u32>,
+}
+
+/// What the grains entered mean for a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Known {
+    /// None covers it, whatever the new grain.
+    Free,
+    /// This one covers it for every new grain.
+    Covered(Placed),
+    /// Some cover it for some new grains.
+    Partly,
 }
 
 /// The grid.
@@ -232,6 +244,63 @@ impl Cells {
         let [x, y, z, part] = self.spheres[(entry & ID_MASK) as usize];
         let shift = self.images[(entry >> IMAGE_SHIFT) as usize];
         [x + shift[0], y + shift[1], z + shift[2], part]
+    }
+
+    /// What the grains of a cell mean for a point and new grains from the largest part to the least.
+    #[inline(always)]
+    pub(super) fn known(&self, cell: usize, p: [f64; 3], largest_mm: f64, least_mm: f64) -> Known {
+        let mut known = Known::Free;
+        for &entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
+            let sphere = self.sphere(entry);
+            if covers(&sphere, p, largest_mm) {
+                if covers(&sphere, p, least_mm) {
+                    return Known::Covered(sphere);
+                }
+                known = Known::Partly;
+            }
+        }
+        let mut at = self.heads[cell];
+        while let Some(link) = self.links.get(at as usize) {
+            let sphere = self.sphere(link.entry);
+            if covers(&sphere, p, largest_mm) {
+                if covers(&sphere, p, least_mm) {
+                    return Known::Covered(sphere);
+                }
+                known = Known::Partly;
+            }
+            at = link.next;
+        }
+        known
+    }
+
+    /// Whether a grain entered since there were `before` of them covers a point of a cell.
+    #[inline(always)]
+    pub(super) fn covered_since(&self, before: u32, cell: usize, p: [f64; 3], part_mm: f64) -> bool {
+        let mut at = self.heads[cell];
+        // The latest comes first.
+        while let Some(link) = self.links.get(at as usize).filter(|link| link.entry & ID_MASK >= before) {
+            if covers(&self.sphere(link.entry), p, part_mm) {
+                return true;
+            }
+            at = link.next;
+        }
+        false
+    }
+
+    /// Grains entered, those known at the build included.
+    pub(super) fn grains(&self) -> u32 {
+        self.spheres.len() as u32
+    }
+
+    /// Asks the memory for what entering a grain in a cell writes, its neighbours across rows and layers included.
+    #[inline(always)]
+    pub(super) fn ask_around(&self, cell: usize) {
+        let (row, layer) = (self.counts[0], self.counts[0] * self.counts[1]);
+        for of_layer in [cell.wrapping_sub(layer), cell, cell + layer] {
+            for of_row in [of_layer.wrapping_sub(row), of_layer, of_layer.wrapping_add(row)] {
+                prefetch(&self.heads, of_row);
+            }
+        }
     }
 
     /// An exclusion sphere of the cell that holds `p`, if any does, for a new grain with `part_mm`.

@@ -24,8 +24,8 @@ use crate::rng::uniform;
 /// Deepest level of subdivision: a cell's edge over 2^30. What is left there has less volume than
 /// the rounding of a coordinate and counts as nothing.
 const MAX_LEVEL: usize = 30;
-/// Points drawn ahead.
-const BATCH: usize = 16;
+/// Points drawn at once.
+pub(super) const DRAWS_AT_ONCE: usize = 16;
 /// Steps of grain size at which deferred voxels activate.
 const SIZE_BINS: usize = 128;
 /// A sphere is said to hold a voxel with this relative margin, far above rounding.
@@ -60,7 +60,7 @@ impl Draw {
 /// meanwhile: points of a larger superset of the free space serve as well. They may not grow.
 #[derive(Debug)]
 struct Batch {
-    draws: [Draw; BATCH],
+    draws: [Draw; DRAWS_AT_ONCE],
     next: usize,
     /// Volume that the points were drawn from, in units of a cell.
     volume_cells: f64,
@@ -68,7 +68,7 @@ struct Batch {
 
 impl Batch {
     fn empty() -> Self {
-        Self { draws: [Draw::default(); BATCH], next: BATCH, volume_cells: 0.0 }
+        Self { draws: [Draw::default(); DRAWS_AT_ONCE], next: DRAWS_AT_ONCE, volume_cells: 0.0 }
     }
 }
 
@@ -210,7 +210,7 @@ impl<'a> FreeSpace<'a> {
         self.threshold_mm = if exactly { part_mm } else { self.served.least_of(bin) };
         while self.due.peek().is_some_and(|deferred| deferred.covered_above >= self.threshold_mm) {
             // The points drawn ahead do not know this voxel.
-            self.batch.next = BATCH;
+            self.batch.next = DRAWS_AT_ONCE;
             if let Some(Deferred { level, voxel, .. }) = self.due.pop() {
                 push(&mut self.active[usize::from(level)], voxel, &mut self.refused);
             }
@@ -221,7 +221,7 @@ impl<'a> FreeSpace<'a> {
     /// when nothing was left.
     #[inline(always)]
     pub(super) fn draw(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<Draw> {
-        if self.batch.next == BATCH {
+        if self.batch.next == DRAWS_AT_ONCE {
             self.draw_batch(cells, rng)?;
         }
         self.batch.next += 1;
@@ -237,7 +237,21 @@ impl<'a> FreeSpace<'a> {
     #[inline(always)]
     fn draw_batch(&mut self, cells: &Cells, rng: &mut Xoshiro256PlusPlus) -> Option<()> {
         let volume_cells = self.volume_cells();
-        let mut draws = [Draw::default(); BATCH];
+        let draws = self.draw_points(volume_cells, cells, rng)?;
+        self.batch = Batch { draws, next: 0, volume_cells };
+        Some(())
+    }
+
+    /// Uniform points of the voxels active, whose volume is the first; `None` where there are none. The memory is asked
+    /// for what looking at them reads first.
+    #[inline(always)]
+    pub(super) fn draw_points(
+        &self,
+        volume_cells: f64,
+        cells: &Cells,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> Option<[Draw; DRAWS_AT_ONCE]> {
+        let mut draws = [Draw::default(); DRAWS_AT_ONCE];
         for draw in &mut draws {
             draw.level = self.draw_level(volume_cells, rng)?;
             let voxels = self.active[draw.level].len();
@@ -255,13 +269,17 @@ impl<'a> FreeSpace<'a> {
             });
         }
         std::hint::black_box(cells.touch(&draws.map(|draw| draw.cell())));
-        self.batch = Batch { draws, next: 0, volume_cells };
-        Some(())
+        Some(draws)
+    }
+
+    /// Number of voxels active.
+    pub(super) fn voxels(&self) -> usize {
+        self.active.iter().map(Vec::len).sum()
     }
 
     /// Volume of the voxels active, in units of a cell.
     #[inline(always)]
-    fn volume_cells(&self) -> f64 {
+    pub(super) fn volume_cells(&self) -> f64 {
         let mut volume = 0.0;
         for level in self.active.iter().rev() {
             volume = volume / 8.0 + level.len() as f64;
@@ -294,9 +312,14 @@ impl<'a> FreeSpace<'a> {
     /// Puts the voxel of a failed draw aside if `blocking` holds it whole; says whether it did.
     #[inline(always)]
     pub(super) fn drop_if_covered(&mut self, draw: &Draw, blocking: &Placed, cells: &Cells) -> bool {
-        let (center, half) = geometry(cells, draw.voxel, draw.level);
+        self.drop_covered(draw, covered_above_of(draw, blocking, cells))
+    }
+
+    /// Puts the voxel of a failed draw aside if it is covered for the present grain, the part given being that above
+    /// which it is covered; says whether it did.
+    #[inline(always)]
+    pub(super) fn drop_covered(&mut self, draw: &Draw, covered_above: f64) -> bool {
         self.tested += 1;
-        let covered_above = covered_above(blocking, center, half);
         let covered = covered_above < self.threshold_mm;
         if covered && self.remove(draw) {
             self.keep(draw.voxel, draw.level, covered_above);
@@ -415,6 +438,13 @@ impl Served<'_> {
         let share = (clearance - self.least_clearance) / range;
         (self.least_part + share * (self.largest_part - self.least_part)) * COVERED_MARGIN
     }
+}
+
+/// The part of the exclusion radius above which a sphere covers the whole voxel of a draw.
+#[inline(always)]
+pub(super) fn covered_above_of(draw: &Draw, sphere: &Placed, cells: &Cells) -> f64 {
+    let (center, half) = geometry(cells, draw.voxel, draw.level);
+    covered_above(sphere, center, half)
 }
 
 /// The part of the exclusion radius above which a sphere covers a whole cuboid.

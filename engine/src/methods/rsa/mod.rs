@@ -8,13 +8,17 @@
 //! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and
 //! proves saturation when none is left (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
 //! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes). This module drives both: it cuts
-//! the grains into segments of similar size, each with a grid of its own.
+//! the grains into segments of similar size, each with a grid of its own. In runs of many grains, `ahead` has points drawn
+//! and tested by several threads.
 
 // Forced inlining carries the instruction set of the search to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]
 
+mod ahead;
 mod cells;
 mod free_space;
+
+use std::num::NonZeroUsize;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -28,6 +32,7 @@ use crate::request::Specimen;
 use crate::rng::uniform;
 use crate::segregation::Preference;
 use crate::specimen::Region;
+use ahead::Ahead;
 pub(crate) use cells::MAX_PLACED;
 use cells::{CellBuffers, Cells, Placed};
 use free_space::{Draw, FreeSpace, Served, VoxelBuffers};
@@ -65,6 +70,8 @@ pub struct Rsa<'a> {
     pub attempts_per_grain: Option<u64>,
     /// Which of several free places a grain prefers; `None` takes the first.
     pub preference: Option<&'a Preference>,
+    /// Most threads; the outcome does not depend on their number.
+    pub threads: NonZeroUsize,
 }
 
 /// How a run ended.
@@ -113,6 +120,13 @@ impl Rsa<'_> {
     /// not drawn but counted, by a geometric number with the same law, so that the outcome has the
     /// distribution of the textbook algorithm at a fraction of its time.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+        // A grain that prefers places looks at several of them.
+        let draws_ahead = self.diameters_mm.len() >= LEAST_SHARED_GRAINS && self.preference.is_none();
+        self.run_as(draws_ahead, rng, control)
+    }
+
+    /// [`Self::run`] with points drawn ahead, or one by one.
+    fn run_as(&self, draws_ahead: bool, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
         let placed = match reserved(self.diameters_mm.len()) {
             Ok(placed) => placed,
             Err(OutOfMemory { bytes }) => {
@@ -126,6 +140,7 @@ impl Rsa<'_> {
             buffers: Default::default(),
             statistics: RsaStatistics::default(),
             looks: 0,
+            draws_ahead,
             cpu: Cpu::detect(),
             control,
         };
@@ -161,6 +176,8 @@ struct Run<'a> {
     buffers: (CellBuffers, VoxelBuffers),
     statistics: RsaStatistics,
     looks: u64,
+    /// Whether points are drawn ahead, for threads to share.
+    draws_ahead: bool,
     /// What the search is compiled for.
     cpu: Cpu,
     control: &'a dyn Control,
@@ -255,6 +272,7 @@ impl Run<'_> {
             Err(refused) => return refused.into(),
         };
         let mut exactly = false;
+        let mut ahead = self.draws_ahead.then(Ahead::default);
         for grain in first..end {
             let Some(region) = rsa.region(grain) else { return no_place };
             let mut search = Search {
@@ -265,12 +283,26 @@ impl Run<'_> {
                 limit: rsa.attempts_per_grain,
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
             };
-            free.activate(search.part, exactly);
             let cpu = self.cpu;
-            let found = cpu.call(
-                #[inline(always)]
-                || self.search(&mut search, &mut free, &cells, rng),
-            );
+            let mut found = Found::NotYet;
+            if let Some(points) = &mut ahead {
+                let searched = cpu.call(
+                    #[inline(always)]
+                    || self.search_ahead(points, &mut search, &mut free, &cells, grain..end, rng),
+                );
+                match searched {
+                    Ok(decided) => found = decided,
+                    Err(refused) => return refused.into(),
+                }
+            }
+            if matches!(found, Found::NotYet) {
+                ahead = None;
+                free.activate(search.part, exactly);
+                found = cpu.call(
+                    #[inline(always)]
+                    || self.search(&mut search, &mut free, &cells, rng),
+                );
+            }
             if let Some(refused) = free.refused() {
                 return refused.into();
             }
@@ -371,18 +403,14 @@ impl Run<'_> {
         split: bool,
         rng: &mut Xoshiro256PlusPlus,
     ) -> Found {
-        self.looks += 1;
-        if self.looks.is_multiple_of(DRAWS_PER_LOOK) {
-            self.report();
-            if self.control.should_stop() || free.refused().is_some() {
-                return Found::Stopped;
-            }
+        if self.looks_and_stops(free) {
+            return Found::Stopped;
         }
         let Some(draw) = free.draw(cells, rng) else {
             return Found::Nothing { saturation_proven: true };
         };
         let inside = search.region.contains(draw.point);
-        if search.count(inside, free, rng) {
+        if search.count(inside, free.drawn_from_cells(), rng) {
             return Found::Nothing { saturation_proven: false };
         }
         if inside {
@@ -397,6 +425,17 @@ impl Run<'_> {
         }
         search.failed += 1;
         Found::NotYet
+    }
+
+    /// Looks at the control now and then; says whether the run has to stop.
+    #[inline(always)]
+    fn looks_and_stops(&mut self, free: &FreeSpace<'_>) -> bool {
+        self.looks += 1;
+        if !self.looks.is_multiple_of(DRAWS_PER_LOOK) {
+            return false;
+        }
+        self.report();
+        self.control.should_stop() || free.refused().is_some()
     }
 
     fn report(&self) {
@@ -422,12 +461,12 @@ impl Search {
     /// A textbook attempt falls into the voxels with probability `p`, their share of the region;
     /// those before it that missed them have failed unseen.
     #[inline(always)]
-    fn count(&mut self, inside: bool, free: &FreeSpace<'_>, rng: &mut Xoshiro256PlusPlus) -> bool {
+    fn count(&mut self, inside: bool, drawn_from_cells: f64, rng: &mut Xoshiro256PlusPlus) -> bool {
         let Some(limit) = self.limit else {
             self.attempts += 1;
             return false;
         };
-        let p = free.drawn_from_cells() / self.region_cells;
+        let p = drawn_from_cells / self.region_cells;
         if p < 1.0 {
             let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
             // Saturates where nearly nothing is left.

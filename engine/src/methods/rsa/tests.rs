@@ -1,6 +1,8 @@
 #![allow(clippy::unwrap_used)]
 #![allow(clippy::type_complexity, reason = "a table of names and functions")]
 
+use std::num::NonZeroUsize;
+
 use serde_json::json;
 
 use super::*;
@@ -23,6 +25,7 @@ fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) 
         rule: rule(specimen),
         attempts_per_grain: limit,
         preference: None,
+        threads: NonZeroUsize::MIN,
     };
     rsa.run(&mut stream(seed, Stream::Rsa), &Unattended)
 }
@@ -227,6 +230,7 @@ fn a_run_stops_when_told() {
         specimen: &specimen,
         rule: rule(&specimen),
         preference: None,
+        threads: NonZeroUsize::MIN,
         attempts_per_grain: None,
     };
     let outcome = rsa.run(&mut stream(1, Stream::Rsa), &Stop);
@@ -313,6 +317,7 @@ fn a_choice_among_equal_places_draws_from_the_distribution_of_the_textbook() {
                     rule: rule(&specimen),
                     attempts_per_grain: limit,
                     preference: preference.as_ref(),
+                    threads: NonZeroUsize::MIN,
                 };
                 let outcome = rsa.run(&mut stream(seed, Stream::Rsa), &Unattended);
                 if outcome.end == End::Complete {
@@ -334,4 +339,87 @@ fn a_grid_that_no_memory_holds_is_an_error() {
     let region = specimen.center_region(0.0).unwrap();
     let built = Cells::build(CellBuffers::default(), region, false, 1.0, &[], 1.0, &|| false);
     assert_eq!(built.err(), Some(End::OutOfMemory { bytes: 4 << 60 }));
+}
+
+/// So many equal spheres at a volume fraction, with points drawn ahead or one by one.
+fn equal_spheres(
+    number: usize,
+    fraction: f64,
+    draws_ahead: bool,
+    seed: u64,
+    threads: usize,
+) -> Vec<[f64; 3]> {
+    let edge = (number as f64 * std::f64::consts::FRAC_PI_6 / fraction).cbrt();
+    let specimen = cube(edge, Boundary::Periodic);
+    let rsa = Rsa {
+        diameters_mm: &vec![1.0; number],
+        specimen: &specimen,
+        rule: rule(&specimen),
+        attempts_per_grain: None,
+        preference: None,
+        threads: NonZeroUsize::new(threads).unwrap(),
+    };
+    let outcome = rsa.run_as(draws_ahead, &mut stream(seed, Stream::Rsa), &Unattended);
+    assert_eq!(outcome.end, End::Complete);
+    outcome.centers_mm
+}
+
+#[test]
+fn packings_do_not_depend_on_the_number_of_threads() {
+    let alone = equal_spheres(40_000, 0.3, true, 1, 1);
+    for threads in [2, 3, 8] {
+        assert!(equal_spheres(40_000, 0.3, true, 1, threads) == alone, "{threads} threads");
+    }
+    assert!(equal_spheres(40_000, 0.3, false, 1, 1) != alone, "points are drawn ahead");
+}
+
+/// Pairs whose distance is within the bounds, in mm, in a periodic cube of so many spheres.
+fn pairs_within(centers: &[[f64; 3]], edge: f64, bounds: std::ops::Range<f64>) -> f64 {
+    let cells = (edge / bounds.end) as usize;
+    let cell = |p: &[f64; 3]| p.map(|x| ((x / edge * cells as f64) as usize).min(cells - 1));
+    let mut of_cell = vec![Vec::new(); cells.pow(3)];
+    let place = |[x, y, z]: [usize; 3]| (x * cells + y) * cells + z;
+    for p in centers {
+        of_cell[place(cell(p))].push(*p);
+    }
+    let mut pairs = 0_u32;
+    for p in centers {
+        let [x, y, z] = cell(p);
+        for near in 0..27 {
+            let shifted = |at: usize, step: usize| (at + cells + step - 1) % cells;
+            let other = place([shifted(x, near / 9), shifted(y, near / 3 % 3), shifted(z, near % 3)]);
+            for q in &of_cell[other] {
+                let square: f64 = (0..3)
+                    .map(|a| {
+                        let d = q[a] - p[a];
+                        (d - edge * (d / edge).round()).powi(2)
+                    })
+                    .sum();
+                pairs += u32::from(bounds.contains(&square.sqrt()));
+            }
+        }
+    }
+    f64::from(pairs) / 2.0
+}
+
+/// The number of pairs in each shell is above 48 000; its standard deviation from seed to seed is below 0.5 %.
+#[test]
+fn points_drawn_ahead_have_the_law_of_points_drawn_one_by_one() {
+    let (number, fraction) = (60_000, 0.3);
+    let edge = (f64::from(number) * std::f64::consts::FRAC_PI_6 / fraction).cbrt();
+    let shells = [1.0..1.1, 1.1..1.3, 1.9..2.0];
+    let mean_pairs = |draws_ahead| {
+        let mut means = [0.0; 3];
+        for seed in 1..=4 {
+            let centers = equal_spheres(number as usize, fraction, draws_ahead, seed, 2);
+            for (mean, shell) in means.iter_mut().zip(&shells) {
+                *mean += pairs_within(&centers, edge, shell.clone()) / 4.0;
+            }
+        }
+        means
+    };
+    let (ahead, one_by_one) = (mean_pairs(true), mean_pairs(false));
+    for (shell, (a, b)) in shells.iter().zip(ahead.into_iter().zip(one_by_one)) {
+        assert!((a / b - 1.0).abs() < 0.005, "{shell:?}: {a} ahead, {b} one by one");
+    }
 }

@@ -196,6 +196,7 @@ fn spheres_are_placed_as_spheres() {
             rule,
             attempts_per_grain: Some(10_000_000),
             preference: None,
+            threads: std::num::NonZeroUsize::MIN,
         };
         let SphereOutcome { statistics, .. } =
             spheres.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed + 1000), &Unattended);

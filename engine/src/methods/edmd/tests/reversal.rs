@@ -23,6 +23,7 @@ fn in_motion(specimen: &Specimen) -> System {
         specimen,
         rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, specimen),
         preference: None,
+        threads: std::num::NonZeroUsize::MIN,
         attempts_per_grain: None,
     };
     let centers = placing.run(&mut stream(2, Stream::Rsa), &Unattended).centers_mm;

@@ -1,0 +1,47 @@
+//! Work that threads share.
+
+use std::num::NonZeroUsize;
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+/// Does the work of every piece on so many threads, the caller's among them. What a piece becomes must depend on the
+/// piece and its number alone; then nothing depends on the threads. Where the system refuses a thread, the others do
+/// its work.
+pub(crate) fn share<T: Send>(threads: NonZeroUsize, pieces: &mut [T], work: impl Fn(usize, &mut T) + Sync) {
+    let others = threads.get().min(pieces.len()).saturating_sub(1);
+    if others == 0 {
+        pieces.iter_mut().enumerate().for_each(|(number, piece)| work(number, piece));
+        return;
+    }
+    let left = Mutex::new(pieces.iter_mut().enumerate());
+    let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work_on = || {
+        while let Some((number, piece)) = next() {
+            work(number, piece);
+        }
+    };
+    thread::scope(|scope| {
+        for _ in 0..others {
+            if thread::Builder::new().spawn_scoped(scope, work_on).is_err() {
+                break;
+            }
+        }
+        work_on();
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_piece_is_done_once_whatever_the_number_of_threads() {
+        for threads in [1, 2, 3, 8, 100].map(|n| NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN)) {
+            for count in [0, 1, 7, 64] {
+                let mut pieces = vec![0; count];
+                share(threads, &mut pieces, |number, piece| *piece += 1 + number);
+                assert_eq!(pieces, (1..=count).collect::<Vec<_>>());
+            }
+        }
+    }
+}
