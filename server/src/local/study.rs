@@ -41,9 +41,9 @@ struct Counted {
     distance_curve: Vec<[f64; 2]>,
 }
 
-/// Packs the request of a run of a study, on this thread alone; what it came to as JSON (`outcome`, `facts`, `distance_curve`, and `error`
-/// where there is no packing), and the packing. The outcome is `succeeded`, `target_not_reached` (also where the time
-/// limit of the job ended the run), or `void` for a run that does not count.
+/// Packs the request of a run of a study, on this thread alone; what it came to as JSON (`outcome`, `facts`,
+/// `distance_curve`, and `error` where there is no packing), and the packing. The outcome is `succeeded`,
+/// `target_not_reached` (also where the time limit of the job ended the run), or `void` for a run that does not count.
 ///
 /// # Errors
 /// [`Ended::Refused`] for a request that does not hold; [`Ended::Stopped`].
