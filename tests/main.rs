@@ -62,6 +62,7 @@ mod streaming;
 mod studies;
 mod study_command;
 mod submission;
+mod threads;
 mod users;
 mod waiting;
 mod web_pages;

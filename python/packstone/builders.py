@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         labels: Mapping[str, str]
         seed: int | np.integer[Any]
         priority: int
+        threads: int | None
         timeout_s: float | None
         expires_at: str | datetime | None
         max_attempts: int

@@ -44,7 +44,8 @@ def pack(
     10 times a second with ``phase``, ``fraction``, ``eta_s`` and ``message``; what it raises ends the run. Other
     threads go on meanwhile. Ctrl-C ends the run at once. With the path of a `checkpoint` the run is kept there from
     time to time and when it is stopped; a later call with the same request and path continues it and makes the same
-    packing. The file is removed at the end.
+    packing. The file is removed at the end. With `threads` so many threads compute the packing at most, which does not
+    depend on their number; without, one for each core.
 
     Raises :class:`TargetNotReached` if the method could not reach the target, and :class:`PackstoneError` if the
     request is refused, for example because it has more than `max_grains`. What is doubtful about request or packing is

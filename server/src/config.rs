@@ -56,7 +56,7 @@ pub(crate) struct ServeOptions {
     /// Seconds for which a file in a shared place is left alone that the database does not know
     #[arg(long, hide = true, default_value_t = 3600.0, value_parser = seconds_or_none)]
     pub(crate) least_blob_age_s: f64,
-    /// Jobs that run at once [default: the number of cores]
+    /// Jobs that run at once, of which one with several threads counts as so many [default: the number of cores]
     #[arg(long, env = "PACKSTONE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub(crate) workers: Option<u16>,
     /// Exports (meshes, voxels, lattices) that are made at once, beside the jobs; slices, which take a moment, have one

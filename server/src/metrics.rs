@@ -102,6 +102,8 @@ pub(crate) struct Gauges {
     pub(crate) export: BTreeMap<ExportState, u64>,
     pub(crate) export_cache_bytes: u64,
     pub(crate) workers: usize,
+    /// Slots of this server that jobs hold.
+    pub(crate) busy_slots: usize,
     /// Jobs that run in other processes.
     pub(crate) running_elsewhere: u64,
     /// Workers in other processes that were heard within the time of a lease.
@@ -293,6 +295,9 @@ impl Metrics {
         out.line(name, "place=\"worker\"", gauges.running_elsewhere);
         out.head("packstone_workers", "gauge", "Jobs that this server may run at once itself.");
         out.line("packstone_workers", "", gauges.workers);
+        let name = "packstone_worker_slots_busy";
+        out.head(name, "gauge", "Of these, those that a packing takes: one for each of its threads.");
+        out.line(name, "", gauges.busy_slots);
         let name = "packstone_worker_processes";
         out.head(name, "gauge", "Workers in other processes that were heard within the time of a lease.");
         out.line(name, "", gauges.worker_processes);
@@ -395,6 +400,7 @@ mod tests {
         metrics.worker_refused();
         let gauges = Gauges {
             workers: 2,
+            busy_slots: 1,
             jobs: [(State::Running, 5)].into(),
             running_elsewhere: 4,
             worker_processes: 3,
@@ -409,6 +415,7 @@ mod tests {
             "packstone_leases_total{event=\"expired\"} 3",
             "packstone_workers_refused_total 1",
             "packstone_workers 2",
+            "packstone_worker_slots_busy 1",
             "packstone_webhook_deliveries_total{outcome=\"retried\"} 2",
             "packstone_webhook_deliveries_waiting 0",
             "packstone_jobs_submitted_total 101",

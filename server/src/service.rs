@@ -35,6 +35,7 @@ use crate::webhooks::signature::{SecretsError, SecretsFile};
 use crate::workers::executor::Executor;
 use crate::workers::here::Here;
 use crate::workers::leases::Leases;
+use crate::workers::slots::Slots;
 
 /// Time that running jobs may take to keep a last checkpoint (5 s) and to go back to the queue. It stays below the ten
 /// seconds that init systems and container engines grant.
@@ -195,7 +196,8 @@ impl Service {
         let limits = options.limits();
         let here = Here { store, storage, limits };
         let leases = Leases::Here(here.clone());
-        let executor = Executor { leases, artifacts, checkpoints, disk, metrics, shutdown };
+        let slots = Slots::new(options.workers());
+        let executor = Executor { leases, slots, artifacts, checkpoints, disk, metrics, shutdown };
         let app = App::new(&options, &executor, &here, accounts, audit, Arc::clone(&connections));
         let reload = Arc::default();
         Ok(Self { app, executor, here, listener, connections, options, webhook_secrets, reload, _lock: lock })

@@ -196,6 +196,7 @@ mod tests {
             warnings: Vec::new(),
             forecast_s: 1.0,
             keeps_checkpoints: true,
+            most_threads: 1,
             by: Submitter::default(),
             idempotency_key: None,
         };

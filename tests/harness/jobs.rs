@@ -28,9 +28,10 @@ fn equal_spheres_at(volume_fraction: f64, grains: u32, seed: u64) -> Value {
 }
 
 /// Runs until it is stopped, as far as a test is concerned: equal spheres added at random jam near 0.384,
-/// and to find every place that is left for the last of a million takes minutes.
+/// and to find every place that is left for the last of a million takes minutes. It holds one worker slot.
 pub(crate) fn endless() -> Value {
     let job = with(equal_spheres_at(0.39, 1_000_000, 1), "/name", json!("endless"));
+    let job = with(job, "/threads", json!(1));
     with(job, "/method", json!({"type": "rsa"}))
 }
 

@@ -27,6 +27,7 @@ use crate::workers::documents::{MAX_NAME_CHARS, MAX_SLOTS};
 use crate::workers::executor::Executor;
 use crate::workers::leases::Leases;
 use crate::workers::probe;
+use crate::workers::slots::Slots;
 use crate::workers::there::{Server, There, WorkerOptions};
 
 /// How long before the end of its time a worker stops: for the last checkpoints, and to send them.
@@ -47,7 +48,8 @@ pub(super) struct Options {
     /// File with an API key of the role `worker` (see `packstone key`); none where the server asks for no keys
     #[arg(long, env = "PACKSTONE_KEY_FILE", value_name = "FILE")]
     key_file: Option<PathBuf>,
-    /// Jobs that run at once [default: the number of cores, in a job of Slurm of those that it was given]
+    /// Jobs that run at once, of which one with several threads counts as so many [default: the number of cores, in a
+    /// job of Slurm of those that it was given]
     #[arg(long, env = "PACKSTONE_SLOTS", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SLOTS)))]
     slots: Option<u32>,
     /// Name by which the server shows this worker [default: process, host and job of Slurm]
@@ -146,6 +148,7 @@ async fn work(
     let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
     let executor = Executor {
         leases: Leases::There(there.clone()),
+        slots: Slots::new(slots as usize),
         artifacts,
         checkpoints,
         disk,

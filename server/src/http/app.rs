@@ -28,6 +28,7 @@ use crate::workers::executor::Executor;
 use crate::workers::heard::Heard;
 use crate::workers::here::Here;
 use crate::workers::probe;
+use crate::workers::slots::Slots;
 
 /// Bodies of more than this are read and planned a few at a time and off the threads that answer.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
@@ -66,6 +67,8 @@ pub(crate) struct Shared {
     pub(crate) max_body_bytes: u64,
     pub(crate) max_queued: u64,
     pub(crate) workers: usize,
+    /// The slots of this server's own workers.
+    pub(crate) slots: Slots,
     /// One permit per connection that may be open.
     pub(crate) connections: Arc<Semaphore>,
     pub(crate) max_connections: usize,
@@ -123,6 +126,7 @@ impl App {
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,
                 workers: options.workers(),
+                slots: executor.slots.clone(),
                 connections,
                 max_connections: options.max_connections,
                 downloads: Arc::new(Semaphore::new(options.max_downloads)),

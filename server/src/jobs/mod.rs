@@ -124,6 +124,10 @@ pub(crate) struct JobRecord {
     pub(crate) name: Option<String>,
     pub(crate) labels: BTreeMap<String, String>,
     pub(crate) priority: i64,
+    /// Most threads that may compute the packing, as the request has it.
+    pub(crate) threads: Option<u32>,
+    /// Most threads that it has work for, by its plan.
+    pub(crate) most_threads: u32,
     pub(crate) seed: i64,
     pub(crate) timeout_s: Option<f64>,
     pub(crate) attempt: i64,

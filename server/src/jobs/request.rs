@@ -4,6 +4,7 @@
 //! One pass over the document reports the faults of both.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 
 use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
@@ -34,6 +35,8 @@ pub(crate) const MAX_TIMEOUT_S: f64 = 2_678_400.0;
 /// Most attempts a job may be given.
 pub(crate) const MAX_ATTEMPTS: i64 = 10;
 const DEFAULT_ATTEMPTS: i64 = 3;
+/// Most threads that a job may ask for.
+pub(crate) const MAX_THREADS: i64 = 64;
 
 /// A job to run: what to pack, and how to treat it.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
@@ -55,6 +58,12 @@ pub(crate) struct JobRequest {
     /// each in the order of its jobs. Owners take turns whatever the priorities of their jobs are.
     #[schema(required = false, default = 0, minimum = -100, maximum = 100)]
     pub(crate) priority: i64,
+    /// Most threads that compute the packing; the packing does not depend on their number. A job holds as many worker
+    /// slots as threads, of those that are free when it starts; without `threads` those that the jobs that wait leave.
+    /// No stored request and no result contains it.
+    #[schema(required = false, nullable, minimum = 1, maximum = 64)]
+    #[serde(skip_serializing_if = "never_shown")]
+    pub(crate) threads: Option<i64>,
     /// Longest time that one attempt may run; past it the job fails with `timed-out`.
     #[schema(required = false, nullable, exclusive_minimum = 0, maximum = 2_678_400)]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -157,6 +166,11 @@ impl JobRequest {
             method: self.method,
             segregation: self.segregation,
         }
+    }
+
+    /// Most threads that may compute the packing, where it asks for a number.
+    pub(crate) fn threads(&self) -> Option<NonZeroUsize> {
+        self.threads.and_then(|threads| NonZeroUsize::new(usize::try_from(threads).ok()?))
     }
 
     /// Judges what is to be made of the packing, as far as that can be done before there is one.
@@ -330,6 +344,7 @@ fn read_fields(
         Some(at) => at.integer(-MAX_PRIORITY, MAX_PRIORITY),
         None => Some(0),
     };
+    let threads = object.optional("threads").and_then(|at| at.integer(1, MAX_THREADS));
     let timeout_s =
         object.optional("timeout_s").and_then(|at| at.number(Bound::positive(MAX_TIMEOUT_S, "s")));
     let expires_at = object.optional("expires_at").and_then(|at| read_expiry(&at, now));
@@ -347,6 +362,7 @@ fn read_fields(
         labels,
         seed: packing.seed,
         priority: priority?,
+        threads,
         timeout_s,
         expires_at,
         max_attempts: max_attempts?,
@@ -497,6 +513,18 @@ mod tests {
     }
 
     #[test]
+    fn threads_are_read_but_not_stored_with_the_request() {
+        let read = |extra: &Value| JobRequest::read(&with(extra), 7, Some(now())).unwrap();
+        let plain = read(&json!({}));
+        for threads in [1, 64] {
+            let request = read(&json!({"threads": threads}));
+            assert_eq!(request.threads, Some(threads));
+            assert_eq!(serde_json::to_string(&request).unwrap(), serde_json::to_string(&plain).unwrap());
+        }
+        assert_eq!(read(&json!({"threads": null})).threads, None);
+    }
+
+    #[test]
     fn every_job_field_is_bounded() {
         let cases = [
             (json!({"name": ""}), "/name: has 0 characters: must have at least 1 and at most 200"),
@@ -509,6 +537,9 @@ mod tests {
                 json!({"priority": 101}),
                 "/priority: 101 is out of range: must be a whole number from -100 to 100",
             ),
+            (json!({"threads": 0}), "/threads: 0 is out of range: must be a whole number from 1 to 64"),
+            (json!({"threads": 65}), "/threads: 65 is out of range: must be a whole number from 1 to 64"),
+            (json!({"threads": "2"}), "/threads: \"2\" is not a whole number"),
             (
                 json!({"timeout_s": 0}),
                 "/timeout_s: 0 is out of range: must be greater than 0 and at most 2678400 s",

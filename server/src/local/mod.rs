@@ -107,8 +107,8 @@ impl Job {
     /// Reads a job in the form of `POST /v1/jobs`.
     ///
     /// A job of more than `max_grains`, or of more than the default of [`Limits`], is refused when it is planned or
-    /// packed. With a `checkpoint`, a run goes on from the file of that name where there is one. A job without a seed
-    /// has that of the checkpoint, or one that is drawn.
+    /// packed. A job without `threads` has one for each core. With a `checkpoint`, a run goes on from the file of that
+    /// name where there is one. A job without a seed has that of the checkpoint, or one that is drawn.
     ///
     /// # Errors
     /// [`Ended::Refused`] with all faults of the request, or where no run of the job can go on from the checkpoint;
@@ -118,7 +118,8 @@ impl Job {
         let stored = checkpoint.map(stored_request).transpose()?.flatten();
         let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
         let request = JobRequest::read(&value, seed, None).map_err(Failure::invalid)?;
-        let limits = limits_of_one_packing(max_grains.unwrap_or(Limits::default().max_grains));
+        let of_one = limits_of_one_packing(max_grains.unwrap_or(Limits::default().max_grains));
+        let limits = Limits { threads: request.threads().unwrap_or(of_one.threads), ..of_one };
         request.check_postprocess(&limits)?;
         Ok(Self { request, limits, checkpoint: checkpoint.map(Path::to_owned) })
     }
@@ -134,8 +135,8 @@ impl Job {
         to_json(&JobPlan { plan, exports })
     }
 
-    /// Packs, on this thread. The checkpoint is removed when there is a packing, and when going on from it would only
-    /// repeat the same end.
+    /// Packs, on this thread and as many as the job has beside it. The checkpoint is removed when there is a packing,
+    /// and when going on from it would only repeat the same end.
     ///
     /// # Errors
     /// [`Ended::Refused`] where the job cannot be planned, its target is not reached in the time that it has, a check

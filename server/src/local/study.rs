@@ -1,5 +1,6 @@
 //! A study whose runs the caller executes where it wants: its runs, its stop rules, its table and its plots.
 
+use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
 
 use packstone_engine::{Limits, PackError};
@@ -40,14 +41,16 @@ struct Counted {
     distance_curve: Vec<[f64; 2]>,
 }
 
-/// Packs the request of a run of a study; what it came to as JSON (`outcome`, `facts`, `distance_curve`, and `error`
-/// where there is no packing), and the packing. The outcome is `succeeded`, `target_not_reached` (also where the time
-/// limit of the job ended the run), or `void` for a run that does not count.
+/// Packs the request of a run of a study, on this thread alone; what it came to as JSON (`outcome`, `facts`,
+/// `distance_curve`, and `error` where there is no packing), and the packing. The outcome is `succeeded`,
+/// `target_not_reached` (also where the time limit of the job ended the run), or `void` for a run that does not count.
 ///
 /// # Errors
 /// [`Ended::Refused`] for a request that does not hold; [`Ended::Stopped`].
 pub fn run_of_study(request: &str, run: &Run) -> Result<(String, Option<Packed>), Ended> {
-    let job = Job::read(request, None, None)?;
+    let mut job = Job::read(request, None, None)?;
+    // The runs of a study are made side by side.
+    job.limits.threads = NonZeroUsize::MIN;
     let packed = job.packed(run)?;
     let time_s = run.time_s();
     let record = match &packed {

@@ -122,8 +122,10 @@ fn read_point(
     job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();
-    let Plan { estimated_time_s: forecast_s, keeps_checkpoints, memory_bytes, warnings, .. } = plan;
-    Ok(Point { values, job, seeds, warnings, forecast_s, keeps_checkpoints, memory_bytes })
+    let Plan {
+        estimated_time_s: forecast_s, keeps_checkpoints, most_threads, memory_bytes, warnings, ..
+    } = plan;
+    Ok(Point { values, job, seeds, warnings, forecast_s, keeps_checkpoints, most_threads, memory_bytes })
 }
 
 /// The axes of a template.

@@ -80,6 +80,8 @@ pub(crate) struct Point {
     pub(crate) forecast_s: f64,
     /// Whether their method keeps checkpoints.
     pub(crate) keeps_checkpoints: bool,
+    /// Most threads that one of them has work for.
+    pub(crate) most_threads: u32,
     /// Memory that the plan expects of one of its jobs.
     pub(crate) memory_bytes: u64,
 }

@@ -131,6 +131,14 @@ pub(crate) struct LeaseDocument {
     /// Faults of machines that earlier attempts have met.
     #[schema(minimum = 0)]
     pub(crate) faults: i64,
+    /// Most threads that may compute the packing, as the request has it.
+    #[schema(required, minimum = 1, maximum = 64)]
+    pub(crate) threads: Option<u32>,
+    /// Most threads that it has work for.
+    #[schema(minimum = 1, maximum = 64)]
+    pub(crate) most_threads: u32,
+    /// Jobs that wait. A job without `threads` leaves them the slots that they could have.
+    pub(crate) queued: u64,
     /// Most grains of the packing.
     pub(crate) max_grains: u64,
     /// Most memory of the packing, in bytes.
@@ -153,6 +161,7 @@ impl LeaseDocument {
         lease_s: f64,
         limits: &Limits,
         room: (u64, Bound),
+        queued: u64,
         has_checkpoint: bool,
     ) -> Result<Self, serde_json::Error> {
         Ok(Self {
@@ -161,6 +170,9 @@ impl LeaseDocument {
             lease_s,
             timeout_s: claimed.job.timeout_s,
             faults: claimed.faults,
+            threads: claimed.job.threads,
+            most_threads: claimed.job.most_threads,
+            queued,
             max_grains: limits.max_grains,
             max_memory_bytes: limits.max_memory_bytes,
             room_bytes: room.0,

@@ -1,10 +1,13 @@
 //! The executor: leases a job, runs the engine on a thread of the blocking pool, and tells how it ended.
 //!
-//! There are as many executors as jobs may be packed at once, so the pool is bounded by them. An executor
+//! There are as many executors as the process has slots, and a job holds one slot for each of its threads ([`slots`]).
+//! Executors for which no slot is left wait, so that the threads that pack are bounded by the slots. An executor
 //! watches its run from outside: it tells of progress at most twice a second, renews the lease, and
 //! passes on a client's request to cancel, the job's time limit and the stop of the process. It alone
 //! decides what the end of a run means; the engine only ends. Where the jobs come from, it does not know: see
 //! [`Leases`].
+//!
+//! [`slots`]: super::slots
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,6 +23,7 @@ use tracing::Instrument as _;
 use super::control::{RunControl, Stop};
 use super::ending::{Cause, End, FailedRun, Run, Stored};
 use super::leases::{LeaseError, Leases, Work};
+use super::slots::{Held, Slots};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
@@ -50,10 +54,20 @@ const LAST_CHECKPOINT: Duration = Duration::from_secs(5);
 /// Time to copy it to where other servers find it.
 const SHARE_CHECKPOINT: Duration = Duration::from_secs(2);
 
+/// Held while a packing is computed, and dropped when only its result is left to be written.
+struct Packing {
+    // Goes before the signal, so that who follows it finds the slots free.
+    slots: Held,
+    // Nothing is ever sent: it goes when the engine is done, however it ends.
+    _done: oneshot::Sender<()>,
+}
+
 /// What every executor needs.
 #[derive(Clone, Debug)]
 pub(crate) struct Executor {
     pub(crate) leases: Leases,
+    /// The slots of this process, which the executors share.
+    pub(crate) slots: Slots,
     /// Where results are written.
     pub(crate) artifacts: Artifacts,
     /// Where checkpoints are kept while a job runs.
@@ -71,14 +85,14 @@ impl Executor {
     pub(crate) async fn work(self) {
         let mut writing: Option<Task<()>> = None;
         while !self.shutdown.is_cancelled() && !self.leases.are_over() {
-            let claimed = self.leases.claim(&self.shutdown).await;
+            let claimed = self.leases.claim(&self.slots, &self.shutdown).await;
             match claimed {
-                Ok(Some(work)) => {
+                Ok(Some((work, slots))) => {
                     let span =
                         tracing::info_span!("job", job_id = %work.lease.id, attempt = work.lease.attempt);
-                    let (packing, has_packed) = oneshot::channel();
+                    let (done, has_packed) = oneshot::channel();
+                    let packing = Packing { slots, _done: done };
                     let run = tasks::spawn(self.clone().run(work, packing).instrument(span));
-                    // Nothing is ever sent: the sender goes when the engine is done, however it ends.
                     let _ = has_packed.await;
                     end_of(writing.replace(run)).await;
                 }
@@ -95,11 +109,11 @@ impl Executor {
         end_of(writing).await;
     }
 
-    /// Runs a job to its end; `packing` is dropped when only its result is left to be written.
-    async fn run(self, work: Work, packing: oneshot::Sender<()>) {
+    /// Runs a job to its end.
+    async fn run(self, work: Work, packing: Packing) {
         let started = Instant::now();
         let lease = work.lease;
-        tracing::info!("started");
+        tracing::info!(threads = packing.slots.count(), "started");
         self.leases.prepare(&work, &self.checkpoints).await;
         let checkpoints = self.checkpoints.writer(&lease.id.to_string(), lease.attempt);
         let control = Arc::new(RunControl::with_checkpoints(checkpoints));
@@ -187,7 +201,7 @@ impl Executor {
     }
 
     /// The run itself, on a thread that may block.
-    fn pack_and_write(&self, work: &Work, control: &RunControl, packing: oneshot::Sender<()>) -> End {
+    fn pack_and_write(&self, work: &Work, control: &RunControl, packing: Packing) -> End {
         match self.try_pack_and_write(work, control, packing) {
             Ok(end) => end,
             Err(failure) => control.stopped().map_or(End::Failed(failure), End::Stopped),
@@ -198,7 +212,7 @@ impl Executor {
         &self,
         work: &Work,
         control: &RunControl,
-        packing: oneshot::Sender<()>,
+        packing: Packing,
     ) -> Result<End, FailedRun> {
         let stored: serde_json::Value = serde_json::from_str(&work.request).map_err(|error| {
             tracing::error!(%error, "the stored request is unreadable");

@@ -5,6 +5,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::ending::{Cause, Told, complete};
 use super::leases::{LeaseError, Work};
+use super::slots::{Held, Slots, threads_of};
 use crate::jobs::Lease;
 use crate::jobs::store::Store;
 use crate::storage::{Bound, Storage};
@@ -19,27 +20,47 @@ pub(crate) struct Here {
 
 impl Here {
     /// Leases the next job, or waits until there may be one.
-    pub(super) async fn claim(&self, shutdown: &CancellationToken) -> Result<Option<Work>, LeaseError> {
+    pub(super) async fn claim(
+        &self,
+        slots: &Slots,
+        shutdown: &CancellationToken,
+    ) -> Result<Option<(Work, Held)>, LeaseError> {
+        let mut reserved = tokio::select! {
+            reserved = slots.reserve() => reserved,
+            () = shutdown.cancelled() => return Ok(None),
+        };
         let Some(claimed) = self.store.claim().await? else {
+            drop(reserved);
             tokio::select! {
                 () = self.store.queue_notified() => {}
                 () = shutdown.cancelled() => {}
             }
             return Ok(None);
         };
+        let threads = threads_of(claimed.job.threads, claimed.job.most_threads);
+        let mut left = 0;
+        if threads > 1 {
+            reserved = reserved.alone().await;
+            if claimed.job.threads.is_none() {
+                // A store that cannot tell how many jobs wait may have as many as there are slots.
+                left = self.store.queued().await.unwrap_or(u64::MAX);
+            }
+        }
+        let held = reserved.take(threads, left);
         // Another worker may take the next job of a burst that woke only this one.
         self.store.wake_next_worker();
         // A store that cannot tell fails the run at its end at the latest.
         let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
-        Ok(Some(Work {
+        let work = Work {
             lease: claimed.lease,
             request: claimed.request,
             timeout_s: claimed.job.timeout_s,
             faults: claimed.faults,
-            limits: self.limits,
+            limits: Limits { threads: held.count(), ..self.limits },
             room,
             has_checkpoint: false,
-        }))
+        };
+        Ok(Some((work, held)))
     }
 
     /// Records how a run ended.

@@ -8,6 +8,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::ending::{End, Run};
 use super::here::Here;
+use super::slots::{Held, Slots};
 use super::there::There;
 use crate::checkpoints::Checkpoints;
 use crate::jobs::notifications::Subscription;
@@ -86,14 +87,19 @@ impl Following {
 }
 
 impl Leases {
-    /// Leases the next job. `None` where none came for a while, or the process is to stop.
+    /// Leases the next job once a slot is free, and takes its slots. `None` where none came for a while, or the
+    /// process is to stop.
     ///
     /// # Errors
     /// Those of the source.
-    pub(crate) async fn claim(&self, shutdown: &CancellationToken) -> Result<Option<Work>, LeaseError> {
+    pub(crate) async fn claim(
+        &self,
+        slots: &Slots,
+        shutdown: &CancellationToken,
+    ) -> Result<Option<(Work, Held)>, LeaseError> {
         match self {
-            Self::Here(here) => here.claim(shutdown).await,
-            Self::There(there) => there.claim(shutdown).await,
+            Self::Here(here) => here.claim(slots, shutdown).await,
+            Self::There(there) => there.claim(slots, shutdown).await,
         }
     }
 

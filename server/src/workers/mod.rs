@@ -1,8 +1,8 @@
 //! Workers: what runs jobs, in the server or in another process.
 //!
 //! [`executor`] runs jobs, wherever they come from ([`leases`]): from the store of this process ([`here`]) or from a
-//! server over HTTP ([`there`], whose messages are [`documents`]). [`heard`] knows the processes that ask for jobs, and
-//! [`probe`] tells whether two processes compute the same bits.
+//! server over HTTP ([`there`], whose messages are [`documents`]); a job holds [`slots`] of its process.
+//! [`heard`] knows the processes that ask for jobs, and [`probe`] tells whether two processes compute the same bits.
 
 pub(crate) mod control;
 pub(crate) mod documents;
@@ -12,4 +12,5 @@ pub(crate) mod heard;
 pub(crate) mod here;
 pub(crate) mod leases;
 pub(crate) mod probe;
+pub(crate) mod slots;
 pub(crate) mod there;

@@ -5,6 +5,7 @@ mod watch;
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -58,6 +59,10 @@ pub(super) struct Options {
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
+    /// Threads that compute the packing, which does not depend on their number [default: `threads` of the job, or one
+    /// for each core]
+    #[arg(long, value_name = "NUMBER")]
+    threads: Option<NonZeroUsize>,
     #[command(flatten)]
     earlier: Earlier,
     /// Seconds between two checkpoints; 0 keeps one at every opportunity
@@ -124,7 +129,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
     let request = read_job(&options.job, seed)?;
     let packing_request = request.packing();
-    let limits = limits_of_one_packing(options.max_grains);
+    let of_one = limits_of_one_packing(options.max_grains);
+    let threads = options.threads.or(request.threads()).unwrap_or(of_one.threads);
+    let limits = Limits { threads, ..of_one };
     let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
     warn(&plan.warnings);
     let files = Files::of(options, &request);

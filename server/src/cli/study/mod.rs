@@ -15,6 +15,7 @@ mod worker_pool;
 
 use std::collections::VecDeque;
 use std::io;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -59,6 +60,10 @@ pub(super) struct Options {
     /// Packings at once [default: the number of cores]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     workers: Option<u16>,
+    /// Threads that compute one packing, which does not depend on their number; a job with `threads` has no more than
+    /// these [default: one for each core, shared by the packings at once]
+    #[arg(long, value_name = "NUMBER")]
+    threads: Option<NonZeroUsize>,
     /// Formats in which every packing is kept below `results`; none is when absent
     #[arg(long = "format", alias = "formats", value_delimiter = ',', value_parser = format_parser())]
     formats: Vec<Format>,
@@ -191,13 +196,13 @@ fn read_request(options: &Options) -> Result<serde_json::Value, Failure> {
 
 fn limits(options: &Options) -> Limits {
     let max_memory_bytes = default_memory_bytes(options.workers());
-    let threads = threads_of_one(options.workers());
+    let shared = threads_of_one(options.workers());
     Limits {
         max_grains: options.max_grains,
         max_memory_bytes,
         max_model_bytes: max_memory_bytes,
-        threads,
-        export_threads: threads,
+        threads: options.threads.unwrap_or(shared),
+        export_threads: shared,
     }
 }
 

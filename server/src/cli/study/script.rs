@@ -150,6 +150,9 @@ fn more(options: &Options) -> String {
     if options.max_grains != packstone_engine::Limits::default().max_grains {
         let _ = write!(more, " --max-grains {}", options.max_grains);
     }
+    if let Some(threads) = options.threads {
+        let _ = write!(more, " --threads {threads}");
+    }
     if options.checkpoint_every_s.to_bits() != DEFAULT_CHECKPOINT_EVERY_S.to_bits() {
         let _ = write!(more, " --checkpoint-every-s {}", options.checkpoint_every_s);
     }

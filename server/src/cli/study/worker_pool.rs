@@ -273,6 +273,9 @@ impl WorkerPool<'_> {
         let id = format!("{point}-{replicate}");
         let attempt = self.claims.and_then(|claims| claims.generation(point)).unwrap_or(ATTEMPT);
         let resume = self.checkpoints.resume(&id, &request);
+        let most = self.limits.threads;
+        let limits =
+            Limits { threads: job.threads().map_or(most, |threads| threads.min(most)), ..self.limits };
         let start = Instant::now();
         let control = Watch {
             pool: self,
@@ -284,7 +287,7 @@ impl WorkerPool<'_> {
             kept_last: AtomicBool::new(false),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
-            packstone_engine::pack_or_resume(&request, &self.limits, resume, &control)
+            packstone_engine::pack_or_resume(&request, &limits, resume, &control)
         }));
         let time_s = start.elapsed().as_secs_f64();
         let (outcome, facts, fault) = match &packed {

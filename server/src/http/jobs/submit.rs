@@ -61,8 +61,8 @@ pub(crate) async fn submit(
     let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
     check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
-    let Plan { warnings, estimated_time_s: forecast_s, keeps_checkpoints, grains, .. } = plan;
-    let new = NewJob { request, warnings, forecast_s, keeps_checkpoints, by, idempotency_key };
+    let Plan { warnings, estimated_time_s: forecast_s, keeps_checkpoints, most_threads, grains, .. } = plan;
+    let new = NewJob { request, warnings, forecast_s, keeps_checkpoints, most_threads, by, idempotency_key };
     let submitted = app.shared.store.submit(new).await?;
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {

@@ -45,6 +45,9 @@ pub(crate) struct JobSummary {
     /// Jobs of higher priority run first.
     #[schema(minimum = -100, maximum = 100)]
     priority: i64,
+    /// Most threads that compute the packing, as the request has it; `null` for those that the service has to spare.
+    #[schema(required, minimum = 1, maximum = 64)]
+    threads: Option<u32>,
     /// Whose the job is: the owner of the API key that submitted it; `null` where the server asks for none.
     #[schema(required)]
     owner: Option<String>,
@@ -177,6 +180,7 @@ impl JobSummary {
             attempt: job.attempt,
             max_attempts: job.max_attempts,
             priority: job.priority,
+            threads: job.threads,
             owner: named(&job.owner),
             submitted_by: named(&job.submitted_by),
             shared: job.shared,

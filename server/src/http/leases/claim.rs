@@ -126,12 +126,15 @@ async fn has_checkpoint(app: &App, id: String) -> bool {
 
 async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>, Problem> {
     let mut documents = Vec::with_capacity(claimed.len());
+    // A store that cannot tell may have as many as there are slots.
+    let queued = app.shared.store.queued().await.unwrap_or(u64::MAX);
     for claimed in claimed {
         let room = app.shared.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let id = claimed.lease.id.to_string();
         let has_checkpoint = claimed.lease.attempt > 1 && has_checkpoint(app, id.clone()).await;
         let lease_s = app.shared.store.lease().as_secs_f64();
-        let document = LeaseDocument::of(claimed, lease_s, &app.shared.limits, room, has_checkpoint);
+        let limits = &app.shared.limits;
+        let document = LeaseDocument::of(claimed, lease_s, limits, room, queued, has_checkpoint);
         documents.push(document.map_err(|error| {
             tracing::error!(%error, job_id = id, "the stored request is unreadable");
             Problem::internal()

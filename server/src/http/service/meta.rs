@@ -148,12 +148,14 @@ pub(crate) struct LimitsInfo {
     max_body_bytes: u64,
     /// Most jobs that wait.
     max_queued: u64,
-    /// Jobs that run at once.
+    /// Jobs that run at once, of which one with several threads counts as so many.
     workers: usize,
     /// Most attempts of a job.
     max_attempts: i64,
     /// Priorities lie between this and its negative.
     max_priority: i64,
+    /// Most threads that a job may ask for.
+    max_threads: i64,
     /// Longest time of an attempt.
     max_timeout_s: f64,
     /// Longest name of a job, in characters.
@@ -215,6 +217,7 @@ pub(crate) async fn capabilities(
             workers: shared.workers,
             max_attempts: request::MAX_ATTEMPTS,
             max_priority: request::MAX_PRIORITY,
+            max_threads: request::MAX_THREADS,
             max_timeout_s: request::MAX_TIMEOUT_S,
             max_name_chars: request::MAX_NAME_CHARS,
             max_labels: request::MAX_LABELS,
@@ -320,6 +323,7 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
         work: shared.store.forecast_work().await?,
         open_studies: shared.store.open_studies().await?,
         workers: shared.workers,
+        busy_slots: shared.slots.busy(),
         connections: shared.max_connections.saturating_sub(shared.connections.available_permits()),
         stored_bytes: stored,
         disk: shared.disk.space().ok().map(|space| (space.free, shared.disk.min_free_bytes(space))),

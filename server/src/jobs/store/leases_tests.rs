@@ -122,8 +122,15 @@ async fn a_lease_that_ran_out_is_lost() {
 async fn submit_long(store: &Store, owner: &str, forecast_s: f64, keeps_checkpoints: bool) -> JobId {
     let by = Submitter { key: String::new(), owner: owner.into() };
     let request = request(&json!({}));
-    let new =
-        NewJob { request, warnings: Vec::new(), forecast_s, keeps_checkpoints, by, idempotency_key: None };
+    let new = NewJob {
+        request,
+        warnings: Vec::new(),
+        forecast_s,
+        keeps_checkpoints,
+        most_threads: 1,
+        by,
+        idempotency_key: None,
+    };
     match store.submit(new).await.unwrap() {
         Submitted::Created(job) => job.id,
         Submitted::Existing(_) => panic!("a job without a key exists already"),

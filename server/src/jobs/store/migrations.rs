@@ -28,6 +28,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (17, "least_time", include_str!("../../../../migrations/0017_least_time.sql")),
     (18, "webhook_urls", include_str!("../../../../migrations/0018_webhook_urls.sql")),
     (19, "start_turns", include_str!("../../../../migrations/0019_start_turns.sql")),
+    (20, "threads", include_str!("../../../../migrations/0020_threads.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
@@ -57,6 +58,7 @@ fn migrator<'m>(migrations: impl Iterator<Item = &'m (i64, &'static str, &'stati
 const OF_POSTGRES: &[(i64, &str, &str)] = &[
     (18, "schema", include_str!("../../../../migrations/postgres/0018_schema.sql")),
     (19, "start_turns", include_str!("../../../../migrations/postgres/0019_start_turns.sql")),
+    (20, "threads", include_str!("../../../../migrations/postgres/0020_threads.sql")),
 ];
 
 /// All migrations of PostgreSQL. Servers that start together run them one after another, by a lock of sqlx.

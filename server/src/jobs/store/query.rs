@@ -203,6 +203,14 @@ impl Store {
         Ok(std::time::Duration::from_micros(waited_us.cast_unsigned()))
     }
 
+    /// How many jobs wait.
+    pub(crate) async fn queued(&self) -> Result<u64, StoreError> {
+        let queued: Option<i64> = query("select jobs from job_counts where state = 'queued'")
+            .optional_scalar(self.readers())
+            .await?;
+        Ok(queued.unwrap_or(0).cast_unsigned())
+    }
+
     /// How many jobs are in each state.
     pub(crate) async fn counts(&self) -> Result<BTreeMap<State, u64>, StoreError> {
         let rows = query("select state, jobs from job_counts").fetch_all(self.readers()).await?;

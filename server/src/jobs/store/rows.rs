@@ -55,6 +55,8 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         name: row.try_get("name")?,
         labels: json(row.text("labels")?)?,
         priority: row.try_get("priority")?,
+        threads: row.try_get::<Option<i64>>("threads")?.map(|threads| threads as u32),
+        most_threads: row.try_get::<i64>("most_threads")? as u32,
         seed: row.try_get("seed")?,
         timeout_s: row.try_get("timeout_s")?,
         attempt: row.try_get("attempt")?,

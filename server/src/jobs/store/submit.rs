@@ -31,6 +31,8 @@ pub(crate) struct NewJob {
     pub(crate) forecast_s: f64,
     /// Whether its method keeps checkpoints, by its plan.
     pub(crate) keeps_checkpoints: bool,
+    /// Most threads that it has work for, by its plan.
+    pub(crate) most_threads: u32,
     /// Who submits it.
     pub(crate) by: Submitter,
     pub(crate) idempotency_key: Option<IdempotencyKey>,
@@ -104,8 +106,8 @@ impl Store {
         let seq: i64 = query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
-                 shared, forecast_us, least_time_us)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 shared, forecast_us, least_time_us, threads, most_threads)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -126,6 +128,8 @@ impl Store {
         .bind(request.shared)
         .bind(forecast_us)
         .bind(forecasts::least_time_us(forecast_us, new.keeps_checkpoints))
+        .bind(request.threads)
+        .bind(i64::from(new.most_threads))
         .fetch_one(&mut *tx)
         .await?
         .try_get("seq")?;

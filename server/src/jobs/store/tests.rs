@@ -96,6 +96,7 @@ pub(super) async fn submit_forecast(store: &Store, forecast_s: f64, extra: serde
         warnings: Vec::new(),
         forecast_s,
         keeps_checkpoints: true,
+        most_threads: 1,
         by: Submitter::default(),
         idempotency_key: None,
     };
@@ -117,6 +118,7 @@ pub(super) async fn submit_as(
         warnings: Vec::new(),
         forecast_s: 1.0,
         keeps_checkpoints: true,
+        most_threads: 1,
         by,
         idempotency_key: None,
     };
@@ -308,6 +310,7 @@ async fn a_key_brings_the_same_job_even_after_a_restart() {
         warnings: Vec::new(),
         forecast_s: 1.0,
         keeps_checkpoints: true,
+        most_threads: 1,
         by: Submitter { key: scope.into(), owner: scope.into() },
         idempotency_key: Some(IdempotencyKey {
             scope: scope.into(),
@@ -357,6 +360,7 @@ async fn the_queue_is_bounded() {
         warnings: Vec::new(),
         forecast_s: 1.0,
         keeps_checkpoints: true,
+        most_threads: 1,
         by: Submitter::default(),
         idempotency_key: None,
     };
@@ -550,4 +554,37 @@ async fn stored_problem_documents_become_failures() {
     assert_eq!(invalid, Failure::invalid(vec![packstone_engine::FieldError::new("/mix", "9 is too much")]));
     let text: String = db::query("select error from exports").scalar(store.readers()).await.unwrap();
     assert_eq!(serde_json::from_str::<Failure>(&text).unwrap(), invalid);
+}
+
+#[tokio::test]
+async fn threads_are_kept_beside_the_request() {
+    let (_folder, store) = fresh().await;
+    for threads in [json!(null), json!(3)] {
+        let job = submit(&store, json!({"threads": threads})).await;
+        let claimed = store.claim().await.unwrap().unwrap();
+        assert_eq!(json!(job.threads), threads);
+        assert_eq!((claimed.job.threads, claimed.job.most_threads), (job.threads, 1));
+        assert!(!claimed.request.contains("threads"), "{}", claimed.request);
+    }
+}
+
+#[tokio::test]
+async fn jobs_of_before_threads_have_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut old = file_of_version(&folder, 19).await;
+    let id = JobId::new();
+    sqlx::query(
+        "insert into jobs (seq, id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
+             engine)
+         values (1, ?, 'queued', '{}', 0, 1, 3, 3, 0, 0, '{}')",
+    )
+    .bind(id.to_string())
+    .execute(&mut old)
+    .await
+    .unwrap();
+    sqlx::query("insert into job_requests (job, body) values (1, '{}')").execute(&mut old).await.unwrap();
+    old.close().await.unwrap();
+    let store = open_file(&folder).await;
+    let claimed = store.claim().await.unwrap().unwrap();
+    assert_eq!((claimed.job.id, claimed.job.threads, claimed.job.most_threads), (id, None, 1));
 }

@@ -12,6 +12,7 @@ mod server;
 
 use std::collections::HashMap;
 use std::fs::File;
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -29,6 +30,7 @@ use super::documents::{
 };
 use super::ending::{Cause, Told};
 use super::leases::{CLAIM_WAIT, LeaseError, Work};
+use super::slots::{Held, Slots, threads_of};
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
@@ -160,10 +162,22 @@ impl There {
     }
 
     /// Leases the next job; `None` where none came for a while, or the process is to stop.
-    pub(super) async fn claim(&self, shutdown: &CancellationToken) -> Result<Option<Work>, LeaseError> {
+    pub(super) async fn claim(
+        &self,
+        slots: &Slots,
+        shutdown: &CancellationToken,
+    ) -> Result<Option<(Work, Held)>, LeaseError> {
         let asking = async {
             let _turn = self.shared.claiming.lock().await;
-            self.ask().await
+            let reserved = slots.reserve().await;
+            Ok(self.ask().await.map(|document| {
+                // No other claim is under way, so that nothing is waited for: the job would be lost if this were
+                // dropped meanwhile.
+                let threads = threads_of(document.threads, document.most_threads);
+                let left = if document.threads.is_none() { document.queued } else { 0 };
+                let held = reserved.take(threads, left);
+                (self.begin(&document, held.count()), held)
+            }))
         };
         tokio::select! {
             claimed = asking => claimed,
@@ -194,7 +208,7 @@ impl There {
     }
 
     /// Asks for a job until the server has answered.
-    async fn ask(&self) -> Result<Option<Work>, LeaseError> {
+    async fn ask(&self) -> Option<LeaseDocument> {
         self.await_room().await;
         let options = &self.shared.options;
         let left = || options.until.map(|until| until.saturating_duration_since(Instant::now()));
@@ -219,8 +233,7 @@ impl There {
             request.remaining_s = left().map(|left| left.as_secs_f64().min(MAX_REMAINING_S));
             match self.shared.server.post::<LeasesDocument>("/v1/leases", &request, wait).await {
                 Ok(found) => {
-                    let first = found.and_then(|found| found.leases.into_iter().next());
-                    return Ok(first.map(|document| self.begin(&document)));
+                    return found.and_then(|found| found.leases.into_iter().next());
                 }
                 Err(error) if error.is_final() => {
                     *self.shared.refused.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
@@ -232,10 +245,10 @@ impl There {
                 }
             }
         }
-        Ok(None)
+        None
     }
 
-    fn begin(&self, document: &LeaseDocument) -> Work {
+    fn begin(&self, document: &LeaseDocument, threads: NonZeroUsize) -> Work {
         let lease = Lease { seq: 0, id: document.job, attempt: document.attempt, study: None };
         let state = watch::Sender::new(State::Running);
         self.jobs().insert(key(lease), Job { state, progress: None, sent: Instant::now() });
@@ -243,6 +256,7 @@ impl There {
         let limits = Limits {
             max_grains: document.max_grains,
             max_memory_bytes: document.max_memory_bytes,
+            threads,
             ..Limits::default()
         };
         Work {

@@ -48,6 +48,7 @@ struct Row<'a> {
     warnings: &'a [String],
     forecast_us: i64,
     least_time_us: i64,
+    most_threads: i64,
 }
 
 impl Store {
@@ -212,14 +213,16 @@ async fn rows_of<'a>(
         next_turn.insert(priority, turns::assign_start_times(tx, flow, jobs).await?);
     }
     let rows = of.order().zip(last.unwrap_or(0) + 1..).map(|((point, replicate), seq)| {
-        let Point { job, seeds, warnings, forecast_s, keeps_checkpoints, .. } = &of.points[point];
+        let Point { job, seeds, warnings, forecast_s, keeps_checkpoints, most_threads, .. } =
+            &of.points[point];
+        let most_threads = i64::from(*most_threads);
         let forecast_us = forecasts::micros_of(*forecast_s, job.timeout_s);
         let least_time_us = forecasts::least_time_us(forecast_us, *keeps_checkpoints);
         let next = next_turn.entry(job.priority).or_insert(0);
         let turn = *next;
         *next += 1;
         let seed = seeds[replicate];
-        Row { seq, point, replicate, turn, job, seed, warnings, forecast_us, least_time_us }
+        Row { seq, point, replicate, turn, job, seed, warnings, forecast_us, least_time_us, most_threads }
     });
     Ok(rows.collect())
 }
@@ -238,7 +241,7 @@ async fn insert_jobs(
         let mut query = QueryBuilder::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings, submitted_by, shared, forecast_us, least_time_us) ",
+                 warnings, submitted_by, shared, forecast_us, least_time_us, threads, most_threads) ",
         );
         query.push_values(chunk.iter().zip(texts), |values, (row, (labels, warnings))| {
             let job = row.job;
@@ -251,6 +254,7 @@ async fn insert_jobs(
             values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
             values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
             values.push_bind(row.forecast_us).push_bind(row.least_time_us);
+            values.push_bind(job.threads).push_bind(row.most_threads);
         });
         query.build().execute(&mut *tx).await?;
     }

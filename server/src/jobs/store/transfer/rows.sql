@@ -15,16 +15,21 @@ insert into study_keys (scope, key, body_sha256, study) values ('', 'key', 'ab',
 
 insert into jobs (
     id, state, name, labels, priority, seed, timeout_s, max_attempts, attempt_budget, cancel_requested, created_at,
-    updated_at, lease_expires_at, engine, study, point, replicate, owner, shared, worker, worker_key, claim
+    updated_at, lease_expires_at, engine, study, point, replicate, owner, shared, worker, worker_key, claim, threads,
+    most_threads
 ) values
     ('j1', 'queued', 'Kies 日本 "?"', '{"a":"b"}', -5, -9223372036854775808, 1e-3, 3, 3, 0, 1, 1, null, 'e',
-     null, null, null, '', 0, '', '', null),
-    ('j2', 'running', null, '{}', 0, 1, 0.30000000000000004, 3, 3, 1, 2, 2, 77, 'e', 1, 0, 1, 'o', 1, 'w', 'k', 'c'),
-    ('j3', 'succeeded', '', '{}', 0, 1, null, 3, 3, 0, 3, 3, null, 'e', 1, 0, 0, 'o', 0, '', '', null),
+     null, null, null, '', 0, '', '', null, 64, 1),
+    ('j2', 'running', null, '{}', 0, 1, 0.30000000000000004, 3, 3, 1, 2, 2, 77, 'e', 1, 0, 1, 'o', 1, 'w', 'k', 'c',
+     null, 64),
+    ('j3', 'succeeded', '', '{}', 0, 1, null, 3, 3, 0, 3, 3, null, 'e', 1, 0, 0, 'o', 0, '', '', null,
+     null, 1),
     ('j4', 'failed', 'line' || char(10) || 'two', '{}', 0, 1, 86400, 3, 3, 0, 4, 4, null, 'e',
-     null, null, null, 'p', 0, '', '', null),
-    ('j5', 'cancelled', '', '{}', 0, 1, null, 3, 3, 1, 5, 5, null, 'e', null, null, null, '', 0, '', '', null),
-    ('j6', 'queued', '', '{}', 0, 1, null, 3, 3, 0, 6, 6, null, 'e', null, null, null, '', 0, '', '', null);
+     null, null, null, 'p', 0, '', '', null, null, 1),
+    ('j5', 'cancelled', '', '{}', 0, 1, null, 3, 3, 1, 5, 5, null, 'e', null, null, null, '', 0, '', '', null,
+     null, 1),
+    ('j6', 'queued', '', '{}', 0, 1, null, 3, 3, 0, 6, 6, null, 'e', null, null, null, '', 0, '', '', null,
+     null, 1);
 -- Two of them are longer than a page.
 insert into job_requests (job, body) values
     (1, '{"method":{"type":"rsa"},"s":"' || hex(zeroblob(5000000)) || '"}'),
