@@ -85,9 +85,10 @@ impl Artifacts {
 }
 
 impl Artifacts {
-    /// The same attempt has written before, and what followed was lost: the answer of a bucket, for example, and the
-    /// attempt was begun once more. The same bytes are what is wanted. Others, which differ in the times that they
-    /// tell, are moved out of the way, for the database knows none of them.
+    /// The same attempt has written before, and what followed was lost: the answer of a bucket, or the lease by a power
+    /// cut of the machine of server and database, and the attempt was begun once more. The same bytes are what is
+    /// wanted. Others, which differ in the times that they tell, are moved out of the way: no two runs that may record
+    /// a result have the same attempt (see `Store::give_back`), so the database knows none of them.
     ///
     /// # Errors
     /// Those of the storage; a passing one where the file was moved, after which the same is written again.

@@ -1,6 +1,6 @@
 //! Leasing the next job to a worker: whose turn it is, which of the owner's jobs is next, and the lease itself.
 
-use super::db::{Durability, Row, Transaction, either, query};
+use super::db::{Row, Transaction, either, query};
 use super::leases::Claim;
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
@@ -130,13 +130,14 @@ impl Store {
     /// Leases the next job: of the owner whose turn it is the one of the highest priority, then the smallest virtual
     /// start time. An owner of whom as many jobs run as may is passed over.
     ///
-    /// The claim is not synchronized to the disk. A power cut that undoes it leaves the job queued, and the files of
-    /// the attempt are removed by the sweeper. The next synchronized write includes the claim.
+    /// In a database of this server alone the claim is not synchronized to the disk. A power cut that undoes it leaves
+    /// the job queued, and the files of the attempt are removed by the sweeper. The next synchronized write includes
+    /// the claim.
     pub(crate) async fn claim(&self) -> Result<Option<Claimed>, StoreError> {
         let store = self.clone();
         self.detached(async move {
             let claimed = store
-                .write(Durability::ProcessEnd, (), |store, (), tx| {
+                .write(store.durability_of_leases(), (), |store, (), tx| {
                     Box::pin(store.claim_next(tx, Lessee::Here))
                 })
                 .await?;

@@ -71,7 +71,9 @@ impl Store {
         self.detached(async move {
             // A power cut that undoes the claim leaves the jobs queued; the leases are then lost.
             let claimed = store
-                .write(Durability::ProcessEnd, claim, |store, claim, tx| Box::pin(claim.take(store, tx)))
+                .write(store.durability_of_leases(), claim, |store, claim, tx| {
+                    Box::pin(claim.take(store, tx))
+                })
                 .await?;
             for claimed in &claimed {
                 store.notify_job(&claimed.job);

@@ -113,7 +113,8 @@ impl Store {
     }
 
     /// Requeues a job whose run was interrupted by the stop of its worker; the attempt does not count. In another
-    /// process it gets a number of its own all the same, so that a repeated request about it finds no other attempt.
+    /// process, and where other servers may take the job, it gets a number of its own all the same: a request about it
+    /// that comes late finds no other attempt, and no two runs write the same file.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -146,13 +147,14 @@ impl Store {
             query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1, lease_expires_at = null,
                      started_at = null, progress = null, not_before = ?2,
-                     attempt = attempt + case when worker <> '' then 1 else 0 end,
-                     max_attempts = max_attempts + case when worker <> '' then 1 else 0 end
+                     attempt = attempt + case when worker <> '' or ?4 then 1 else 0 end,
+                     max_attempts = max_attempts + case when worker <> '' or ?4 then 1 else 0 end
                  where seq = ?3",
             )
             .bind(now)
             .bind(now.saturating_add(micros(pause)))
             .bind(lease.seq)
+            .bind(store.is_shared())
             .execute(&mut tx)
             .await?;
             tx.commit().await?;

@@ -29,6 +29,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (18, "webhook_urls", include_str!("../../../../migrations/0018_webhook_urls.sql")),
     (19, "start_turns", include_str!("../../../../migrations/0019_start_turns.sql")),
     (20, "threads", include_str!("../../../../migrations/0020_threads.sql")),
+    (21, "export_attempts", include_str!("../../../../migrations/0021_export_attempts.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
@@ -59,6 +60,7 @@ const OF_POSTGRES: &[(i64, &str, &str)] = &[
     (18, "schema", include_str!("../../../../migrations/postgres/0018_schema.sql")),
     (19, "start_turns", include_str!("../../../../migrations/postgres/0019_start_turns.sql")),
     (20, "threads", include_str!("../../../../migrations/postgres/0020_threads.sql")),
+    (21, "export_attempts", include_str!("../../../../migrations/postgres/0021_export_attempts.sql")),
 ];
 
 /// All migrations of PostgreSQL. Servers that start together run them one after another, by a lock of sqlx.

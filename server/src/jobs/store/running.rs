@@ -126,8 +126,9 @@ impl Left {
                  finished_at = case when ?1 = 'queued' then null else ?2 end,
                  started_at = case when ?1 = 'queued' then null else started_at end,
                  progress = case when ?1 = 'queued' then null else progress end,
-                 attempt = attempt + case when ?1 = 'queued' and worker <> '' then 1 else 0 end,
-                 max_attempts = max_attempts + case when ?1 = 'queued' and worker <> '' then 1 else 0 end
+                 attempt = attempt + case when ?1 = 'queued' and (worker <> '' or ?6) then 1 else 0 end,
+                 max_attempts = max_attempts
+                     + case when ?1 = 'queued' and (worker <> '' or ?6) then 1 else 0 end
              where seq = ?4 and attempt = ?5 and state = 'running' returning study, point, replicate",
         )
         .bind(self.to.name())
@@ -135,6 +136,7 @@ impl Left {
         .bind(&self.error)
         .bind(self.lease.seq)
         .bind(self.lease.attempt)
+        .bind(store.is_shared())
         .fetch_optional(&mut *tx)
         .await?
         .ok_or(StoreError::LeaseLost)?;

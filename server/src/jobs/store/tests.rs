@@ -7,8 +7,12 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 
+#[cfg(feature = "postgres")]
+use super::db::query;
 use super::*;
 use crate::accounts::{Quotas, Submitter};
+#[cfg(feature = "postgres")]
+use crate::exports::{NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest};
 use crate::studies::Facts;
@@ -251,6 +255,65 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
     let retried = store.retry(job.id, None).await.unwrap();
     assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
     assert_eq!((retried.error, retried.finished_at), (None, None));
+}
+
+/// A request of the first run may reach the database late, after another server has begun a run of its own: with the
+/// number of its attempt the first result would be recorded, and the second written over its file.
+#[cfg(feature = "postgres")]
+#[tokio::test]
+async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let Database::Postgres { options, .. } = database(&folder).await else {
+        eprintln!("SKIPPED: PACKSTONE_TEST_POSTGRES names no PostgreSQL");
+        return;
+    };
+    let shared = Database::Postgres { options, is_shared: true };
+    let store = Store::open(&shared, folder.path(), LIMITS, Arc::default()).await.unwrap();
+    let job = submit(&store, json!({"max_attempts": 2})).await;
+    let first = store.claim().await.unwrap().unwrap().lease;
+    store.requeue_after_fault(first).await.unwrap();
+    store.end_pauses(job.owner.clone()).await.unwrap();
+    let second = store.claim().await.unwrap().unwrap().lease;
+    store.give_back(second).await.unwrap();
+    let third = store.claim().await.unwrap().unwrap();
+    assert_eq!((first.attempt, second.attempt, third.lease.attempt), (1, 2, 3));
+    assert_eq!(third.job.max_attempts, 4, "neither counts");
+    for late in [first, second] {
+        let recorded =
+            store.succeed(late, artifact("late"), progress(1.0), Facts::default(), Vec::new()).await;
+        assert!(matches!(recorded, Err(StoreError::LeaseLost)));
+    }
+    succeed(&store, third.lease).await;
+
+    let export =
+        packstone_engine::export::ExportRequest::from_json(&json!({"type": "slice", "at_mm": 1.0})).unwrap();
+    let export = NewExport::new(&export, "ab");
+    store.request_export(job.id, export, Retention::Kept).await.unwrap();
+    let mut runs = Vec::new();
+    for is_fault in [false, true] {
+        let run = store.claim_export(false).await.unwrap().unwrap().export;
+        if is_fault {
+            assert!(store.export_requeued_after_fault(&run).await.unwrap());
+        } else {
+            assert!(store.export_requeued(&run).await.unwrap());
+        }
+        runs.push(run);
+    }
+    query("update exports set not_before = null").execute(&mut store.writer().await.unwrap()).await.unwrap();
+    let last = store.claim_export(false).await.unwrap().unwrap().export;
+    assert_eq!((runs[0].attempt, runs[1].attempt, last.attempt), (1, 2, 3));
+    for late in &runs {
+        let file = StoredFile { path: "late".into(), bytes: 1, sha256: "cd".repeat(32) };
+        assert!(!store.export_made(late, file, json!({})).await.unwrap());
+    }
+    for starts_left in (0..3).rev() {
+        query("update exports set lease_expires_at = 0")
+            .execute(&mut store.writer().await.unwrap())
+            .await
+            .unwrap();
+        assert_eq!(store.reclaim_expired_exports().await.unwrap(), 1);
+        assert_eq!(store.claim_export(false).await.unwrap().is_some(), starts_left > 0, "neither counts");
+    }
 }
 
 #[tokio::test]

@@ -3,6 +3,7 @@
 use super::super::db::{Transaction, query};
 use super::super::writer::Writing;
 use super::super::{Store, StoreError};
+use super::work::MAX_ATTEMPTS;
 use super::{by_seq, export, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport};
 use crate::ids::{ExportId, JobId};
@@ -57,7 +58,8 @@ impl Store {
         self.detached(async move {
             let mut writer = store.writer().await?;
             query(
-                "update exports set state = 'queued', attempt = attempt + 1, version = version + 1, rank = 0,
+                "update exports set state = 'queued', attempt = attempt + 1, max_attempts = attempt + ?4,
+                     version = version + 1, rank = 0,
                      path = null, bytes = null, sha256 = null, report = null, progress = null, started_at = null,
                      finished_at = null, updated_at = ?1
                  where seq = ?2 and state = 'succeeded' and path = ?3",
@@ -65,6 +67,7 @@ impl Store {
             .bind(store.now_us())
             .bind(seq)
             .bind(path)
+            .bind(MAX_ATTEMPTS)
             .execute(&mut writer)
             .await?;
             drop(writer);
@@ -177,11 +180,12 @@ async fn update(
     .await?;
     if retried {
         query(
-            "update exports set state = 'queued', attempt = 1, error = null, progress = null, started_at = null,
-                 finished_at = null
-             where seq = ?",
+            "update exports set state = 'queued', attempt = attempt + 1, max_attempts = attempt + ?2, error = null,
+                 progress = null, started_at = null, finished_at = null
+             where seq = ?1",
         )
         .bind(known.seq)
+        .bind(MAX_ATTEMPTS)
         .execute(tx)
         .await?;
     }

@@ -70,6 +70,11 @@ async fn the_same_is_made_once_however_often_it_is_asked_for() {
     assert_eq!((made.state, made.file.clone()), (ExportState::Succeeded, Some(file("p", 7))));
     assert_eq!((made.report, made.progress), (Some(json!({"n": 1})), None));
     assert!(!store.export_made(&running, file("q", 7), json!({})).await.unwrap(), "it has ended");
+    let repeated = store.export_made(&running, file("p", 7), json!({"n": 1})).await.unwrap();
+    assert!(
+        repeated,
+        "the answer to a commit may be lost; who heard that it has ended would remove the file"
+    );
     let other = request(&store, job.id, cut(2.0), Retention::Cached).await;
     assert!(other.1, "another thing");
     assert_eq!(store.list_exports(job.seq, None, 10).await.unwrap().0.len(), 2);
@@ -138,9 +143,16 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     let failed = again(&store, &requested).await.unwrap();
     assert_eq!(failed.state, ExportState::Failed);
     assert_eq!(failed.error.unwrap().code, FailureCode::AttemptsExhausted);
-    // Who asks again wants it tried again.
+    // Who asks again wants it tried again, as often as before.
     assert_eq!(request(&store, job.id, cut(1.0), Retention::Cached).await.0.state, ExportState::Queued);
     assert_eq!(store.recover_exports().await.unwrap(), 0);
+    let again = store.claim_export(false).await.unwrap().unwrap().export;
+    assert!(again.attempt > failed.attempt, "a file of its own");
+    assert!(!store.export_made(&before, file("p", 1), json!({})).await.unwrap(), "a late word");
+    for _ in 0..2 {
+        assert_eq!(store.recover_exports().await.unwrap(), 1);
+        assert!(store.claim_export(false).await.unwrap().is_some());
+    }
 }
 
 #[tokio::test]

@@ -12,8 +12,8 @@ use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
 use crate::jobs::{ArtifactRecord, JobProgress};
 
-/// Most starts of an export during which the server stopped.
-const MAX_ATTEMPTS: i64 = 3;
+/// Most starts of an export during which the server stopped, as the table has it by default.
+pub(super) const MAX_ATTEMPTS: i64 = 3;
 
 /// The statement that starts the next export among those of `$tail`.
 macro_rules! next {
@@ -61,15 +61,14 @@ impl Store {
             let mut writer = store.writer().await?;
             let moved = query(
                 "update exports set
-                     state = case when attempt >= ?2 then 'failed' else 'queued' end,
-                     error = case when attempt >= ?2 then ?3 else null end,
-                     finished_at = case when attempt >= ?2 then ?1 else null end, attempt = attempt + 1,
+                     state = case when attempt >= max_attempts then 'failed' else 'queued' end,
+                     error = case when attempt >= max_attempts then ?2 else null end,
+                     finished_at = case when attempt >= max_attempts then ?1 else null end, attempt = attempt + 1,
                      progress = null,
                      lease_expires_at = null, version = version + 1, updated_at = ?1
-                 where state = 'running' and coalesce(lease_expires_at, 0) <= ?4 returning id",
+                 where state = 'running' and coalesce(lease_expires_at, 0) <= ?3 returning id",
             )
             .bind(store.now_us())
-            .bind(MAX_ATTEMPTS)
             .bind(to_json(&exhausted)?)
             .bind(leases_until)
             .fetch_all(&mut writer)
@@ -90,7 +89,7 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             // A power cut that undoes the claim leaves the export queued.
-            let mut writer = store.quick_writer().await?;
+            let mut writer = store.shared.writer.lock(store.durability_of_leases()).await?;
             let claimed = claim(&mut writer, store.lease(), quick).await?;
             drop(writer);
             if let Some(claimed) = &claimed {
@@ -183,13 +182,14 @@ impl Store {
         self.end_export(of, End { state: "failed", file: None, report: None, error }).await
     }
 
-    /// Requeues the export where the server stops; the attempt does not count.
+    /// Requeues the export where the server stops; the attempt does not count. Where other servers may take the export,
+    /// the next one has a number of its own all the same: no two runs write the same file.
     pub(crate) async fn export_requeued(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         self.end_export(of, End { state: "queued", file: None, report: None, error: None }).await
     }
 
-    /// Requeues the export after a fault of the machine; the attempt does not count, and the next one starts after a
-    /// pause. `false` where the export is no longer the caller's.
+    /// Requeues the export after a fault of the machine; the attempt does not count, as in [`Self::export_requeued`],
+    /// and the next one starts after a pause. `false` where the export is no longer the caller's.
     pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<bool, StoreError> {
         let (seq, attempt, id) = (of.seq, of.attempt, of.id);
         let store = self.clone();
@@ -199,12 +199,15 @@ impl Store {
             let now = store.now_us();
             let row = query(
                 "update exports set state = 'queued', faults = faults + 1, version = version + 1, updated_at = ?1,
-                     started_at = null, progress = null, lease_expires_at = null
+                     started_at = null, progress = null, lease_expires_at = null,
+                     attempt = attempt + case when ?4 then 1 else 0 end,
+                     max_attempts = max_attempts + case when ?4 then 1 else 0 end
                  where seq = ?2 and attempt = ?3 and state = 'running' returning faults",
             )
             .bind(now)
             .bind(seq)
             .bind(attempt)
+            .bind(store.is_shared())
             .fetch_optional(&mut tx)
             .await?;
             let Some(row) = row else { return Ok(None) };
@@ -237,7 +240,9 @@ impl Store {
                      progress = null, lease_expires_at = null, version = version + 1, updated_at = ?7,
                      finished_at = case when ?1 = 'queued' then null else ?7 end,
                      started_at = case when ?1 = 'queued' then null else started_at end,
-                     used_at = case when used_at > ?7 then used_at else ?7 end
+                     used_at = case when used_at > ?7 then used_at else ?7 end,
+                     attempt = attempt + case when ?1 = 'queued' and ?10 then 1 else 0 end,
+                     max_attempts = max_attempts + case when ?1 = 'queued' and ?10 then 1 else 0 end
                  where seq = ?8 and attempt = ?9 and state = 'running'",
             )
             .bind(end.state)
@@ -249,11 +254,14 @@ impl Store {
             .bind(store.now_us())
             .bind(seq)
             .bind(attempt)
+            .bind(store.is_shared())
             .execute(&mut writer)
             .await?;
+            let is_recorded =
+                moved.rows_affected() > 0 || recorded_before(&mut writer, seq, end.file).await?;
             drop(writer);
             store.notify_export(id);
-            Ok(moved.rows_affected() > 0)
+            Ok(is_recorded)
         })
         .await
     }
@@ -303,6 +311,23 @@ struct End {
     file: Option<StoredFile>,
     report: Option<serde_json::Value>,
     error: Option<Failure>,
+}
+
+/// Whether this file is recorded already, as when the connection to the database went between a commit and its answer.
+/// A caller that heard that the export is no longer its own would remove the file that is recorded.
+async fn recorded_before(
+    writer: &mut Writing<'_>,
+    seq: i64,
+    file: Option<StoredFile>,
+) -> Result<bool, StoreError> {
+    let Some(file) = file else { return Ok(false) };
+    let row = query("select 1 from exports where seq = ? and path = ? and sha256 = ?")
+        .bind(seq)
+        .bind(file.path)
+        .bind(file.sha256)
+        .fetch_optional(writer)
+        .await?;
+    Ok(row.is_some())
 }
 
 /// The statement that claims the next export.
