@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use serde_json::json;
 
-use super::tests::{open, submit, succeed};
+use super::tests::{open_shared, submit, succeed};
 use super::*;
 
 /// Clients that lease and end at the same time.
@@ -24,7 +24,7 @@ async fn fifty_clients_lease_and_end() {
     let jobs: usize = std::env::var("PACKSTONE_LOAD_JOBS").map_or(4000, |jobs| jobs.parse().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let limits = StoreLimits { max_queued: jobs as u64, lease: Duration::from_mins(1) };
-    let store = open(&folder, limits).await;
+    let store = open_shared(&folder, limits).await;
     let submitting = Instant::now();
     let mut clients = tokio::task::JoinSet::new();
     for client in 0..CLIENTS {

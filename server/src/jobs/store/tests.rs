@@ -7,7 +7,6 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, SqliteConnection};
 use tempfile::TempDir;
 
-#[cfg(feature = "postgres")]
 use super::db::query;
 use super::*;
 use crate::accounts::{Quotas, Submitter};
@@ -26,6 +25,17 @@ pub(super) async fn open(folder: &TempDir, limits: StoreLimits) -> Store {
 pub(super) async fn with_quotas(folder: &TempDir, limits: StoreLimits, quotas: Quotas) -> Store {
     let accounts = Arc::new(Accounts::new(None, quotas));
     Store::open(&database(folder).await, folder.path(), limits, accounts).await.unwrap()
+}
+
+/// The same; PostgreSQL as a service opens it, for which other servers may use it.
+pub(super) async fn open_shared(folder: &TempDir, limits: StoreLimits) -> Store {
+    #[cfg_attr(not(feature = "postgres"), allow(unused_mut))]
+    let mut database = database(folder).await;
+    #[cfg(feature = "postgres")]
+    if let Database::Postgres { is_shared, .. } = &mut database {
+        *is_shared = true;
+    }
+    Store::open(&database, folder.path(), limits, Arc::default()).await.unwrap()
 }
 
 /// The database of a test: a file in its folder, or one of its own in the PostgreSQL that `PACKSTONE_TEST_POSTGRES`
@@ -164,7 +174,7 @@ pub(super) async fn succeed(store: &Store, lease: Lease) {
 #[tokio::test]
 async fn the_library_has_no_known_corruption_bugs() {
     let (_folder, store) = fresh_file().await;
-    let version: String = db::query("select sqlite_version()").scalar(store.readers()).await.unwrap();
+    let version: String = query("select sqlite_version()").scalar(store.readers()).await.unwrap();
     let parts: Vec<u32> = version.split('.').map(|part| part.parse().unwrap()).collect();
     assert!(parts >= vec![3, 51, 3], "SQLite {version}");
 }
@@ -263,12 +273,11 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
 #[tokio::test]
 async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
-    let Database::Postgres { options, .. } = database(&folder).await else {
+    let store = open_shared(&folder, LIMITS).await;
+    if !store.is_shared() {
         eprintln!("SKIPPED: PACKSTONE_TEST_POSTGRES names no PostgreSQL");
         return;
-    };
-    let shared = Database::Postgres { options, is_shared: true };
-    let store = Store::open(&shared, folder.path(), LIMITS, Arc::default()).await.unwrap();
+    }
     let job = submit(&store, json!({"max_attempts": 2})).await;
     let first = store.claim().await.unwrap().unwrap().lease;
     store.requeue_after_fault(first).await.unwrap();
@@ -610,12 +619,11 @@ async fn stored_problem_documents_become_failures() {
     assert_eq!((reached.code, reached.detail.as_str()), (FailureCode::TargetNotReached, "stopped"));
     assert_eq!((reached.facts.grains, reached.facts.saturation_proven), (Some(7), Some(true)));
     assert_eq!(reached.facts.scale_reached, Some(0.1));
-    let text: String =
-        db::query("select error from jobs where seq = 1").scalar(store.readers()).await.unwrap();
+    let text: String = query("select error from jobs where seq = 1").scalar(store.readers()).await.unwrap();
     assert!(text.contains("0.1000000000000000055"), "a number keeps its text: {text}");
     let invalid = error(ids[1]).await;
     assert_eq!(invalid, Failure::invalid(vec![packstone_engine::FieldError::new("/mix", "9 is too much")]));
-    let text: String = db::query("select error from exports").scalar(store.readers()).await.unwrap();
+    let text: String = query("select error from exports").scalar(store.readers()).await.unwrap();
     assert_eq!(serde_json::from_str::<Failure>(&text).unwrap(), invalid);
 }
 
