@@ -50,7 +50,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
         if width > HOPELESS * best {
             break;
         }
-        let opening = width.max(outlines.across(&axis));
+        let opening = outlines.opening(&axis, width);
         best = best.min(opening);
         found.push((opening, axis));
     }
@@ -73,16 +73,19 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
 
 /// Steps from a direction to those of smaller openings.
 fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64; 2]) -> (f64, V) {
+    let ways: [(f64, f64); WAYS] =
+        std::array::from_fn(|way| (std::f64::consts::TAU * way as f64 / WAYS as f64).sin_cos());
     let (mut step, mut turn, mut in_vain) = (from, 0.0_f64, 0);
     while step > to {
         let [u, v] = frame(&axis);
         let before = best;
-        for way in 0..WAYS {
-            let angle = turn + std::f64::consts::TAU * way as f64 / WAYS as f64;
-            let next = (axis + (u * angle.cos() + v * angle.sin()) * step).normalize();
+        let (sin, cos) = turn.sin_cos();
+        for (sin_of_way, cos_of_way) in ways {
+            let way = u * (cos * cos_of_way - sin * sin_of_way) + v * (sin * cos_of_way + cos * sin_of_way);
+            let next = (axis + way * step).normalize();
             let width = width(body.corners, &next);
             if width < best {
-                let opening = width.max(body.across(&next));
+                let opening = body.opening(&next, width);
                 if opening < best {
                     (best, axis) = (opening, next);
                 }
@@ -133,9 +136,12 @@ struct Body<'a> {
     normals: Vec<V>,
     /// Ends of the edges with the faces on both sides.
     edges: Vec<([u32; 2], [u32; 2])>,
-    /// Whether each face is turned towards the axis, and the edges of the outline; kept for the next axis.
+    /// Whether each face is turned towards the axis, whether each corner is one of the outline, the corners of the
+    /// outline as seen along the axis, and its edges as vectors there; kept for the next axis.
     is_front: Vec<bool>,
-    outline: Vec<[u32; 2]>,
+    is_seen: Vec<bool>,
+    seen: Vec<[f64; 2]>,
+    sides: Vec<[f64; 2]>,
 }
 
 impl<'a> Body<'a> {
@@ -157,40 +163,61 @@ impl<'a> Body<'a> {
             }
         }
         let normals = body.faces().iter().map(normal).collect();
-        Self { corners, normals, edges, is_front: Vec::new(), outline: Vec::new() }
+        let is_seen = vec![false; corners.len()];
+        Self { corners, normals, edges, is_front: Vec::new(), is_seen, seen: Vec::new(), sides: Vec::new() }
     }
 
-    /// The least width of the outline across an axis: the extent of its corners at right angles to one of its edges, of
-    /// the edge where that is least. The outline has the edges between a face that is turned towards the axis and one
-    /// that is not; a face along the axis may count as either.
-    fn across(&mut self, axis: &V) -> f64 {
+    /// The side of the square for a side of a direction along which the body has this width: that width, or the least
+    /// width of the outline across the direction where it is more.
+    ///
+    /// The latter is the extent of the outline at right angles to one of its edges, of the edge where that is least. The
+    /// outline has the edges between a face that is turned towards the axis and one that is not; a face along the axis
+    /// may count as either.
+    fn opening(&mut self, axis: &V, width: f64) -> f64 {
         self.is_front.clear();
         self.is_front.extend(self.normals.iter().map(|normal| normal.dot(axis) > 0.0));
-        self.outline.clear();
-        let is_front = &self.is_front;
-        let parted = self.edges.iter().filter(|(_, [f, g])| is_front[*f as usize] != is_front[*g as usize]);
-        self.outline.extend(parted.map(|(ends, _)| *ends));
-        let mut least = f64::INFINITY;
-        for &[from, to] in &self.outline {
-            let along = self.corners[to as usize] - self.corners[from as usize];
-            let normal = axis.cross(&along);
-            let length = normal.norm();
-            // An edge along the axis is a corner of the outline, and has no direction in it.
-            if length <= ALONG * along.norm() {
+        self.is_seen.fill(false);
+        self.seen.clear();
+        self.sides.clear();
+        let [u, v] = frame(axis);
+        for edge in 0..self.edges.len() {
+            let (ends, [f, g]) = self.edges[edge];
+            if self.is_front[f as usize] == self.is_front[g as usize] {
                 continue;
             }
+            let (from, to) = (self.see(ends[0], &u, &v), self.see(ends[1], &u, &v));
+            let along = self.corners[ends[1] as usize] - self.corners[ends[0] as usize];
+            let side = [to[0] - from[0], to[1] - from[1]];
+            // An edge along the axis is a corner of the outline, and has no direction in it.
+            if side[0] * side[0] + side[1] * side[1] > ALONG * ALONG * along.norm_squared() {
+                self.sides.push(side);
+            }
+        }
+        let mut least = f64::INFINITY;
+        for [x, y] in &self.sides {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            for &[corner, _] in &self.outline {
-                let height = self.corners[corner as usize].dot(&normal);
-                (low, high) = (low.min(height), high.max(height));
+            for seen in &self.seen {
+                let height = seen[1] * x - seen[0] * y;
+                low = if height < low { height } else { low };
+                high = if height > high { height } else { high };
             }
-            for &[_, corner] in &self.outline {
-                let height = self.corners[corner as usize].dot(&normal);
-                (low, high) = (low.min(height), high.max(height));
+            least = least.min((high - low) / (x * x + y * y).sqrt());
+            if least <= width {
+                return width;
             }
-            least = least.min((high - low) / length);
         }
         least
+    }
+
+    /// A corner of the outline in the plane of two directions; kept as one, if it is not yet.
+    #[inline]
+    fn see(&mut self, corner: u32, u: &V, v: &V) -> [f64; 2] {
+        let at = &self.corners[corner as usize];
+        let seen = [at.dot(u), at.dot(v)];
+        if !std::mem::replace(&mut self.is_seen[corner as usize], true) {
+            self.seen.push(seen);
+        }
+        seen
     }
 }
 

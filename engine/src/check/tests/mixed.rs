@@ -85,8 +85,9 @@ proptest! {
             normal = contact.normal;
             poses[1].center_mm -= normal * (contact.gap_mm - gap);
         }
-        // Gaps along the normal are exact to some units of rounding.
-        let size = ellipsoid.semi_axes_mm().z.min(scale_mm);
+        // Gaps along the normal are exact to some units of rounding, but for nearly flat triangles of the search: see the
+        // tests of the gap itself, which have the same bound.
+        let size = ellipsoid.semi_axes_mm().x + scale_mm * template.outer_radius();
         let moved = |poses: &[Pose; 2], by: f64| {
             let mut poses = *poses;
             poses[1].center_mm += normal * by;
@@ -103,10 +104,10 @@ proptest! {
         let apart = checked(boundary, gap, &shapes, &moved(&poses, 2e-13 * 40.0));
         prop_assert!(apart.is_ok(), "{apart:?}");
         let found = apart.unwrap().found;
-        prop_assert!((found.min_gap_mm.unwrap() - gap).abs() < 1e-10, "{:?}", found);
+        prop_assert!((found.min_gap_mm.unwrap() - gap).abs() < 1e-10 * size, "{:?}", found);
         let closer = checked(boundary, gap, &shapes, &moved(&poses, -1e-9 * size));
         prop_assert!(matches!(closer, Err(Fault::Pair { .. })), "{:?}", closer);
-        let inside = checked(boundary, gap, &shapes, &moved(&poses, -gap - 0.3 * size));
+        let inside = checked(boundary, gap, &shapes, &moved(&poses, -gap - 0.1 * size));
         prop_assert!(matches!(inside, Err(Fault::Pair { .. })), "{:?}", inside);
     }
 }
