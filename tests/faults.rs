@@ -378,14 +378,15 @@ async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
 #[tokio::test]
 async fn a_command_that_finds_no_memory_ends_with_its_code() {
     let folder = tempfile::tempdir().unwrap();
-    let job = jobs::with(jobs::equal_spheres(150_000, 1), "/mix/volume_fraction", json!(0.45));
-    let edge_mm = (150_000.0 * std::f64::consts::PI / 6.0 / 0.45_f64).cbrt();
+    let job = jobs::with(jobs::equal_spheres(110_000, 1), "/mix/volume_fraction", json!(0.36));
+    let edge_mm = (110_000.0 * std::f64::consts::PI / 6.0 / 0.36_f64).cbrt();
     let job = jobs::with(job, "/specimen/size_mm", json!([edge_mm, edge_mm, edge_mm]));
     let job = jobs::with(job, "/method", json!({"type": "edmd", "stop": {"events": 1}}));
     fs::write(folder.path().join("job.json"), job.to_string()).unwrap();
     let mut codes = Vec::new();
-    // From a limit that the plan refuses to one that suffices: wherever memory ends, no signal ends the process.
-    for mib in (70..200).step_by(5) {
+    // From a limit that the plan refuses to one that suffices, and further: a second thread sets memory aside where it
+    // can, and may leave little. Wherever memory ends, no signal ends the process, and nothing waits for ever.
+    for mib in (50..=120).step_by(10).chain((165..=185).step_by(5)) {
         let mut command = Command::new("sh");
         let script =
             format!("ulimit -v {}; exec {} run job.json", mib << 10, env!("CARGO_BIN_EXE_packstone"));
@@ -395,9 +396,6 @@ async fn a_command_that_finds_no_memory_ends_with_its_code() {
         assert!([3, 4, 6].contains(&code), "{mib} MiB: {code}: {}", ended.stderr);
         assert_eq!(code == 6, ended.stderr.contains("out of memory: the run needs"), "{}", ended.stderr);
         codes.push(code);
-        if code == 4 {
-            break;
-        }
     }
-    assert!(codes.contains(&6) && codes.last() == Some(&4), "{codes:?}");
+    assert!([3, 4, 6].iter().all(|code| codes.contains(code)), "{codes:?}");
 }

@@ -4,9 +4,21 @@ use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
+use crate::memory::probe;
+
+/// Address space that a thread may take to start: its stack of 2 MiB, and 128 MiB of which the allocator of glibc keeps
+/// half. A thread that is refused what it allocates before its first line panics or, where it is to print a backtrace,
+/// waits for ever.
+const BYTES_TO_START: usize = 130 << 20;
+
+/// Whether there is address space for one more thread.
+pub(crate) fn may_start_one() -> bool {
+    probe(BYTES_TO_START).is_ok()
+}
+
 /// Does the work of every piece on so many threads, the caller's among them. What a piece becomes must depend on the
-/// piece and its number alone; then nothing depends on the threads. Where the system refuses a thread, the others do
-/// its work.
+/// piece and its number alone; then nothing depends on the threads. Where the system refuses a thread, or has too
+/// little memory for one, the others do its work.
 pub(crate) fn share<T: Send>(threads: NonZeroUsize, pieces: &mut [T], work: impl Fn(usize, &mut T) + Sync) {
     let others = threads.get().min(pieces.len()).saturating_sub(1);
     if others == 0 {
@@ -22,7 +34,7 @@ pub(crate) fn share<T: Send>(threads: NonZeroUsize, pieces: &mut [T], work: impl
     };
     thread::scope(|scope| {
         for _ in 0..others {
-            if thread::Builder::new().spawn_scoped(scope, work_on).is_err() {
+            if !may_start_one() || thread::Builder::new().spawn_scoped(scope, work_on).is_err() {
                 break;
             }
         }

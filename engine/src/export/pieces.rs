@@ -3,6 +3,8 @@
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, Scope};
 
+use crate::threads::may_start_one;
+
 /// Slots for each thread: of one piece under way and of one that waits to be taken.
 pub(super) const SLOTS_PER_THREAD: usize = 2;
 
@@ -107,7 +109,7 @@ impl<S, E> Drop for EndOnDrop<'_, '_, S, E> {
 
 /// Makes so many pieces on one thread for every [`SLOTS_PER_THREAD`] slots, the caller's among them, and takes them in
 /// order on the caller's. What is made must depend on the number of the piece alone; then what is taken does not depend
-/// on the threads. Where the system refuses a thread, the others do its work.
+/// on the threads. Where the system refuses a thread, or has too little memory for one, the others do its work.
 ///
 /// # Errors
 /// The first of `make` or `take` in the order of pieces; nothing is made or taken after it.
@@ -163,7 +165,7 @@ fn spawn<'scope, S: Send, E: Send>(
     make: &'scope (impl Fn(usize, &mut S) -> Result<(), E> + Sync),
 ) {
     for _ in 0..threads {
-        if thread::Builder::new().spawn_scoped(scope, || shared.work(make)).is_err() {
+        if !may_start_one() || thread::Builder::new().spawn_scoped(scope, || shared.work(make)).is_err() {
             return;
         }
     }

@@ -2,9 +2,15 @@
 //!
 //! The standard containers end the process when the system refuses them memory. What a run allocates in proportion to
 //! its grains or cells is reserved here first, so that a refusal ends the run and not the process. Large blocks are
-//! asked for as huge pages ([`pages`]).
+//! asked for as huge pages ([`pages`]). None takes the last of the memory: what is small is not tried, a line of text
+//! for example, and its refusal would end the process.
 
 mod pages;
+
+/// What a block must leave to be had.
+const LEFT_BYTES: usize = 1 << 20;
+/// Smaller blocks are taken without a look at what they leave.
+const LOOK_BYTES: usize = 1 << 16;
 
 /// The system refused an allocation of so many bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -20,16 +26,20 @@ impl From<OutOfMemory> for std::io::Error {
     }
 }
 
+/// Whether the system, which has granted a block of so many bytes, grants more.
+fn leaves_enough(bytes: usize) -> bool {
+    bytes < LOOK_BYTES || Vec::<u8>::new().try_reserve_exact(LEFT_BYTES).is_ok()
+}
+
 /// An empty vector with room for so many elements.
 pub(crate) fn reserved<T>(elements: usize) -> Result<Vec<T>, OutOfMemory> {
     let mut vector = Vec::new();
-    match vector.try_reserve_exact(elements) {
-        Ok(()) => {
-            pages::advise(&mut vector);
-            Ok(vector)
-        }
-        Err(_) => Err(OutOfMemory { bytes: (elements as u64).saturating_mul(size_of::<T>() as u64) }),
+    let bytes = elements.saturating_mul(size_of::<T>());
+    if vector.try_reserve_exact(elements).is_err() || !leaves_enough(bytes) {
+        return Err(OutOfMemory { bytes: bytes as u64 });
     }
+    pages::advise(&mut vector);
+    Ok(vector)
 }
 
 /// A vector of so many equal elements.
@@ -61,9 +71,12 @@ pub(crate) fn refill<T: Clone>(vector: &mut Vec<T>, elements: usize, value: T) -
 
 /// Room for so many more elements, with some to spare as the vector grows.
 pub(crate) fn make_room<T>(vector: &mut Vec<T>, more: usize) -> Result<(), OutOfMemory> {
-    let bytes = (vector.len() as u64).saturating_add(more as u64).saturating_mul(size_of::<T>() as u64);
+    let bytes = vector.len().saturating_add(more).saturating_mul(size_of::<T>());
     let before = vector.capacity();
-    vector.try_reserve(more).map_err(|_| OutOfMemory { bytes })?;
+    let granted = vector.try_reserve(more).is_ok();
+    if !granted || (vector.capacity() != before && !leaves_enough(bytes)) {
+        return Err(OutOfMemory { bytes: bytes as u64 });
+    }
     if vector.capacity() != before {
         pages::advise(vector);
     }

@@ -7,9 +7,8 @@
 //! the mean free path `V / sum(pi r^2)` between grains. Rays step through a uniform grid (Amanatides, Woo 1987, "A fast
 //! voxel traversal algorithm for ray tracing", Eurographics, doi:10.2312/egtp.19871000). A ray meets an ellipsoid where
 //! the quadratic form of its inverse shape matrix is 1, and a polyhedron where it meets the first of its faces, edges
-//! and
-//! vertices. Ambient occlusion is the sum of the solid angles of the grains
-//! nearby. Pixels that a contour crosses get nine rays, others one.
+//! and vertices. Ambient occlusion is the sum of the solid angles of the grains nearby. Pixels that a contour crosses
+//! get nine rays, others one.
 //!
 //! The same packing and options give the same bytes, whatever the number of threads.
 
@@ -19,6 +18,7 @@ mod scene;
 mod shade;
 
 use std::io::Write;
+use std::num::NonZeroUsize;
 
 use ::png::{BitDepth, ColorType, Compression, Encoder, EncodingError, PixelDimensions, Unit};
 
@@ -68,7 +68,13 @@ pub fn write(
         control.report(&progress);
         go_on(control)
     };
-    let mut image = raster::render(&scene, &view, options.threads.max(1), rows_per_step, &mut step)?;
+    let mut image = raster::render(
+        &scene,
+        &view,
+        NonZeroUsize::new(options.threads).unwrap_or(NonZeroUsize::MIN),
+        rows_per_step,
+        &mut step,
+    )?;
     for edge in &edges {
         lines::draw(&mut image, &view.projected(edge), lines::EDGE_PIXELS * view.stroke(), lines::EDGE_COLOR);
     }

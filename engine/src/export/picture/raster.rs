@@ -1,8 +1,11 @@
 //! The pixels: one ray for each, and nine where a contour crosses it.
 
+use std::num::NonZeroUsize;
+
 use super::scene::{Hit, Scene, View};
 use super::shade::{self, Color};
 use crate::export::ExportError;
+use crate::threads::share;
 
 /// Rays along each edge of a pixel that a contour crosses.
 const FINE: usize = 3;
@@ -46,7 +49,7 @@ impl Image {
 pub(super) fn render(
     scene: &Scene,
     view: &View,
-    threads: usize,
+    threads: NonZeroUsize,
     rows_per_step: usize,
     step: &mut dyn FnMut(u64) -> Result<(), ExportError>,
 ) -> Result<Image, ExportError> {
@@ -110,7 +113,7 @@ fn fine(x: usize, y: usize, middle: Color, ray: &impl Fn(f64, f64) -> (u32, Colo
 fn in_bands<T: Send>(
     pixels: &mut [T],
     width: usize,
-    threads: usize,
+    threads: NonZeroUsize,
     rows_per_step: usize,
     set: impl Fn(usize, &mut T) + Sync,
     step: &mut dyn FnMut(usize) -> Result<(), ExportError>,
@@ -118,18 +121,11 @@ fn in_bands<T: Send>(
     let band = rows_per_step * width;
     for (number, pixels) in pixels.chunks_mut(band).enumerate() {
         let rows = pixels.len() / width;
-        let set = &set;
-        std::thread::scope(|scope| {
-            for (part, pixels) in pixels.chunks_mut(rows.div_ceil(threads) * width).enumerate() {
-                let first = number * band + part * rows.div_ceil(threads) * width;
-                let mut work =
-                    move || pixels.iter_mut().enumerate().for_each(|(i, pixel)| set(first + i, pixel));
-                if threads == 1 {
-                    work();
-                } else {
-                    scope.spawn(work);
-                }
-            }
+        let of_thread = rows.div_ceil(threads.get()) * width;
+        let mut parts: Vec<&mut [T]> = pixels.chunks_mut(of_thread).collect();
+        share(threads, &mut parts, |part, pixels| {
+            let first = number * band + part * of_thread;
+            pixels.iter_mut().enumerate().for_each(|(i, pixel)| set(first + i, pixel));
         });
         step(rows)?;
     }
