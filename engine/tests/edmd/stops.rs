@@ -4,6 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use packstone_engine::packing::GrowthEnd;
+use packstone_engine::request::{Boundary, Specimen};
 use packstone_engine::{
     Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase, Progress,
     TargetNotReached, Unattended, pack,
@@ -43,7 +44,9 @@ fn not_grown(request: &PackingRequest) -> GrowthStopped {
 
 #[test]
 fn a_target_that_jams_before_is_said_to() {
-    let request = spheres(0.65, &none(), &json!({"growth_rate": 1.0}));
+    let mut request = spheres(0.65, &none(), &json!({"growth_rate": 1.0}));
+    // Few grains give up soon.
+    request.specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
     let short = not_grown(&request);
     assert_eq!(short.end, GrowthEnd::Stalled);
     // Between what random placing starts from and the densest random packing.
