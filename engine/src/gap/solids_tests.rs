@@ -166,9 +166,10 @@ proptest! {
         let turned = [SolidRef::from(a).turned(&SolidRef::from(a).rows(&of_a)),
             SolidRef::from(shape).turned(&SolidRef::from(shape).rows(&of_b))];
         let start: V = [both.r, at, direction(rng)][first as usize];
-        // Rounding in nearly flat triangles of the search ends it up to some 1e-11 of the size before the gap, seldom.
+        // Rounding in nearly flat triangles of the search ends it before the gap: by more than 1e-11 of the size in
+        // one of 2000 pairs, by more than 1e-10 in one of 100 000 (150 000 pairs that lie apart).
         for (required, apart) in [
-            (gap - 1e-10 * size, true), (gap + 1e-9 * size, false), (gap / 2.0, true), (gap + 0.1 * size, false),
+            (gap - 1e-9 * size, true), (gap + 1e-9 * size, false), (gap / 2.0, true), (gap + 0.1 * size, false),
         ] {
             if required < 0.0 {
                 continue;
@@ -208,7 +209,7 @@ proptest! {
         let contact = bodies[0].contact(&bodies[1]);
         prop_assert!((both.separation(&contact.normal) - contact.gap_mm).abs() < 1e-12 * size);
         // Of overlapping bodies the test knows a direction of small depth alone, not that of the least.
-        prop_assert!(contact.gap_mm > gap - 1e-10 * size, "{} {} {}", contact.gap_mm, gap, size);
+        prop_assert!(contact.gap_mm > gap - 1e-9 * size, "{} {} {}", contact.gap_mm, gap, size);
         prop_assert!(gap <= 0.0 || contact.gap_mm < gap + 1e-10 * size, "{} {} {}", contact.gap_mm, gap, size);
         let back = bodies[1].contact(&bodies[0]);
         prop_assert!((back.gap_mm - contact.gap_mm).abs() < 1e-6 * size);

@@ -104,7 +104,7 @@ proptest! {
         let apart = checked(boundary, gap, &shapes, &moved(&poses, 2e-13 * 40.0));
         prop_assert!(apart.is_ok(), "{apart:?}");
         let found = apart.unwrap().found;
-        prop_assert!((found.min_gap_mm.unwrap() - gap).abs() < 1e-10 * size, "{:?}", found);
+        prop_assert!((found.min_gap_mm.unwrap() - gap).abs() < 1e-9 * size, "{:?}", found);
         let closer = checked(boundary, gap, &shapes, &moved(&poses, -1e-9 * size));
         prop_assert!(matches!(closer, Err(Fault::Pair { .. })), "{:?}", closer);
         let inside = checked(boundary, gap, &shapes, &moved(&poses, -gap - 0.1 * size));
