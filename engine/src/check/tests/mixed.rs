@@ -85,8 +85,8 @@ proptest! {
             normal = contact.normal;
             poses[1].center_mm -= normal * (contact.gap_mm - gap);
         }
-        // Gaps along the normal are exact to some units of rounding, but for nearly flat triangles of the search: see the
-        // tests of the gap itself, which have the same bound.
+        // Gaps along the normal are exact to some units of rounding, but for nearly flat triangles of the search: the
+        // tests of the gap itself have the same bound and say why.
         let size = ellipsoid.semi_axes_mm().x + scale_mm * template.outer_radius();
         let moved = |poses: &[Pose; 2], by: f64| {
             let mut poses = *poses;
