@@ -170,9 +170,9 @@ impl<'a> Body<'a> {
     /// The side of the square for a side of a direction along which the body has this width: that width, or the least
     /// width of the outline across the direction where it is more.
     ///
-    /// The latter is the extent of the outline at right angles to one of its edges, of the edge where that is least. The
-    /// outline has the edges between a face that is turned towards the axis and one that is not; a face along the axis
-    /// may count as either.
+    /// The latter is the extent of the outline at right angles to one of its edges, of the edge where that is least.
+    /// The outline has the edges between a face that is turned towards the axis and one that is not; a face along the
+    /// axis may count as either.
     fn opening(&mut self, axis: &V, width: f64) -> f64 {
         self.is_front.clear();
         self.is_front.extend(self.normals.iter().map(|normal| normal.dot(axis) > 0.0));

@@ -310,9 +310,9 @@ impl Store {
         self.shared.writer.lock(Durability::PowerCut).await
     }
 
-    /// What the commit of a lease must survive. A crash of the database that undoes a lease lets another worker have the
-    /// same attempt. Where all workers end with the database no harm comes of it; where a worker may go on, two runs
-    /// would write the same file.
+    /// What the commit of a lease must survive. A crash of the database that undoes a lease lets another worker have
+    /// the same attempt. Where all workers end with the database no harm comes of it; where a worker may go on, two
+    /// runs would write the same file.
     fn durability_of_leases(&self) -> Durability {
         if self.is_shared() { Durability::PowerCut } else { Durability::ProcessEnd }
     }
