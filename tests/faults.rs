@@ -9,6 +9,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use sqlx::Connection as _;
 
 use crate::harness::deadline::{eventually, patiently, within};
 use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs, machine, run};
@@ -240,33 +241,13 @@ async fn a_log_on_a_full_disk_ends_nothing() {
     child.wait().unwrap();
 }
 
-/// The database is locked by another program for as long as this lives.
-struct Locked(std::process::Child);
-
-impl Locked {
-    fn by_another_program(database: &Path) -> Self {
-        let script = "import sqlite3,sys,time\n\
-                      c=sqlite3.connect(sys.argv[1],isolation_level=None)\n\
-                      c.execute('begin immediate')\nprint('locked',flush=True)\ntime.sleep(600)\n";
-        let mut child = Command::new("python3")
-            .args(["-c", script])
-            .arg(database)
-            .stdout(std::process::Stdio::piped())
-            .spawn()
-            .expect("python3");
-        let mut line = String::new();
-        let stdout = child.stdout.take().unwrap();
-        std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).unwrap();
-        assert_eq!(line.trim(), "locked");
-        Self(child)
-    }
-}
-
-impl Drop for Locked {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+/// Locks the database for writing, as another program would: this process is not that of the server. The lock goes with
+/// the connection.
+async fn lock(database: &Path) -> sqlx::SqliteConnection {
+    let options = sqlx::sqlite::SqliteConnectOptions::new().filename(database);
+    let mut connection = sqlx::SqliteConnection::connect_with(&options).await.unwrap();
+    sqlx::query("BEGIN IMMEDIATE").execute(&mut connection).await.unwrap();
+    connection
 }
 
 #[tokio::test]
@@ -278,11 +259,11 @@ async fn a_database_that_another_program_locks_is_not_ready() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     client.succeed(&jobs::quick(1)).await;
-    let locked = Locked::by_another_program(&data_dir.path().join("packstone.sqlite"));
+    let locked = lock(&data_dir.path().join("packstone.sqlite")).await;
     let reply = client.post("/v1/jobs").json(&jobs::quick(2)).send().await;
     assert!(!reply.header("retry-after").is_empty());
     reply.expect_problem(503, "not-ready");
-    drop(locked);
+    locked.close().await.unwrap();
     client.succeed(&jobs::quick(2)).await;
     server.stop().await;
 }

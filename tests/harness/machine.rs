@@ -13,11 +13,29 @@ const FAULTS: &str = "PACKSTONE_FAULTS";
 
 /// What of these programs and of the rights of root is lacking.
 pub(crate) fn lacking(programs: &[&str]) -> Option<String> {
-    let missing: Vec<&str> = programs.iter().copied().filter(|name| !is_installed(name)).collect();
     if !rustix::process::geteuid().is_root() {
         return Some("not run as root".into());
     }
+    missing(programs)
+}
+
+/// Which of these programs no folder of `PATH` has.
+pub(crate) fn missing(programs: &[&str]) -> Option<String> {
+    let missing: Vec<&str> = programs.iter().copied().filter(|name| !is_installed(name)).collect();
     (!missing.is_empty()).then(|| format!("{} missing", missing.join(", ")))
+}
+
+/// Whether the programs that users of the interface have are there: those of the scripts in the documents. Where one is
+/// missing, the test is to be skipped, which is said here.
+///
+/// # Panics
+/// If `PACKSTONE_PYTHON` is set, as the pipeline does, which has them all.
+pub(crate) fn has_tools_of_scripts(programs: &[&str]) -> bool {
+    let missing = missing(programs);
+    if let Some(lacks) = &missing {
+        skip("PACKSTONE_PYTHON", lacks, "Install what is missing; no script of the documents was run.");
+    }
+    missing.is_none()
 }
 
 /// Says that a test is skipped for what is lacking.
