@@ -168,10 +168,13 @@ impl<S: ConvexShape> System<S> {
         if slack < 0.0 {
             let decision = as_if.turned.decide(&other.turned, r, gap, n);
             n = scaled(decision.normal, 1.0 / norm(decision.normal));
+            if !decision.is_apart {
+                return Decided::TooClose(n);
+            }
             (h_a, h_b) = (as_if.turned.support_mm(n), other.turned.support_back_mm(n));
             slack = dot(r, n) - h_a - h_b - gap;
             // By s(n) alone: a slack that rounding has made negative is none.
-            if !decision.is_apart || slack < 0.0 {
+            if slack < 0.0 {
                 return Decided::TooClose(n);
             }
         }
