@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,9 @@ import packstone
 
 
 def pytest_configure() -> None:
-    """Removes the environment variables that change the client under test."""
+    """Removes the environment variables that change the client under test, and lets interrupts be handled."""
+    # A shell starts what it runs in the background with interrupts ignored; Python then handles none.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in ("PACKSTONE_URL", "PACKSTONE_API_KEY"):
         os.environ.pop(name, None)
     os.environ["NO_PROXY"] = "127.0.0.1"
