@@ -84,15 +84,17 @@ state=/var/lib/$(value StateDirectory)
 user=61184
 install -d -m "$(value StateDirectoryMode)" -o "$user" -g "$user" "$root$state"
 mapfile -t variables < <(value Environment; grep -v '^#' "$root$(value EnvironmentFile)")
-# Not `inside`, whose process would be a shell that does not pass signals on. The port is any that is free.
+# Not `inside`, whose process would be a shell that does not pass signals on. The port is any that is free. Of the disk
+# of a machine that tests, 64 MiB must stay free, not 1 GiB.
 chroot --userspec="$user:$user" "$root" env -i PATH=/usr/local/bin:/usr/bin "${variables[@]}" \
-    PACKSTONE_LISTEN=127.0.0.1:0 "${command[@]}" >"$work/serve.out" 2>"$work/serve.err" &
+    PACKSTONE_LISTEN=127.0.0.1:0 PACKSTONE_MIN_FREE_BYTES=67108864 "${command[@]}" >"$work/serve.out" 2>"$work/serve.err" &
 server=$!
 # The line that names the port; the end of the process ends the wait, too.
 url=$(timeout 60 tail --pid="$server" -n +1 -f "$work/serve.out" | grep -m 1 -o 'http://127.0.0.1:[0-9]*' || true)
 [ -n "$url" ] || { cat "$work/serve.out" "$work/serve.err" >&2; fail 'the service does not start'; }
-answer=$(curl -fsS "$url/v1/jobs" -H 'content-type: application/json' -H 'prefer: wait=60' \
-    -d @"$root/usr/share/doc/packstone/examples/a16-distance.json")
+answer=$(curl --fail-with-body -sS "$url/v1/jobs" -H 'content-type: application/json' -H 'prefer: wait=60' \
+    -d @"$root/usr/share/doc/packstone/examples/a16-distance.json") ||
+    { cat "$work/serve.err" >&2; fail "the service answers: $answer"; }
 grep -q '"state": *"succeeded"' <<<"$answer" || { cat "$work/serve.err" >&2; fail "the job: $answer"; }
 inside packstone health "$url"
 kill "-$(value KillSignal)" "$server"

@@ -206,6 +206,23 @@ async fn a_run_goes_on_after_an_interrupt() {
     run_survives(Signal::INT).await;
 }
 
+/// The checkpoint that is next due by the clock would come some seconds later.
+#[tokio::test]
+async fn a_run_that_is_asked_to_stop_keeps_a_last_checkpoint() {
+    let directory = tempfile::tempdir().unwrap();
+    let job = jobs::with(jobs::endless_growth(), "/specimen/size_mm", json!([60, 60, 60]));
+    write_job(directory.path(), &job);
+    let args = ["run", "job.json", "--out", "out", "--checkpoint-every-s", "4"];
+    let checkpoint = directory.path().join("out/checkpoint.packstone");
+    let running = Running::start(directory.path(), &args).await;
+    eventually("a checkpoint", || checkpoint.exists()).await;
+    let before = fs::read(&checkpoint).unwrap();
+    running.signal(Signal::INT);
+    let ended = running.ended().await;
+    assert!(ended.code == Some(130) && ended.stderr.contains("--resume"), "{ended:?}");
+    assert!(fs::read(&checkpoint).unwrap() != before, "the checkpoint is that of before the interrupt");
+}
+
 #[tokio::test]
 async fn a_run_stops_on_a_signal_before_there_is_a_checkpoint() {
     for signal in [Signal::INT, Signal::TERM] {

@@ -93,13 +93,19 @@ impl Run {
         serde_json::to_string(&progress).ok()
     }
 
+    /// The fraction of the work that is done, and the seconds that are expected to be left.
+    pub(crate) fn fraction_and_eta_s(&self) -> (f64, Option<f64>) {
+        let state = self.lock();
+        (state.remaining.fraction(), state.remaining.eta_s(state.started.elapsed()))
+    }
+
     /// Why the last checkpoint could not be written, if so; told once.
     pub fn take_fault(&self) -> Option<String> {
         self.lock().fault.take()
     }
 
     /// The run begins, with a file for its checkpoints and a time limit or without.
-    pub(super) fn begin(&self, checkpoint: Option<&Path>, resumed: bool, timeout_s: Option<f64>) {
+    pub(crate) fn begin(&self, checkpoint: Option<&Path>, resumed: bool, timeout_s: Option<f64>) {
         let mut state = self.lock();
         state.started = Instant::now();
         state.deadline = timeout_s.map(|s| state.started + Duration::from_secs_f64(s));

@@ -223,6 +223,16 @@ fn shapes() -> Vec<Case> {
         request["mix"]["shape"]["faces"] = json!(21);
         time_case(name, by(request, method), at_least, moonshot)
     };
+    let mixed = |name, phi| {
+        let mut request = shaped(fuller(80.0, phi), TRIAXIAL);
+        let ellipsoid = request["mix"]["shape"].clone();
+        let mut polyhedron = ellipsoid.clone();
+        polyhedron["type"] = json!("polyhedron");
+        polyhedron["faces"] = json!(21);
+        let of = [ellipsoid, polyhedron].map(|shape| json!({"share": 0.5, "shape": shape}));
+        request["mix"]["shape"] = json!({"type": "mixture", "of": of});
+        time_case(name, by(request, "monte_carlo"), "", "")
+    };
     let added = |name, phi, at_least, moonshot| {
         time_case(name, by(shaped(fuller(80.0, phi), TRIAXIAL), "rsa"), at_least, moonshot)
     };
@@ -234,6 +244,8 @@ fn shapes() -> Vec<Case> {
         grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.75", 80.0, 0.75, TRIAXIAL, "", "120 s"),
         grown("shapes flat ellipsoids fuller 2..16 a=80 phi_eff 0.70", 80.0, 0.70, FLAT, "25 s", "5 s"),
         grown("shapes ellipsoids fuller 2..16 a=150 phi_eff 0.60", 150.0, 0.60, TRIAXIAL, "12 s", "4 s"),
+        grown("shapes ellipsoids fuller 2..16 a=150 phi_eff 0.70", 150.0, 0.70, TRIAXIAL, "180 s", "40 s"),
+        grown("shapes ellipsoids fuller 2..16 a=186 phi_eff 0.60", 186.0, 0.60, TRIAXIAL, "30 s", "10 s"),
         a16("shapes ellipsoids A16 phi_M 0.50 a=80 distance 1 mm", 0.50, "10 s", "2.5 s"),
         a16("shapes ellipsoids A16 phi_M 0.535 a=80 distance 1 mm", 0.535, "60 s", "10 s"),
         added("shapes ellipsoids random addition fuller 2..16 a=80 phi_eff 0.60", 0.60, "2 s", "0.5 s"),
@@ -241,6 +253,8 @@ fn shapes() -> Vec<Case> {
         angular("shapes polyhedra fuller 2..16 a=80 phi_eff 0.60", "monte_carlo", 0.60, "24 s", "5 s"),
         angular("shapes polyhedra fuller 2..16 a=80 phi_eff 0.65", "monte_carlo", 0.65, "120 s", "25 s"),
         angular("shapes polyhedra fuller 2..16 a=80 phi_eff 0.68", "monte_carlo", 0.68, "", ""),
+        mixed("shapes ellipsoids and polyhedra fuller 2..16 a=80 phi_eff 0.60", 0.60),
+        mixed("shapes ellipsoids and polyhedra fuller 2..16 a=80 phi_eff 0.65", 0.65),
         angular("shapes polyhedra random addition fuller 2..16 a=80 phi_eff 0.50", "rsa", 0.50, "0.9 s", ""),
         angular("shapes polyhedra random addition fuller 2..16 a=80 phi_eff 0.55", "rsa", 0.55, "4.5 s", ""),
     ]

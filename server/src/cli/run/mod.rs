@@ -157,11 +157,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     if options.earlier.fresh {
         discard(&checkpoint)?;
     }
-    let watch = Watch::new(
-        checkpoint.clone(),
-        Duration::from_secs_f64(options.checkpoint_every_s),
-        resume.is_some(),
-    )?;
+    let watch =
+        Watch::new(&checkpoint, Duration::from_secs_f64(options.checkpoint_every_s), resume.is_some())?;
     let packing = pack(options, &packing_request, &limits, resume, &watch, &checkpoint)?;
     let summary = &packing.report.summary;
     eprintln!(

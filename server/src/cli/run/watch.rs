@@ -1,43 +1,31 @@
 //! What stands around a run at the terminal: its bar, its checkpoints, and the signals that stop it.
 
-use std::path::PathBuf;
+use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use packstone_engine::{Checkpoint, Control, Phase, Progress};
 
 use super::super::bar::Bar;
 use super::super::exit::Failure;
 use super::super::signals::stop_on_signals;
-use crate::checkpoints::{self, Schedule};
-use crate::remaining_time::RemainingTime;
+use crate::local::Run;
 
-/// Control of a run at the terminal.
+/// Control of a run at the terminal: that of a run in any process, with a bar, and stopped by signals.
 pub(super) struct Watch {
     bar: Bar,
-    remaining: Mutex<RemainingTime>,
+    run: Run,
     stop: Arc<AtomicBool>,
-    file: PathBuf,
-    schedule: Schedule,
     failing: AtomicBool,
 }
 
 impl Watch {
     /// Watches a run whose checkpoints go to `file`, and that goes on from one where it is `resumed`.
-    pub(super) fn new(file: PathBuf, every: Duration, resumed: bool) -> Result<Self, Failure> {
-        let mut remaining = RemainingTime::default();
-        if resumed {
-            remaining.resumed();
-        }
-        Ok(Self {
-            bar: Bar::new(),
-            remaining: Mutex::new(remaining),
-            stop: stop_on_signals()?,
-            file,
-            schedule: Schedule::new(every),
-            failing: AtomicBool::new(false),
-        })
+    pub(super) fn new(file: &Path, every: Duration, resumed: bool) -> Result<Self, Failure> {
+        let run = Run::with_checkpoint_every(every);
+        run.begin(Some(file), resumed, None);
+        Ok(Self { bar: Bar::new(), run, stop: stop_on_signals()?, failing: AtomicBool::new(false) })
     }
 
     /// Set when the run is to stop.
@@ -49,38 +37,39 @@ impl Watch {
     pub(super) fn finish(&self) {
         self.bar.finish();
     }
+
+    /// Passes on the request to stop.
+    fn pass_on_stop(&self) {
+        if self.stop.load(Ordering::Acquire) {
+            self.run.stop();
+        }
+    }
 }
 
 impl Control for Watch {
     fn report(&self, progress: &Progress) {
-        let mut remaining = self.remaining.lock().unwrap_or_else(PoisonError::into_inner);
-        remaining.follow(progress, self.bar.elapsed());
-        self.bar.show(remaining.fraction(), || message(progress, remaining.eta_s(self.bar.elapsed())));
+        self.run.report(progress);
+        let (fraction, eta_s) = self.run.fraction_and_eta_s();
+        self.bar.show(fraction, || message(progress, eta_s));
     }
 
     fn should_stop(&self) -> bool {
-        self.stop.load(Ordering::Acquire)
+        self.pass_on_stop();
+        self.run.should_stop()
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.schedule.is_due()
+        self.pass_on_stop();
+        self.run.wants_checkpoint()
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        let start = Instant::now();
-        match checkpoints::write(&self.file, checkpoint) {
-            Ok(_) => self.failing.store(false, Ordering::Relaxed),
-            Err(error) => {
-                if !self.failing.swap(true, Ordering::Relaxed) {
-                    let said = format!(
-                        "warning: {} cannot be written: {error}; the run goes on",
-                        self.file.display()
-                    );
-                    self.bar.say(&said);
-                }
-            }
+        self.run.keep_checkpoint(checkpoint);
+        let fault = self.run.take_fault();
+        let was_failing = self.failing.swap(fault.is_some(), Ordering::Relaxed);
+        if let Some(fault) = fault.filter(|_| !was_failing) {
+            self.bar.say(&format!("warning: {fault}; the run goes on"));
         }
-        self.schedule.tried(start.elapsed());
     }
 }
 

@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
@@ -330,7 +330,6 @@ impl<'a> Done<'a> {
             study: self.study,
             limits,
             state: Mutex::new(SharedState::new(queue, self.tallies.clone())),
-            running: AtomicUsize::new(0),
             stop: &stop,
             fractions: (0..workers).map(|_| AtomicU64::default()).collect(),
             checkpoints: Checkpoints::open(
@@ -364,7 +363,7 @@ impl<'a> Done<'a> {
             drop(sender);
             loop {
                 let received = match receiver.recv_timeout(LOOK_EVERY) {
-                    Ok(received) => received.and_then(|message| self.receive(message, &mut watch)),
+                    Ok(received) => received.and_then(|message| self.receive(message, pool, &mut watch)),
                     Err(RecvTimeoutError::Timeout) => Ok(()),
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
@@ -385,9 +384,12 @@ impl<'a> Done<'a> {
         result
     }
 
-    fn receive(&mut self, message: Message, watch: &mut Watch) -> io::Result<()> {
+    fn receive(&mut self, message: Message, pool: &WorkerPool<'_>, watch: &mut Watch) -> io::Result<()> {
         match message {
-            Message::Ended(ended) => self.record(ended, watch),
+            Message::Ended(ended) => {
+                pool.note_end();
+                self.record(ended, watch)
+            }
             Message::Found(runs) => {
                 watch.found(runs.len());
                 for run in runs {

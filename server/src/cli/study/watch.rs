@@ -31,8 +31,9 @@ impl Watch {
     /// Shows the progress of the study.
     pub(super) fn show(&self, ended: usize, successes: u64, pool: &WorkerPool<'_>) {
         let before = self.before;
-        let jobs = ended + pool.waiting() + pool.running();
-        let done = ended as f64 + pool.fraction_of_running();
+        let jobs = ended + pool.left();
+        // The end of a run may be noted before its thread has taken back its fraction.
+        let done = (ended as f64 + pool.fraction_of_running()).min(jobs as f64);
         let share = |of: f64, all: f64| if all > 0.0 { of / all } else { 1.0 };
         let left = left(self.bar.elapsed(), share(done - before as f64, (jobs - before.min(jobs)) as f64));
         self.bar.show(share(done, jobs as f64), || message(ended, jobs, successes, left));

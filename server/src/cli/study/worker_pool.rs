@@ -13,7 +13,7 @@ use std::fs;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -52,6 +52,8 @@ pub(super) struct SharedState {
     pub(super) tallies: Vec<Tally>,
     /// Number of running jobs of each point that has any.
     running_of: HashMap<usize, usize>,
+    /// Number of jobs that were taken from the queue and whose ends the receiver has not noted.
+    open: usize,
     /// Points of a shard whose claim by another process is observed.
     observed: Vec<usize>,
     observed_at: Instant,
@@ -60,7 +62,14 @@ pub(super) struct SharedState {
 impl SharedState {
     /// Of these jobs, the next one first, after runs that ended so.
     pub(super) fn new(queue: VecDeque<(usize, usize)>, tallies: Vec<Tally>) -> Self {
-        Self { queue, tallies, running_of: HashMap::new(), observed: Vec::new(), observed_at: Instant::now() }
+        Self {
+            queue,
+            tallies,
+            running_of: HashMap::new(),
+            open: 0,
+            observed: Vec::new(),
+            observed_at: Instant::now(),
+        }
     }
 }
 
@@ -69,8 +78,6 @@ pub(super) struct WorkerPool<'a> {
     pub(super) study: &'a Study,
     pub(super) limits: Limits,
     pub(super) state: Mutex<SharedState>,
-    /// Number of running jobs.
-    pub(super) running: AtomicUsize,
     /// Set to stop the pool: by a signal, or because the run log cannot be written.
     pub(super) stop: &'a AtomicBool,
     /// The fraction of its job that each thread has done, as the bits of a float.
@@ -135,10 +142,12 @@ impl WorkerPool<'_> {
             let sent = match self.run(thread, point, replicate) {
                 Ok(Some(run)) => self.count(run, sender),
                 Ok(None) => return,
-                Err(error) => sender.send(Err(error)).is_ok(),
+                Err(error) => {
+                    self.note_end();
+                    sender.send(Err(error)).is_ok()
+                }
             };
             self.done(thread, 0.0);
-            self.running.fetch_sub(1, Ordering::Relaxed);
             if !sent {
                 return;
             }
@@ -170,14 +179,16 @@ impl WorkerPool<'_> {
         stopped.then(|| self.stopped.get_or_init(Instant::now).elapsed())
     }
 
-    /// Number of queued jobs.
-    pub(super) fn waiting(&self) -> usize {
-        self.state().queue.len()
+    /// The receiver has noted the end of a run.
+    pub(super) fn note_end(&self) {
+        let mut state = self.state();
+        state.open = state.open.saturating_sub(1);
     }
 
-    /// Number of running jobs.
-    pub(super) fn running(&self) -> usize {
-        self.running.load(Ordering::Relaxed)
+    /// Number of jobs whose ends are still to be noted: those of the queue and those that were taken from it.
+    pub(super) fn left(&self) -> usize {
+        let state = self.state();
+        state.queue.len() + state.open
     }
 
     /// Sum of the fractions that the running jobs have done, each at most 1.
@@ -213,10 +224,10 @@ impl WorkerPool<'_> {
             let claimed = claims.claim(point)?;
             return Ok(self.claimed(&mut state, point, claimed, sender));
         }
-        // With the lock held, so that every job is counted either as queued or as running.
+        // With the lock held, so that every job is counted either as queued or as open.
         state.queue.pop_front();
         *state.running_of.entry(point).or_default() += 1;
-        self.running.fetch_add(1, Ordering::Relaxed);
+        state.open += 1;
         Ok(Next::Run(point, replicate))
     }
 
@@ -463,5 +474,61 @@ impl Control for Watch<'_> {
         if is_last {
             self.kept_last.store(true, Ordering::Relaxed);
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::mpsc;
+
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn every_job_is_counted_once_at_any_moment() {
+        let request = json!({
+            "seed": 1, "replicates": 100,
+            "template": {
+                "specimen": {"type": "box", "size_mm": [20, 20, 20]},
+                "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.1}
+            },
+        });
+        let study = Study::read(&request, 1, None, &Limits::default()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let queue: VecDeque<_> = study.order().collect();
+        let jobs = queue.len();
+        let stop = AtomicBool::new(false);
+        let pool = WorkerPool {
+            study: &study,
+            limits: Limits::default(),
+            state: Mutex::new(SharedState::new(queue, vec![Tally::default(); study.points.len()])),
+            stop: &stop,
+            fractions: vec![AtomicU64::default(), AtomicU64::default()],
+            checkpoints: Checkpoints::open(folder.path().join("checkpoints"), Duration::MAX).unwrap(),
+            results: folder.path().to_owned(),
+            formats: &[],
+            claims: None,
+            stopped: OnceLock::new(),
+        };
+        let (sender, receiver) = mpsc::channel();
+        let mut ended = 0;
+        std::thread::scope(|scope| {
+            for thread in 0..2 {
+                let (sender, pool) = (sender.clone(), &pool);
+                scope.spawn(move || pool.work(thread, &sender));
+            }
+            drop(sender);
+            while let Ok(message) = receiver.recv() {
+                assert!(matches!(message, Ok(Message::Ended(_))));
+                pool.note_end();
+                ended += 1;
+                for _ in 0..100 {
+                    assert_eq!(ended + pool.left(), jobs);
+                }
+            }
+        });
+        assert_eq!((ended, pool.left()), (jobs, 0));
     }
 }
