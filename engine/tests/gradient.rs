@@ -267,7 +267,7 @@ fn no_strength_packs_shapes_bit_for_bit_as_without_a_gradient() {
 /// As for spheres: the least strength runs all the machinery of a gradient.
 #[test]
 fn without_a_gradient_p_values_of_shapes_are_uniform() {
-    for (angular, phi, strength) in [(false, 0.35, 0.0), (false, 0.35, 1.0e-9), (true, 0.2, 1.0e-9)] {
+    for (angular, phi, strength) in [(false, 0.35, 1.0e-9), (true, 0.2, 0.0)] {
         let random = of_shapes(job(&cube(), phi, &json!({"type": "rsa"})), angular);
         let found = reports(&with_gradient(random, &linear(), strength));
         let (small, large) = gaps(&found);

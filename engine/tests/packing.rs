@@ -57,7 +57,7 @@ fn method() -> impl Strategy<Value = Value> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(500))]
+    #![proptest_config(ProptestConfig::with_cases(300))]
     #[test]
     fn random_mixes_end_valid_or_say_why_not(
         specimen in specimen(), grading in grading(), distance in distance(),

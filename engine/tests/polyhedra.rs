@@ -14,6 +14,8 @@ struct Features {
     corners: Vec<Vector3<f64>>,
     normals: Vec<Vector3<f64>>,
     edges: Vec<Vector3<f64>>,
+    /// Centre and radius of a ball around all corners.
+    ball: (Vector3<f64>, f64),
 }
 
 fn features(packing: &Packing) -> Vec<Features> {
@@ -28,10 +30,15 @@ fn features(packing: &Packing) -> Vec<Features> {
         Features {
             normals: shape.template.faces().iter().map(normal).collect(),
             edges: edges.iter().map(|edge| (at(edge.ends[1]) - at(edge.ends[0])).normalize()).collect(),
+            ball: (pose.center_mm, farthest(&corners, pose.center_mm)),
             corners,
         }
     };
     (0..grains.len()).map(of).collect()
+}
+
+fn farthest(corners: &[Vector3<f64>], from: Vector3<f64>) -> f64 {
+    corners.iter().map(|corner| (corner - from).norm()).fold(0.0, f64::max)
 }
 
 /// Whether a face of one, or an edge of each, parts two bodies, the second moved.
@@ -45,7 +52,8 @@ fn are_apart(a: &Features, b: &Features, moved: Vector3<f64>) -> bool {
         let by = moved.dot(n);
         a_high <= b_low + by || b_high + by <= a_low
     };
-    a.normals.iter().chain(&b.normals).any(parts)
+    (b.ball.0 + moved - a.ball.0).norm() > a.ball.1 + b.ball.1
+        || a.normals.iter().chain(&b.normals).any(parts)
         || a.edges
             .iter()
             .any(|p| b.edges.iter().any(|q| p.cross(q).try_normalize(1e-9).is_some_and(|n| parts(&n))))

@@ -396,7 +396,8 @@ fn a_run_goes_on_from_any_checkpoint_as_if_it_had_never_stopped() {
         let whole = method.run(None, &Wants).unwrap();
         let bodies = std::mem::take(&mut *bodies.lock().unwrap());
         assert!(bodies.len() > 2 && whole.statistics.swaps_accepted > 0, "{}", bodies.len());
-        for body in &bodies {
+        // The first, the last and every other one between.
+        for body in bodies.iter().step_by(2).chain(bodies.last()) {
             let resumed = method.run(Some(body), &Unattended).unwrap();
             assert_eq!(resumed.poses, whole.poses);
             let counted = Statistics { resumes: 0, ..resumed.statistics };

@@ -85,7 +85,7 @@ fn grains_of_very_different_sizes_grow_valid() {
     let fuller = json!({"type": "fuller", "d_max_mm": 16.0, "exponent": 0.5});
     let mix = json!({"grading": fuller, "d_min_mm": 0.5, "volume_fraction": 0.6, "volume_fraction_of": "placed_grains"});
     let method = json!({"initial_scale": 0.97, "stop": {"events": 2_000_000}});
-    for specimen in [cube(22.0, "walls"), cube(22.0, "periodic")] {
+    for specimen in [cube(20.0, "walls"), cube(20.0, "periodic")] {
         let packing =
             grown(&job(&specimen, &mix, &json!({"type": "smaller_diameter", "factor": 0.05}), &method), 1)
                 .unwrap();

@@ -46,7 +46,7 @@ fn not_grown(request: &PackingRequest) -> GrowthStopped {
 fn a_target_that_jams_before_is_said_to() {
     let mut request = spheres(0.65, &none(), &json!({"growth_rate": 1.0}));
     // Few grains give up soon.
-    request.specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
+    request.specimen = Specimen::Box { size_mm: [16.0; 3], boundary: Boundary::Walls };
     let short = not_grown(&request);
     assert_eq!(short.end, GrowthEnd::Stalled);
     // Between what random placing starts from and the densest random packing.

@@ -69,9 +69,11 @@ fn packings_keep_all_gaps_in_all_specimens() {
         Distance::Proportional { factor: 0.06, wall_gap_mm: None },
         Distance::SmallerDiameter { factor: 0.08, wall_gap_mm: Some(0.0) },
     ];
-    for ratios in [[1.5, 1.2, 1.0], [1.0, 1.0, 1.0], [2.5, 2.0, 1.0]] {
-        for specimen in &specimens {
-            for distance in &distances {
+    let ratios = [[1.5, 1.2, 1.0], [1.0, 1.0, 1.0], [2.5, 2.0, 1.0]];
+    for (row, specimen) in specimens.iter().enumerate() {
+        for (column, distance) in distances.iter().enumerate() {
+            // Each ratio in each specimen and under each distance, but for one of the four.
+            for ratios in [ratios[(row + column) % 3], ratios[(row + 2 * column + 1) % 3]] {
                 let fraction = if matches!(distance, Distance::None { .. }) { 0.55 } else { 0.45 };
                 let shapes = shapes(specimen, fraction, 6.0, ratios);
                 let outcome = packing(&shapes, specimen, distance).run(None, &Unattended).unwrap();

@@ -405,7 +405,7 @@ fn pairs_within(centers: &[[f64; 3]], edge: f64, bounds: std::ops::Range<f64>) -
 /// The number of pairs in each shell is above 48 000; its standard deviation from seed to seed is below 0.5 %.
 #[test]
 fn points_drawn_ahead_have_the_law_of_points_drawn_one_by_one() {
-    let (number, fraction) = (60_000, 0.3);
+    let (number, fraction) = (40_000, 0.3);
     let edge = (f64::from(number) * std::f64::consts::FRAC_PI_6 / fraction).cbrt();
     let shells = [1.0..1.1, 1.1..1.3, 1.9..2.0];
     let mean_pairs = |draws_ahead| {

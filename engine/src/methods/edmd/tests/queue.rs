@@ -117,7 +117,7 @@ impl Both {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(150))]
     #[test]
     fn events_come_up_as_from_a_heap(steps in prop::collection::vec(step(), 1..1500)) {
         let mut both = Both::new();
