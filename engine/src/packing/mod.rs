@@ -413,6 +413,10 @@ pub struct EdmdStatistics {
     /// Grains that kept colliding on the spot and were moved.
     #[serde(alias = "stuck_grains")]
     pub pinned_grains: u64,
+    /// Times that a packing which jammed just below its target was expanded, to grow again.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub expansions: u64,
     /// Times that the run went on from a checkpoint.
     pub resumes: u64,
     /// Predictions over events.

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use packstone_engine::packing::GrowthEnd;
 use packstone_engine::request::{Boundary, Specimen};
 use packstone_engine::{
-    Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase, Progress,
-    TargetNotReached, Unattended, pack,
+    Checkpoint, Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase,
+    Progress, Resume, TargetNotReached, Unattended, pack, pack_or_resume,
 };
 use serde_json::{Value, json};
 
@@ -54,6 +54,48 @@ fn a_target_that_jams_before_is_said_to() {
     let of_scale = short.volume_fraction_asked * short.scale_reached.powi(3);
     assert!((short.volume_fraction_reached / of_scale - 1.0).abs() < 1e-9, "{short}");
     assert!(short.to_string().contains("it stalled, for the grains jam"), "{short}");
+}
+
+/// Keeps the checkpoints of every twentieth cycle.
+#[derive(Default)]
+struct Keeping(Mutex<Vec<Vec<u8>>>, AtomicU32);
+
+impl Control for Keeping {
+    fn report(&self, _: &Progress) {}
+    fn should_stop(&self) -> bool {
+        false
+    }
+    fn wants_checkpoint(&self) -> bool {
+        self.1.fetch_add(1, Ordering::Relaxed).is_multiple_of(20)
+    }
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        let mut bytes = Vec::new();
+        checkpoint.write_to(&mut bytes).unwrap();
+        self.0.lock().unwrap().push(bytes);
+    }
+}
+
+/// Without expansions this seed stalls at a volume fraction of 0.7098.
+#[test]
+fn a_packing_that_jams_just_below_its_target_is_expanded_and_reaches_it() {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+        "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 2,
+                "volume_fraction": 0.71, "volume_fraction_of": "placed_grains"},
+        "method": {"type": "edmd"},
+    });
+    let request = PackingRequest::from_json(&value, 1).unwrap();
+    let keeping = Keeping::default();
+    let packing = pack(&request, &Limits::default(), &keeping).unwrap();
+    let grown = packing.report.statistics.edmd.unwrap();
+    assert!(grown.stop == GrowthEnd::Target && grown.expansions > 0, "{grown:?}");
+    // It goes on from a checkpoint between two expansions to the same packing.
+    let kept = keeping.0.into_inner().unwrap();
+    let resume = Resume::read_from(&mut kept.last().unwrap().as_slice(), &request).unwrap();
+    let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+    assert_eq!(resumed.grains, packing.grains);
+    let again = resumed.report.statistics.edmd.unwrap();
+    assert_eq!((again.expansions, again.events, again.resumes), (grown.expansions, grown.events, 1));
 }
 
 #[test]

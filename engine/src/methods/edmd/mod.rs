@@ -170,9 +170,14 @@ impl Edmd<'_> {
         let growing = Instant::now();
         let mut ended = Ended::As(GrowthEnd::Target);
         if run.stage == Stage::Scale {
-            ended = run.grow(&frame, &protocols[0]);
-            if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &protocols[0], &rule)? {
-                ended = Ended::As(GrowthEnd::Target);
+            loop {
+                ended = run.grow(&frame, &protocols[0]);
+                if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &protocols[0], &rule)? {
+                    ended = Ended::As(GrowthEnd::Target);
+                }
+                if ended != Ended::As(GrowthEnd::Stalled) || !run.expand(&protocols[0]) {
+                    break;
+                }
             }
             if maximize.is_some() && ended == Ended::As(GrowthEnd::Target) {
                 run.lengthen(&frame, &protocols[1]);

@@ -22,6 +22,7 @@ impl Run {
             self.rescalings,
             self.pinned_grains,
             self.resumes,
+            self.expansions,
             self.swaps.tried,
             self.swaps.accepted,
             self.curve_stride,
@@ -38,6 +39,7 @@ impl Run {
         }
         for value in [
             self.size,
+            self.jammed_at,
             self.first_size,
             self.pressure,
             self.events_per_time,
@@ -81,6 +83,7 @@ impl Run {
         let mut whole = || input.u64();
         let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
         let (cycles, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
+        let expansions = whole()?;
         let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
         let counts = Counts {
             grain_collisions: whole()?,
@@ -91,7 +94,7 @@ impl Run {
         };
         let rsa =
             RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
-        let size = input.f64()?;
+        let (size, jammed_at) = (input.f64()?, input.f64()?);
         let protocol = &protocols[usize::from(stage == Stage::Length)];
         let n = protocol.radii_mm.len();
         let mut run = Self::new(frame, protocol, stage, size, &filled(n, [0.0; 3])?)?;
@@ -108,6 +111,7 @@ impl Run {
         (run.compression_cycles, run.rescalings, run.pinned_grains) = (cycles, rescalings, pinned_grains);
         (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
         run.resumes = resumes + 1;
+        (run.expansions, run.jammed_at) = (expansions, jammed_at);
         run.system.counts = counts;
         let invalid = || io::Error::from(io::ErrorKind::InvalidData);
         let same = |column: Vec<f64>| if column.len() == n { Ok(column) } else { Err(invalid()) };
@@ -164,6 +168,7 @@ impl Run {
         // A grain may leave a periodic box by an edge, or a wall by rounding, between two looks.
         let inside = |position: &[f64; 3]| (0..3).all(|a| near(position[a], bounds[a] / 2.0, 3.0));
         sizes.contains(&self.size)
+            && (0.0..=1.0).contains(&self.jammed_at)
             && self.pressure > 0.0
             && self.events_per_time > 0.0
             && (0.0..=1.0).contains(&self.fraction)

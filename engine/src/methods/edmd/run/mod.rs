@@ -60,6 +60,12 @@ const PINNED_AMONG: usize = 50;
 /// is 1e-6 s and 1e-8 s.
 const TARGET_STALL: f64 = 2e-7;
 const DISTANCE_STALL: f64 = 2e-9;
+/// A packing that jams is expanded and grown again where its scale lacks at most this much,
+const NEAR_TARGET: f64 = 5e-4;
+/// by this share of its scale,
+const EXPANSION: f64 = 3e-3;
+/// and so many times at most.
+const MOST_EXPANSIONS: u64 = 12;
 /// Swaps tried to free a pinned grain.
 const UNJAM_TRIES: u64 = 10_000;
 
@@ -148,6 +154,9 @@ pub(crate) struct Run {
     rescalings: u64,
     pinned_grains: u64,
     resumes: u64,
+    /// Times that the packing was expanded, and the scale at which it jammed before the first of them.
+    expansions: u64,
+    jammed_at: f64,
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
@@ -205,6 +214,8 @@ impl Run {
             rescalings: 0,
             pinned_grains: 0,
             resumes: 0,
+            expansions: 0,
+            jammed_at: 0.0,
             simulated_s: 0.0,
             earlier_s: 0.0,
             rsa: RsaStatistics::default(),
@@ -250,6 +261,31 @@ impl Run {
                 Err(refused) => return Ended::OutOfMemory(refused),
             }
         }
+    }
+
+    /// Expands a packing that jammed just below its target; says whether it did.
+    ///
+    /// The grains of the packing then rearrange and change places while they grow again, and jam at a higher volume
+    /// fraction. That is tried as long as the expansions that are left, by the mean gain of those before, add up to
+    /// what is missing.
+    pub(crate) fn expand(&mut self, protocol: &GrowthProtocol) -> bool {
+        let missing = 1.0 - self.size;
+        let gain = (self.size - self.jammed_at) / self.expansions.max(1) as f64;
+        let helps = gain * MOST_EXPANSIONS.saturating_sub(self.expansions) as f64 >= missing;
+        if self.stage != Stage::Scale || missing > NEAR_TARGET || !helps {
+            return false;
+        }
+        if self.expansions == 0 {
+            self.jammed_at = self.size;
+        }
+        self.expansions += 1;
+        self.size *= 1.0 - EXPANSION;
+        self.set_radii(protocol);
+        // By free volume: Z = 3 / (1 - phi / phi_j) with phi / phi_j = (1 - EXPANSION)^3.
+        let pressure = 1.0 / EXPANSION;
+        self.events_per_time *= pressure / self.pressure;
+        self.pressure = pressure;
+        true
     }
 
     fn cycle(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> Result<Option<Ended>, OutOfMemory> {

@@ -159,6 +159,7 @@ impl Run {
             velocity_rescalings: self.rescalings,
             compression_cycles: self.compression_cycles,
             pinned_grains: self.pinned_grains,
+            expansions: self.expansions,
             resumes: self.resumes,
             predictions_per_event: counts.predictions as f64 / events.max(1) as f64,
             events_per_s: events as f64 / seconds.max(1e-9),
