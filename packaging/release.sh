@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# Makes the files of a release, in a folder that is new: the Debian package, an archive with the binary, the wheel for
-# Python, the bill of materials (CycloneDX 1.5), and their checksums.
+# Makes the files of a release, in a folder that is new: the Debian package, an archive with the static binary, the
+# wheel for Python, the container image, the bill of materials (CycloneDX 1.5), and their checksums.
 #
 #   packaging/release.sh [FOLDER]    without it target/releases/VERSION
-#   BINARY=FILE packaging/release.sh    takes a binary that is built, as a trial
+#   BINARY=FILE STATIC_BINARY=FILE packaging/release.sh    takes binaries that are built, as a trial
 #
-# The version is that of Cargo.toml. Needs maturin (pip install maturin), cargo-about, cargo-cyclonedx and cargo-deb
-# (cargo install --locked), and what packaging/deb.sh needs. The container image is made by docker/Dockerfile.
+# The version is that of Cargo.toml. Needs maturin and ziglang (pip install maturin ziglang auditwheel), cargo-about,
+# cargo-cyclonedx and cargo-deb (cargo install --locked), and what packaging/deb.sh needs. The image needs docker or
+# podman, and a registry with its base images.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# -le 1 ] || { echo "usage: $0 [FOLDER]" >&2; exit 2; }
@@ -31,11 +32,15 @@ out=$(realpath "$out")
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
 
+# The profile and the features of the container image (docker/Dockerfile).
+build=(cargo build --profile dist --features postgres,s3 --locked --package packstone-server --bin packstone)
+target=${CARGO_TARGET_DIR:-target}
+host=$(rustc -vV | sed -n 's/^host: //p')
+
 echo '=== the binary'
 if [ -z "${BINARY:-}" ]; then
-    # The profile and the features of the container image (docker/Dockerfile).
-    cargo build --profile dist --features postgres,s3 --locked --package packstone-server --bin packstone
-    BINARY=${CARGO_TARGET_DIR:-target}/dist/packstone
+    "${build[@]}"
+    BINARY=$target/dist/packstone
 fi
 [ "$("$BINARY" --version | cut -d ' ' -f 2)" = "$version" ] || fail "$BINARY is not of version $version"
 "$BINARY" openapi | diff -q openapi.yaml - >/dev/null || fail "openapi.yaml is not that of $BINARY"
@@ -44,24 +49,48 @@ fi
 echo '=== the Debian package'
 packaging/deb.sh "$BINARY" "$out"
 
+echo '=== the static binary'
+if [ -z "${STATIC_BINARY:-}" ]; then
+    # With --target the flag is not for build scripts and procedural macros.
+    RUSTFLAGS='-C target-feature=+crt-static' "${build[@]}" --target "$host"
+    STATIC_BINARY=$target/$host/dist/packstone
+fi
+packaging/test-static.sh "$STATIC_BINARY"
+
 echo '=== the archive'
-# What deb.sh has put together: binary, manual pages, completions, licences.
+# What deb.sh has put together, manual pages, completions and licences, with the static binary.
 name=packstone-$version-$(uname -m)-linux
 mkdir -p "target/package/$name"
-cp -r target/package/{packstone,man,packstone.bash,_packstone,packstone.fish,THIRD-PARTY} "target/package/$name"
+cp -r target/package/{man,packstone.bash,_packstone,packstone.fish,THIRD-PARTY} "target/package/$name"
+install --strip -m 0755 "$STATIC_BINARY" "target/package/$name/packstone"
 cp LICENSE-MIT LICENSE-APACHE CHANGELOG.md packaging/packstone{,-worker}.{service,env} "target/package/$name"
 tar --directory target/package --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$SOURCE_DATE_EPOCH" \
     --create "$name" | gzip --no-name -9 >"$out/$name.tar.gz"
 
 echo '=== the wheel'
 grep -q "^version = \"$version\"$" python/Cargo.toml || fail "python/Cargo.toml is not of version $version"
-# In the folder of the build of its own workspace, without debug symbols.
-maturin build --quiet --release --locked --manifest-path python/Cargo.toml --out "$out"
+# In the folder of the build of its own workspace, without debug symbols. The linker of Zig takes the symbols of an old
+# C library, whatever the machine has: the wheel is for glibc 2.17 and later.
+maturin build --quiet --release --locked --zig --compatibility manylinux2014 --manifest-path python/Cargo.toml \
+    --out "$out"
+auditwheel show "$out"/packstone-*.whl
+
+echo '=== the container image'
+image=packstone:$version
+builder=$(command -v docker || command -v podman || true)
+commit=$(git rev-parse --short=12 HEAD)
+if [ -n "$builder" ]; then
+    "$builder" build --file docker/Dockerfile --build-arg "COMMIT=$commit" --tag "$image" .
+    "$builder" save "$image" | gzip --no-name -9 >"$out/packstone-$version-image.tar.gz"
+else
+    echo "no docker or podman; $image is made by: docker build -f docker/Dockerfile --build-arg COMMIT=$commit" \
+        "-t $image ." >&2
+fi
 
 echo '=== the bill of materials'
 # cargo-cyclonedx writes beside the Cargo.toml of each crate of the workspace.
 cargo cyclonedx --quiet --manifest-path server/Cargo.toml --format json --spec-version 1.5 --features postgres,s3 \
-    --no-build-deps --target "$(rustc -vV | sed -n 's/^host: //p')" --override-filename packstone-bill
+    --no-build-deps --target "$host" --override-filename packstone-bill
 mv server/packstone-bill.json "$out/packstone-$version.cdx.json"
 rm engine/packstone-bill.json
 

@@ -1,16 +1,18 @@
 //! Every form of a result holds the same numbers, and is found by name or by media type.
 
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde_json::json;
 
 use crate::harness::{Client, DataDir, Server, id_of, jobs, results};
 
-const MEDIA_TYPES: [(&str, &str); 6] = [
+const MEDIA_TYPES: [(&str, &str); 7] = [
     ("json", "application/json"),
     ("csv", "text/csv"),
     ("vtk", "application/vnd.vtk.legacy"),
     ("vtp", "application/vnd.vtk.polydata+xml"),
     ("npy", "application/x-npy"),
     ("view", "application/vnd.packstone.view"),
+    ("html", "text/html"),
 ];
 
 #[tokio::test]
@@ -57,7 +59,7 @@ async fn a_format_is_chosen_by_query_then_by_accept() {
 
     for (format, media_type) in MEDIA_TYPES {
         let by_name =
-            client.get(&format!("{path}?format={format}")).header("accept", "text/html").send().await;
+            client.get(&format!("{path}?format={format}")).header("accept", "image/png").send().await;
         let by_accept = client.get(&path).header("accept", media_type).send().await;
         for reply in [&by_name, &by_accept] {
             let content_type = reply.expect(200).header("content-type");
@@ -72,7 +74,7 @@ async fn a_format_is_chosen_by_query_then_by_accept() {
         ("*/*", "application/json"),
         ("text/*", "text/csv"),
         ("text/csv;q=0.4, application/x-npy;q=0.8", "application/x-npy"),
-        ("text/html, application/json;q=0.1", "application/json"),
+        ("image/png, application/json;q=0.1", "application/json"),
         ("application/json;q=0, */*", "text/csv, application/vnd.vtk.legacy, application/x-npy"),
     ] {
         let reply = client.get(&path).header("accept", accept).send().await;
@@ -86,7 +88,7 @@ async fn a_format_is_chosen_by_query_then_by_accept() {
 
 async fn nothing_acceptable(client: &Client, path: &str) {
     let problem =
-        client.get(path).header("accept", "text/html").send().await.expect_problem(406, "not-acceptable");
+        client.get(path).header("accept", "image/png").send().await.expect_problem(406, "not-acceptable");
     let detail = problem["detail"].as_str().unwrap();
     for (format, _) in MEDIA_TYPES {
         assert!(detail.contains(format), "{detail}");
@@ -126,6 +128,29 @@ async fn the_form_for_viewers_holds_the_grains_and_is_sent_in_parts() {
     assert_eq!(first.expect(206).body, view[..144]);
     let rest = client.get(&path).header("range", "bytes=144-").header("if-range", &etag).send().await;
     assert_eq!(rest.expect(206).body, view[144..]);
+    client.get(&path).header("if-none-match", &etag).send().await.expect(304);
+    server.stop().await;
+}
+
+/// The page holds the grains of the form for viewers, and does not change between two requests.
+#[tokio::test]
+async fn the_page_holds_the_grains_and_is_sent_in_parts() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let id = id_of(&client.succeed(&jobs::quick(14)).await).to_owned();
+    let page = client.result_in(&id, "html").await;
+    let text = std::str::from_utf8(&page).unwrap();
+    let grains = BASE64_STANDARD.encode(client.result_in(&id, "view").await);
+    assert!(text.starts_with("<!doctype html>") && text.contains(&format!(">{grains}<")));
+    assert!(text.contains(&format!("\"job_id\":\"{id}\"")), "the result is there without its grains");
+    let path = format!("/v1/jobs/{id}/result?format=html");
+    let head = client.head(&path).send().await;
+    assert_eq!(head.header("content-length"), page.len().to_string());
+    assert!(head.header("content-disposition").starts_with("attachment;"), "a page of a job is not run here");
+    let etag = head.header("etag").to_owned();
+    let rest = client.get(&path).header("range", "bytes=15-").header("if-range", &etag).send().await;
+    assert_eq!(rest.expect(206).body, page[15..]);
     client.get(&path).header("if-none-match", &etag).send().await.expect(304);
     server.stop().await;
 }

@@ -7,9 +7,11 @@
  *   - `data-with`: another member that is set with it, `PATH=value`.
  *
  * Members of a request that no control knows are kept as they are. An object whose members the controls cannot show
- * (size classes, mixtures, several aggregates) is kept whole: its variant is then "As in the JSON".
+ * (size classes, mixtures) is kept whole: its variant is then "As in the JSON". Several aggregates, which take the place
+ * of the grading, have fields of their own (`form-aggregates.js`).
  */
-import { h, text } from "./dom.js";
+import { byId, h, replace, text } from "./dom.js";
+import { aggregateFields } from "./form-aggregates.js";
 import { rowsOf, sieves } from "./form-sieves.js";
 import { getAt, removeAt, setAt } from "./form-pointer.js";
 
@@ -23,11 +25,18 @@ export class Fields {
   /** @param {HTMLFormElement} form */
   constructor(form) {
     this.form = form;
-    /** @type {Control[]} */
-    this.controls = Array.from(form.querySelectorAll("[data-path]"));
     /** @type {any} The request that the form was filled from. */
     this.base = {};
-    for (const control of this.controls) this.#describe(control);
+    /** @type {Control[]} */
+    this.controls = [];
+    this.#find();
+  }
+
+  /** Finds the controls, some of which are new. */
+  #find() {
+    const known = new Set(this.controls);
+    this.controls = Array.from(this.form.querySelectorAll("[data-path]"));
+    for (const control of this.controls) if (!known.has(control)) this.#describe(control);
   }
 
   /** Makes the place for a control's fault. @param {Control} control */
@@ -60,6 +69,8 @@ export class Fields {
    */
   fill(request) {
     this.base = structuredClone(request);
+    replace(byId("aggregates"), aggregateFields(getAt(request, "/mix/aggregates")));
+    this.#find();
     const part = getAt(request, "/mix/proportions") ? "proportions" : "volume_fraction";
     for (const radio of /** @type {NodeListOf<HTMLInputElement>} */ (this.form.querySelectorAll("[data-part]"))) {
       radio.checked = radio.value === part;
@@ -86,7 +97,8 @@ export class Fields {
     const known = Array.from(select.options).some((option) => option.value === type && option.value !== GIVEN);
     const given = !known || this.#instead(object) !== undefined || !this.#fits(object, type);
     select.querySelector(`[value="${GIVEN}"]`)?.remove();
-    if (given) select.append(h("option", { value: GIVEN }, "As in the JSON"));
+    const several = Array.isArray(this.#instead(object)) && object === "/mix/grading";
+    if (given) select.append(h("option", { value: GIVEN }, several ? "Several aggregates" : "As in the JSON"));
     select.value = given ? GIVEN : type;
   }
 

@@ -5,7 +5,14 @@ import { fields, FORMATS, TYPES } from "./export-options.js";
 import { announce, confirm, report as problem } from "./shell.js";
 
 /** @type {Record<string, string>} */
-const GRAINS = { csv: "table", json: "with all figures", npy: "NumPy", vtp: "ParaView", vtk: "VTK, legacy" };
+const GRAINS = {
+  csv: "table",
+  json: "with all figures",
+  npy: "NumPy",
+  vtp: "ParaView",
+  vtk: "VTK, legacy",
+  html: "viewer",
+};
 
 /**
  * Links to the grains, with the lengths of the files.

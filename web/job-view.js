@@ -177,9 +177,10 @@ export class ViewPart {
       }),
     );
     /** @type {[string, string][]} */
-    const kinds = [["size", "size"]];
-    // The view has the longest extent of other grains, by which their size class is not known.
-    if (this.spheres) kinds.push(["class", "size class"]);
+    const kinds = [
+      ["size", "size"],
+      ["class", "size class"],
+    ];
     if (this.aggregates.length > 1 && viewer.head?.stride === 24) kinds.push(["aggregate", "aggregate"]);
     const colour = h(
       "span",
@@ -214,7 +215,7 @@ export class ViewPart {
         h("legend", {}, this.spheres ? "Diameters shown" : "Sizes shown"),
         this.sizes.map((c) => c.row),
       ),
-      kinds.length > 1 ? h("div", {}, h("p", { class: "label" }, "Colour by"), colour) : null,
+      h("div", {}, h("p", { class: "label" }, "Colour by"), colour),
       h("div", { class: "actions" }, back),
       picturePart(viewer, `packing-${this.source.name}`),
     );

@@ -39,9 +39,6 @@ def run_of_study(
 ) -> tuple[str, Packing | None]:
     """Packs a run of a study: its record (outcome, facts, curve, error) as JSON, and the packing if there is one."""
 
-def page(summary: str, view: bytes) -> str:
-    """Returns the page of a result: `summary` is the result with its request, `view` the grains in that format."""
-
 @final
 class Packing:
     """A packing in memory."""

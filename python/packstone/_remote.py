@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import _files, _native
-from ._requests import encoded, parameters
+from . import _files
+from ._requests import parameters
 from ._transport import Transport, document
 from .exports import Export, ExportType
 
@@ -44,18 +44,13 @@ class Remote:
         return grains
 
     def read(self, file: File, timeout: float | None) -> bytes:
-        """Downloads a file. A server has no pages of packings: they are made here."""
-        if file.format == "html":
-            return self._page()
+        """Downloads a file."""
         return self._download(*self._address(file), timeout)
 
     def save(self, file: File, path: Path, timeout: float | None) -> None:
         """Downloads a file to a path."""
-        if file.format == "html":
-            _files.write(path, self._page())
-        else:
-            address, params = self._address(file)
-            _files.save(self._transport, address, path, params, timeout)
+        address, params = self._address(file)
+        _files.save(self._transport, address, path, params, timeout)
 
     def export(
         self, type: ExportType, options: Mapping[str, Any], path: Path, timeout: float | None
@@ -78,11 +73,6 @@ class Remote:
             headers={"accept": "image/svg+xml"},
         )
         return response.text
-
-    def _page(self) -> bytes:
-        result = {**self.report(), "request": self.request()}
-        view = self._download(f"{self._job_path}/result", {"format": "view"})
-        return _native.page(encoded(result), view).encode()
 
     def _download(self, address: str, params: dict[str, Any], timeout: float | None = None) -> bytes:
         buffer = io.BytesIO()

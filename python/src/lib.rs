@@ -174,12 +174,6 @@ fn run_of_study(
     Ok((record, packed.map(|packed| Packing { packed })))
 }
 
-/// Returns the page of a result with its viewer, in one HTML file.
-#[pyfunction]
-fn page(py: Python<'_>, summary: &str, view: &[u8]) -> PyResult<String> {
-    py.detach(|| local::page(summary, view)).map_err(raised)
-}
-
 /// Runs a command line, of which the first is the name of the program; returns the exit code.
 #[pyfunction]
 fn main(py: Python<'_>, args: Vec<OsString>) -> u8 {
@@ -255,6 +249,5 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(plan, module)?)?;
     module.add_class::<Study>()?;
     module.add_function(wrap_pyfunction!(run_of_study, module)?)?;
-    module.add_function(wrap_pyfunction!(page, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)
 }

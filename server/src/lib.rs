@@ -17,6 +17,7 @@ mod descriptors;
 mod disk;
 mod exports;
 mod failure;
+mod formats;
 mod hex;
 mod http;
 mod http_client;
@@ -39,6 +40,7 @@ mod studies;
 mod tasks;
 mod telemetry;
 mod watched_file;
+mod web_files;
 mod webhooks;
 mod workers;
 

@@ -6,17 +6,22 @@
 //! no server for anything.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::io::{self, Write};
 use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use base64::write::EncoderWriter;
+use packstone_engine::export::tables::{self, Format, GrainSource, Head};
 use serde::Serialize;
 
-use crate::http::web;
+use crate::web_files;
 
 /// Most grains in a file: 11 MB of spheres, 32 MB of others. A packing with more shows its largest grains, and says so.
 const MOST_GRAINS: usize = 1_000_000;
+
+/// Bytes of the head of a view.
+const HEAD_BYTES: usize = 64;
 
 /// The module that the file starts with.
 const ENTRY: &str = "packing.js";
@@ -34,20 +39,28 @@ struct Data<'a, R> {
     result: &'a R,
 }
 
-/// The page of a result: `result` is the document without grains, with the request, and `view` its grains in the format
-/// of that name.
+/// Writes the page of a result.
 ///
 /// # Errors
-/// The result cannot be written as JSON.
-pub(crate) fn document(result: &impl Serialize, view: &[u8]) -> serde_json::Result<String> {
-    with_at_most(result, view, MOST_GRAINS)
+/// Those of the writer and of the source.
+pub(crate) fn write(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
+    let mut largest = Largest { view: Vec::new(), most: MOST_GRAINS };
+    match tables::write(Format::View, head, grains, &mut largest) {
+        Err(error) if error.kind() != io::ErrorKind::WriteZero => return Err(error),
+        _ => {}
+    }
+    write_document(head, largest.grains(), &largest.view, out)
 }
 
-fn with_at_most(result: &impl Serialize, view: &[u8], most: usize) -> serde_json::Result<String> {
-    let (grains, view) = largest(view, most);
-    let data = serde_json::to_string(&Data { grains, result })?;
-    let mut page = String::with_capacity(view.len() / 3 * 4 + data.len() + (1 << 17));
-    let styles: String = STYLES.iter().filter_map(|name| web::text(name)).collect();
+fn write_document(
+    result: &impl Serialize,
+    grains: usize,
+    view: &[u8],
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    // A name with `</script>` would end the element.
+    let data = serde_json::to_string(&Data { grains, result })?.replace('<', "\\u003c");
+    let styles: String = STYLES.iter().filter_map(|name| web_files::text(name)).collect();
     let imports: BTreeMap<String, String> = modules()
         .into_iter()
         .map(|(name, text)| {
@@ -55,9 +68,8 @@ fn with_at_most(result: &impl Serialize, view: &[u8], most: usize) -> serde_json
         })
         .collect();
     let imports = serde_json::to_string(&serde_json::json!({ "imports": imports }))?;
-    // Writing to a string cannot fail.
-    let _ = write!(
-        page,
+    write!(
+        out,
         r#"<!doctype html>
 <html lang="en">
 <head>
@@ -77,24 +89,51 @@ fn with_at_most(result: &impl Serialize, view: &[u8], most: usize) -> serde_json
 </main>
 <script type="application/json" id="result-data">{data}</script>
 <script type="text/plain" id="grains-data">"#,
-        // A name with `</script>` would end the element.
-        data = data.replace('<', "\\u003c"),
-    );
-    STANDARD.encode_string(view, &mut page);
-    let _ = write!(
-        page,
-        "</script>\n<script type=\"module\">import \"{SCHEME}{ENTRY}\";</script>\n</body>\n</html>\n"
-    );
-    Ok(page)
+    )?;
+    let mut base64 = EncoderWriter::new(&mut *out, &STANDARD);
+    base64.write_all(view)?;
+    base64.finish()?;
+    drop(base64);
+    write!(out, "</script>\n<script type=\"module\">import \"{SCHEME}{ENTRY}\";</script>\n</body>\n</html>\n")
 }
 
-/// The number of grains and the bytes of a view that is cut after its largest grains.
-fn largest(view: &[u8], most: usize) -> (usize, &[u8]) {
-    let number =
-        |at: usize| view.get(at..at + 4).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
-    let grains = number(8).min(most);
-    let end = 64 + number(48) + grains * number(44);
-    (grains, &view[..end.min(view.len())])
+/// A writer of the format `view` that takes its largest grains, and no byte after them.
+struct Largest {
+    view: Vec<u8>,
+    most: usize,
+}
+
+impl Largest {
+    /// A number of the head ([`view.md`](../../docs/view.md)).
+    fn number(&self, at: usize) -> usize {
+        let bytes = self.view.get(at..at + 4);
+        bytes.map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
+    }
+
+    fn grains(&self) -> usize {
+        self.number(8).min(self.most)
+    }
+
+    /// Where the last grain ends, or the head while it is not complete.
+    fn end(&self) -> usize {
+        if self.view.len() < HEAD_BYTES {
+            HEAD_BYTES
+        } else {
+            HEAD_BYTES + self.number(48) + self.grains() * self.number(44)
+        }
+    }
+}
+
+impl Write for Largest {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let taken = bytes.len().min(self.end() - self.view.len());
+        self.view.extend_from_slice(&bytes[..taken]);
+        Ok(taken)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// The first module and those that it imports, directly or not, by their names; they import each other by bare names.
@@ -105,8 +144,8 @@ fn modules() -> BTreeMap<String, String> {
         if found.contains_key(&name) {
             continue;
         }
-        let Some(text) = web::text(&name) else { continue };
-        let (text, imported) = with_bare_names(&name, text);
+        let Some(text) = web_files::text(&name) else { continue };
+        let (text, imported) = with_bare_names(&name, &text);
         open.extend(imported);
         found.insert(name, text);
     }
@@ -184,7 +223,9 @@ mod tests {
     #[test]
     fn a_name_cannot_end_the_element_that_holds_it() {
         let result = json!({"request": {"name": "</script><script>alert(1)</script>"}});
-        let page = with_at_most(&result, &[], 10).unwrap();
+        let mut page = Vec::new();
+        write_document(&result, 0, &[], &mut page).unwrap();
+        let page = String::from_utf8(page).unwrap();
         assert!(!page.contains("<script>alert") && page.contains("\\u003c/script>"), "{page}");
     }
 
@@ -195,8 +236,13 @@ mod tests {
         view[44..48].copy_from_slice(&8u32.to_le_bytes());
         view[48..52].copy_from_slice(&4u32.to_le_bytes());
         view.extend([7; 4 + 3 * 8]);
-        assert_eq!(largest(&view, 10), (3, &view[..]));
-        assert_eq!(largest(&view, 2), (2, &view[..64 + 4 + 16]));
-        assert_eq!(largest(&[], 2), (0, &[][..]));
+        for (most, grains, end) in [(10, 3, view.len()), (2, 2, 64 + 4 + 16), (0, 0, 64 + 4)] {
+            let mut largest = Largest { view: Vec::new(), most };
+            // The head and the table come first, and any blocks then.
+            let written =
+                [&view[..64], &view[64..70], &view[70..]].map(|part| largest.write_all(part).is_ok());
+            assert_eq!(written, [true, most > 0, most > 2]);
+            assert_eq!((largest.grains(), &largest.view[..]), (grains, &view[..end]));
+        }
     }
 }

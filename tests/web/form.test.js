@@ -1,5 +1,6 @@
 // The form: by keyboard alone, faults at their fields, sieves from a spreadsheet, the address, JSON, studies.
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { inBrowser, openPage, startBrowser, startServer } from "./harness.js";
 
@@ -125,6 +126,38 @@ test("the address restores the form, and keeps what the form does not know", inB
   await planned(page);
   const changed = { ...given, method: { type: "monte_carlo", stop: { sweeps: 5000, time_s: 30 } } };
   assert.deepEqual(await request(page), changed, "only what was changed has changed");
+  clean();
+  await close();
+});
+
+test("several aggregates are fields of the form", inBrowser, async () => {
+  const { page, clean, accessible, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  const given = JSON.parse(readFileSync(new URL("../../examples/aggregates.json", import.meta.url), "utf8"));
+  await page.fill("#json", JSON.stringify(given));
+  await planned(page);
+  assert.deepEqual(await request(page), given, "the fields say what was given");
+  assert.equal(await page.inputValue("#aggregate-1-name"), "gravel 2/8");
+  await page.fill("#aggregate-0-share", "0.3");
+  await page.fill("#aggregate-2-share", "0.45");
+  await page.fill("#aggregate-2-points", "4\t0\n8\t20\n16\t100");
+  await planned(page);
+  const { aggregates } = (await request(page)).mix;
+  assert.deepEqual(
+    aggregates.map((/** @type {any} */ a) => a.share),
+    [0.3, 0.25, 0.45],
+  );
+  assert.deepEqual(aggregates[2].grading.points, [
+    [4, 0],
+    [8, 0.2],
+    [16, 1],
+  ]);
+  await accessible();
+  await page.fill("#aggregate-0-share", "-1");
+  await page.waitForSelector("#aggregate-0-share[aria-invalid=true]");
+  await page.selectOption("#grading", "standard");
+  assert.deepEqual((await request(page)).mix.grading, { type: "standard", name: "A16" });
+  assert.equal((await request(page)).mix.aggregates, undefined);
   clean();
   await close();
 });

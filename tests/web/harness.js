@@ -44,7 +44,8 @@ export function startBrowser() {
 }
 
 /**
- * Starts the service over a new data directory. It serves the files of web/ as they are.
+ * Starts the service over a new data directory. It serves the files that are compiled in, or with the environment
+ * variable PACKSTONE_WEB_DIR those of a folder.
  * @param {string[]} [options] more options of `packstone serve`
  */
 export async function startServer(options = []) {
@@ -57,11 +58,9 @@ export async function startServer(options = []) {
     /** Starts it again at the same address. */
     async start() {
       const listen = server.url ? new URL(server.url).host : "127.0.0.1:0";
-      const child = spawn(
-        BINARY,
-        ["serve", "--data-dir", data, "--listen", listen, "--web-dir", join(ROOT, "web"), ...options],
-        { stdio: ["ignore", "pipe", "pipe"] },
-      );
+      const child = spawn(BINARY, ["serve", "--data-dir", data, "--listen", listen, ...options], {
+        stdio: ["ignore", "pipe", "pipe"],
+      });
       server.child = child;
       let log = "";
       child.stderr.on("data", (part) => (log += part));

@@ -52,7 +52,7 @@ export function manySpheres(count, length) {
  */
 
 /**
- * A file of ellipsoids and cubes, each its own aggregate.
+ * A file of ellipsoids and cubes, each its own aggregate and size class.
  * @param {number[]} size
  * @param {Body[]} bodies largest first
  */
@@ -93,7 +93,8 @@ export function bodyFile(size, bodies) {
     record.writeUInt16LE(Math.round(65535 * (axes[1] ?? 1)), 16);
     record.writeUInt16LE(Math.round(65535 * (axes[2] ?? 1)), 18);
     record.writeUInt16LE(axes.length ? 0 : 1, 20);
-    record.writeUInt16LE(i, 22);
+    record.writeUInt8(i, 22);
+    record.writeUInt8(bodies.length - 1 - i, 23);
     return record;
   });
   return Buffer.concat([head, table, ...records]);

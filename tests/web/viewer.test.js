@@ -150,8 +150,10 @@ describe("viewer", inBrowser, () => {
       [home, [FAR, 29, 31]],
       [{ az: -2, el: -0.7, zoom: 3, pan: [0.2, 0.1] }, [FAR, FAR, FAR]],
     ])) {
-      const picture = await seen(opened.page, { pose, set: { cut, colour: "aggregate" } });
-      alike(picture, expected(SIZE, hitsOfBodies(bodies), pose, cut, picture.width, picture.height));
+      for (const colour of ["aggregate", "class"]) {
+        const picture = await seen(opened.page, { pose, set: { cut, colour, classes: CLASSES } });
+        alike(picture, expected(SIZE, hitsOfBodies(bodies), pose, cut, picture.width, picture.height));
+      }
     }
     opened.clean();
     await opened.close();

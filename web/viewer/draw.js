@@ -10,7 +10,8 @@ import { grainFragment, grainVertex, lineFragment, lineVertex } from "./shaders.
  * @property {number[]} cut in x, y, z, mm: what lies beyond is not drawn
  * @property {number[]} show smallest and largest size drawn, mm
  * @property {number} lod polyhedra smaller than this are drawn as spheres of about their volume, pixels
- * @property {number} mode 0: by size, edges[0] to edges[1]; 1: by class, whose lower edges are `edges`; 2: by aggregate
+ * @property {number} mode 0: by size, edges[0] to edges[1]; 1: by class, whose lower edges are `edges`
+ *   for spheres; 2: by aggregate
  * @property {number[]} edges mm
  * @property {number[][]} palette 16 colours, red, green, blue from 0 to 1
  * @property {number[]} ink colour of the outline, with its opacity

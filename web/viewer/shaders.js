@@ -31,13 +31,12 @@ void main() {
   }
   float i = 0.;
   if (mode == 0) i = 15. * clamp(log(d / edges[0]) / log(edges[1] / edges[0]), 0., 1.);
-  else if (mode == 1) for (int k = 0; k < 15; k++) i += step(edges[k], d);
   ${
     body
-      ? `else i = float(kind.y % 8u);
+      ? `else i = float(mode == 1 ? min(kind.y >> 8, 15u) : kind.y & 7u);
   t = turn; ax = vec3(1., axes); shape = int(kind.x);
   if (shape > 0 && pixels < lod) { shape = 0; r *= .78; }`
-      : ""
+      : `else for (int k = 0; k < 15; k++) i += step(edges[k], d);`
   }
   rgb = mix(palette[int(i)], palette[min(15, int(i) + 1)], fract(i));
   float s = dot_ ? 1. : 1.1 * pixels * inversesqrt(1. - r * r / dot(e, e)) + 1.;

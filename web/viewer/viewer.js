@@ -1,7 +1,7 @@
 // Draws a packing on a canvas from the bytes of the view format, while they arrive and whenever something changes.
-// At rest all grains are drawn at full resolution, in slices between which the page stays answerable. While something
-// moves, resolution and number of grains follow the time of the last frame towards 50 ms. Nothing is drawn while
-// nothing changes.
+// At rest all grains are drawn at full resolution, in slices of about 100 ms between which the page stays answerable.
+// While something moves, resolution and number of grains follow the time of the last frame towards 50 ms. Nothing is
+// drawn while nothing changes.
 // @ts-check
 import { camera, home } from "./camera.js";
 import { aggregates, classes, viridis } from "./colours.js";
@@ -50,7 +50,7 @@ export class Viewer extends EventTarget {
     /** The last frame: its time in ms, its grains, and its resolution as a share. */
     this.frame = { ms: 0, grains: 0, scale: 1, moving: false };
     this.governor = { scale: 1 / 3, grains: 20_000 };
-    this.slice = SLICE / 4;
+    this.slice = 0;
     this.run = 0;
     /** @type {(() => Promise<ReadableStream<Uint8Array>>) | undefined} */
     this.open = undefined;
@@ -260,15 +260,16 @@ export class Viewer extends EventTarget {
     const [from, end] = this.ends();
     const first = this.drawn < from;
     const start = first ? from : this.drawn;
+    // Spheres are cheap; a pixel of a polyhedron costs as much as its faces, and the largest come first.
+    if (first) this.slice = this.head?.stride === 24 ? 24 : SLICE / 4;
     const to = Math.min(end, start + this.slice);
     this.again = false;
     if (!first && to <= start) return;
     this.drawn = to;
     const ms = await this.#draw(this.#size(1), start, to, first);
     this.frame = { ms, grains: to - start, scale: 1, moving: false };
-    if (to - start === this.slice) {
-      this.slice = Math.round(Math.max(10_000, Math.min(SLICE, (this.slice * 2 * TARGET_MS) / ms)));
-    }
+    if (to - start === this.slice)
+      this.slice = Math.round(Math.max(50, Math.min(SLICE, this.slice * Math.min(4, (2 * TARGET_MS) / ms))));
     if (this.drawn === to && to < end) this.again = true;
     else if (!this.again && this.arrived === this.total) this.dispatchEvent(new Event("rest"));
   }

@@ -16,7 +16,7 @@ use serde_json::Value;
 use tokio::io::AsyncWriteExt as _;
 
 use super::exit::{Exit, Failure, cannot_be};
-use super::exports::{PAGE, PICTURE, write_page, write_picture};
+use super::exports::{PICTURE, write_picture};
 use super::http_client::{Client, chunk, json};
 use super::outputs::refuse_existing;
 use super::signals::stop_on_signals;
@@ -26,7 +26,8 @@ use crate::service::Service;
 use crate::telemetry::{self, LogFormat};
 
 const EXAMPLE: &str = include_str!("../../../examples/a16.json");
-const FORMATS: [&str; 3] = ["json", "csv", "vtp"];
+/// That of the page is the last.
+const FORMATS: [&str; 4] = ["json", "csv", "vtp", "html"];
 const STEPS: f64 = 1000.0;
 
 /// Options of `packstone demo`.
@@ -54,12 +55,11 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     telemetry::start(LogFormat::Text, "warn");
     let files: Vec<PathBuf> =
         FORMATS.iter().map(|format| options.out.join(format!("result.{format}"))).collect();
-    let (picture, page) = (options.out.join(PICTURE), options.out.join(PAGE));
-    refuse_existing(files.iter().chain([&picture, &page]), options.force)?;
+    let (picture, page) = (options.out.join(PICTURE), &files[FORMATS.len() - 1]);
+    refuse_existing(files.iter().chain([&picture]), options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     let data_dir = options.out.join("data");
-    let Shown { result, view } = block_on(demonstrate(data_dir.clone(), &files))?;
-    let summary = &result["summary"];
+    let summary = block_on(demonstrate(data_dir.clone(), &files))?;
     eprintln!(
         "Placed {} grains, volume fraction {:.4}.",
         summary["grains"],
@@ -71,8 +71,6 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let packed = export::read(&files[0])?;
     let model = Model::new(&packed.specimen, &packed.grains);
     write_picture(&model, &picture, cores(), &stop_on_signals()?)?;
-    write_page(&result, &view, &page)?;
-    print(&format!("{}\n", page.display()))?;
     eprintln!("\nNext: open {} in a browser, and turn and cut the packing.", page.display());
     eprintln!("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array");
     eprintln!("`diameter`, scale factor 1).");
@@ -80,23 +78,15 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     eprintln!("  packstone serve --data-dir {}", data_dir.display());
     eprintln!("  http://127.0.0.1:8080");
     if options.open
-        && let Err(error) = open::that_detached(&page)
+        && let Err(error) = open::that_detached(page)
     {
         eprintln!("no browser was opened: {error}");
     }
     Ok(())
 }
 
-/// What a client has fetched besides the files.
-struct Shown {
-    /// The result without its grains, with the request.
-    result: Value,
-    /// The grains in the format `view`.
-    view: Vec<u8>,
-}
-
-/// Runs the service, and the job in it, whose result goes to these files, one for each of the formats.
-async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Shown, Failure> {
+/// Runs the service, and the job in it, whose result goes to these files, one for each of the formats; its summary.
+async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Failure> {
     let service = Service::open(ServeOptions {
         listen: ([127, 0, 0, 1], 0).into(),
         data_dir,
@@ -114,7 +104,7 @@ async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Shown, Fail
     shown
 }
 
-async fn show(client: Client, files: &[PathBuf]) -> Result<Shown, Failure> {
+async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
     let job = json(client.post("/v1/jobs", EXAMPLE).await?).await?;
     let link = |name: &str| job["links"][name].as_str().unwrap_or_default();
     eprintln!("Submitted {} as {}.", job["name"], link("self"));
@@ -126,14 +116,7 @@ async fn show(client: Client, files: &[PathBuf]) -> Result<Shown, Failure> {
     for (file, format) in files.iter().zip(FORMATS) {
         save(client.get(&format!("{}?format={format}", link("result"))).await?, file).await?;
     }
-    let mut result = json(client.get(link("summary")).await?).await?;
-    result["request"] = json(client.get(link("request")).await?).await?;
-    let mut view = Vec::new();
-    let mut body = client.get(&format!("{}?format=view", link("result"))).await?.into_body();
-    while let Some(chunk) = chunk(&mut body).await? {
-        view.extend_from_slice(&chunk);
-    }
-    Ok(Shown { result, view })
+    Ok(json(client.get(link("summary")).await?).await?["summary"].take())
 }
 
 /// Follows the events of a job to their end and shows its progress; the job as it ended.

@@ -12,21 +12,17 @@ use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, Expor
 use packstone_engine::request::GrainKind;
 use packstone_engine::request::Specimen;
 use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
-use serde::Serialize;
 
 use super::bar::Bar;
 use super::exit::{Exit, Failure, cannot_be};
 use super::outputs::{Names, beside};
 use super::print;
 use crate::atomic_file::write_buffered;
-use crate::page;
 
 /// The size of a file of this length is announced before the file is made.
 const LARGE_BYTES: u64 = 50_000_000;
 /// Name of the picture of a packing.
 pub(super) const PICTURE: &str = "result.png";
-/// Name of the page of a packing.
-pub(super) const PAGE: &str = "result.html";
 
 /// Reads `TYPE[:OPTION=VALUE,...]`, as `mesh` or `voxels:format=raw,cells=200`.
 ///
@@ -166,13 +162,6 @@ pub(super) fn write_picture(
         other => Exit::of_export(&other).because(format_args!("{} was not made: {other}", file.display())),
     })?;
     print(&format!("{}\n", file.display()))
-}
-
-/// Writes the page of a result, of its document without grains and of its grains in the format `view`.
-pub(super) fn write_page(result: &impl Serialize, view: &[u8], file: &Path) -> Result<(), Failure> {
-    let page = page::document(result, view)?;
-    write_buffered(file, |out| out.write_all(page.as_bytes()))
-        .map_err(|error| cannot_be("written", file, &error))
 }
 
 /// What stops an export from being made, as lines for a person.

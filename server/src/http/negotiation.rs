@@ -2,14 +2,14 @@
 
 use axum::http::{HeaderMap, header};
 use packstone_engine::export::ExportType;
-use packstone_engine::export::tables::Format;
 
+use crate::formats::ResultFormat;
 use crate::http::params::values::Named;
 use crate::http::params::{Choice, choices, names, shown};
 use crate::problem::{Kind, KnownFormat, Problem};
 
 choices! {
-    Format,
+    ResultFormat,
 }
 
 choices! {
@@ -32,8 +32,11 @@ impl TableFormat {
 }
 
 /// The format of a result, or the problem that none fits.
-pub(crate) fn format(asked: Option<&Named<Format>>, headers: &HeaderMap) -> Result<Format, Problem> {
-    negotiated(asked, headers, Format::media_type).map_err(|mut problem| {
+pub(crate) fn format(
+    asked: Option<&Named<ResultFormat>>,
+    headers: &HeaderMap,
+) -> Result<ResultFormat, Problem> {
+    negotiated(asked, headers, ResultFormat::media_type).map_err(|mut problem| {
         if let Some(Named::Unknown(name)) = asked
             && let Some(kind) = ExportType::ALL.iter().find(|kind| kind.formats().contains(&name.as_str()))
         {
@@ -127,6 +130,8 @@ fn media_range(item: &str) -> Option<(&str, f32)> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use packstone_engine::export::tables::Format;
+
     use super::*;
     use crate::http::params::values::Value;
 
@@ -145,23 +150,24 @@ mod tests {
             ("application/json;q=0", None),
             ("text/csv;q=high", None),
         ] {
-            assert_eq!(best(accept, &Format::ALL, Format::media_type), format, "{accept}");
+            let format = format.map(ResultFormat::Table);
+            assert_eq!(best(accept, &ResultFormat::ALL, ResultFormat::media_type), format, "{accept}");
         }
     }
 
     #[test]
     fn the_query_wins_and_the_list_comes_with_the_refusal() {
         let mut headers = HeaderMap::new();
-        assert_eq!(format(None, &headers).unwrap(), Format::Json);
+        assert_eq!(format(None, &headers).unwrap(), ResultFormat::Table(Format::Json));
         headers.insert(header::ACCEPT, "text/csv".parse().unwrap());
-        assert_eq!(format(None, &headers).unwrap(), Format::Csv);
-        let named = |name: &str| <Named<Format> as Value>::read(name).unwrap();
-        assert_eq!(format(Some(&named("npy")), &headers).unwrap(), Format::Npy);
+        assert_eq!(format(None, &headers).unwrap(), ResultFormat::Table(Format::Csv));
+        let named = |name: &str| <Named<ResultFormat> as Value>::read(name).unwrap();
+        assert_eq!(format(Some(&named("npy")), &headers).unwrap(), ResultFormat::Table(Format::Npy));
         let problem = format(Some(&named("xlsx")), &headers).unwrap_err();
         assert_eq!(problem.status, 406);
         assert_eq!(
             problem.detail,
-            "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy, view"
+            "the format \"xlsx\" is unknown: must be one of json, csv, vtk, vtp, npy, view, html"
         );
         assert_eq!(problem.members.formats.unwrap()[1].media_type, "text/csv");
         let problem = format(Some(&named("vti")), &headers).unwrap_err();

@@ -1,10 +1,10 @@
 //! A packing in memory, and the files, figures and plots that are made of it.
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::Path;
 
 use packstone_engine::export::tables::stored::StoredBytes;
-use packstone_engine::export::tables::{self, EngineInfo, Format, GrainSource as _, Head};
+use packstone_engine::export::tables::{self, EngineInfo, GrainSource as _, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
 use packstone_engine::{Grains, Limits, Packing, Report};
@@ -14,6 +14,7 @@ use super::{Ended, Run, named, refused, to_json, unknown};
 use crate::atomic_file::write_buffered;
 use crate::config::limits_of_one_packing;
 use crate::failure::Failure;
+use crate::formats::ResultFormat;
 use crate::jobs::JobRequest;
 use crate::plots::draw;
 use crate::plots::job::{self, JobPlot, JobResult};
@@ -26,16 +27,6 @@ pub struct Packed {
     head: Head,
     grains: Grains,
     limits: Limits,
-}
-
-/// The page of a result with its viewer, in one HTML file, of its report with the `request` as JSON and its grains in
-/// the format `view`.
-///
-/// # Errors
-/// [`Ended::Refused`] where the report is no JSON.
-pub fn page(report: &str, view: &[u8]) -> Result<String, Ended> {
-    let report = strict_json::parse(report.as_bytes())?;
-    Ok(crate::page::document(&report, view).map_err(io::Error::from)?)
 }
 
 impl Packed {
@@ -80,22 +71,14 @@ impl Packed {
         Ok((values, columns.len()))
     }
 
-    /// Writes the grains in a format of that name: those of a result, or `html` for a page with a viewer.
+    /// Writes the grains in a format of that name: `html` is a page with a viewer.
     ///
     /// # Errors
     /// [`Ended::Refused`] for another name; [`Ended::Io`].
     pub fn write_table(&self, format: &str, out: &mut dyn Write) -> Result<(), Ended> {
-        if format == "html" {
-            let mut view = Vec::new();
-            tables::write(Format::View, &self.head, &self.grains, &mut view)?;
-            let page = crate::page::document(&self.head, &view).map_err(io::Error::from)?;
-            return Ok(out.write_all(page.as_bytes())?);
-        }
-        let format = Format::from_name(format).ok_or_else(|| {
-            let names: Vec<&str> = Format::ALL.iter().map(|format| format.name()).collect();
-            unknown("format", format, &[&names[..], &["html"]].concat())
-        })?;
-        Ok(tables::write(format, &self.head, &self.grains, out)?)
+        let format = ResultFormat::from_name(format)
+            .ok_or_else(|| unknown("format", format, &ResultFormat::ALL.map(ResultFormat::name)))?;
+        Ok(format.write(&self.head, &self.grains, out)?)
     }
 
     /// Writes an export of a type, as `mesh`, with `options` as a JSON object, its `format` among them; its report as

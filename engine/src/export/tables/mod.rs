@@ -30,7 +30,7 @@ use crate::packing::Report;
 use source::Zeros;
 
 /// Counts the changes of any format's bytes; part of an ETag.
-pub const REVISION: u32 = 5;
+pub const REVISION: u32 = 6;
 
 /// A result format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]

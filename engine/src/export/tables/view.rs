@@ -12,7 +12,8 @@ use serde_json::Value;
 
 use super::load::invalid;
 use super::source::{for_each_block, for_each_rows};
-use super::{Column, GrainSource, Head};
+use super::vtk::classifier;
+use super::{Column, GrainSource, Head, nominal_size};
 use crate::memory::reserved;
 use crate::request::GrainKind;
 use crate::shape::Polyhedron;
@@ -156,11 +157,11 @@ pub(super) fn write(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) 
     out.write_all(&head_bytes(head, grains, &bounds, sizes, table.len()))?;
     out.write_all(&table)?;
     if sizes.is_sorted {
-        return for_each_record_block(grains, &bounds, &size_of, sizes, |block| out.write_all(block));
+        return for_each_record_block(head, grains, &bounds, &size_of, sizes, |block| out.write_all(block));
     }
     let record = record_bytes(grains);
     let mut records: Vec<u8> = reserved(grains.len() * record)?;
-    for_each_record_block(grains, &bounds, &size_of, sizes, |block| {
+    for_each_record_block(head, grains, &bounds, &size_of, sizes, |block| {
         records.extend_from_slice(block);
         Ok(())
     })?;
@@ -235,6 +236,7 @@ fn push_template(bytes: &mut Vec<u8>, template: &Polyhedron) {
 
 /// Calls `visit` with the records of the grains in the order of storage.
 fn for_each_record_block(
+    head: &Head,
     grains: &dyn GrainSource,
     bounds: &Bounds,
     size_of: &SizeOf,
@@ -261,11 +263,20 @@ fn for_each_record_block(
         );
     }
     let fixed = [Column::X, Column::Y, Column::Z, Column::Qx, Column::Qy, Column::Qz, Column::Qw];
-    let others = [Column::A, Column::B, Column::C, Column::Template, Column::Aggregate, Column::Diameter];
+    let others = [
+        Column::A,
+        Column::B,
+        Column::C,
+        Column::Template,
+        Column::Aggregate,
+        Column::Diameter,
+        Column::Sieve,
+    ];
     let mut columns = fixed.to_vec();
     columns.extend(others.into_iter().filter(|column| grains.columns().contains(column)));
     let position = |column: Column| columns.iter().position(|own| *own == column);
-    let [a, b, c, template, aggregate, _] = others.map(position);
+    let [a, b, c, template, aggregate, _, _] = others.map(position);
+    let (class_of, nominal) = (classifier(head), position(nominal_size(head, grains)));
     let of_size: Vec<usize> = size_of.columns.iter().filter_map(|column| position(*column)).collect();
     for_each_rows(grains, &columns, |values| {
         bytes.clear();
@@ -286,9 +297,11 @@ fn for_each_record_block(
                 _ => u16::MAX,
             };
             let kind = template.map_or(0, |k| (k + 1.0) as u16);
-            for number in [axis(b), axis(c), kind, at(aggregate).unwrap_or_default() as u16] {
+            for number in [axis(b), axis(c), kind] {
                 bytes.extend(number.to_le_bytes());
             }
+            let class = at(nominal).map_or(0, &class_of);
+            bytes.extend([at(aggregate).unwrap_or_default() as u8, u8::try_from(class).unwrap_or(u8::MAX)]);
         }
         visit(&bytes)
     })

@@ -9,7 +9,7 @@ use super::tests::result;
 use super::*;
 use crate::Spheres;
 use crate::export::polyhedra_samples::mixed;
-use crate::packing::Solids;
+use crate::packing::{ClassReport, Solids};
 use crate::request::{Boundary, Specimen};
 use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
 
@@ -123,13 +123,17 @@ fn ellipsoids_have_an_orientation_and_the_ratios_of_their_axes() {
     grains.aggregate = vec![0, 1];
     let mut head = head(box_of(10.0));
     head.request["mix"]["aggregates"] = json!([{}, {}]);
+    // The sieve sizes are 4 and about 2 mm: of the third class and of the first.
+    let class = head.report.summary.classes[0].clone();
+    head.report.summary.classes =
+        [3.0, 3.5, 8.0].map(|d_max_mm| ClassReport { d_max_mm, ..class.clone() }).to_vec();
     let view = View::of(&head, &grains);
     assert_eq!([44, 48, 52].map(|at| view.u32(at)), [24, 0, 2]);
     assert_eq!([28, 32].map(|at| view.f32(at)), [4.0, 8.0]);
     let minus = |part: f64| (-(part * 32_767.0).round()) as i16 as u16;
     let plus = (half * 32_767.0).round() as u16;
     assert_eq!(view.record(0), [32768, 6554, 6554, 65535, 0, 0, minus(half), plus, 16384, 8192, 0, 1]);
-    assert_eq!(view.record(1), [13107, 6554, 6554, 32768, 0, 0, 0, 32767, 65535, 65535, 0, 0]);
+    assert_eq!(view.record(1), [13107, 6554, 6554, 32768, 0, 0, 0, 32767, 65535, 65535, 0, 2 << 8]);
 }
 
 #[test]

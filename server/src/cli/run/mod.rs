@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
-use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
+use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::{
     FieldError, Grains, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume,
@@ -23,6 +23,7 @@ use super::print;
 use crate::atomic_file::write_buffered;
 use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, limits_of_one_packing, seconds_or_none};
+use crate::formats::ResultFormat;
 use crate::jobs::{JobRequest, request};
 use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::{PlotError, draw};
@@ -38,8 +39,8 @@ pub(super) struct Options {
     #[arg(long, default_value = ".")]
     out: PathBuf,
     /// Formats of the table of grains; html is a page of its own with a viewer, to send by mail
-    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = file_parser())]
-    format: Vec<TableOrPage>,
+    #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
+    format: Vec<ResultFormat>,
     /// An export of the result: mesh, voxels, slice, ldpm, certificates, shapes or quality, with options, as
     /// `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
@@ -82,35 +83,9 @@ struct Earlier {
     fresh: bool,
 }
 
-/// A form in which a run writes its grains.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum TableOrPage {
-    Table(Format),
-    Page,
-}
-
-impl TableOrPage {
-    /// The name of the option's value, and the ending of the file.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Table(format) => format.name(),
-            Self::Page => "html",
-        }
-    }
-
-    fn all() -> impl Iterator<Item = Self> {
-        Format::ALL.into_iter().map(Self::Table).chain([Self::Page])
-    }
-}
-
-fn file_parser() -> impl clap::builder::TypedValueParser<Value = TableOrPage> {
-    PossibleValuesParser::new(TableOrPage::all().map(TableOrPage::name))
-        .try_map(|name| TableOrPage::all().find(|kind| kind.name() == name).ok_or("no such format"))
-}
-
-pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = Format> {
-    PossibleValuesParser::new(Format::ALL.map(Format::name))
-        .try_map(|name| Format::from_name(&name).ok_or("no such format"))
+pub(super) fn format_parser() -> impl clap::builder::TypedValueParser<Value = ResultFormat> {
+    PossibleValuesParser::new(ResultFormat::ALL.map(ResultFormat::name))
+        .try_map(|name| ResultFormat::from_name(&name).ok_or("no such format"))
 }
 
 fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
@@ -199,7 +174,7 @@ fn pack(
 
 /// The files that a run writes.
 struct Files {
-    grains: Vec<(TableOrPage, PathBuf)>,
+    grains: Vec<(ResultFormat, PathBuf)>,
     exports: Vec<Output>,
     plots: Vec<(JobPlot, PathBuf)>,
     plot_titles: bool,
@@ -249,16 +224,8 @@ impl Files {
             report: packing.report,
         };
         for (format, file) in &self.grains {
-            match *format {
-                TableOrPage::Table(format) => write(file, format, &head, &packing.grains)
-                    .map_err(|error| cannot_be("written", file, &error))?,
-                TableOrPage::Page => {
-                    let mut view = Vec::new();
-                    tables::write(Format::View, &head, &packing.grains, &mut view)
-                        .map_err(|error| cannot_be("written", file, &error))?;
-                    exports::write_page(&head, &view, file)?;
-                }
-            }
+            write(file, *format, &head, &packing.grains)
+                .map_err(|error| cannot_be("written", file, &error))?;
             print(&format!("{}\n", file.display()))?;
         }
         let provenance = Provenance::from(&head);
@@ -334,8 +301,8 @@ pub(super) fn listed(job: &Path, faults: &[FieldError]) -> String {
     format!("{} is refused:\n  {}", job.display(), lines.join("\n  "))
 }
 
-pub(super) fn write(file: &Path, format: Format, head: &Head, grains: &Grains) -> std::io::Result<()> {
-    write_buffered(file, |out| tables::write(format, head, grains, out))
+pub(super) fn write(file: &Path, format: ResultFormat, head: &Head, grains: &Grains) -> std::io::Result<()> {
+    write_buffered(file, |out| format.write(head, grains, out))
 }
 
 fn plot(kind: JobPlot, result: &JobResult<'_>, heading: bool, file: &Path) -> Result<(), PlotError> {

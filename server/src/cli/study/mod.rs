@@ -24,7 +24,6 @@ use std::time::Duration;
 
 use clap::Args;
 use packstone_engine::Limits;
-use packstone_engine::export::tables::Format;
 
 use super::exit::{Exit, Failure};
 use super::print;
@@ -34,6 +33,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::{
     DEFAULT_CHECKPOINT_EVERY_S, cores, default_memory_bytes, seconds_or_none, threads_of_one,
 };
+use crate::formats::ResultFormat;
 use crate::jobs::request::draw_seed;
 use crate::strict_json;
 use crate::studies::shards::Shard;
@@ -66,7 +66,7 @@ pub(super) struct Options {
     threads: Option<NonZeroUsize>,
     /// Formats in which every packing is kept below `results`; none is when absent
     #[arg(long = "format", alias = "formats", value_delimiter = ',', value_parser = format_parser())]
-    formats: Vec<Format>,
+    formats: Vec<ResultFormat>,
     /// Most grains of one packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,

@@ -29,6 +29,7 @@ use super::super::run;
 use super::run_log::RunRecord;
 use super::shards::claims::{Claimed, Claims, publish};
 use crate::checkpoints::{CheckpointWriter, Checkpoints};
+use crate::formats::ResultFormat;
 use crate::hex;
 use crate::jobs::JobRequest;
 use crate::studies::stop::Tally;
@@ -86,7 +87,7 @@ pub(super) struct WorkerPool<'a> {
     /// Folder of the results.
     pub(super) results: PathBuf,
     /// Formats in which every packing is written.
-    pub(super) formats: &'a [Format],
+    pub(super) formats: &'a [ResultFormat],
     /// The claims of a shard.
     pub(super) claims: Option<&'a Claims<'a>>,
     /// When the pool was stopped, as its threads saw it first.

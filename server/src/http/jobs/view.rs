@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::export::tables::{EngineInfo, Format};
+use packstone_engine::export::tables::EngineInfo;
 use packstone_engine::packing::Summary;
 use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
 use crate::accounts::Caller;
+use crate::formats::ResultFormat;
 use crate::http::app::App;
 use crate::http::exports::view::ExportLink;
 use crate::http::response::{named, set, time};
@@ -133,7 +134,7 @@ pub(crate) struct Job {
 #[schema(as = JobResult)]
 pub(crate) struct ResultView {
     /// Formats in which it can be had.
-    formats: Vec<Format>,
+    formats: Vec<ResultFormat>,
     /// Length of the stored form.
     bytes: u64,
     /// SHA-256 of the stored form, in hexadecimal.
@@ -221,7 +222,7 @@ impl JobSummary {
 impl ResultView {
     fn of(artifact: &ArtifactRecord) -> Self {
         Self {
-            formats: Format::ALL.to_vec(),
+            formats: ResultFormat::ALL.to_vec(),
             bytes: artifact.bytes,
             sha256: artifact.sha256.clone(),
             summary: artifact.report.get("summary").cloned().unwrap_or_default(),

@@ -12,15 +12,19 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse as _, Response};
+use bytes::Bytes;
 use packstone_engine::export::tables::{self, EngineInfo, Format};
 use packstone_engine::packing::Report;
 use serde::Serialize;
 use serde_json::{Map, Value};
+use sha2::{Digest as _, Sha256};
 use utoipa::ToSchema;
 
 use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
 use crate::disk::is_passing;
+use crate::formats::ResultFormat;
+use crate::hex;
 use crate::http::app::App;
 use crate::http::files::{self, Coding, Described};
 use crate::http::negotiation;
@@ -31,6 +35,7 @@ use crate::http::problems::{of_fault, refused};
 use crate::http::results::document::ResultDocument;
 use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State as JobState};
+use crate::page;
 use crate::problem::{FailureDocument, Kind, Problem};
 use crate::tasks;
 
@@ -72,7 +77,7 @@ parameters! {
     #[derive(Debug)]
     pub(crate) struct ResultParameters {
         /// The format; wins over `Accept`.
-        format: Option<Named<Format>>,
+        format: Option<Named<ResultFormat>>,
     }
 }
 
@@ -81,8 +86,9 @@ parameters! {
 /// The grains, in the format of `?format=`, or else of `Accept`; JSON when neither says. Supports `Range` with one
 /// part, `If-Range` and `If-None-Match`. JSON and CSV are compressed (gzip, with a tag of its own and without ranges)
 /// where `Accept-Encoding` takes it and no range is asked for. `view` (`docs/view.md`) is for viewers: 8 bytes a
-/// sphere, largest first, so that any prefix of it is a picture. Meshes, voxel models, slices and lattice models are
-/// exports, at `/v1/jobs/{id}/exports/{type}`.
+/// sphere, largest first, so that any prefix of it is a picture. `html` is one file with a viewer and at most a million
+/// grains, the largest, to look at without the server. Meshes, voxel models, slices and lattice models are exports, at
+/// `/v1/jobs/{id}/exports/{type}`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
     params(
@@ -102,6 +108,7 @@ parameters! {
                 (Vec<u8> = "application/vnd.vtk.polydata+xml"),
                 (Vec<u8> = "application/x-npy"),
                 (Vec<u8> = "application/vnd.packstone.view"),
+                (String = "text/html"),
             ),
             headers(
                 ("ETag" = String, description = "Strong tag of the result in this format and coding"),
@@ -114,6 +121,7 @@ parameters! {
                 (Vec<u8> = "application/vnd.vtk.polydata+xml"),
                 (Vec<u8> = "application/x-npy"),
                 (Vec<u8> = "application/vnd.packstone.view"),
+                (String = "text/html"),
             ),
             headers(("Content-Range" = String, description = "Which part, and of how much"))),
         (status = 304, description = "The result is as known"),
@@ -128,7 +136,10 @@ pub(crate) async fn get(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, mut artifact) = finished(&app, id).await?;
-    let format = negotiation::format(query.format.as_ref(), &headers)?;
+    let format = match negotiation::format(query.format.as_ref(), &headers)? {
+        ResultFormat::Table(format) => format,
+        ResultFormat::Page => return page(&app, &job, artifact, &method, &headers).await,
+    };
     let digest = &artifact.sha256[..32.min(artifact.sha256.len())];
     let coding = coding(format, &headers);
     let described = Described {
@@ -151,6 +162,44 @@ pub(crate) async fn get(
     })?;
     let part = described.part(&method, &headers, length)?;
     described.respond(part, |range| send(&app, artifact, (format, coding), range)).await
+}
+
+/// The page of a result. Its bytes depend on the scripts of this server too, so that they are made for their tag.
+async fn page(
+    app: &App,
+    job: &JobRecord,
+    artifact: ArtifactRecord,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    let permit = files::turn(app).await?;
+    let artifacts = app.shared.artifacts.clone();
+    let page = blocking(job.id, move || {
+        let (result, mut page) = (artifacts.read(&artifact)?, Vec::new());
+        page::write(result.head(), &result, &mut page)?;
+        Ok(page)
+    })
+    .await?;
+    let described = Described {
+        etag: format!("\"{}\"", hex::encode(&Sha256::digest(&page)[..16])),
+        content_type: HeaderValue::from_static("text/html; charset=utf-8"),
+        filename: format!("{}.html", files::stem(job)),
+        inline: false,
+        negotiated: true,
+        coding: Coding::Never,
+    };
+    if let Some(response) = described.not_modified(headers) {
+        return Ok(response);
+    }
+    let page = Bytes::from(page);
+    let part = described.part(method, headers, page.len() as u64)?;
+    described
+        .respond(part, async |range| {
+            let part = page.slice(range.start as usize..range.end as usize);
+            let length = part.len() as u64;
+            Ok(files::body(conversion::start_file(Box::new(io::Cursor::new(part)), length, permit)))
+        })
+        .await
 }
 
 /// Text gets shorter by half and more; the digits of floating-point numbers in binary formats hardly do.

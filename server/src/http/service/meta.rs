@@ -6,7 +6,7 @@ use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use packstone_engine::export::ExportType;
-use packstone_engine::export::tables::{EngineInfo, Format};
+use packstone_engine::export::tables::EngineInfo;
 use packstone_engine::request::presets::ShapePreset;
 use packstone_engine::request::standard;
 use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, PlainShape, StandardCurve};
@@ -14,6 +14,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::exports;
+use crate::formats::ResultFormat;
 use crate::http::app::App;
 use crate::http::conditional::MAX_WAIT_S;
 use crate::http::exports::media::media_type;
@@ -93,7 +94,7 @@ impl PresetInfo {
 #[derive(Serialize, ToSchema)]
 pub(crate) struct FormatInfo {
     /// Its name in `?format=`.
-    name: Format,
+    name: ResultFormat,
     /// Its media type in `Accept`.
     media_type: &'static str,
 }
@@ -199,7 +200,7 @@ pub(crate) async fn capabilities(
         shapes: vec!["sphere", "ellipsoid", "polyhedron", "preset", "mixture"],
         shape_presets: ShapePreset::ALL.iter().map(PresetInfo::of).collect(),
         methods: vec!["auto", "rsa", "edmd", "monte_carlo"],
-        formats: Format::ALL
+        formats: ResultFormat::ALL
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })
             .collect(),

@@ -16,6 +16,7 @@ use crate::hex;
 use crate::http::coding::takes_gzip;
 use crate::http::conditional;
 use crate::http::response::set;
+use crate::web_files::plain;
 
 /// What a page may do: run scripts and styles of this server, show its pictures, and talk to it; nothing else.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
@@ -51,14 +52,22 @@ pub(crate) struct WebFile {
 
 impl WebFile {
     /// The file of that name with these bytes.
-    pub(crate) fn new(name: &str, bytes: impl Into<Bytes>) -> Self {
-        let bytes = bytes.into();
-        let digest = hex::encode(&Sha256::digest(&bytes)[..TAG_BYTES]);
+    pub(crate) fn new(name: &str, bytes: Vec<u8>) -> Self {
         let gzip = compressed(&bytes).filter(|short| short.len() < bytes.len());
+        Self::of_forms(name, bytes.into(), gzip.map(Bytes::from))
+    }
+
+    /// The file of that name with the bytes that these are with gzip.
+    pub(crate) fn compiled(name: &str, gzip: &'static [u8]) -> Self {
+        Self::of_forms(name, plain(gzip).into(), Some(Bytes::from_static(gzip)))
+    }
+
+    fn of_forms(name: &str, bytes: Bytes, gzip: Option<Bytes>) -> Self {
+        let digest = hex::encode(&Sha256::digest(&bytes)[..TAG_BYTES]);
         Self {
             media_type: media_type(name),
             plain: Form { bytes, etag: format!("\"{digest}\"") },
-            gzip: gzip.map(|bytes| Form { bytes: bytes.into(), etag: format!("\"{digest}-gzip\"") }),
+            gzip: gzip.map(|bytes| Form { bytes, etag: format!("\"{digest}-gzip\"") }),
         }
     }
 
@@ -97,21 +106,15 @@ fn compressed(bytes: &[u8]) -> Option<Vec<u8>> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::io::Read as _;
-
-    use flate2::read::GzDecoder;
-
     use super::*;
 
     #[test]
     fn the_forms_hold_the_same_bytes_and_differ_by_their_tags() {
         let text = "a line of a page\n".repeat(50);
-        let file = WebFile::new("a.css", text.clone());
+        let file = WebFile::new("a.css", text.clone().into());
         let gzip = file.gzip.unwrap();
-        let mut read = String::new();
-        GzDecoder::new(&gzip.bytes[..]).read_to_string(&mut read).unwrap();
-        assert_eq!(read, text);
+        assert_eq!(plain(&gzip.bytes), text.as_bytes());
         assert_ne!(gzip.etag, file.plain.etag);
-        assert!(WebFile::new("a.css", "x").gzip.is_none(), "what gets longer is sent as it is");
+        assert!(WebFile::new("a.css", b"x".to_vec()).gzip.is_none(), "what gets longer is sent as it is");
     }
 }

@@ -1,4 +1,5 @@
-//! The web page: HTML, style sheets and scripts under fixed names, compiled in or, for development, from a folder.
+//! The web page: HTML, style sheets and scripts under fixed names, compiled in without their comments (`build/web.rs`)
+//! or, for development, from a folder as they are.
 //!
 //! Pages hold no data, so that they are open without an API key; their scripts ask the published interface, with a key
 //! or a session. They are not part of the contract of the interface.
@@ -19,8 +20,9 @@ use crate::http::problems::of_fault;
 use crate::jobs::store::Fault;
 use crate::problem::{Kind, Problem};
 use crate::tasks;
+use crate::web_files::FILES;
 use file::WebFile;
-use table::{FILES, PAGES};
+use table::PAGES;
 
 /// The route of style sheets, scripts and pictures.
 const ASSETS: &str = "/assets/{*name}";
@@ -37,7 +39,7 @@ pub(crate) enum Web {
 impl Web {
     /// The files of the binary.
     pub(crate) fn compiled() -> Self {
-        Self::Compiled(FILES.iter().map(|(name, bytes)| (*name, WebFile::new(name, *bytes))).collect())
+        Self::Compiled(FILES.iter().map(|(name, gzip)| (*name, WebFile::compiled(name, gzip))).collect())
     }
 
     /// The answer with a file of the table; any other name does not exist, whatever lies in the folder.
@@ -66,12 +68,6 @@ impl Web {
             }
         }
     }
-}
-
-/// A file of the table, which is text.
-pub(crate) fn text(name: &str) -> Option<&'static str> {
-    let (_, bytes) = FILES.iter().find(|(known, _)| *known == name)?;
-    std::str::from_utf8(bytes).ok()
 }
 
 /// Whether a route is one of the pages or of what they use.

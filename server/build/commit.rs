@@ -1,12 +1,12 @@
-//! States the commit that the binary is built from: `PACKSTONE_COMMIT` where the environment has it (images and
-//! packages are built from a copy without `.git`), else what Git says, else `unknown`.
+//! The commit that the binary is built from: `PACKSTONE_COMMIT` where the environment has it (images and packages are
+//! built from a copy without `.git`), else what Git says, else `unknown`.
 //!
 //! Only builds that are optimised ask Git again after a commit: a rebuild of the whole server is too much for a test.
 
 use std::process::Command;
 
-fn main() {
-    println!("cargo:rerun-if-changed=build.rs");
+/// Hands the commit to the compiler.
+pub(crate) fn state() {
     println!("cargo:rerun-if-env-changed=PACKSTONE_COMMIT");
     if std::env::var("PROFILE").is_ok_and(|profile| profile == "release")
         && let Some(log) = git(&["rev-parse", "--path-format=absolute", "--git-path", "logs/HEAD"])

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Runs a static binary in a chroot that holds nothing else: it packs a job, serves, finds localhost, and packs a job
+# for a client.
+#
+#   packaging/test-static.sh BINARY
+#
+# Needs curl, and root for the chroot: without it, says so and ends with 0.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+[ $# = 1 ] || { echo "usage: $0 BINARY" >&2; exit 2; }
+[ "$(id -u)" = 0 ] || { echo "SKIPPED $0: not root" >&2; exit 0; }
+
+root=$(mktemp -d)
+server=
+cleanup() {
+    [ -z "$server" ] || kill "$server" 2>/dev/null || true
+    wait 2>/dev/null || true
+    rm -rf "$root"
+}
+trap cleanup EXIT
+fail() { echo "packaging/test-static.sh: $1" >&2; exit 1; }
+inside() { chroot "$root" "$@"; }
+
+readelf --dynamic "$1" | grep -q NEEDED && fail 'the binary needs shared libraries'
+install -m 0755 "$1" "$root/packstone"
+cp examples/a16.json "$root/job.json"
+
+echo 'chroot: a packing'
+inside /packstone run /job.json --out /out --format csv,html
+[ -s "$root/out/result.csv" ] && [ -s "$root/out/result.html" ] || fail 'there is no result'
+
+echo 'chroot: the service'
+# Names are looked up in /etc/hosts, which is the one file of the system that the program reads for it.
+mkdir "$root/etc"
+echo '127.0.0.1 localhost' >"$root/etc/hosts"
+chroot "$root" /packstone serve --data-dir /data --listen 127.0.0.1:0 >"$root/serve.out" 2>"$root/serve.err" &
+server=$!
+url=$(timeout 60 tail --pid="$server" -n +1 -f "$root/serve.out" | grep -m 1 -o 'http://127.0.0.1:[0-9]*' || true)
+[ -n "$url" ] || { cat "$root/serve.out" "$root/serve.err" >&2; fail 'the service does not start'; }
+inside /packstone health "${url/127.0.0.1/localhost}"
+answer=$(curl -fsS "$url/v1/jobs" -H 'content-type: application/json' -H 'prefer: wait=60' -d @examples/a16.json)
+grep -q '"state": *"succeeded"' <<<"$answer" || fail "the job: $answer"
+kill -TERM "$server"
+wait "$server" || fail 'the service ends with an error'
+server=
+echo 'packaging/test-static.sh: the binary works without a system'

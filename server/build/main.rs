@@ -1,0 +1,11 @@
+//! States the commit that the binary is built from, and prepares the files of the web page.
+
+mod comments;
+mod commit;
+mod web;
+
+fn main() -> std::io::Result<()> {
+    println!("cargo:rerun-if-changed=build");
+    commit::state();
+    web::compile()
+}
