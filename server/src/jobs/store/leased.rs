@@ -1,4 +1,5 @@
-//! What jobs and exports have in common as leased tasks: the renewal of the lease, and the ends that leave no file.
+//! What jobs and exports have in common as leased tasks: the renewal of the lease, the ends that leave no file, and what
+//! becomes of leases that ran out.
 //!
 //! Each write names the attempt, and changes nothing where another one holds the task. A task that goes back to its
 //! queue gets a number of its own for the next attempt wherever another process may take it, though the attempt does
@@ -10,6 +11,7 @@ use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
 use super::{Store, StoreError, fault_pause, micros};
 use crate::exports::ExportRecord;
+use crate::failure::Failure;
 use crate::jobs::{JobProgress, Lease};
 
 /// A leased job or export.
@@ -20,8 +22,9 @@ pub(super) struct LeasedTask {
     attempt: i64,
 }
 
+/// Which of the two tables a task is a row of.
 #[derive(Clone, Copy, Debug)]
-enum Kind {
+pub(super) enum Kind {
     Job,
     Export,
 }
@@ -38,26 +41,28 @@ impl From<&ExportRecord> for LeasedTask {
     }
 }
 
-/// The statement `$text!` of a table: its name, when another process has the task, what stays of the progress when the
-/// task fails, and what is returned.
+/// The statement `$text!` of a table: its name, whether another process has the task, whether a client has cancelled it,
+/// what stays of the progress when it fails, and what is returned.
 macro_rules! of_kind {
     ($kind:expr, $text:ident) => {
         match $kind {
-            Kind::Job => {
-                $text!(
-                    "jobs",
-                    "worker <> '' or ",
-                    "progress",
-                    "cancel_requested, study, point, replicate, owner"
-                )
+            Kind::Job => $text!(
+                "jobs",
+                "worker <> ''",
+                "cancel_requested",
+                "progress",
+                "id, owner, cancel_requested, study, point, replicate,
+                 (select studies.id from studies where studies.seq = jobs.study) as study_id"
+            ),
+            Kind::Export => {
+                $text!("exports", "false", "false", "null", "id, owner, false as cancel_requested")
             }
-            Kind::Export => $text!("exports", "", "null", "false as cancel_requested, owner"),
         }
     };
 }
 
 macro_rules! renew {
-    ($table:literal, $elsewhere:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
@@ -71,7 +76,7 @@ macro_rules! renew {
 }
 
 macro_rules! leave {
-    ($table:literal, $elsewhere:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
@@ -83,10 +88,10 @@ macro_rules! leave {
             " end,
                  attempt = attempt + case when ?1 = 'queued' and (",
             $elsewhere,
-            "?6) then 1 else 0 end,
+            " or ?6) then 1 else 0 end,
                  max_attempts = max_attempts + case when ?1 = 'queued' and (",
             $elsewhere,
-            "?6) then 1 else 0 end
+            " or ?6) then 1 else 0 end
              where seq = ?4 and attempt = ?5 and state = 'running' returning ",
             $columns
         )
@@ -94,7 +99,7 @@ macro_rules! leave {
 }
 
 macro_rules! count_fault {
-    ($table:literal, $elsewhere:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
@@ -104,8 +109,37 @@ macro_rules! count_fault {
 }
 
 macro_rules! pause {
-    ($table:literal, $elsewhere:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!("update ", $table, " set not_before = ?1 where seq = ?2")
+    };
+}
+
+macro_rules! take_back {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "update ",
+            $table,
+            " set state = case when ",
+            $cancelled,
+            " then 'cancelled' when attempt >= max_attempts then 'failed' else 'queued' end,
+                 error = case when attempt >= max_attempts and not ",
+            $cancelled,
+            " then ?3 else null end,
+                 finished_at = case when attempt >= max_attempts or ",
+            $cancelled,
+            " then ?1 else null end,
+                 started_at = case when attempt >= max_attempts or ",
+            $cancelled,
+            " then started_at else null end,
+                 attempt = case when attempt >= max_attempts or ",
+            $cancelled,
+            " then attempt else attempt + 1 end,
+                 progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
+             where state = 'running' and coalesce(lease_expires_at, 0) <= ?2 and not (?4 and ",
+            $elsewhere,
+            ") returning ",
+            $columns
+        )
     };
 }
 
@@ -166,6 +200,23 @@ impl LeasedTask {
         tx.commit().await?;
         Ok((pause, left.try_get("owner")?))
     }
+}
+
+/// Takes back the tasks whose lease ran out until then: each returns to its queue with the next attempt, or ends where
+/// it has none left, with `exhausted`. Those of other processes are left alone with `only_own`.
+pub(super) async fn take_back(
+    store: &Store,
+    kind: Kind,
+    exhausted: &Failure,
+    (leases_until, only_own): (i64, bool),
+    tx: &mut Transaction<'_>,
+) -> Result<Vec<Row>, StoreError> {
+    let taken_back = query(of_kind!(kind, take_back))
+        .bind(store.now_us())
+        .bind(leases_until)
+        .bind(to_json(exhausted)?)
+        .bind(only_own);
+    Ok(taken_back.fetch_all(tx).await?)
 }
 
 impl Store {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::db::{Durability, Transaction, query};
-use super::super::leased::LeasedTask;
+use super::super::leased::{Kind, LeasedTask, take_back};
 use super::super::submit::to_json;
 use super::super::writer::Writing;
 use super::super::{Store, StoreError, micros, rows};
@@ -60,20 +60,9 @@ impl Store {
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
             );
             let mut writer = store.writer().await?;
-            let moved = query(
-                "update exports set
-                     state = case when attempt >= max_attempts then 'failed' else 'queued' end,
-                     error = case when attempt >= max_attempts then ?2 else null end,
-                     finished_at = case when attempt >= max_attempts then ?1 else null end, attempt = attempt + 1,
-                     progress = null,
-                     lease_expires_at = null, version = version + 1, updated_at = ?1
-                 where state = 'running' and coalesce(lease_expires_at, 0) <= ?3 returning id",
-            )
-            .bind(store.now_us())
-            .bind(to_json(&exhausted)?)
-            .bind(leases_until)
-            .fetch_all(&mut writer)
-            .await?;
+            let mut tx = writer.begin().await?;
+            let moved = take_back(&store, Kind::Export, &exhausted, (leases_until, false), &mut tx).await?;
+            tx.commit().await?;
             drop(writer);
             for row in &moved {
                 store.notify_export(export_id(row.text("id")?)?);
