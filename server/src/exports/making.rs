@@ -1,8 +1,8 @@
 //! Making exports, one of the two kinds of tasks ([`workers::task`](crate::workers::task)): the engine makes one from a
 //! stored result.
 //!
-//! Exports have executors of their own, a few beside those that pack, and one more for what is made in a moment, so that
-//! a slice need not wait for a lattice model.
+//! Exports have executors of their own, a few beside those that pack, and one more for what is made in a moment, so
+//! that a slice need not wait for a lattice model.
 
 use std::io;
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! What jobs and exports have in common as leased tasks: the renewal of the lease, the ends that leave no file, and what
-//! becomes of leases that ran out.
+//! What jobs and exports have in common as leased tasks: the renewal of the lease, the ends that leave no file, and
+//! what becomes of leases that ran out.
 //!
 //! Each write names the attempt, and changes nothing where another one holds the task. A task that goes back to its
 //! queue gets a number of its own for the next attempt wherever another process may take it, though the attempt does
@@ -41,8 +41,8 @@ impl From<&ExportRecord> for LeasedTask {
     }
 }
 
-/// The statement `$text!` of a table: its name, whether another process has the task, whether a client has cancelled it,
-/// what stays of the progress when it fails, and what is returned.
+/// The statement `$text!` of a table: its name, whether another process has the task, whether a client has cancelled
+/// it, what stays of the progress when it fails, and what is returned.
 macro_rules! of_kind {
     ($kind:expr, $text:ident) => {
         match $kind {
