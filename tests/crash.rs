@@ -148,7 +148,7 @@ impl Known {
     }
 }
 
-/// Few enough open jobs that each has a fair chance to end between two cuts.
+/// Few enough open jobs, with those that may have been taken, that each has a fair chance to end between two cuts.
 const MOST_OPEN: usize = 12;
 
 /// Orders jobs, some of them again, and looks at what has become of others, until it is dropped.
@@ -156,17 +156,23 @@ pub(crate) async fn order_and_watch(client: &Client, known: &mut Known, random: 
     loop {
         let open: Vec<String> =
             known.accepted.values().filter(|id| !known.succeeded.contains_key(*id)).cloned().collect();
+        let unanswered: Vec<usize> =
+            (0..known.orders.len()).filter(|i| !known.accepted.contains_key(&known.orders[*i].0)).collect();
         let choice = random.next_u64() % 4;
-        if open.is_empty() || (choice < 2 && open.len() < MOST_OPEN) {
+        let number = random.next_u64() as usize;
+        if open.is_empty() && unanswered.is_empty() || choice < 2 && open.len() + unanswered.len() < MOST_OPEN
+        {
             let key = format!("order-{}", known.orders.len());
             let body = some_job(random);
             known.orders.push((key.clone(), body.clone()));
             order(client, known, &key, &body).await;
-        } else if choice == 2 {
-            let (key, body) = known.orders[random.next_u64() as usize % known.orders.len()].clone();
+        } else if choice == 2 || open.is_empty() {
+            // What was not answered first: without a database that is every order.
+            let again = unanswered.first().copied().unwrap_or(number % known.orders.len());
+            let (key, body) = known.orders[again].clone();
             order(client, known, &key, &body).await;
         } else {
-            watch(client, known, &open[random.next_u64() as usize % open.len()]).await;
+            watch(client, known, &open[number % open.len()]).await;
         }
     }
 }

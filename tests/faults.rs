@@ -315,7 +315,7 @@ async fn a_result_that_finds_no_space_is_no_fault_of_its_job() {
     // After the fifth, the requeued job has to be recorded, which a full disk does not allow either.
     eventually("the job to be given back", || {
         let log = server.log();
-        log.contains("the end of the job was not recorded; trying again")
+        log.contains("the end of the run was not recorded; trying again")
             || log.contains("the job is requeued")
     })
     .await;
@@ -347,7 +347,8 @@ async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
         .send()
         .await
         .expect(202);
-    eventually("the export to find no memory", || server.log().contains("the export found no memory")).await;
+    let is_of_export = |line: &str| line.contains(" export{") && line.contains("the run found no memory");
+    eventually("the export to find no memory", || server.log().lines().any(is_of_export)).await;
     assert!(server.log().contains("out of memory: the export needs"), "{}", server.log());
     client.succeed(&jobs::quick(2)).await;
     client.get(&format!("{exports}/slice")).send().await.expect(200);

@@ -22,7 +22,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
 use crate::disk::Disk;
-use crate::exports::worker::ExportWorker;
+use crate::exports::making::Exports;
 use crate::http::{self, App};
 use crate::http_server;
 use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits};
@@ -34,7 +34,7 @@ use crate::webhooks::sender::WebhookSender;
 use crate::webhooks::signature::{SecretsError, SecretsFile};
 use crate::workers::executor::Executor;
 use crate::workers::here::Here;
-use crate::workers::leases::Leases;
+use crate::workers::packing::{Packings, Source};
 use crate::workers::slots::Slots;
 
 /// Time that running jobs may take to keep a last checkpoint (5 s) and to go back to the queue. It stays below the ten
@@ -100,7 +100,7 @@ pub(crate) enum StartError {
 /// An opened service, not yet serving.
 pub(crate) struct Service {
     app: App,
-    executor: Executor,
+    executor: Executor<Packings>,
     here: Here,
     listener: TcpListener,
     connections: Arc<Semaphore>,
@@ -195,10 +195,12 @@ impl Service {
             Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
         let limits = options.limits();
         let here = Here { store, storage, limits };
-        let leases = Leases::Here(here.clone());
+        let source = Source::Here(here.clone());
         let slots = Slots::new(options.workers());
-        let executor = Executor { leases, slots, artifacts, checkpoints, disk, metrics, shutdown };
-        let app = App::new(&options, &executor, &here, accounts, audit, Arc::clone(&connections));
+        let packings = Packings { source, slots, artifacts, checkpoints, disk, metrics };
+        let connected = Arc::clone(&connections);
+        let app = App::new(&options, &packings, shutdown.clone(), &here, accounts, audit, connected);
+        let executor = Executor { kind: packings, shutdown };
         let reload = Arc::default();
         Ok(Self { app, executor, here, listener, connections, options, webhook_secrets, reload, _lock: lock })
     }
@@ -251,21 +253,27 @@ impl Service {
 
 /// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep
 /// comes before the first job: what it finds is from an earlier life, and no attempt of this one has the same name yet.
-async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_secrets: Option<SecretsFile>) {
+async fn work(
+    executor: Executor<Packings>,
+    here: Here,
+    options: ServeOptions,
+    webhook_secrets: Option<SecretsFile>,
+) {
+    let Executor { kind: packings, shutdown } = &executor;
     let rules = options.sweep_rules();
-    if let Err(error) = sweeper::sweep(&here.store, &executor.artifacts, &executor.checkpoints, rules).await {
+    if let Err(error) = sweeper::sweep(&here.store, &packings.artifacts, &packings.checkpoints, rules).await {
         tracing::error!(%error, "the first sweep failed");
     }
     let mut running: JoinSet<()> = JoinSet::new();
     let mut run = |task: tasks::Boxed<()>| drop(running.spawn(task));
     run(Box::pin(sweeper::run(
         here.store.clone(),
-        executor.artifacts.clone(),
-        executor.checkpoints.clone(),
+        packings.artifacts.clone(),
+        packings.checkpoints.clone(),
         options.sweep_interval(),
         rules,
-        Arc::clone(&executor.metrics),
-        executor.shutdown.clone(),
+        Arc::clone(&packings.metrics),
+        shutdown.clone(),
     )));
     if let Some(secrets) = webhook_secrets {
         let sender = WebhookSender {
@@ -273,29 +281,30 @@ async fn work(executor: Executor, here: Here, options: ServeOptions, webhook_sec
             secrets,
             rules: options.webhook_rules(),
             first_pause: options.webhook_first_pause(),
-            metrics: Arc::clone(&executor.metrics),
-            shutdown: executor.shutdown.clone(),
+            metrics: Arc::clone(&packings.metrics),
+            shutdown: shutdown.clone(),
         };
         run(Box::pin(sender.run()));
     }
-    let checkpoints = executor.checkpoints.clone();
-    let metrics = Arc::clone(&executor.metrics);
-    run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, metrics, executor.shutdown.clone())));
-    run(Box::pin(watch_room(here.clone(), executor.shutdown.clone())));
-    let export_worker = ExportWorker {
-        store: here.store,
-        artifacts: executor.artifacts.clone(),
-        disk: executor.disk.clone(),
-        storage: here.storage,
-        limits: here.limits,
-        metrics: Arc::clone(&executor.metrics),
-        shutdown: executor.shutdown.clone(),
-        cache_bytes: options.export_cache_bytes,
+    let checkpoints = packings.checkpoints.clone();
+    let metrics = Arc::clone(&packings.metrics);
+    run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, metrics, shutdown.clone())));
+    run(Box::pin(watch_room(here.clone(), shutdown.clone())));
+    let exports = |quick| Executor {
+        kind: Exports {
+            here: here.clone(),
+            artifacts: packings.artifacts.clone(),
+            disk: packings.disk.clone(),
+            metrics: Arc::clone(&packings.metrics),
+            cache_bytes: options.export_cache_bytes,
+            quick,
+        },
+        shutdown: shutdown.clone(),
     };
     for _ in 0..options.export_workers {
-        run(Box::pin(export_worker.clone().work(false)));
+        run(Box::pin(exports(false).work()));
     }
-    run(Box::pin(export_worker.work(true)));
+    run(Box::pin(exports(true).work()));
     for _ in 0..options.workers() {
         run(Box::pin(executor.clone().work()));
     }

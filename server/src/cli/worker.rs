@@ -25,7 +25,7 @@ use crate::tasks;
 use crate::telemetry::{self, LogFormat};
 use crate::workers::documents::{MAX_NAME_CHARS, MAX_SLOTS};
 use crate::workers::executor::Executor;
-use crate::workers::leases::Leases;
+use crate::workers::packing::{Packings, Source};
 use crate::workers::probe;
 use crate::workers::slots::Slots;
 use crate::workers::there::{Server, There, WorkerOptions};
@@ -146,15 +146,15 @@ async fn work(
     let until = options.until;
     let disk = Disk::new(scratch.to_owned(), None, Shortage::default());
     let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
-    let executor = Executor {
-        leases: Leases::There(there.clone()),
+    let packings = Packings {
+        source: Source::There(there.clone()),
         slots: Slots::new(slots as usize),
         artifacts,
         checkpoints,
         disk,
         metrics: Arc::new(Metrics::default()),
-        shutdown: shutdown.clone(),
     };
+    let executor = Executor { kind: packings, shutdown: shutdown.clone() };
     tasks::spawn(there.clone().keep_renewing());
     tasks::spawn(there.clone().keep_sending_checkpoints());
     let mut executors: JoinSet<()> = JoinSet::new();

@@ -1,11 +1,11 @@
 //! What is made of finished packings: meshes, voxels, cuts, lattice models.
 //!
 //! `queued -> running -> succeeded | failed`. Whoever asks, by a format of a result, by a request of its own or
-//! beforehand in a job, asks the store; [`export_worker`] makes what waits there, each thing once. What was asked for
+//! beforehand in a job, asks the store; [`making`] makes what waits there, each thing once. What was asked for
 //! by a format only is a cache. What is made, and how, is the engine's secret; nothing here knows HTTP.
 
 pub(crate) mod estimates;
-pub(crate) mod worker;
+pub(crate) mod making;
 
 use packstone_engine::export::{ExportRequest, ExportType, REVISION};
 use serde::{Deserialize, Serialize};

@@ -24,9 +24,9 @@ use crate::problem::{Kind, Problem};
 use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::WebhookRules;
-use crate::workers::executor::Executor;
 use crate::workers::heard::Heard;
 use crate::workers::here::Here;
+use crate::workers::packing::Packings;
 use crate::workers::probe;
 use crate::workers::slots::Slots;
 
@@ -92,10 +92,11 @@ pub(crate) struct Shared {
 }
 
 impl App {
-    /// Gathers what handlers share, much of it with the executors.
+    /// Gathers what handlers share, much of it with the packings.
     pub(crate) fn new(
         options: &ServeOptions,
-        executor: &Executor,
+        packings: &Packings,
+        shutdown: CancellationToken,
         here: &Here,
         accounts: Arc<Accounts>,
         audit: Option<Arc<AuditLog>>,
@@ -104,12 +105,12 @@ impl App {
         Self {
             shared: Arc::new(Shared {
                 store: here.store.clone(),
-                artifacts: executor.artifacts.clone(),
-                checkpoints: executor.checkpoints.clone(),
-                disk: executor.disk.clone(),
+                artifacts: packings.artifacts.clone(),
+                checkpoints: packings.checkpoints.clone(),
+                disk: packings.disk.clone(),
                 blobs_redirect: options.blobs_redirect,
                 storage: here.storage.clone(),
-                metrics: Arc::clone(&executor.metrics),
+                metrics: Arc::clone(&packings.metrics),
                 hosts: (options.listen.ip().is_loopback() && accounts.keys().is_none())
                     .then(|| Hosts::loopback_and(&options.allowed_host)),
                 accounts,
@@ -126,7 +127,7 @@ impl App {
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,
                 workers: options.workers(),
-                slots: executor.slots.clone(),
+                slots: packings.slots.clone(),
                 connections,
                 max_connections: options.max_connections,
                 downloads: Arc::new(Semaphore::new(options.max_downloads)),
@@ -139,7 +140,7 @@ impl App {
                 receiving: Mutex::default(),
                 bits: OnceCell::new(),
                 ready: AtomicBool::new(false),
-                shutdown: executor.shutdown.clone(),
+                shutdown,
             }),
         }
     }

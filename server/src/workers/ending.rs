@@ -2,22 +2,28 @@
 
 use std::time::Duration;
 
-use packstone_engine::Phase;
-
 use super::control::Stop;
-use crate::artifacts::InFlight;
-use crate::exports::NewExport;
-use crate::failure::Failure;
-use crate::jobs::{ArtifactRecord, JobProgress};
+use crate::failure::{Failure, FailureCode};
 use crate::studies::Facts;
 
-/// How a run ended.
-pub(crate) enum End {
-    /// The result is on disk; its place stays claimed until the store refers to it.
-    Stored(Box<Stored>),
+/// How often a task is requeued that finds no memory.
+const MEMORY_FAULTS: i64 = 5;
+
+/// How a run ended that is to make an `M`.
+pub(crate) enum End<M> {
+    /// The file is on disk.
+    Made(M),
     Stopped(Stop),
     Failed(FailedRun),
-    /// A fault of the machine kept the run from its end, or the result from being stored.
+    /// A fault of the machine kept the run from its end, or the file from being stored.
+    Faulted(Cause),
+}
+
+/// Why a run made nothing.
+pub(crate) enum NotMade {
+    /// By the request, what it is made from, or a defect.
+    Failed(FailedRun),
+    /// By a fault of the machine.
     Faulted(Cause),
 }
 
@@ -32,15 +38,6 @@ pub(crate) enum Cause {
     Other,
 }
 
-/// What a run left on disk, and what is known of it.
-pub(crate) struct Stored {
-    pub(crate) artifact: ArtifactRecord,
-    pub(crate) facts: Facts,
-    pub(crate) grains: u64,
-    pub(crate) postprocess: Vec<NewExport>,
-    pub(crate) _place: InFlight,
-}
-
 /// What is known of a run besides its end.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
@@ -50,7 +47,7 @@ pub(crate) struct Run {
     pub(crate) fraction: f64,
 }
 
-/// Why a run made no packing, and what a study keeps of it.
+/// Why a run failed, and what a study keeps of it.
 pub(crate) struct FailedRun {
     pub(crate) failure: Box<Failure>,
     pub(crate) facts: Facts,
@@ -62,37 +59,61 @@ impl From<Failure> for FailedRun {
     }
 }
 
+impl<F: Into<FailedRun>> From<F> for NotMade {
+    fn from(failed: F) -> Self {
+        Self::Failed(failed.into())
+    }
+}
+
 /// What is told of an end.
-pub(crate) enum Told<'a> {
-    Succeeded(&'a Stored),
+pub(crate) enum Told<'a, M> {
+    Succeeded(&'a M),
     Failed(Failure, Facts),
     Cancelled,
-    /// The process stops: the job goes back to the queue.
+    /// The process stops: the task goes back to the queue.
     Released,
-    /// The job goes back to the queue, for a fault of the machine.
+    /// The task goes back to the queue, for a fault of the machine.
     Faulted(Cause),
-    /// Nothing: the job is another attempt's.
+    /// Nothing: the task is another attempt's.
     Nothing,
 }
 
-impl End {
+/// Name of an end of a run whose task is another attempt's, in the log and the metrics.
+pub(crate) const LEASE_LOST: &str = "lease_lost";
+
+impl<M> End<M> {
+    /// The end of a run that made nothing, of a task that has met so many faults of the machine before. Another run may
+    /// have taken the memory; a task that never finds any fails.
+    pub(super) fn of(not_made: NotMade, faults: i64) -> Self {
+        match not_made {
+            NotMade::Failed(FailedRun { failure, .. })
+                if failure.code == FailureCode::OutOfMemory && faults < MEMORY_FAULTS =>
+            {
+                tracing::warn!(error = failure.detail, "the run found no memory");
+                Self::Faulted(Cause::Other)
+            }
+            NotMade::Failed(failed) => Self::Failed(failed),
+            NotMade::Faulted(cause) => Self::Faulted(cause),
+        }
+    }
+
     /// Its name in the log and the metrics.
     pub(crate) fn name(&self) -> &'static str {
         match self {
-            Self::Stored(_) => "succeeded",
+            Self::Made(_) => "succeeded",
             Self::Failed(_) | Self::Stopped(Stop::TimedOut) => "failed",
             Self::Stopped(Stop::Cancelled) => "cancelled",
             Self::Stopped(Stop::Shutdown) => "given_back",
-            Self::Stopped(Stop::LeaseLost) => "lease_lost",
+            Self::Stopped(Stop::LeaseLost) => LEASE_LOST,
             Self::Faulted(_) => "requeued",
         }
     }
 
     /// What is told of the end of this run.
-    pub(crate) fn told(&self, run: Run) -> Told<'_> {
+    pub(crate) fn told(&self, run: Run) -> Told<'_, M> {
         let time_s = run.took.as_secs_f64();
         match self {
-            Self::Stored(stored) => Told::Succeeded(stored),
+            Self::Made(made) => Told::Succeeded(made),
             Self::Failed(FailedRun { failure, facts }) => {
                 Told::Failed((**failure).clone(), Facts { time_s, ..facts.clone() })
             }
@@ -108,16 +129,20 @@ impl End {
     }
 }
 
-/// Progress of a job that succeeded: a run can end between two reports.
-pub(crate) fn complete(grains: u64) -> JobProgress {
-    JobProgress {
-        fraction: 1.0,
-        phase: Phase::Write,
-        done: grains,
-        total: grains,
-        unit: "grains".into(),
-        message: String::new(),
-        eta_s: Some(0.0),
-        growth: None,
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_task_that_never_finds_memory_fails() {
+        let end = |code, faults| End::<()>::of(Failure::new(code, "why").into(), faults);
+        assert!(matches!(end(FailureCode::OutOfMemory, MEMORY_FAULTS - 1), End::Faulted(Cause::Other)));
+        let End::Failed(failed) = end(FailureCode::OutOfMemory, MEMORY_FAULTS) else {
+            panic!("it goes on for ever")
+        };
+        assert_eq!(failed.failure.code, FailureCode::OutOfMemory);
+        assert!(matches!(end(FailureCode::TooLarge, 0), End::Failed(_)));
+        let full = End::<()>::of(NotMade::Faulted(Cause::NotWritten(1)), 100);
+        assert!(matches!(full, End::Faulted(Cause::NotWritten(1))), "a full disk is waited for");
     }
 }

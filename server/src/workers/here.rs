@@ -3,9 +3,10 @@
 use packstone_engine::Limits;
 use tokio_util::sync::CancellationToken;
 
-use super::ending::{Cause, Told, complete};
-use super::leases::{LeaseError, Work};
+use super::ending::{Cause, Told};
+use super::packing::{Stored, Work, complete};
 use super::slots::{Held, Slots, threads_of};
+use super::task::LeaseError;
 use crate::jobs::Lease;
 use crate::jobs::store::Store;
 use crate::storage::{Bound, Storage};
@@ -64,7 +65,7 @@ impl Here {
     }
 
     /// Records how a run ended.
-    pub(super) async fn end(&self, lease: Lease, told: Told<'_>) -> Result<(), LeaseError> {
+    pub(super) async fn end(&self, lease: Lease, told: Told<'_, Stored>) -> Result<(), LeaseError> {
         match told {
             Told::Succeeded(stored) => {
                 let (progress, postprocess) = (complete(stored.grains), stored.postprocess.clone());

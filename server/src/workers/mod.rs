@@ -1,7 +1,8 @@
-//! Workers: what runs jobs, in the server or in another process.
+//! Workers: what runs tasks, in the server or in another process.
 //!
-//! [`executor`] runs jobs, wherever they come from ([`leases`]): from the store of this process ([`here`]) or from a
-//! server over HTTP ([`there`], whose messages are [`documents`]); a job holds [`slots`] of its process.
+//! [`executor`] runs tasks of either kind ([`task`]): [`packing`] of jobs, and exports
+//! ([`exports::making`](crate::exports::making)). Jobs come from the store of this process ([`here`]) or from a server
+//! over HTTP ([`there`], whose messages are [`documents`]); a packing holds [`slots`] of its process.
 //! [`heard`] knows the processes that ask for jobs, and [`probe`] tells whether two processes compute the same bits.
 
 pub(crate) mod control;
@@ -10,7 +11,8 @@ pub(crate) mod ending;
 pub(crate) mod executor;
 pub(crate) mod heard;
 pub(crate) mod here;
-pub(crate) mod leases;
+pub(crate) mod packing;
 pub(crate) mod probe;
 pub(crate) mod slots;
+pub(crate) mod task;
 pub(crate) mod there;

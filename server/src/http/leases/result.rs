@@ -23,7 +23,7 @@ use crate::jobs::store::StoreError;
 use crate::problem::{Fault, Problem};
 use crate::studies::Facts;
 use crate::tasks;
-use crate::workers::ending::complete;
+use crate::workers::packing::complete;
 
 parameters! {
     /// What the file is.

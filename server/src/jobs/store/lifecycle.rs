@@ -5,10 +5,11 @@
 
 use super::db::{Durability, query};
 use super::exports::files_of_job;
-use super::running::{Left, Renewed, Success};
+use super::leased::LeasedTask;
+use super::running::{Left, Success};
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, Target, fault_pause, micros, rows, turns};
+use super::{Store, StoreError, Target, rows, turns};
 use crate::exports::NewExport;
 use crate::failure::Failure;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
@@ -42,16 +43,8 @@ impl Store {
     ) -> Result<Heartbeat, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let news = progress.as_ref().map(to_json).transpose()?;
-            let is_news = news.is_some();
-            let renewed = Renewed { lease, news };
-            // A lease does not outlive a power cut.
-            let cancel_requested = store
-                .write(Durability::ProcessEnd, renewed, |store, renewed, tx| {
-                    Box::pin(renewed.record(store, tx))
-                })
-                .await?;
-            if is_news {
+            let cancel_requested = store.renew_lease(lease.into(), progress.as_ref()).await?;
+            if progress.is_some() {
                 store.notify(lease.id);
             }
             Ok(Heartbeat { cancel_requested })
@@ -130,40 +123,14 @@ impl Store {
     /// [`StoreError::LeaseLost`], or the database's.
     pub(crate) async fn requeue_after_fault(&self, lease: Lease) -> Result<String, StoreError> {
         let store = self.clone();
-        let (pause, owner) = self.detached(async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let now = store.now_us();
-            let row = query(
-                "update jobs set faults = faults + 1 where seq = ? and attempt = ? and state = 'running'
-                 returning faults, owner",
-            )
-            .bind(lease.seq)
-            .bind(lease.attempt)
-            .fetch_optional(&mut tx)
-            .await?
-            .ok_or(StoreError::LeaseLost)?;
-            let pause = fault_pause(row.try_get("faults")?);
-            query(
-                "update jobs set state = 'queued', version = version + 1, updated_at = ?1, lease_expires_at = null,
-                     started_at = null, progress = null, not_before = ?2,
-                     attempt = attempt + case when worker <> '' or ?4 then 1 else 0 end,
-                     max_attempts = max_attempts + case when worker <> '' or ?4 then 1 else 0 end
-                 where seq = ?3",
-            )
-            .bind(now)
-            .bind(now.saturating_add(micros(pause)))
-            .bind(lease.seq)
-            .bind(store.is_shared())
-            .execute(&mut tx)
+        let (pause, owner) = self
+            .detached(async move {
+                let requeued = LeasedTask::from(lease).requeue_after_fault(&store).await?;
+                store.notify_lease(lease);
+                store.wake_worker_for_held_back();
+                Ok(requeued)
+            })
             .await?;
-            tx.commit().await?;
-            drop(writer);
-            store.notify_lease(lease);
-            store.wake_worker_for_held_back();
-            Ok((pause, row.try_get("owner")?))
-        })
-        .await?;
         tracing::warn!(pause_s = pause.as_secs(), "a fault of the machine: the job is requeued");
         self.wake_worker_after(pause);
         Ok(owner)

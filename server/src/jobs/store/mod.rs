@@ -19,6 +19,7 @@ mod faults;
 mod files;
 mod forecasts;
 mod group_commit;
+mod leased;
 mod leases;
 #[cfg(test)]
 mod leases_tests;
@@ -109,8 +110,8 @@ pub(crate) enum StoreError {
     /// The job's state forbids it.
     #[error("the job is {}", .0.name())]
     Forbidden(State),
-    /// Another attempt holds the job, or none does.
-    #[error("the lease of the job was lost")]
+    /// Another attempt holds the job or export, or none does.
+    #[error("the lease was lost")]
     LeaseLost,
     /// There is no such study.
     #[error("there is no such study")]

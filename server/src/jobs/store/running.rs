@@ -1,42 +1,15 @@
-//! What is written about a running job: its lease and progress, and its end. Each write names the attempt, and changes
+//! What is written about the end of a running job. Each write names the attempt, and changes
 //! nothing where another one holds the job.
 
 use super::db::{Transaction, query};
 use super::exports::insert_beforehand;
+use super::leased::LeasedTask;
 use super::studies::runs;
 use super::submit::to_json;
-use super::{Store, StoreError, micros};
+use super::{Store, StoreError};
 use crate::exports::NewExport;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, Lease, State};
 use crate::studies::{Facts, Outcome};
-
-/// The renewal of a lease.
-pub(super) struct Renewed {
-    pub(super) lease: Lease,
-    /// Progress as JSON, where there is any.
-    pub(super) news: Option<String>,
-}
-
-impl Renewed {
-    /// Records it; whether a client has cancelled the job.
-    pub(super) async fn record(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<bool, StoreError> {
-        let now = store.now_us();
-        let row = query(
-            "update jobs set lease_expires_at = ?1, progress = coalesce(?2, progress),
-                 version = version + case when ?2 is null then 0 else 1 end,
-                 updated_at = case when ?2 is null then updated_at else ?3 end
-             where seq = ?4 and attempt = ?5 and state = 'running' returning cancel_requested",
-        )
-        .bind(now.saturating_add(micros(store.limits().lease)))
-        .bind(&self.news)
-        .bind(now)
-        .bind(self.lease.seq)
-        .bind(self.lease.attempt)
-        .fetch_optional(tx)
-        .await?;
-        Ok(row.ok_or(StoreError::LeaseLost)?.try_get("cancel_requested")?)
-    }
-}
 
 /// The end of a run with a result.
 pub(super) struct Success {
@@ -119,29 +92,10 @@ impl Left {
         store: &Store,
         tx: &mut Transaction<'_>,
     ) -> Result<Vec<JobId>, StoreError> {
-        let now = store.now_us();
-        let moved = query(
-            "update jobs set state = ?1, version = version + 1, updated_at = ?2, lease_expires_at = null,
-                 error = ?3,
-                 finished_at = case when ?1 = 'queued' then null else ?2 end,
-                 started_at = case when ?1 = 'queued' then null else started_at end,
-                 progress = case when ?1 = 'queued' then null else progress end,
-                 attempt = attempt + case when ?1 = 'queued' and (worker <> '' or ?6) then 1 else 0 end,
-                 max_attempts = max_attempts
-                     + case when ?1 = 'queued' and (worker <> '' or ?6) then 1 else 0 end
-             where seq = ?4 and attempt = ?5 and state = 'running' returning study, point, replicate",
-        )
-        .bind(self.to.name())
-        .bind(now)
-        .bind(&self.error)
-        .bind(self.lease.seq)
-        .bind(self.lease.attempt)
-        .bind(store.is_shared())
-        .fetch_optional(&mut *tx)
-        .await?
-        .ok_or(StoreError::LeaseLost)?;
-        match &self.run {
-            Some((outcome, facts)) => runs::record(tx, &moved, *outcome, facts, now).await,
+        let Self { lease, to, error, run } = self;
+        let moved = LeasedTask::from(*lease).leave(store, to.name(), error.as_deref(), tx).await?;
+        match run {
+            Some((outcome, facts)) => runs::record(tx, &moved, *outcome, facts, store.now_us()).await,
             None => Ok(Vec::new()),
         }
     }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::db::{Row, query};
+use super::leased::{Kind, take_back};
 use super::submit::to_json;
 use super::{Store, StoreError, rows};
 use crate::failure::{Failure, FailureCode};
@@ -112,24 +113,7 @@ impl Store {
                 .execute(&mut tx)
                 .await?;
             }
-            let moved = query(
-                "update jobs set
-                     state = case when cancel_requested then 'cancelled'
-                                  when attempt >= max_attempts then 'failed' else 'queued' end,
-                     error = case when attempt >= max_attempts and not cancel_requested then ?3 else null end,
-                     finished_at = case when attempt >= max_attempts or cancel_requested then ?1 else null end,
-                     started_at = case when attempt >= max_attempts or cancel_requested then started_at else null end,
-                     attempt = case when attempt >= max_attempts or cancel_requested then attempt else attempt + 1 end,
-                     progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
-                 where state = 'running' and lease_expires_at <= ?2 and (worker = '' or not ?4)
-                 returning id, (select studies.id from studies where studies.seq = jobs.study) as study_id",
-            )
-            .bind(store.now_us())
-            .bind(leases_until)
-            .bind(to_json(&exhausted)?)
-            .bind(at_start)
-            .fetch_all(&mut tx)
-            .await?;
+            let moved = take_back(&store, Kind::Job, &exhausted, (leases_until, at_start), &mut tx).await?;
             if at_start {
                 // A restart may end a fault of the machine.
                 query("update jobs set not_before = null where not_before is not null")

@@ -29,8 +29,9 @@ use super::documents::{
     RenewalDocument, RenewalRequest, RenewalsDocument,
 };
 use super::ending::{Cause, Told};
-use super::leases::{CLAIM_WAIT, LeaseError, Work};
+use super::packing::{CLAIM_WAIT, Stored, Work};
 use super::slots::{Held, Slots, threads_of};
+use super::task::LeaseError;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
@@ -317,7 +318,7 @@ impl There {
     }
 
     /// Sends the result or the end of a run; the lease ends with it.
-    pub(super) async fn end(&self, lease: Lease, told: Told<'_>) -> Result<(), LeaseError> {
+    pub(super) async fn end(&self, lease: Lease, told: Told<'_, Stored>) -> Result<(), LeaseError> {
         let ended = self.send_end(lease, told).await;
         if let Err(error) = &ended
             && error.passes()
@@ -337,7 +338,7 @@ impl There {
         })
     }
 
-    async fn send_end(&self, lease: Lease, told: Told<'_>) -> Result<(), ServerError> {
+    async fn send_end(&self, lease: Lease, told: Told<'_, Stored>) -> Result<(), ServerError> {
         let end = |outcome: EndOutcome, failure: Option<Failure>, facts: Option<Facts>| EndRequest {
             outcome,
             failure,

@@ -40,7 +40,7 @@ fn file(path: &str, bytes: u64) -> StoredFile {
 
 async fn make(store: &Store, path: &str, bytes: u64) -> ExportRecord {
     let claimed = store.claim_export(false).await.unwrap().unwrap().export;
-    assert!(store.export_made(&claimed, file(path, bytes), json!({"n": 1})).await.unwrap());
+    store.export_made(&claimed, file(path, bytes), json!({"n": 1})).await.unwrap();
     again(store, &claimed).await.unwrap()
 }
 
@@ -64,15 +64,18 @@ async fn the_same_is_made_once_however_often_it_is_asked_for() {
     assert_eq!(store.claim_export(false).await.unwrap(), None, "it is being made");
     let (running, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert_eq!(running.state, ExportState::Running);
-    assert!(store.export_progress(&running, progress(0.5)).await.unwrap());
-    assert!(store.export_made(&running, file("p", 7), json!({"n": 1})).await.unwrap());
+    store.renew_export(&running, Some(progress(0.5))).await.unwrap();
+    store.export_made(&running, file("p", 7), json!({"n": 1})).await.unwrap();
     let made = again(&store, &first).await.unwrap();
     assert_eq!((made.state, made.file.clone()), (ExportState::Succeeded, Some(file("p", 7))));
     assert_eq!((made.report, made.progress), (Some(json!({"n": 1})), None));
-    assert!(!store.export_made(&running, file("q", 7), json!({})).await.unwrap(), "it has ended");
-    let repeated = store.export_made(&running, file("p", 7), json!({"n": 1})).await.unwrap();
     assert!(
-        repeated,
+        matches!(store.export_made(&running, file("q", 7), json!({})).await, Err(StoreError::LeaseLost)),
+        "it has ended"
+    );
+    let repeated = store.export_made(&running, file("p", 7), json!({"n": 1})).await;
+    assert!(
+        repeated.is_ok(),
         "the answer to a commit may be lost; who heard that it has ended would remove the file"
     );
     let other = request(&store, job.id, cut(2.0), Retention::Cached).await;
@@ -136,7 +139,10 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     let store = open(&folder, LIMITS).await;
     for _ in 0..2 {
         assert_eq!(store.recover_exports().await.unwrap(), 1);
-        assert!(!store.export_made(&before, file("p", 1), json!({})).await.unwrap(), "a late word");
+        assert!(
+            matches!(store.export_made(&before, file("p", 1), json!({})).await, Err(StoreError::LeaseLost)),
+            "a late word"
+        );
         assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, requested.id);
     }
     store.recover_exports().await.unwrap();
@@ -148,7 +154,10 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     assert_eq!(store.recover_exports().await.unwrap(), 0);
     let again = store.claim_export(false).await.unwrap().unwrap().export;
     assert!(again.attempt > failed.attempt, "a file of its own");
-    assert!(!store.export_made(&before, file("p", 1), json!({})).await.unwrap(), "a late word");
+    assert!(
+        matches!(store.export_made(&before, file("p", 1), json!({})).await, Err(StoreError::LeaseLost)),
+        "a late word"
+    );
     for _ in 0..2 {
         assert_eq!(store.recover_exports().await.unwrap(), 1);
         assert!(store.claim_export(false).await.unwrap().is_some());
@@ -164,7 +173,7 @@ async fn failures_of_the_options_stay_and_others_are_tried_again() {
     {
         request(&store, job.id, cut(1.0), Retention::Cached).await;
         if let Some(claimed) = store.claim_export(false).await.unwrap() {
-            assert!(store.export_failed(&claimed.export, &Failure::new(kind, "why")).await.unwrap());
+            store.export_failed(&claimed.export, &Failure::new(kind, "why")).await.unwrap();
         }
         let (requested, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
         assert_eq!(requested.state, after, "{}", kind.name());
@@ -173,7 +182,7 @@ async fn failures_of_the_options_stay_and_others_are_tried_again() {
     }
     let (requested, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     let claimed = store.claim_export(false).await.unwrap().unwrap().export;
-    assert!(store.export_requeued(&claimed).await.unwrap());
+    store.export_requeued(&claimed).await.unwrap();
     let waiting = again(&store, &requested).await.unwrap();
     assert_eq!((waiting.state, waiting.attempt, waiting.started_at), (ExportState::Queued, 1, None));
 }
@@ -190,8 +199,11 @@ async fn all_files_of_a_job_go_with_it() {
     files.sort();
     assert_eq!(files, [format!("{}.1", job.id), "first".to_owned()]);
     assert!(!store.refers_to("first").await.unwrap());
-    assert!(!store.export_is_wanted(&running).await.unwrap());
-    assert!(!store.export_made(&running, file("late", 1), json!({})).await.unwrap());
+    assert!(matches!(store.check_export_lease(&running).await, Err(StoreError::LeaseLost)));
+    assert!(matches!(
+        store.export_made(&running, file("late", 1), json!({})).await,
+        Err(StoreError::LeaseLost)
+    ));
     assert!(matches!(
         store.request_export(job.id, cut(1.0), Retention::Cached).await,
         Err(StoreError::NoJob)

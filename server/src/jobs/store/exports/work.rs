@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
-use super::super::db::query;
+use super::super::db::{Durability, Transaction, query};
+use super::super::leased::{Kind, LeasedTask, take_back};
 use super::super::submit::to_json;
 use super::super::writer::Writing;
-use super::super::{Store, StoreError, fault_pause, micros, rows};
+use super::super::{Store, StoreError, micros, rows};
 use super::{by_seq, export_id};
-use crate::exports::{ExportRecord, StoredFile};
+use crate::exports::{ExportRecord, ExportState, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
 use crate::jobs::{ArtifactRecord, JobProgress};
@@ -59,20 +60,9 @@ impl Store {
                 format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
             );
             let mut writer = store.writer().await?;
-            let moved = query(
-                "update exports set
-                     state = case when attempt >= max_attempts then 'failed' else 'queued' end,
-                     error = case when attempt >= max_attempts then ?2 else null end,
-                     finished_at = case when attempt >= max_attempts then ?1 else null end, attempt = attempt + 1,
-                     progress = null,
-                     lease_expires_at = null, version = version + 1, updated_at = ?1
-                 where state = 'running' and coalesce(lease_expires_at, 0) <= ?3 returning id",
-            )
-            .bind(store.now_us())
-            .bind(to_json(&exhausted)?)
-            .bind(leases_until)
-            .fetch_all(&mut writer)
-            .await?;
+            let mut tx = writer.begin().await?;
+            let moved = take_back(&store, Kind::Export, &exhausted, (leases_until, false), &mut tx).await?;
+            tx.commit().await?;
             drop(writer);
             for row in &moved {
                 store.notify_export(export_id(row.text("id")?)?);
@@ -100,170 +90,116 @@ impl Store {
         .await
     }
 
-    /// Records the progress; `false` where the export is no longer the caller's.
-    pub(crate) async fn export_progress(
+    /// Renews the lease of an export, and records the progress where there is any.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
+    pub(crate) async fn renew_export(
         &self,
         of: &ExportRecord,
-        progress: JobProgress,
-    ) -> Result<bool, StoreError> {
-        let (seq, attempt, id) = (of.seq, of.attempt, of.id);
-        let store = self.clone();
+        progress: Option<JobProgress>,
+    ) -> Result<(), StoreError> {
+        let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
         self.detached(async move {
-            let mut writer = store.quick_writer().await?;
-            let now = writer.now_us();
-            let moved = query(
-                "update exports set progress = ?1, version = version + 1, updated_at = ?2, lease_expires_at = ?5
-                 where seq = ?3 and attempt = ?4 and state = 'running'",
-            )
-            .bind(to_json(&progress)?)
-            .bind(now)
-            .bind(seq)
-            .bind(attempt)
-            .bind(now.saturating_add(micros(store.lease())))
-            .execute(&mut writer)
-            .await?;
-            drop(writer);
-            let still = moved.rows_affected() > 0;
-            if still {
+            store.renew_lease(task, progress.as_ref()).await?;
+            if progress.is_some() {
                 store.notify_export(id);
             }
-            Ok(still)
+            Ok(())
         })
         .await
     }
 
-    /// Renews the lease of an export that has no news; `false` where it is no longer the caller's.
-    pub(crate) async fn renew_export(&self, of: &ExportRecord) -> Result<bool, StoreError> {
-        let (seq, attempt) = (of.seq, of.attempt);
-        let store = self.clone();
-        self.detached(async move {
-            let mut writer = store.quick_writer().await?;
-            let renewed = query(
-                "update exports set lease_expires_at = ? where seq = ? and attempt = ? and state = 'running'",
-            )
-            .bind(writer.now_us().saturating_add(micros(store.lease())))
-            .bind(seq)
-            .bind(attempt)
-            .execute(&mut writer)
-            .await?;
-            Ok(renewed.rows_affected() > 0)
-        })
-        .await
-    }
-
-    /// Whether the export is still running in the attempt of the caller.
-    pub(crate) async fn export_is_wanted(&self, of: &ExportRecord) -> Result<bool, StoreError> {
-        let row = query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
+    /// Looks whether the export is still running in the attempt of the caller.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where it is not, or the database's.
+    pub(crate) async fn check_export_lease(&self, of: &ExportRecord) -> Result<(), StoreError> {
+        query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
             .bind(of.seq)
             .bind(of.attempt)
             .fetch_optional(self.readers())
-            .await?;
-        Ok(row.is_some())
+            .await?
+            .map(drop)
+            .ok_or(StoreError::LeaseLost)
     }
 
-    /// Ends the export with its file, which is on disk already; `false` where it is no longer the caller's.
+    /// Ends the export with its file, which is on disk already.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
     pub(crate) async fn export_made(
         &self,
         of: &ExportRecord,
         file: StoredFile,
         report: serde_json::Value,
-    ) -> Result<bool, StoreError> {
-        let end = End { state: "succeeded", file: Some(file), report: Some(report), error: None };
-        self.end_export(of, end).await
-    }
-
-    /// Ends the export without a file; `false` where it is no longer the caller's.
-    pub(crate) async fn export_failed(
-        &self,
-        of: &ExportRecord,
-        failure: &Failure,
-    ) -> Result<bool, StoreError> {
-        let error = Some(failure.clone());
-        self.end_export(of, End { state: "failed", file: None, report: None, error }).await
-    }
-
-    /// Requeues the export where the server stops; the attempt does not count. Where other servers may take the export,
-    /// the next one has a number of its own all the same: no two runs write the same file.
-    pub(crate) async fn export_requeued(&self, of: &ExportRecord) -> Result<bool, StoreError> {
-        self.end_export(of, End { state: "queued", file: None, report: None, error: None }).await
-    }
-
-    /// Requeues the export after a fault of the machine; the attempt does not count, as in [`Self::export_requeued`],
-    /// and the next one starts after a pause. `false` where the export is no longer the caller's.
-    pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<bool, StoreError> {
-        let (seq, attempt, id) = (of.seq, of.attempt, of.id);
-        let store = self.clone();
-        let pause = self.detached(async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let now = store.now_us();
-            let row = query(
-                "update exports set state = 'queued', faults = faults + 1, version = version + 1, updated_at = ?1,
-                     started_at = null, progress = null, lease_expires_at = null,
-                     attempt = attempt + case when ?4 then 1 else 0 end,
-                     max_attempts = max_attempts + case when ?4 then 1 else 0 end
-                 where seq = ?2 and attempt = ?3 and state = 'running' returning faults",
-            )
-            .bind(now)
-            .bind(seq)
-            .bind(attempt)
-            .bind(store.is_shared())
-            .fetch_optional(&mut tx)
-            .await?;
-            let Some(row) = row else { return Ok(None) };
-            let pause = fault_pause(row.try_get("faults")?);
-            query("update exports set not_before = ? where seq = ?")
-                .bind(now.saturating_add(micros(pause)))
-                .bind(seq)
-                .execute(&mut tx)
-                .await?;
-            tx.commit().await?;
-            drop(writer);
-            store.notify_export(id);
-            Ok(Some(pause))
-        })
-        .await?;
-        if let Some(pause) = pause {
-            tracing::warn!(pause_s = pause.as_secs(), "a fault of the machine: the export is requeued");
-            self.wake_export_workers_after(pause);
-        }
-        Ok(pause.is_some())
-    }
-
-    async fn end_export(&self, of: &ExportRecord, end: End) -> Result<bool, StoreError> {
-        let (seq, attempt, id) = (of.seq, of.attempt, of.id);
-        let store = self.clone();
+    ) -> Result<(), StoreError> {
+        let (store, id) = (self.clone(), of.id);
+        let made = Made { seq: of.seq, attempt: of.attempt, file, report };
         self.detached(async move {
-            let mut writer = store.writer().await?;
-            let moved = query(
-                "update exports set state = ?1, path = ?2, bytes = ?3, sha256 = ?4, report = ?5, error = ?6,
-                     progress = null, lease_expires_at = null, version = version + 1, updated_at = ?7,
-                     finished_at = case when ?1 = 'queued' then null else ?7 end,
-                     started_at = case when ?1 = 'queued' then null else started_at end,
-                     used_at = case when used_at > ?7 then used_at else ?7 end,
-                     attempt = attempt + case when ?1 = 'queued' and ?10 then 1 else 0 end,
-                     max_attempts = max_attempts + case when ?1 = 'queued' and ?10 then 1 else 0 end
-                 where seq = ?8 and attempt = ?9 and state = 'running'",
-            )
-            .bind(end.state)
-            .bind(end.file.as_ref().map(|file| file.path.clone()))
-            .bind(end.file.as_ref().map(|file| file.bytes.cast_signed()))
-            .bind(end.file.as_ref().map(|file| file.sha256.clone()))
-            .bind(end.report.as_ref().map(to_json).transpose()?)
-            .bind(end.error.as_ref().map(to_json).transpose()?)
-            .bind(store.now_us())
-            .bind(seq)
-            .bind(attempt)
-            .bind(store.is_shared())
-            .execute(&mut writer)
-            .await?;
-            let is_recorded =
-                moved.rows_affected() > 0 || recorded_before(&mut writer, seq, end.file).await?;
-            drop(writer);
+            store
+                .write(Durability::PowerCut, made, |store, made, tx| Box::pin(made.record(store, tx)))
+                .await?;
             store.notify_export(id);
-            Ok(is_recorded)
+            Ok(())
         })
         .await
+    }
+
+    /// Ends the export without a file.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
+    pub(crate) async fn export_failed(&self, of: &ExportRecord, failure: &Failure) -> Result<(), StoreError> {
+        self.leave_export(of, ExportState::Failed, Some(to_json(failure)?)).await
+    }
+
+    /// Requeues the export where the server stops; the attempt does not count.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
+    pub(crate) async fn export_requeued(&self, of: &ExportRecord) -> Result<(), StoreError> {
+        self.leave_export(of, ExportState::Queued, None).await?;
+        self.wake_export_workers();
+        Ok(())
+    }
+
+    async fn leave_export(
+        &self,
+        of: &ExportRecord,
+        to: ExportState,
+        error: Option<String>,
+    ) -> Result<(), StoreError> {
+        let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
+        self.detached(async move {
+            store
+                .write(Durability::PowerCut, (task, to, error), |store, (task, to, error), tx| {
+                    Box::pin(task.leave(store, to.name(), error.as_deref(), tx))
+                })
+                .await?;
+            store.notify_export(id);
+            Ok(())
+        })
+        .await
+    }
+
+    /// Requeues the export after a fault of the machine; the attempt does not count, and the next one starts after a
+    /// pause.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
+    pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<(), StoreError> {
+        let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
+        let (pause, _) = self
+            .detached(async move {
+                let requeued = task.requeue_after_fault(&store).await?;
+                store.notify_export(id);
+                Ok(requeued)
+            })
+            .await?;
+        tracing::warn!(pause_s = pause.as_secs(), "a fault of the machine: the export is requeued");
+        self.wake_export_workers_after(pause);
+        Ok(())
     }
 
     /// Removes the least recently used exports of the cache until it has at most `most_bytes`, except `but`, which a
@@ -305,29 +241,46 @@ impl Store {
     }
 }
 
-/// How an export ended.
-struct End {
-    state: &'static str,
-    file: Option<StoredFile>,
-    report: Option<serde_json::Value>,
-    error: Option<Failure>,
+/// The end of an export with its file.
+struct Made {
+    seq: i64,
+    attempt: i64,
+    file: StoredFile,
+    report: serde_json::Value,
 }
 
-/// Whether this file is recorded already, as when the connection to the database went between a commit and its answer.
-/// A caller that heard that the export is no longer its own would remove the file that is recorded.
-async fn recorded_before(
-    writer: &mut Writing<'_>,
-    seq: i64,
-    file: Option<StoredFile>,
-) -> Result<bool, StoreError> {
-    let Some(file) = file else { return Ok(false) };
-    let row = query("select 1 from exports where seq = ? and path = ? and sha256 = ?")
-        .bind(seq)
-        .bind(file.path)
-        .bind(file.sha256)
-        .fetch_optional(writer)
+impl Made {
+    async fn record(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<(), StoreError> {
+        let Self { seq, attempt, file, report } = self;
+        let moved = query(
+            "update exports set state = 'succeeded', path = ?1, bytes = ?2, sha256 = ?3, report = ?4, error = null,
+                 progress = null, lease_expires_at = null, version = version + 1, updated_at = ?5, finished_at = ?5,
+                 used_at = case when used_at > ?5 then used_at else ?5 end
+             where seq = ?6 and attempt = ?7 and state = 'running'",
+        )
+        .bind(&file.path)
+        .bind(file.bytes.cast_signed())
+        .bind(&file.sha256)
+        .bind(to_json(report)?)
+        .bind(store.now_us())
+        .bind(*seq)
+        .bind(*attempt)
+        .execute(&mut *tx)
         .await?;
-    Ok(row.is_some())
+        if moved.rows_affected() > 0 {
+            return Ok(());
+        }
+        // The same file may be recorded already, as when the connection to the database went between a commit and its
+        // answer. A caller that heard of a lost lease would remove the file that is recorded.
+        query("select 1 from exports where seq = ? and path = ? and sha256 = ?")
+            .bind(*seq)
+            .bind(&file.path)
+            .bind(&file.sha256)
+            .fetch_optional(tx)
+            .await?
+            .map(drop)
+            .ok_or(StoreError::LeaseLost)
+    }
 }
 
 /// The statement that claims the next export.

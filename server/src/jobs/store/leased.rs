@@ -1,0 +1,239 @@
+//! What jobs and exports have in common as leased tasks: the renewal of the lease, the ends that leave no file, and
+//! what becomes of leases that ran out.
+//!
+//! Each write names the attempt, and changes nothing where another one holds the task. A task that goes back to its
+//! queue gets a number of its own for the next attempt wherever another process may take it, though the attempt does
+//! not count: a request that comes late finds no other attempt, and no two runs write the same file.
+
+use std::time::Duration;
+
+use super::db::{Durability, Row, Transaction, query};
+use super::submit::to_json;
+use super::{Store, StoreError, fault_pause, micros};
+use crate::exports::ExportRecord;
+use crate::failure::Failure;
+use crate::jobs::{JobProgress, Lease};
+
+/// A leased job or export.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LeasedTask {
+    kind: Kind,
+    seq: i64,
+    attempt: i64,
+}
+
+/// Which of the two tables a task is a row of.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kind {
+    Job,
+    Export,
+}
+
+impl From<Lease> for LeasedTask {
+    fn from(lease: Lease) -> Self {
+        Self { kind: Kind::Job, seq: lease.seq, attempt: lease.attempt }
+    }
+}
+
+impl From<&ExportRecord> for LeasedTask {
+    fn from(of: &ExportRecord) -> Self {
+        Self { kind: Kind::Export, seq: of.seq, attempt: of.attempt }
+    }
+}
+
+/// The statement `$text!` of a table: its name, whether another process has the task, whether a client has cancelled
+/// it, what stays of the progress when it fails, and what is returned.
+macro_rules! of_kind {
+    ($kind:expr, $text:ident) => {
+        match $kind {
+            Kind::Job => $text!(
+                "jobs",
+                "worker <> ''",
+                "cancel_requested",
+                "progress",
+                "id, owner, cancel_requested, study, point, replicate,
+                 (select studies.id from studies where studies.seq = jobs.study) as study_id"
+            ),
+            Kind::Export => {
+                $text!("exports", "false", "false", "null", "id, owner, false as cancel_requested")
+            }
+        }
+    };
+}
+
+macro_rules! renew {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "update ",
+            $table,
+            " set lease_expires_at = ?1, progress = coalesce(?2, progress),
+                 version = version + case when ?2 is null then 0 else 1 end,
+                 updated_at = case when ?2 is null then updated_at else ?3 end
+             where seq = ?4 and attempt = ?5 and state = 'running' returning ",
+            $columns
+        )
+    };
+}
+
+macro_rules! leave {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "update ",
+            $table,
+            " set state = ?1, version = version + 1, updated_at = ?2, lease_expires_at = null, error = ?3,
+                 finished_at = case when ?1 = 'queued' then null else ?2 end,
+                 started_at = case when ?1 = 'queued' then null else started_at end,
+                 progress = case when ?1 = 'queued' then null else ",
+            $progress,
+            " end,
+                 attempt = attempt + case when ?1 = 'queued' and (",
+            $elsewhere,
+            " or ?6) then 1 else 0 end,
+                 max_attempts = max_attempts + case when ?1 = 'queued' and (",
+            $elsewhere,
+            " or ?6) then 1 else 0 end
+             where seq = ?4 and attempt = ?5 and state = 'running' returning ",
+            $columns
+        )
+    };
+}
+
+macro_rules! count_fault {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "update ",
+            $table,
+            " set faults = faults + 1 where seq = ?1 and attempt = ?2 and state = 'running' returning faults"
+        )
+    };
+}
+
+macro_rules! pause {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!("update ", $table, " set not_before = ?1 where seq = ?2")
+    };
+}
+
+macro_rules! take_back {
+    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "update ",
+            $table,
+            " set state = case when ",
+            $cancelled,
+            " then 'cancelled' when attempt >= max_attempts then 'failed' else 'queued' end,
+                 error = case when attempt >= max_attempts and not ",
+            $cancelled,
+            " then ?3 else null end,
+                 finished_at = case when attempt >= max_attempts or ",
+            $cancelled,
+            " then ?1 else null end,
+                 started_at = case when attempt >= max_attempts or ",
+            $cancelled,
+            " then started_at else null end,
+                 attempt = case when attempt >= max_attempts or ",
+            $cancelled,
+            " then attempt else attempt + 1 end,
+                 progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
+             where state = 'running' and coalesce(lease_expires_at, 0) <= ?2 and not (?4 and ",
+            $elsewhere,
+            ") returning ",
+            $columns
+        )
+    };
+}
+
+impl LeasedTask {
+    async fn renew(
+        self,
+        store: &Store,
+        news: Option<&str>,
+        tx: &mut Transaction<'_>,
+    ) -> Result<bool, StoreError> {
+        let now = store.now_us();
+        let row = query(of_kind!(self.kind, renew))
+            .bind(now.saturating_add(micros(store.lease())))
+            .bind(news)
+            .bind(now)
+            .bind(self.seq)
+            .bind(self.attempt)
+            .fetch_optional(tx)
+            .await?;
+        Ok(row.ok_or(StoreError::LeaseLost)?.try_get("cancel_requested")?)
+    }
+
+    /// Ends the run without a file, in the state `to` and with the failure as JSON, where there is one. Returns the
+    /// owner, and of a job also its place in a study.
+    pub(super) async fn leave(
+        self,
+        store: &Store,
+        to: &str,
+        error: Option<&str>,
+        tx: &mut Transaction<'_>,
+    ) -> Result<Row, StoreError> {
+        query(of_kind!(self.kind, leave))
+            .bind(to)
+            .bind(store.now_us())
+            .bind(error)
+            .bind(self.seq)
+            .bind(self.attempt)
+            .bind(store.is_shared())
+            .fetch_optional(tx)
+            .await?
+            .ok_or(StoreError::LeaseLost)
+    }
+
+    /// Requeues the task after a fault of the machine. The next attempt starts after a pause that doubles with each
+    /// fault. Returns the pause and the owner.
+    pub(super) async fn requeue_after_fault(self, store: &Store) -> Result<(Duration, String), StoreError> {
+        let mut writer = store.writer().await?;
+        let mut tx = writer.begin().await?;
+        let counted = query(of_kind!(self.kind, count_fault)).bind(self.seq).bind(self.attempt);
+        let row = counted.fetch_optional(&mut tx).await?.ok_or(StoreError::LeaseLost)?;
+        let pause = fault_pause(row.try_get("faults")?);
+        let left = self.leave(store, "queued", None, &mut tx).await?;
+        query(of_kind!(self.kind, pause))
+            .bind(store.now_us().saturating_add(micros(pause)))
+            .bind(self.seq)
+            .execute(&mut tx)
+            .await?;
+        tx.commit().await?;
+        Ok((pause, left.try_get("owner")?))
+    }
+}
+
+/// Takes back the tasks whose lease ran out until then: each returns to its queue with the next attempt, or ends where
+/// it has none left, with `exhausted`. Those of other processes are left alone with `only_own`.
+pub(super) async fn take_back(
+    store: &Store,
+    kind: Kind,
+    exhausted: &Failure,
+    (leases_until, only_own): (i64, bool),
+    tx: &mut Transaction<'_>,
+) -> Result<Vec<Row>, StoreError> {
+    let taken_back = query(of_kind!(kind, take_back))
+        .bind(store.now_us())
+        .bind(leases_until)
+        .bind(to_json(exhausted)?)
+        .bind(only_own);
+    Ok(taken_back.fetch_all(tx).await?)
+}
+
+impl Store {
+    /// Renews a lease, with the progress where there is any; whether a client has cancelled the task.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`], or the database's.
+    pub(super) async fn renew_lease(
+        &self,
+        task: LeasedTask,
+        progress: Option<&JobProgress>,
+    ) -> Result<bool, StoreError> {
+        let news = progress.map(to_json).transpose()?;
+        // A lease does not outlive a power cut.
+        self.write(Durability::ProcessEnd, (task, news), |store, (task, news), tx| {
+            Box::pin(task.renew(store, news.as_deref(), tx))
+        })
+        .await
+    }
+}

@@ -1,0 +1,281 @@
+//! Packings of jobs, one of the two kinds of tasks. They come from the store of this process or from a server over
+//! HTTP; a packing holds a slot for each of its threads ([`slots`](super::slots)).
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use packstone_engine::export::tables::{EngineInfo, Head};
+use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Plan, Progress};
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+use super::control::{RunControl, Stop};
+use super::ending::{Cause, End, FailedRun, NotMade, Told};
+use super::here::Here;
+use super::slots::Slots;
+use super::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, Terms};
+use super::there::There;
+use crate::artifacts::{Artifacts, InFlight};
+use crate::checkpoints::Checkpoints;
+use crate::disk::Disk;
+use crate::exports::NewExport;
+use crate::failure::{Failure, FailureCode};
+use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
+use crate::metrics::Metrics;
+use crate::storage::{Bound, Storage, fits};
+use crate::studies::Facts;
+use crate::tasks;
+
+/// How long an idle process waits for a job before it looks whether it is to stop.
+pub(super) const CLAIM_WAIT: Duration = Duration::from_secs(30);
+/// Pauses before a result is written once more that a fault of the machine kept from the disk; it stays in memory.
+const WRITE_PAUSES: [Duration; 4] =
+    [Duration::from_secs(1), Duration::from_secs(2), Duration::from_secs(4), Duration::from_secs(8)];
+/// Time to copy a last checkpoint to where other servers find it.
+const SHARE_CHECKPOINT: Duration = Duration::from_secs(2);
+
+/// What the packings of a process need.
+#[derive(Clone, Debug)]
+pub(crate) struct Packings {
+    pub(crate) source: Source,
+    /// The slots of this process.
+    pub(crate) slots: Slots,
+    /// Where results are written.
+    pub(crate) artifacts: Artifacts,
+    /// Where checkpoints are kept while a job runs.
+    pub(crate) checkpoints: Checkpoints,
+    pub(crate) disk: Disk,
+    pub(crate) metrics: Arc<Metrics>,
+}
+
+/// Where jobs come from, and who is told of them.
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    /// The store of this process.
+    Here(Here),
+    /// A server.
+    There(There),
+}
+
+/// A job to run.
+#[derive(Clone, Debug)]
+pub(crate) struct Work {
+    pub(crate) lease: Lease,
+    /// The request as stored.
+    pub(crate) request: String,
+    pub(crate) timeout_s: Option<f64>,
+    /// Faults of the machine that earlier runs have met.
+    pub(crate) faults: i64,
+    /// What the run may use.
+    pub(crate) limits: Limits,
+    /// Bytes that the result may have, and what bounds them.
+    pub(crate) room: (u64, Bound),
+    /// An attempt before has left a checkpoint, which is not in this process.
+    pub(crate) has_checkpoint: bool,
+}
+
+/// What a run left on disk, and what is known of it.
+pub(crate) struct Stored {
+    pub(crate) artifact: ArtifactRecord,
+    pub(crate) facts: Facts,
+    pub(crate) grains: u64,
+    pub(crate) postprocess: Vec<NewExport>,
+    /// Stays claimed until the store refers to it.
+    _place: InFlight,
+}
+
+impl TaskKind for Packings {
+    type Work = Work;
+    type Made = Stored;
+
+    async fn claim(&self, shutdown: &CancellationToken) -> Claimed<Work> {
+        let claimed = match &self.source {
+            Source::Here(here) => here.claim(&self.slots, shutdown).await?,
+            Source::There(there) => there.claim(&self.slots, shutdown).await?,
+        };
+        Ok(claimed.map(|(work, slots)| (work, Some(slots))))
+    }
+
+    fn are_over(&self) -> bool {
+        match &self.source {
+            Source::Here(_) => false,
+            Source::There(there) => there.is_over(),
+        }
+    }
+
+    fn terms(&self, work: &Work) -> Terms {
+        let span = tracing::info_span!("job", job_id = %work.lease.id, attempt = work.lease.attempt);
+        Terms { span, timeout_s: work.timeout_s, faults: work.faults }
+    }
+
+    async fn prepare(&self, work: &Work) -> RunControl {
+        tracing::info!(threads = work.limits.threads, "started");
+        if let Source::There(there) = &self.source {
+            there.fetch_checkpoint(work, &self.checkpoints).await;
+        }
+        RunControl::with_checkpoints(self.checkpoints.writer(&work.lease.id.to_string(), work.lease.attempt))
+    }
+
+    fn run(&self, work: &Work, control: &RunControl, computing: Computing) -> Result<Self::Made, NotMade> {
+        let stored: serde_json::Value = serde_json::from_str(&work.request).map_err(|error| {
+            tracing::error!(%error, "the stored request is unreadable");
+            Failure::new(FailureCode::InternalError, "the stored request is unreadable")
+        })?;
+        let request = JobRequest::read(&stored, 0, None).map_err(Failure::invalid)?;
+        let (request, postprocess) = (request.packing(), request.postprocess);
+        let bytes = Plan::new(&request, &work.limits).map_or(0, |plan| Storage::bytes_of_result(plan.grains));
+        if let Err(no_room) = fits(bytes, work.room) {
+            tracing::warn!(%no_room, "the result would not fit; the job waits");
+            return Err(NotMade::Faulted(Cause::NoRoom(bytes)));
+        }
+        let id = work.lease.id.to_string();
+        self.checkpoints.prepare(&id, &|| control.should_stop());
+        let resume = self.checkpoints.resume(&id, &request);
+        if resume.is_some() {
+            control.resumed();
+        }
+        let packed = packstone_engine::pack_or_resume(&request, &work.limits, resume, control);
+        let packed = packed.map_err(|error| {
+            if let PackError::CheckFailed(what) = &error {
+                tracing::error!(%what, "a packing failed its check");
+            }
+            let facts = Facts::of_failure(&error, 0.0);
+            FailedRun { facts, failure: Box::new(error.into()) }
+        })?;
+        drop(computing);
+        let facts = Facts::of_packing(&packed.report);
+        let grains = packed.grains.len() as u64;
+        control.report(&Progress {
+            phase: Phase::Write,
+            fraction: 1.0,
+            done: 0,
+            total: grains,
+            unit: "grains",
+            message: "writing the result".into(),
+            growth: None,
+        });
+        let head = Head {
+            job_id: Some(id.clone()),
+            request: stored,
+            engine: EngineInfo::current(),
+            report: packed.report,
+        };
+        let place = self.artifacts.begin(&id, work.lease.attempt);
+        let artifact = self
+            .write(&place, &head, &packed.grains, control)
+            .ok_or(NotMade::Faulted(Cause::NotWritten(bytes)))?;
+        let postprocess =
+            postprocess.items().iter().map(|(_, item)| NewExport::new(item, &artifact.sha256)).collect();
+        Ok(Stored { artifact, facts, grains, postprocess, _place: place })
+    }
+
+    fn follow(&self, work: &Work) -> Following {
+        match &self.source {
+            Source::Here(here) => Following::Job(here.store.subscribe(work.lease.id)),
+            Source::There(there) => Following::JobThere(there.follow(work.lease)),
+        }
+    }
+
+    async fn is_cancelled(&self, work: &Work) -> Result<bool, LeaseError> {
+        match &self.source {
+            Source::Here(here) => {
+                let job = here.store.get(work.lease.id).await?;
+                Ok(job.is_some_and(|job| job.cancel_requested))
+            }
+            Source::There(there) => there.is_cancelled(work.lease),
+        }
+    }
+
+    async fn renew(&self, work: &Work, news: Option<JobProgress>) -> Result<bool, LeaseError> {
+        match &self.source {
+            Source::Here(here) => Ok(here.store.heartbeat(work.lease, news).await?.cancel_requested),
+            Source::There(there) => there.renew(work.lease, news),
+        }
+    }
+
+    fn renew_every(&self) -> Duration {
+        match &self.source {
+            Source::Here(here) => here.store.renew_every(),
+            // The process renews all its leases together.
+            Source::There(_) => Duration::from_secs(1),
+        }
+    }
+
+    /// Lets other servers go on from the last checkpoint of a run, within the time that a stop has.
+    async fn hand_on(&self, work: &Work) {
+        let (checkpoints, lease) = (self.checkpoints.clone(), work.lease);
+        let shared = tasks::blocking(move || checkpoints.share(&lease.id.to_string(), lease.attempt));
+        if timeout(SHARE_CHECKPOINT, shared).await.is_err() {
+            tracing::warn!("the last checkpoint was not shared in time");
+        }
+    }
+
+    async fn end(&self, work: &Work, told: Told<'_, Self::Made>) -> Result<(), LeaseError> {
+        match &self.source {
+            Source::Here(here) => here.end(work.lease, told).await,
+            Source::There(there) => there.end(work.lease, told).await,
+        }
+    }
+
+    async fn ended(&self, work: &Work, ended: Ended<'_, Self::Made>) {
+        self.metrics.job_ended(ended.outcome, ended.took);
+        match ended.end {
+            End::Made(stored) if !ended.is_recorded => {
+                self.artifacts.discard(vec![stored.artifact.path.clone()]).await;
+            }
+            End::Stopped(Stop::Shutdown) | End::Faulted(_) => {}
+            _ if ended.is_recorded => self.remove_checkpoints(work.lease).await,
+            _ => {}
+        }
+    }
+}
+
+impl Packings {
+    /// Writes a result; `None` where the run was stopped, or a fault of the machine does not pass within 15 s.
+    fn write(
+        &self,
+        place: &InFlight,
+        head: &Head,
+        grains: &Grains,
+        control: &RunControl,
+    ) -> Option<ArtifactRecord> {
+        let mut pauses = WRITE_PAUSES.iter();
+        loop {
+            let error = match self.artifacts.write(place, head, grains, control) {
+                Ok(artifact) => return Some(artifact),
+                Err(error) => error,
+            };
+            self.disk.note_failure(&error);
+            let pause = pauses.next().filter(|_| control.stopped().is_none())?;
+            tracing::warn!(%error, pause_s = pause.as_secs(), "the result was not written; trying again");
+            let until = std::time::Instant::now() + *pause;
+            while std::time::Instant::now() < until && control.stopped().is_none() {
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        }
+    }
+
+    /// Removes what an ended job has no more use for. Not before its end is recorded: until then the end
+    /// may be lost, and the checkpoint is what is left of the work.
+    async fn remove_checkpoints(&self, lease: Lease) {
+        let checkpoints = self.checkpoints.clone();
+        let removed = tasks::blocking(move || checkpoints.remove(&lease.id.to_string(), lease.attempt));
+        if let Err(error) = removed.await {
+            tracing::warn!(%error, "checkpoints are left to the sweeper");
+        }
+    }
+}
+
+/// Progress of a job that succeeded: a run can end between two reports.
+pub(crate) fn complete(grains: u64) -> JobProgress {
+    JobProgress {
+        fraction: 1.0,
+        phase: Phase::Write,
+        done: grains,
+        total: grains,
+        unit: "grains".into(),
+        message: String::new(),
+        eta_s: Some(0.0),
+        growth: None,
+    }
+}

@@ -1,0 +1,174 @@
+//! A kind of tasks, as the [`executor`](super::executor) knows it: packings of jobs ([`packing`](super::packing)) and
+//! exports ([`exports::making`](crate::exports::making)).
+
+use std::time::Duration;
+
+use tokio::sync::{oneshot, watch};
+use tokio_util::sync::CancellationToken;
+
+use super::control::RunControl;
+use super::ending::{End, NotMade, Told};
+use super::slots::Held;
+use crate::ids::ExportId;
+use crate::jobs::notifications::Subscription;
+use crate::jobs::store::StoreError;
+use crate::jobs::{JobId, JobProgress};
+
+/// A leased task, if there is one, with its slots.
+pub(crate) type Claimed<W> = Result<Option<(W, Option<Held>)>, LeaseError>;
+
+/// Where the tasks of a kind come from, how one is run, and who is told of it.
+pub(crate) trait TaskKind: Clone + Send + Sync + 'static {
+    /// A leased task.
+    type Work: Send + Sync + 'static;
+    /// What a run leaves on disk.
+    type Made: Send + Sync + 'static;
+
+    /// Leases the next task, with the slots that it holds where the kind has any. `None` where none came for a while,
+    /// or the process is to stop.
+    ///
+    /// # Errors
+    /// Those of the source.
+    fn claim(&self, shutdown: &CancellationToken) -> impl Future<Output = Claimed<Self::Work>> + Send;
+
+    /// Whether there are no more tasks for this process.
+    fn are_over(&self) -> bool {
+        false
+    }
+
+    /// What the executor knows of a task.
+    fn terms(&self, work: &Self::Work) -> Terms;
+
+    /// Fetches what earlier attempts have left; the control of the run.
+    fn prepare(&self, work: &Self::Work) -> impl Future<Output = RunControl> + Send;
+
+    /// The run itself, on a thread that may block. It drops `computing` as soon as the next task may begin.
+    ///
+    /// # Errors
+    /// Why nothing was made. Where the run was to stop, the reason to stop counts instead.
+    fn run(
+        &self,
+        work: &Self::Work,
+        control: &RunControl,
+        computing: Computing,
+    ) -> Result<Self::Made, NotMade>;
+
+    /// Starts to listen for requests to cancel, and for the loss of the lease.
+    fn follow(&self, work: &Self::Work) -> Following;
+
+    /// Whether a client has cancelled the task.
+    ///
+    /// # Errors
+    /// [`LeaseError::Lost`], or those of the source.
+    fn is_cancelled(&self, work: &Self::Work) -> impl Future<Output = Result<bool, LeaseError>> + Send;
+
+    /// Renews the lease, with the progress where there is any; whether a client has cancelled the task.
+    ///
+    /// # Errors
+    /// [`LeaseError::Lost`], or those of the source.
+    fn renew(
+        &self,
+        work: &Self::Work,
+        news: Option<JobProgress>,
+    ) -> impl Future<Output = Result<bool, LeaseError>> + Send;
+
+    /// Time between two renewals, at most.
+    fn renew_every(&self) -> Duration;
+
+    /// Leaves to the next attempt what the process has of a task that it gives back.
+    fn hand_on(&self, _work: &Self::Work) -> impl Future<Output = ()> + Send {
+        std::future::ready(())
+    }
+
+    /// Tells how a run ended.
+    ///
+    /// # Errors
+    /// [`LeaseError::Lost`], or those of the source.
+    fn end(
+        &self,
+        work: &Self::Work,
+        told: Told<'_, Self::Made>,
+    ) -> impl Future<Output = Result<(), LeaseError>> + Send;
+
+    /// Counts the run, and removes what nobody has a use for once its end was told.
+    fn ended(&self, work: &Self::Work, ended: Ended<'_, Self::Made>) -> impl Future<Output = ()> + Send;
+}
+
+/// What the executor knows of a task.
+pub(crate) struct Terms {
+    pub(crate) span: tracing::Span,
+    /// Time that the run may take.
+    pub(crate) timeout_s: Option<f64>,
+    /// Faults of the machine that earlier runs have met.
+    pub(crate) faults: i64,
+}
+
+/// Held while a run computes, and dropped when its file is left to be written or recorded.
+pub(crate) struct Computing {
+    // Go before the signal, so that who follows it finds the slots free.
+    pub(super) _slots: Option<Held>,
+    // Nothing is ever sent: it goes when the run has computed, however it ends.
+    pub(super) _done: oneshot::Sender<()>,
+}
+
+/// A run whose end was told.
+pub(crate) struct Ended<'a, M> {
+    pub(crate) end: &'a End<M>,
+    /// The end is recorded: the lease was not lost.
+    pub(crate) is_recorded: bool,
+    /// Its name in the log and the metrics.
+    pub(crate) outcome: &'static str,
+    pub(crate) took: Duration,
+}
+
+/// Why a lease was not renewed or ended.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum LeaseError {
+    /// Another attempt holds the task, or none does.
+    #[error("the lease was lost")]
+    Lost,
+    /// A fault of the machine or the network, which passes.
+    #[error("{0}")]
+    Passing(String),
+    /// A defect, or a refusal.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl From<StoreError> for LeaseError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::LeaseLost => Self::Lost,
+            other if other.fault().is_some() => Self::Passing(other.to_string()),
+            other => Self::Failed(other.to_string()),
+        }
+    }
+}
+
+/// Tells of requests to cancel a task, and of its loss.
+pub(crate) enum Following {
+    /// A job of the store of this process.
+    Job(Subscription<JobId>),
+    /// A job of a server.
+    JobThere(watch::Receiver<super::there::State>),
+    /// An export, and its job, with which it goes.
+    Export(Subscription<ExportId>, Subscription<JobId>),
+}
+
+impl Following {
+    /// Waits for a change since the last call, or since the start.
+    pub(super) async fn changed(&mut self) {
+        match self {
+            Self::Job(changes) => changes.changed().await,
+            Self::JobThere(changes) => {
+                if changes.changed().await.is_err() {
+                    std::future::pending::<()>().await;
+                }
+            }
+            Self::Export(export, job) => tokio::select! {
+                () = export.changed() => {}
+                () = job.changed() => {}
+            },
+        }
+    }
+}
