@@ -200,10 +200,10 @@ impl ExportRequest {
     ///
     /// # Errors
     /// [`ExportError::Invalid`], [`ExportError::Unavailable`] or [`ExportError::TooLarge`].
-    pub fn check(&self, specimen: &Specimen, grains: GrainKind, limits: &Limits) -> Result<(), ExportError> {
+    pub fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
         let limits = &of_exports(limits);
         match self {
-            Self::Mesh(mesh) => mesh.check(specimen, grains),
+            Self::Mesh(mesh) => mesh.check(specimen),
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),

@@ -183,20 +183,3 @@ fn meshes_beyond_their_limit_are_refused_with_advice() {
     let early = export.estimate_from_plan(&request, &Plan::new(&request, &limits).unwrap()).unwrap();
     assert!(early.warnings.iter().any(|warning| warning.contains("its limit of 1 MB")), "{early:?}");
 }
-
-#[test]
-fn what_is_made_of_spheres_alone_is_refused_by_the_name_of_the_grains() {
-    let specimen = Specimen::Box { size_mm: [20.0; 3], boundary: crate::request::Boundary::Walls };
-    let about = "the format geo of a surface mesh is for spheres alone, not for ";
-    let request = ExportRequest::from_text(ExportType::Mesh, [("format", "geo")]).unwrap();
-    for kind in [GrainKind::Ellipsoids, GrainKind::Polyhedra] {
-        let refused = request.check(&specimen, kind, &Limits::default()).unwrap_err().to_string();
-        assert!(refused.starts_with(&format!("{about}{}:", kind.noun())), "{refused}");
-    }
-    request.check(&specimen, GrainKind::Spheres, &Limits::default()).unwrap();
-    // Of grains that are there, as of those that are only planned.
-    let grains = crate::export::polyhedra_samples::packed(&specimen, 3, [5.0, 4.0], 0.1, 0.05);
-    let model = Model::new(&specimen, &grains);
-    let refused = request.write(&model, &Limits::default(), &crate::Unattended, &mut Vec::new()).unwrap_err();
-    assert!(refused.to_string().contains("polyhedra:"), "{refused}");
-}

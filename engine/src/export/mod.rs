@@ -44,7 +44,7 @@ pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 6;
+pub const REVISION: u32 = 7;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]

@@ -134,6 +134,14 @@ impl Ellipsoid {
         4.0 * PI * a * a * rg(ab, ac, bc)
     }
 
+    /// Mean of the width over all directions in mm: `2 R_G(a², b², c²)`.
+    #[must_use]
+    pub fn mean_width_mm(&self) -> f64 {
+        let [a, b, c] = self.semi_axes_mm.into();
+        let (p, q) = (b / a, c / a);
+        2.0 * a * rg(1.0, p * p, q * q)
+    }
+
     /// Sphericity of Wadell: surface of the sphere of equal volume over that of the grain (H. Wadell, J. Geol. 40,
     /// 443-451, 1932, DOI 10.1086/623964).
     #[must_use]

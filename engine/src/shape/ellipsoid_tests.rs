@@ -57,6 +57,24 @@ fn surface_by_integration() {
 }
 
 #[test]
+fn mean_width_by_integration() {
+    for shape in random_ellipsoids(20) {
+        let pose = Pose::at(Vector3::zeros());
+        let (steps, mut sum) = (200, 0.0);
+        for i in 0..steps {
+            let z = (f64::from(i) + 0.5) / f64::from(steps);
+            for j in 0..steps {
+                let p = (f64::from(j) + 0.5) / f64::from(steps) * PI / 2.0;
+                let across = (1.0 - z * z).sqrt();
+                let u = Vector3::new(across * p.cos(), across * p.sin(), z);
+                sum += 2.0 * shape.support_mm(&pose, &u);
+            }
+        }
+        close(shape.mean_width_mm(), sum / f64::from(steps * steps), 1e-4);
+    }
+}
+
+#[test]
 fn a_sphere_has_the_closed_forms_of_a_sphere() {
     for d in [1e-6, 0.1, 2.3, 7.7, 16.0, 31.5, 1e6] {
         for shape in [
@@ -67,6 +85,7 @@ fn a_sphere_has_the_closed_forms_of_a_sphere() {
             assert_eq!(shape.semi_axes_mm(), Vector3::repeat(d / 2.0));
             assert_eq!(shape.equivalent_diameter_mm(), d);
             assert_eq!(shape.sieve_size_mm(), d);
+            close(shape.mean_width_mm(), d, 1e-15);
             close(shape.volume_mm3(), PI / 6.0 * d * d * d, 1e-15);
             close(shape.sphericity(), 1.0, 1e-15);
             let moment = shape.volume_mm3() * d * d / 10.0;

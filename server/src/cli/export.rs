@@ -9,7 +9,6 @@ use clap::Args;
 use packstone_engine::export::tables::stored::{Layout, MAGIC_BYTES, is_stored};
 use packstone_engine::export::tables::{self, Column, EngineInfo, Table, TemplateRecord};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::Specimen;
 use packstone_engine::{Grains, Limits};
 use serde::Deserialize;
@@ -50,7 +49,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let limits = Limits { max_model_bytes: default_memory_bytes(1), export_threads, ..Limits::default() };
     let outputs = Output::all(options.exports.iter().cloned(), &options.out);
     for output in &outputs {
-        output.check(&specimen, GrainsRef::from(&grains).kind(), &limits)?;
+        output.check(&specimen, &limits)?;
     }
     let picture = options.picture.then(|| options.out.join(PICTURE));
     let files: Vec<PathBuf> = outputs.iter().flat_map(Output::files).chain(picture.clone()).collect();

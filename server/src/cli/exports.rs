@@ -9,7 +9,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use packstone_engine::export::picture::{self, PictureOptions};
 use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, ExportType, Model};
-use packstone_engine::request::GrainKind;
 use packstone_engine::request::Specimen;
 use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
 
@@ -76,25 +75,15 @@ impl Output {
     }
 
     /// Judges what can be judged before there are grains.
-    pub(super) fn check(
-        &self,
-        specimen: &Specimen,
-        grains: GrainKind,
-        limits: &Limits,
-    ) -> Result<(), Failure> {
-        check(&self.export, specimen, grains, limits)
+    pub(super) fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
+        check(&self.export, specimen, limits)
     }
 }
 
 /// Judges what can be judged of an export before there are grains.
-pub(super) fn check(
-    export: &ExportRequest,
-    specimen: &Specimen,
-    grains: GrainKind,
-    limits: &Limits,
-) -> Result<(), Failure> {
+pub(super) fn check(export: &ExportRequest, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
     let name = export.export_type().name();
-    export.check(specimen, grains, limits).map_err(|error| {
+    export.check(specimen, limits).map_err(|error| {
         Exit::of_export(&error).because(format_args!("{name} is refused:\n  {}", explained(error)))
     })
 }

@@ -36,7 +36,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     run::warn(&plan.warnings);
     let named: Vec<&ExportRequest> = job.exports().chain(&options.exports).collect();
     for export in &named {
-        exports::check(export, &job.specimen, job.mix.grain_kind(), &limits)?;
+        exports::check(export, &job.specimen, &limits)?;
     }
     let planned = planned(named, &packing, &plan);
     for PlannedExport { export, estimate } in &planned {

@@ -178,11 +178,8 @@ impl JobRequest {
     /// # Errors
     /// What is wrong with the first that cannot be made, at its place.
     pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Failure> {
-        let grains = self.mix.grain_kind();
         for (place, export) in self.postprocess.items() {
-            export
-                .check(&self.specimen, grains, limits)
-                .map_err(|error| Failure::from(error).below(&place))?;
+            export.check(&self.specimen, limits).map_err(|error| Failure::from(error).below(&place))?;
         }
         Ok(())
     }

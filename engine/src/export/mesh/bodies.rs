@@ -143,7 +143,7 @@ impl<'a> Bodies<'a> {
     }
 
     /// An ellipsoid and its body.
-    fn ellipsoid(&self, row: usize) -> Option<(&Ellipsoid, &Pose, &Body)> {
+    pub(super) fn ellipsoid(&self, row: usize) -> Option<(&Ellipsoid, &Pose, &Body)> {
         match self {
             Self::Spheres(_) => None,
             Self::Solids { grains, bodies, .. } => {

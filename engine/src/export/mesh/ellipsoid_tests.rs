@@ -262,16 +262,6 @@ fn equal_semi_axes_make_the_mesh_of_a_sphere() {
     }
 }
 
-#[test]
-fn scripts_of_ellipsoids_are_refused_by_name() {
-    let grains = crowded();
-    let model = Model::new(&CUBE, &grains);
-    let request = MeshRequest::Geo(geo::GeoOptions::default());
-    let refused = request.write(&model, &Limits::default(), &Unattended, &mut std::io::sink()).unwrap_err();
-    assert!(refused.to_string().contains("geo") && refused.to_string().contains("ask for msh"), "{refused}");
-    assert!(matches!(request.estimate(&model), Err(ExportError::Unavailable(_))));
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
@@ -299,4 +289,52 @@ proptest! {
         assert_sound(&specimen, &grains, &mesh, &report);
         prop_assert!(!scaled || report.aggregate_volume_error.abs() < 1e-3, "{:?}", report);
     }
+}
+
+/// The maps of a script, by rows.
+fn maps(script: &str) -> Vec<[f64; 12]> {
+    let numbers = |line: &str| {
+        let inner = line.strip_prefix("Affine {")?.split('}').next()?;
+        let found: Vec<f64> = inner.split(", ").map(|x| x.parse().unwrap()).collect();
+        Some(found.try_into().unwrap())
+    };
+    script.lines().filter_map(numbers).collect()
+}
+
+#[test]
+fn the_script_of_solids_enlarges_ellipsoids_as_far_as_gaps_allow() {
+    let grains = crowded();
+    let model = Model::new(&CUBE, &grains);
+    let write = |volume_correction| {
+        let options = geo::GeoOptions { volume_correction, ..geo::GeoOptions::default() };
+        let mut script = Vec::new();
+        let report = geo::write(&model, &options, &Limits::default(), &Unattended, &mut script).unwrap();
+        (String::from_utf8(script).unwrap(), report)
+    };
+    let (script, report) = write(VolumeCorrection::None);
+    assert_eq!(report.grains_short_of_volume, 0);
+    assert!((-0.07..-0.03).contains(&report.expected_volume_error), "{report:?}");
+    let determinant = |map: &[f64; 12]| nalgebra::Matrix3::from_fn(|i, k| map[4 * i + k]).determinant();
+    let exact = maps(&script);
+    assert_eq!(exact.len(), grains.len());
+    for (map, (shape, pose)) in exact.iter().zip(grains.iter()) {
+        assert!((determinant(map) * 4.0 / 3.0 * PI / shape.volume_mm3() - 1.0).abs() < 1e-12);
+        assert_eq!([map[3], map[7], map[11]], <[f64; 3]>::from(pose.center_mm));
+    }
+    let (script, report) = write(VolumeCorrection::Scaled);
+    let factors: Vec<f64> =
+        maps(&script).iter().zip(&exact).map(|(p, q)| (determinant(p) / determinant(q)).cbrt()).collect();
+    assert!(factors.iter().all(|factor| (1.0..1.03).contains(factor)), "{factors:?}");
+    // Three of them lie close to another or to the floor.
+    assert_eq!(report.grains_short_of_volume, 3);
+    assert!((-0.05..-0.01).contains(&report.expected_volume_error), "{report:?}");
+    let enlarged = |row: usize| {
+        let shape = grains.shapes[row].ellipsoid().unwrap();
+        let axes: [f64; 3] = (shape.semi_axes_mm() * factors[row]).into();
+        Body::new(&Ellipsoid::new(axes).unwrap(), &grains.poses[row])
+    };
+    let gap = enlarged(0).with(&enlarged(1)).gap().gap_mm;
+    assert!((0.024..0.026).contains(&gap), "{gap}");
+    let least = grains.poses[3].center_mm.z - enlarged(3).support_mm([0.0, 0.0, 1.0]);
+    assert!((0.014..0.016).contains(&least), "{least}");
 }

@@ -22,7 +22,7 @@ use super::surface::{Shape, Surface, cross, dot};
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
-const GAP_SHARE: f64 = 0.5;
+pub(super) const GAP_SHARE: f64 = 0.5;
 /// How far a correction looks for obstacles, in multiples of how far the size field does.
 const ROOM_REACH: f64 = 3.0;
 /// Steps of edges over diameters that share their facets, for each factor of e.
@@ -111,7 +111,8 @@ impl<'a> Grains<'a> {
     pub(super) fn surface(&mut self, row: usize, most_triangles: usize) -> Option<(Surface, bool)> {
         let model = self.model;
         if let Some(polyhedron) = model.bodies.polyhedron(row) {
-            return self.polyhedron(row, &polyhedron, most_triangles);
+            let (angular, placed) = self.placed(row, &polyhedron);
+            return angular.surface(&placed, most_triangles);
         }
         let (diameter, image) = (self.model.bodies.diameter(row), self.model.bodies.image(row));
         let fineness = self.fineness(row);
@@ -160,13 +161,12 @@ impl<'a> Grains<'a> {
 }
 
 impl<'a> Grains<'a> {
-    /// The same for a polyhedron.
-    fn polyhedron(
-        &mut self,
+    /// A polyhedron with faces that are not too narrow to be meshed, how it is to be meshed, and what is around it.
+    pub(super) fn placed<'s>(
+        &'s mut self,
         row: usize,
-        grain: &PlacedPolyhedron<'_>,
-        most_triangles: usize,
-    ) -> Option<(Surface, bool)> {
+        grain: &PlacedPolyhedron<'s>,
+    ) -> (Angular<'a>, Placed<'s>) {
         let angular = self.angular(row, grain);
         let (template, d) = (grain.template, grain.shape.scale_mm);
         // Facets are those of all grains of a template with about the same edges over their diameters.
@@ -180,7 +180,7 @@ impl<'a> Grains<'a> {
             Some(facets) => Placed::facets(grain, facets),
             None => Placed::core(grain),
         };
-        angular.surface(&placed, most_triangles)
+        (angular, placed)
     }
 
     /// How the surface of a polyhedron is to be meshed, and what is around it.

@@ -38,7 +38,7 @@ use crate::export::{ExportError, Model, go_on};
 use crate::memory::{self, make_room, reserved};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
-use crate::request::{Distance, FieldError, GrainKind, PackingRequest, Specimen};
+use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 use bodies::MeshModel;
 pub use estimate::MeshEstimate;
 use grain::Grains;
@@ -58,7 +58,7 @@ const GRAINS_PER_LOOK: usize = 64;
 pub enum MeshRequest {
     /// Surfaces as a Gmsh file (MSH 4.1), to be filled with tetrahedra.
     Msh(SurfaceOptions),
-    /// Spheres and specimen as a Gmsh script for the `OpenCASCADE` kernel.
+    /// Grains and specimen as a Gmsh script for the `OpenCASCADE` kernel.
     Geo(geo::GeoOptions),
     /// Surfaces as STL, a file for each phase in a zip.
     Stl(SurfaceOptions),
@@ -120,11 +120,8 @@ impl MeshRequest {
     /// Judges what can be judged before there are grains.
     ///
     /// # Errors
-    /// [`ExportError::Unavailable`] for a periodic box, and for the script of grains that are not spheres.
-    pub fn check(&self, specimen: &Specimen, grains: GrainKind) -> Result<(), ExportError> {
-        if matches!(self, Self::Geo(_)) && grains != GrainKind::Spheres {
-            return Err(geo::of_spheres_alone(grains));
-        }
+    /// [`ExportError::Unavailable`] for a periodic box.
+    pub fn check(&self, specimen: &Specimen) -> Result<(), ExportError> {
         check(specimen)
     }
 
@@ -132,7 +129,7 @@ impl MeshRequest {
     pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
         check(model.specimen)?;
         match self {
-            Self::Geo(_) => Ok((geo::expected_bytes(geo::spheres(model)?.len() as f64), None)),
+            Self::Geo(_) => Ok((geo::bytes_of_model(model), None)),
             Self::Msh(options) | Self::Stl(options) => {
                 let model = &MeshModel::new(model)?;
                 let estimate = self.in_format(estimate::of_model(model, options, &Unattended)?);
@@ -149,7 +146,7 @@ impl MeshRequest {
     ) -> Result<(u64, Option<MeshEstimate>, Vec<String>), ExportError> {
         check(&request.specimen)?;
         let (Self::Msh(options) | Self::Stl(options)) = self else {
-            return Ok((geo::expected_bytes(plan.grains), None, Vec::new()));
+            return Ok((geo::bytes_of_plan(request.mix.grain_kind(), plan.grains), None, Vec::new()));
         };
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         let estimate = self.in_format(estimate::of_plan(&request.specimen, &rule, &plan.classes, options));

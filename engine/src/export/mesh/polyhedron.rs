@@ -90,6 +90,15 @@ impl<'a> Placed<'a> {
             is_exact: false,
         }
     }
+
+    pub(super) fn volume_mm3(&self) -> f64 {
+        let at = |v: u32| self.vertices[v as usize];
+        let fan = |corners: &Vec<u32>| {
+            let start = at(corners[0]);
+            corners.windows(2).map(|pair| dot(start, cross(at(pair[0]), at(pair[1])))).sum::<f64>() / 6.0
+        };
+        self.faces.iter().map(fan).sum()
+    }
 }
 
 impl Obstacle {
@@ -142,7 +151,8 @@ impl Angular<'_> {
                 surface.flip(&patches);
             }
         }
-        let full = placed.is_exact || self.enlarge(&mut surface, placed);
+        let (factor, full) = self.factor(surface.volume_mm3(), placed);
+        surface.points.iter_mut().for_each(|p| *p = scaled(*p, factor));
         Some((surface, full))
     }
 
@@ -151,20 +161,20 @@ impl Angular<'_> {
         self.obstacles.iter().map(|obstacle| obstacle.room(p)).fold(self.most_mm, f64::min).max(0.0)
     }
 
-    /// Scales a surface about its centre: into the grain, or to the volume asked for as far as there is room.
-    fn enlarge(&self, surface: &mut Surface, placed: &Placed<'_>) -> bool {
+    /// By what a polyhedron of that volume is scaled about its centre, into the grain or to the volume asked for as far
+    /// as there is room, and whether it has that volume then.
+    pub(super) fn factor(&self, volume_mm3: f64, placed: &Placed<'_>) -> (f64, bool) {
         let inscribed = placed.inscribed;
-        let mut factor = inscribed;
-        let mut full = true;
-        if let Some(target) = self.target_mm3 {
-            let room = |vertex: &Vector| self.room(scaled(*vertex, inscribed)) / norm(*vertex);
-            let most = inscribed + placed.vertices.iter().map(room).fold(f64::INFINITY, f64::min);
-            let wanted = (target / surface.volume_mm3()).cbrt();
-            full = wanted <= most;
-            factor = wanted.min(most);
+        match self.target_mm3 {
+            _ if placed.is_exact => (1.0, true),
+            None => (inscribed, true),
+            Some(target) => {
+                let room = |vertex: &Vector| self.room(scaled(*vertex, inscribed)) / norm(*vertex);
+                let most = inscribed + placed.vertices.iter().map(room).fold(f64::INFINITY, f64::min);
+                let wanted = (target / volume_mm3).cbrt();
+                (wanted.min(most), wanted <= most)
+            }
         }
-        surface.points.iter_mut().for_each(|p| *p = scaled(*p, factor));
-        full
     }
 }
 

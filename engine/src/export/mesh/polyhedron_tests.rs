@@ -213,14 +213,30 @@ fn estimates_of_polyhedra_are_what_the_mesh_has() {
 }
 
 #[test]
-fn the_script_of_solids_is_refused_by_name() {
-    let grains = packed(&CUBE, 1, [5.0, 5.0], 0.1, 0.0);
-    let request = MeshRequest::Geo(geo::GeoOptions::default());
-    let refusals = [
-        request.check(&CUBE, GrainKind::Polyhedra).unwrap_err(),
-        request.estimate(&Model::new(&CUBE, &grains)).unwrap_err(),
-    ];
-    for refusal in refusals {
-        assert!(refusal.to_string().contains("not for polyhedra"), "{refusal}");
+fn the_script_of_solids_has_the_bodies_of_the_mesh() {
+    for rounding in [0.0, 0.05] {
+        let grains = packed(&CUBE, 12, [5.0, 2.5], 0.3, rounding);
+        let model = Model::new(&CUBE, &grains);
+        for volume_correction in [VolumeCorrection::Scaled, VolumeCorrection::None] {
+            let options = geo::GeoOptions { volume_correction, ..geo::GeoOptions::default() };
+            let mut script = Vec::new();
+            let of_geo = geo::write(&model, &options, &Limits::default(), &Unattended, &mut script).unwrap();
+            let options =
+                SurfaceOptions { size_field: false, volume_correction, ..SurfaceOptions::default() };
+            let (mesh, report) = mesh(&CUBE, &grains, &options);
+            assert!((of_geo.expected_volume_error - report.aggregate_volume_error).abs() < 1e-12);
+            assert_eq!(of_geo.grains_short_of_volume, report.grains_short_of_volume);
+            let script = String::from_utf8(script).unwrap();
+            let points = script.lines().filter_map(|line| line.strip_prefix("Point(")?.split_once('{'));
+            let mut found = 0;
+            for (_, coordinates) in points {
+                let x: Vec<f64> =
+                    coordinates.trim_end_matches("};").split(", ").map(|x| x.parse().unwrap()).collect();
+                let nearest = mesh.grain_points().iter().map(|p| surface::distance2(*p, [x[0], x[1], x[2]]));
+                assert!(nearest.fold(f64::INFINITY, f64::min).sqrt() < 1e-12);
+                found += 1;
+            }
+            assert!(found > 8 * grains.len());
+        }
     }
 }

@@ -111,7 +111,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     warn(&plan.warnings);
     let files = Files::of(options, &request);
     for output in &files.exports {
-        output.check(&request.specimen, request.mix.grain_kind(), &limits)?;
+        output.check(&request.specimen, &limits)?;
     }
     for (kind, file) in &files.plots {
         job::check(*kind, &packing_request).map_err(|error| not_drawn(file, error))?;

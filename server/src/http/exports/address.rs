@@ -146,7 +146,7 @@ impl Target {
             Problem::internal()
         })?;
         self.export
-            .check(&packed.specimen, packed.mix.grain_kind(), &app.shared.limits)
+            .check(&packed.specimen, &app.shared.limits)
             .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
         let (export, limits) = (self.export.clone(), app.shared.limits);
         let estimated = tasks::blocking(move || estimates::of_stored(&export, &request, &limits));

@@ -1,0 +1,197 @@
+//! A Gmsh script: the specimen and its grains as solids of the `OpenCASCADE` kernel, meshed by Gmsh.
+//!
+//! Ellipsoids are dilated and turned spheres (`dilated`); polyhedra are those that are meshed as `msh` (`polyhedron`,
+//! `rounded`), by their corners, edges and faces. The matrix is bounded by the surfaces of the specimen and of the
+//! grains as they are, so that no Boolean operation, whose cost grows with the square of the number of grains, has to
+//! be computed. Spheres and ellipsoids are a little larger than their grains, so that Gmsh's triangles, whose corners
+//! lie on them, enclose the volume of the grains.
+
+mod dilated;
+mod script;
+
+use std::f64::consts::PI;
+use std::io::{self, Write};
+
+use serde::{Deserialize, Serialize};
+
+use super::bodies::MeshModel;
+use super::options::{SurfaceOptions, VolumeCorrection};
+use crate::control::Control;
+use crate::export::groups::AggregateGroups;
+use crate::export::{ExportError, Model, go_on};
+use crate::packing::GrainsRef;
+use crate::plan::Limits;
+use crate::request::decode::Object;
+use crate::request::{GrainKind, Specimen};
+use crate::shape::{Pose, SolidRef};
+use script::Script;
+
+/// Length of a script without grains.
+const BYTES_OF_FRAME: f64 = 1000.0;
+/// What a sphere adds to a script.
+const BYTES_OF_SPHERE: f64 = 130.0;
+/// What an ellipsoid adds.
+const BYTES_OF_ELLIPSOID: f64 = 340.0;
+/// What a face of a template adds, with its share of edges and corners: 280 of sharp grains, 650 of rounded ones, which
+/// have more facets.
+const BYTES_OF_FACE: f64 = 430.0;
+/// Faces of a polyhedron that is not drawn yet, about.
+const FACES: f64 = 24.0;
+
+/// Options of the script.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct GeoOptions {
+    /// Segments of a grain's circumference. Spheres and ellipsoids get the next even number of them, or more where the
+    /// longest edge asks for it; polyhedra have edges of that length.
+    #[cfg_attr(feature = "openapi", schema(default = 16, required = false, minimum = 6, maximum = 256))]
+    pub segments: u32,
+    /// Whether grains are enlarged so that Gmsh's triangles, which cut spheres and ellipsoids short, have their volume,
+    /// and the polyhedra in place of rounded grains too.
+    #[cfg_attr(feature = "openapi", schema(default = "scaled", required = false))]
+    pub volume_correction: VolumeCorrection,
+}
+
+impl Default for GeoOptions {
+    fn default() -> Self {
+        Self { segments: 16, volume_correction: VolumeCorrection::default() }
+    }
+}
+
+impl GeoOptions {
+    /// Reads the options out of a request; faults go where the object's go.
+    pub fn read(object: &mut Object<'_>) -> Option<Self> {
+        let (least, most) = super::options::SEGMENTS;
+        let segments = match object.optional("segments") {
+            Some(at) => at.integer(least.into(), most.into()).map(|n| n as u32),
+            None => Some(Self::default().segments),
+        };
+        let volume_correction = VolumeCorrection::read(object);
+        Some(Self { segments: segments?, volume_correction: volume_correction? })
+    }
+}
+
+/// The figures of a script.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct GeoReport {
+    /// Grains.
+    pub grains: u64,
+    /// Longest edges that Gmsh is told to make.
+    pub longest_edge_mm: f64,
+    /// Volume that Gmsh's polyhedra are expected to have over that of the grains, minus one.
+    #[serde(default)]
+    pub expected_volume_error: f64,
+    /// Grains whose gaps left no room for their volume, where that was asked for.
+    #[serde(default)]
+    pub grains_short_of_volume: u64,
+}
+
+/// Judges what can be judged before there are grains.
+///
+/// # Errors
+/// [`ExportError::Unavailable`] for a periodic box.
+pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), ExportError> {
+    super::check(specimen)
+}
+
+/// Writes the script.
+///
+/// # Errors
+/// See [`ExportError`].
+pub fn write(
+    of: &Model<'_>,
+    options: &GeoOptions,
+    _: &Limits,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<GeoReport, ExportError> {
+    super::check(of.specimen)?;
+    let model = &MeshModel::new(of)?;
+    let grains = model.bodies.len();
+    let edge_mm = PI * super::surface_mean_mm(model) / f64::from(options.segments);
+    let surfaces = SurfaceOptions {
+        size_field: false,
+        volume_correction: options.volume_correction,
+        ..SurfaceOptions::default().with_segments(options.segments)
+    };
+    let mut script = Script::new(model, &surfaces, edge_mm, out)?;
+    let faces = script.specimen()?;
+    let polyhedron = |row: usize| model.bodies.polyhedron(row);
+    // The kernel numbers what belongs to a sphere itself, so that spheres come first.
+    let (first, last): (Vec<_>, Vec<_>) = (0..grains).partition(|row| polyhedron(*row).is_none());
+    for (done, row) in first.into_iter().chain(last).enumerate() {
+        if done % super::GRAINS_PER_LOOK == 0 {
+            go_on(control)?;
+            super::report_progress(control, done, grains);
+        }
+        match polyhedron(row) {
+            None => script.curved(row)?,
+            Some(grain) => script.polyhedron(row, &grain)?,
+        }
+    }
+    let surfaces = script.matrix()?;
+    write_groups(&mut script.out, of, faces, surfaces.as_deref())?;
+    script.out.flush()?;
+    super::report_progress(control, grains, grains);
+    Ok(GeoReport {
+        grains: grains as u64,
+        longest_edge_mm: script.longest_mm,
+        expected_volume_error: if grains == 0 { 0.0 } else { script.meshed_mm3 / script.exact_mm3 - 1.0 },
+        grains_short_of_volume: script.short,
+    })
+}
+
+/// The physical groups, of the faces in their order and of the surfaces of the grains.
+fn write_groups(
+    out: &mut impl Write,
+    of: &Model<'_>,
+    faces: &[&str],
+    surfaces: Option<&str>,
+) -> io::Result<()> {
+    let grains = of.grains.len();
+    writeln!(out, "Physical Volume(\"matrix\", 1) = {{1}};")?;
+    let groups = AggregateGroups::of(of);
+    if groups.is_empty() && grains > 0 {
+        writeln!(out, "Physical Volume(\"aggregates\", 2) = {{2:{}}};", grains + 1)?;
+    }
+    for (number, name) in groups.with_grains() {
+        let volumes =
+            (0..grains).filter(|row| groups.of_grain(*row) == number).map(|row| (row + 2).to_string());
+        let (tag, volumes) = (faces.len() + 4 + number, volumes.collect::<Vec<_>>().join(","));
+        writeln!(out, "Physical Volume(\"{name}\", {tag}) = {{{volumes}}};")?;
+    }
+    if let Some(surfaces) = surfaces {
+        writeln!(out, "Physical Surface(\"itz\", 3) = {{{surfaces}}};")?;
+    }
+    for (tag, name) in (1..).zip(faces) {
+        writeln!(out, "Physical Surface(\"{name}\", {}) = {{{tag}}};", tag + 3)?;
+    }
+    Ok(())
+}
+
+/// Length of the script of a packing.
+pub(super) fn bytes_of_model(model: &Model<'_>) -> u64 {
+    let grains = match model.grains {
+        GrainsRef::Spheres(spheres) => BYTES_OF_SPHERE * spheres.len() as f64,
+        GrainsRef::Solids(solids) => {
+            let bytes = |(shape, _): (SolidRef<'_>, &Pose)| match shape.polyhedron() {
+                None => BYTES_OF_ELLIPSOID,
+                Some(shape) => BYTES_OF_FACE * shape.template.faces().len() as f64,
+            };
+            solids.iter().map(bytes).sum()
+        }
+    };
+    (BYTES_OF_FRAME + grains) as u64
+}
+
+/// Length of the script of that many planned grains.
+pub(super) fn bytes_of_plan(kind: GrainKind, grains: f64) -> u64 {
+    let of_grain = match kind {
+        GrainKind::Spheres => BYTES_OF_SPHERE,
+        GrainKind::Ellipsoids => BYTES_OF_ELLIPSOID,
+        GrainKind::Polyhedra | GrainKind::Mixed => BYTES_OF_FACE * FACES,
+    };
+    (BYTES_OF_FRAME + of_grain * grains) as u64
+}
