@@ -196,9 +196,9 @@ async fn spheres_ellipsoids_and_polyhedra_are_packed_together() {
         let npy = get("result?format=npy").send().await.expect(200).body.len();
         assert_eq!((npy - 128) / (8 * 13), rows.len());
         for format in ["vtk", "vtp"] {
-            // Each sphere and ellipsoid has 162 points.
+            // Each sphere and ellipsoid has 42 points.
             let length = get(&format!("result?format={format}")).send().await.expect(200).body.len();
-            assert!(length > 24 * 162 * (spheres + ellipsoids), "{format}: {length}");
+            assert!(length > 24 * 42 * (spheres + ellipsoids), "{format}: {length}");
         }
         let voxels =
             get("exports/voxels?format=raw&cells=40&label=grain").send().await.expect(200).body.clone();

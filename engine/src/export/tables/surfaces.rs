@@ -1,10 +1,10 @@
 //! Results with polyhedra in the VTK forms: the surfaces of the grains as polygons, which a viewer shows as they are.
 //!
 //! A sharp grain has the faces of its template. A rounded one has its plane faces, rectangles around its edges and
-//! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid among polyhedra has 320
-//! triangles with their corners on it. Points are not shared by grains. Arrays of the polygons: `diameter` (float64,
-//! mm; of the sphere of equal volume), `sieve` (float64, mm), `sieve_class`, `id` and `aggregate` as in the other
-//! forms, `template` (int32; -1 of ellipsoids).
+//! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid among polyhedra has 80
+//! triangles with their corners on it, which turn by at most 36 degrees on the sphere that it is an image of. Points
+//! are not shared by grains. Arrays of the polygons: `diameter` (float64, mm; of the sphere of equal volume), `sieve`
+//! (float64, mm), `sieve_class`, `id` and `aggregate` as in the other forms, `template` (int32; -1 of ellipsoids).
 
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_4;
@@ -22,8 +22,8 @@ use crate::geometry::convex::{Convex, Skin, SkinPoint};
 use crate::request::GrainKind;
 use crate::shape::{Polyhedron, Pose};
 
-/// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 320.
-const BALL_DIVISIONS: u32 = 2;
+/// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 80.
+const BALL_DIVISIONS: u32 = 1;
 /// Largest angle between neighbours on an arc.
 const MOST_ANGLE: f64 = FRAC_PI_4 + 1e-9;
 
