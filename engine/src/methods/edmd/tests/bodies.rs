@@ -58,8 +58,9 @@ fn resumes(packing: &Packing) -> u64 {
     packing.report.statistics.edmd.unwrap().resumes
 }
 
-/// Numbers before the columns: 16 counts and 10 measures; then each column with its length in front.
-const HEAD_BYTES: usize = (16 + 10) * 8;
+/// Numbers before the columns: counts and measures; then each column with its length in front.
+const COUNTS: usize = 17;
+const HEAD_BYTES: usize = (COUNTS + 11) * 8;
 
 #[test]
 fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
@@ -69,7 +70,7 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
     let grains = u64::from_le_bytes(body[HEAD_BYTES..HEAD_BYTES + 8].try_into().unwrap()) as usize;
     assert_eq!(grains, whole.spheres().unwrap().len());
 
-    let measure = |index: usize| (16 + index) * 8;
+    let measure = |index: usize| (COUNTS + index) * 8;
     let column = |index: usize| HEAD_BYTES + index * (8 + 8 * grains);
     let with = |at: usize, bytes: &[u8]| {
         let mut body = body.clone();
@@ -89,10 +90,11 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
         ("a rank of no grain", with(ranks, &(grains as u32).to_le_bytes())),
         ("a rank twice", with(ranks, &body[ranks + 4..ranks + 8])),
         ("a size below nothing", with(measure(0), &(-1e-3_f64).to_le_bytes())),
-        ("no pressure", with(measure(2), &0_f64.to_le_bytes())),
-        ("no events", with(measure(3), &0_f64.to_le_bytes())),
-        ("another energy", with(measure(4), &1e9_f64.to_le_bytes())),
-        ("more than done", with(measure(7), &1.5_f64.to_le_bytes())),
+        ("jammed beyond the target", with(measure(1), &1.5_f64.to_le_bytes())),
+        ("no pressure", with(measure(3), &0_f64.to_le_bytes())),
+        ("no events", with(measure(4), &0_f64.to_le_bytes())),
+        ("another energy", with(measure(5), &1e9_f64.to_le_bytes())),
+        ("more than done", with(measure(8), &1.5_f64.to_le_bytes())),
         ("a grain nowhere", with(column(0) + 8, &f64::NAN.to_le_bytes())),
         ("a grain far away", with(column(0) + 8, &1e6_f64.to_le_bytes())),
         ("a grain too fast", with(column(1) + 8, &1e200_f64.to_le_bytes())),
