@@ -87,7 +87,8 @@ mapfile -t variables < <(value Environment; grep -v '^#' "$root$(value Environme
 # Not `inside`, whose process would be a shell that does not pass signals on. The port is any that is free. Of the disk
 # of a machine that tests, 64 MiB must stay free, not 1 GiB.
 chroot --userspec="$user:$user" "$root" env -i PATH=/usr/local/bin:/usr/bin "${variables[@]}" \
-    PACKSTONE_LISTEN=127.0.0.1:0 PACKSTONE_MIN_FREE_BYTES=67108864 "${command[@]}" >"$work/serve.out" 2>"$work/serve.err" &
+    PACKSTONE_LISTEN=127.0.0.1:0 PACKSTONE_MIN_FREE_BYTES=67108864 "${command[@]}" \
+    >"$work/serve.out" 2>"$work/serve.err" &
 server=$!
 # The line that names the port; the end of the process ends the wait, too.
 url=$(timeout 60 tail --pid="$server" -n +1 -f "$work/serve.out" | grep -m 1 -o 'http://127.0.0.1:[0-9]*' || true)

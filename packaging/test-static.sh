@@ -34,7 +34,8 @@ echo 'chroot: the service'
 mkdir "$root/etc"
 echo '127.0.0.1 localhost' >"$root/etc/hosts"
 # Of the disk of a machine that tests, 64 MiB must stay free, not 1 GiB.
-PACKSTONE_MIN_FREE_BYTES=67108864 chroot "$root" /packstone serve --data-dir /data --listen 127.0.0.1:0 >"$root/serve.out" 2>"$root/serve.err" &
+PACKSTONE_MIN_FREE_BYTES=67108864 chroot "$root" /packstone serve --data-dir /data --listen 127.0.0.1:0 \
+    >"$root/serve.out" 2>"$root/serve.err" &
 server=$!
 url=$(timeout 60 tail --pid="$server" -n +1 -f "$root/serve.out" | grep -m 1 -o 'http://127.0.0.1:[0-9]*' || true)
 [ -n "$url" ] || { cat "$root/serve.out" "$root/serve.err" >&2; fail 'the service does not start'; }
