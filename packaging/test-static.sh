@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs a static binary in a chroot that holds nothing else: it packs a job, serves, finds localhost, and packs a job
-# for a client.
+# Runs a static binary in a chroot that holds nothing else but /dev/{,u}random: it packs a job, serves, finds localhost,
+# and packs a job for a client.
 #
 #   packaging/test-static.sh BINARY
 #
@@ -24,6 +24,10 @@ inside() { chroot "$root" "$@"; }
 readelf --dynamic "$1" | grep -q NEEDED && fail 'the binary needs shared libraries'
 install -m 0755 "$1" "$root/packstone"
 cp examples/a16.json "$root/job.json"
+# Seeds that no request names are drawn from them.
+mkdir "$root/dev"
+mknod -m 0444 "$root/dev/random" c 1 8
+mknod -m 0444 "$root/dev/urandom" c 1 9
 
 echo 'chroot: a packing'
 inside /packstone run /job.json --out /out --format csv,html
