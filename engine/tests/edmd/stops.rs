@@ -75,7 +75,7 @@ impl Control for Keeping {
     }
 }
 
-/// Without expansions this seed stalls at a volume fraction of 0.7098.
+/// This seed jams below its target first: only a packing that stalled is expanded.
 #[test]
 fn a_packing_that_jams_just_below_its_target_is_expanded_and_reaches_it() {
     let value = json!({
