@@ -1,6 +1,6 @@
 //! The document that clients are generated from: current, whole, and about what there is.
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use crate::harness::{Contract, DataDir, Server, contract_text, id_of, jobs, packstone};
 
@@ -160,4 +160,26 @@ async fn every_route_reads_the_parameters_that_it_is_documented_with() {
     }
     assert!(asked > 20, "{asked} routes");
     server.stop().await;
+}
+
+/// The judge of all other tests: it takes an answer as documented and refuses one with a wrong type, format or field.
+#[test]
+fn answers_are_held_against_their_schemas() {
+    let judge = |value: Value| Contract::get().judge_value("/components/schemas/Problem", &value);
+    let problem =
+        json!({"type": "/problems/x", "title": "Not found", "status": 404, "detail": "no such job"});
+    judge(problem.clone()).unwrap();
+    let wrong = [
+        ("status", json!("404")),
+        ("status", json!(200)),
+        ("title", json!(null)),
+        ("type", json!("no reference")),
+        ("errors", json!([{"field": 1}])),
+    ];
+    for (field, wrong) in wrong {
+        let mut changed = problem.clone();
+        changed[field] = wrong;
+        let why = judge(changed).expect_err(field);
+        assert!(why.contains(field), "{field}: {why}");
+    }
 }

@@ -41,15 +41,14 @@ impl Message {
     /// The body, which is what the interface document says of messages of its type.
     fn json(&self) -> Value {
         let body: Value = serde_json::from_slice(&self.body).unwrap();
-        let post = &Contract::get().document()["webhooks"][body["type"].as_str().unwrap()]["post"];
+        let kind = body["type"].as_str().unwrap();
+        let post = &Contract::get().document()["webhooks"][kind]["post"];
         for header in post["parameters"].as_array().unwrap() {
             self.header(header["name"].as_str().unwrap());
         }
-        let schema = &post["requestBody"]["content"]["application/json"]["schema"];
-        let validator =
-            jsonschema::draft202012::options().should_validate_formats(true).build(schema).unwrap();
-        if let Err(error) = validator.validate(&body) {
-            panic!("{error}: {body:#}");
+        let schema = format!("/webhooks/{kind}/post/requestBody/content/application~1json/schema");
+        if let Err(why) = Contract::get().judge_value(&schema, &body) {
+            panic!("{why}: {body:#}");
         }
         body
     }

@@ -3,27 +3,29 @@
 //! Knows `OpenAPI` 3.1 and JSON Schema; it must never know what a job is.
 
 use std::collections::HashMap;
+use std::fmt::Display;
 use std::sync::{Arc, LazyLock, Mutex};
 
-use jsonschema::{Registry, Validator};
-use serde_json::{Value, json};
+use boon::{Compiler, Draft, SchemaIndex, Schemas};
+use serde_json::Value;
 
 const DOCUMENT_URI: &str = "https://packstone.invalid/openapi.json";
 
-/// The contract with its schemas compiled on demand.
+/// The contract with its schemas.
 pub(crate) struct Contract {
     document: Value,
-    registry: Registry<'static>,
     validators: Mutex<HashMap<String, Arc<Validator>>>,
 }
 
+/// One schema with all that it refers to.
+struct Validator {
+    schemas: Schemas,
+    index: SchemaIndex,
+}
+
 static CONTRACT: LazyLock<Contract> = LazyLock::new(|| {
-    let document: Value = serde_saphyr::from_str(&text()).expect("openapi.yaml is YAML");
-    let registry = Registry::new()
-        .add(DOCUMENT_URI, document.clone())
-        .and_then(jsonschema::RegistryBuilder::prepare)
-        .expect("openapi.yaml holds valid schemas");
-    Contract { document, registry, validators: Mutex::default() }
+    let document: Value = yaml_serde::from_str(&text()).expect("openapi.yaml is YAML");
+    Contract { document, validators: Mutex::default() }
 });
 
 /// The contract as it is checked in.
@@ -147,12 +149,13 @@ impl Contract {
     fn judge_body(&self, schema: &str, body: &[u8]) -> Result<(), String> {
         let instance: Value =
             serde_json::from_slice(body).map_err(|e| format!("the body is no JSON: {e}"))?;
-        let errors: Vec<String> = self
-            .validator(schema)
-            .iter_errors(&instance)
-            .map(|error| format!("{}: {error}", error.instance_path()))
-            .collect();
-        if errors.is_empty() { Ok(()) } else { Err(errors.join("; ")) }
+        self.judge_value(schema, &instance)
+    }
+
+    /// Why a value is not what the schema at a pointer into the document says.
+    pub(crate) fn judge_value(&self, schema: &str, value: &Value) -> Result<(), String> {
+        let Validator { schemas, index } = &*self.validator(schema);
+        schemas.validate(value, *index).map_err(|error| format!("{error:#}"))
     }
 
     fn validator(&self, pointer: &str) -> Arc<Validator> {
@@ -160,12 +163,17 @@ impl Contract {
         let compiled = validators.entry(pointer.to_owned()).or_insert_with(|| {
             // A pointer in a fragment is percent-encoded; templates hold braces.
             let fragment = pointer.replace('{', "%7B").replace('}', "%7D");
-            let validator = jsonschema::draft202012::options()
-                .with_registry(&self.registry)
-                .should_validate_formats(true)
-                .build(&json!({"$ref": format!("{DOCUMENT_URI}#{fragment}")}))
-                .unwrap_or_else(|error| panic!("the schema at {pointer} cannot be used: {error}"));
-            Arc::new(validator)
+            let mut schemas = Schemas::new();
+            let mut compiler = Compiler::new();
+            compiler.set_default_draft(Draft::V2020_12);
+            compiler.enable_format_assertions();
+            let unusable =
+                |why: &dyn Display| -> ! { panic!("the schema at {pointer} cannot be used: {why:#}") };
+            let document = self.document.clone();
+            compiler.add_resource(DOCUMENT_URI, document).unwrap_or_else(|why| unusable(&why));
+            let index = compiler.compile(&format!("{DOCUMENT_URI}#{fragment}"), &mut schemas);
+            let index = index.unwrap_or_else(|why| unusable(&why));
+            Arc::new(Validator { schemas, index })
         });
         Arc::clone(compiled)
     }

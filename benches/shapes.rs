@@ -1,4 +1,4 @@
-//! Pair tests of grains that are not spheres, over pairs near contact: `cargo bench -p packstone-engine --bench
+//! Pair tests of grains that are not spheres, over pairs near contact: `cargo bench -p packstone-benches --bench
 //! shapes`.
 #![allow(missing_docs, clippy::unwrap_used)]
 

@@ -1,4 +1,4 @@
-//! The engine's kernels, one group each: `cargo bench -p packstone-engine`. Whole problems with
+//! The engine's kernels, one group each: `cargo bench -p packstone-benches`. Whole problems with
 //! their targets are the business of `packstone bench`.
 #![allow(missing_docs, clippy::unwrap_used)]
 
