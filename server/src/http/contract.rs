@@ -1,14 +1,7 @@
 //! The interface document as it is published: `packstone openapi` prints it, `openapi.yaml` at the root of the
 //! repository equals it.
 
-use serde_json::Value;
-
-use crate::http::{openapi, router};
-
-/// The document of the interface, as it is checked in.
-fn document() -> Value {
-    openapi::finished(&router::documented().into_openapi())
-}
+use crate::http::router::document;
 
 /// The document as YAML.
 pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
@@ -25,7 +18,7 @@ pub(crate) fn yaml() -> Result<String, yaml_serde::Error> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use packstone_engine::export::ExportType;
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     use super::*;
     use crate::http::openapi::strict::objects_of;

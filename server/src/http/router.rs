@@ -1,10 +1,13 @@
 //! The routes, and the layers around them.
 
+use std::sync::LazyLock;
+
 use axum::Router;
-use axum::http::{HeaderValue, header};
+use axum::http::header;
 use axum::middleware;
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
+use serde_json::Value;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -14,18 +17,16 @@ use crate::problem::{Kind, Problem};
 
 /// The service as a router.
 pub(crate) fn router(app: App) -> Router {
-    let (router, document) = documented().split_for_parts();
-    // Rendered once: it does not change while the process lives.
-    let document = serde_json::to_string_pretty(&openapi::finished(&document)).unwrap_or_default();
+    let (router, _) = documented().split_for_parts();
     web::add_to(router, &app)
-        .route("/openapi.json", get(move || async move { openapi_json(document) }))
+        .route("/openapi.json", get(openapi_json))
         .fallback(|| async { Problem::new(Kind::NotFound, "there is no such route") })
         .layer(middleware::from_fn_with_state(app.clone(), observe::observe))
         .with_state(app)
 }
 
 /// The routes with their documentation.
-pub(crate) fn documented() -> OpenApiRouter<App> {
+fn documented() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(openapi::base())
         .routes(routes!(jobs::submit::submit, jobs::list::list))
         .routes(routes!(jobs::get::get, jobs::actions::delete, jobs::patch::patch))
@@ -63,8 +64,14 @@ pub(crate) fn documented() -> OpenApiRouter<App> {
         .routes(routes!(service::problem_pages::get))
 }
 
-fn openapi_json(document: String) -> Response {
-    let mut response = document.into_response();
-    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
-    response
+/// The document of the interface, as it is checked in.
+pub(crate) fn document() -> Value {
+    openapi::finished(&documented().into_openapi())
+}
+
+/// The document as JSON, rendered at the first request: that takes longer than the rest of a start.
+async fn openapi_json() -> Response {
+    static DOCUMENT: LazyLock<String> =
+        LazyLock::new(|| serde_json::to_string_pretty(&document()).unwrap_or_default());
+    ([(header::CONTENT_TYPE, "application/json")], DOCUMENT.as_str()).into_response()
 }
