@@ -193,7 +193,8 @@ fn ellipsoids_have_their_volume_and_the_triangles_estimated() {
             },
         ] {
             let model = Model::new(&specimen, &grains);
-            let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+            let (guess, _) =
+                estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
             let (mesh, report) = mesh(&specimen, &grains, &options);
             let ratio = guess.triangles as f64 / report.triangles as f64;
             println!("{gap_mm} {options:?}: {ratio} {}", report.triangles);

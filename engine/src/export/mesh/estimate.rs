@@ -66,7 +66,7 @@ impl MeshEstimate {
     }
 }
 
-/// Estimates the mesh of a packing.
+/// Estimates the mesh of a packing. Where the surface of the specimen is made for that, it is returned as well.
 ///
 /// # Errors
 /// [`ExportError::Unavailable`] for a periodic box, [`ExportError::Stopped`].
@@ -74,7 +74,7 @@ pub(super) fn of_model(
     model: &MeshModel<'_>,
     options: &SurfaceOptions,
     control: &dyn Control,
-) -> Result<MeshEstimate, ExportError> {
+) -> Result<(MeshEstimate, Option<Shell>), ExportError> {
     check(model.specimen)?;
     let bodies = &model.bodies;
     if (0..bodies.len()).any(|row| bodies.polyhedron(row).is_some()) {
@@ -108,7 +108,7 @@ pub(super) fn of_model(
             triangles += shell.more_triangles(at_wall.gap, contact.bend);
         }
     }
-    Ok(MeshEstimate::of(triangles))
+    Ok((MeshEstimate::of(triangles), None))
 }
 
 /// Estimates the mesh of a packing of polyhedra: the surface of the specimen and those of some of the grains are made,
@@ -117,11 +117,11 @@ fn of_polyhedra(
     model: &MeshModel<'_>,
     options: &SurfaceOptions,
     control: &dyn Control,
-) -> Result<MeshEstimate, ExportError> {
+) -> Result<(MeshEstimate, Option<Shell>), ExportError> {
     let most = (options.max_bytes / BYTES_PER_TRIANGLE) as usize + 1;
     let mut grains = Grains::new(model, options)?;
     let shell = Shell::new(model, Division::of(model, options), most);
-    let shell = shell.map_or(most, |shell| shell.surface.triangles.len());
+    let shell_triangles = shell.as_ref().map_or(most, |shell| shell.surface.triangles.len());
     let step = model.bodies.len().div_ceil(SAMPLED_GRAINS).max(1);
     let (mut sampled, mut triangles) = (0, 0);
     for row in (step / 2..model.bodies.len()).step_by(step) {
@@ -133,7 +133,7 @@ fn of_polyhedra(
         triangles += made.map_or(most, |(surface, _)| surface.triangles.len());
     }
     let share = model.bodies.len() as f64 / f64::max(sampled as f64, 1.0);
-    Ok(MeshEstimate::of(shell as f64 + triangles as f64 * share))
+    Ok((MeshEstimate::of(shell_triangles as f64 + triangles as f64 * share), shell))
 }
 
 /// Estimates the mesh of a packing of that plan: right within a factor of two or so, for gaps are known by their

@@ -10,6 +10,7 @@
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::bodies::{Between, Bodies, Image, MeshModel, PlacedPolyhedron};
 use super::near::Near;
@@ -36,18 +37,26 @@ const VOLUME_TOLERANCE: f64 = 1.0e-13;
 /// Most steps of the search for it.
 const MOST_STEPS: usize = 60;
 
-/// Makes the surfaces of grains.
+/// Makes the surfaces of grains. Copies, which several threads use, look up what is near in one place, and share the
+/// facets of templates.
+#[derive(Clone)]
 pub(super) struct Grains<'a> {
     model: &'a MeshModel<'a>,
     options: &'a SurfaceOptions,
-    near: Near,
+    near: Arc<Near>,
     finenesses: Finenesses,
     /// Polyhedra of the unit sphere that were needed so far.
     templates: HashMap<Fineness, Surface>,
-    /// Facets of templates that were needed so far, by edges over diameters and by whether they are rounded; none of
-    /// templates that are meshed as they are.
-    facets: HashMap<(u32, i64, bool), Option<Facets>>,
+    /// Facets of templates that were needed so far.
+    facets: HashMap<FacetsKey, SharedFacets>,
+    /// Those that any of the copies needed.
+    all_facets: Arc<Mutex<HashMap<FacetsKey, SharedFacets>>>,
 }
+
+/// A template by its number, the step of edges over diameters, and whether it is rounded.
+type FacetsKey = (u32, i64, bool);
+/// Facets that one copy makes and others wait for; none of templates that are meshed as they are.
+type SharedFacets = Arc<OnceLock<Option<Facets>>>;
 
 /// What a grain faces, seen from its centre.
 pub(super) struct Faced<'a> {
@@ -63,7 +72,7 @@ pub(super) struct Faced<'a> {
 
 impl<'a> Grains<'a> {
     pub(super) fn new(model: &'a MeshModel<'a>, options: &'a SurfaceOptions) -> Result<Self, OutOfMemory> {
-        let near = Near::new(&model.bodies, model.specimen.bounds_mm())?;
+        let near = Arc::new(Near::new(&model.bodies, model.specimen.bounds_mm())?);
         Ok(Self {
             model,
             options,
@@ -71,6 +80,7 @@ impl<'a> Grains<'a> {
             finenesses: Finenesses::new(),
             templates: HashMap::new(),
             facets: HashMap::new(),
+            all_facets: Arc::default(),
         })
     }
 
@@ -173,7 +183,10 @@ impl<'a> Grains<'a> {
         let step = (EDGE_STEPS * (angular.edge_mm / d).ln()).round();
         let is_rounded = template.rounding > 0.0 && 2.0 * template.rounding * d >= angular.floor_mm;
         let edge = (step / EDGE_STEPS).exp();
-        let facets = self.facets.entry((grain.number, step as i64, is_rounded)).or_insert_with(|| {
+        let key = (grain.number, step as i64, is_rounded);
+        let all_facets = || self.all_facets.lock().unwrap_or_else(PoisonError::into_inner);
+        let shared = self.facets.entry(key).or_insert_with(|| all_facets().entry(key).or_default().clone());
+        let facets = shared.get_or_init(|| {
             if is_rounded { Some(Facets::new(template, edge)) } else { Facets::of_narrow(template, edge) }
         });
         let placed = match facets {
@@ -337,8 +350,8 @@ impl Shape for Ball<'_> {
         self.image.place(p)
     }
 
-    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
-        self.facing.iter().map(|facing| facing.length_mm(centroid, longest_mm)).fold(f64::INFINITY, f64::min)
+    fn wants_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool {
+        self.facing.iter().any(|facing| facing.wants_shorter(centroid, longest_mm, 1.0))
     }
 
     /// Whether the surface is dented along ab: d lies above the plane of abc, and by more than rounding.

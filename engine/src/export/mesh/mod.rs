@@ -3,7 +3,7 @@
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
 //! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their
-//! images), `polyhedron` and `rounded`, `surface` (refinement), `size` (length of edges), `grain` (volume), `estimate`
+//! images), `polyhedron` and `rounded`, `surface` (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `grain` (volume), `estimate`
 //! (triangles and bytes beforehand).
 
 mod bodies;
@@ -25,6 +25,7 @@ mod size;
 mod sphere;
 pub mod stl;
 mod surface;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 
@@ -34,20 +35,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
-use crate::export::{ExportError, Model, go_on};
-use crate::memory::{self, make_room, reserved};
+use crate::export::{ExportError, Model};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 use bodies::MeshModel;
 pub use estimate::MeshEstimate;
-use grain::Grains;
 pub use options::{SurfaceOptions, VolumeCorrection};
-use shell::{Division, Shell};
 use surface::Surface;
+use surfaces::Mesh;
 
-/// Memory of a triangle with its half of a vertex, in bytes, with what growing vectors hold in reserve.
-const BYTES_PER_TRIANGLE: u64 = 72;
 /// Grains between two looks at whether to stop.
 const GRAINS_PER_LOOK: usize = 64;
 
@@ -132,7 +129,7 @@ impl MeshRequest {
             Self::Geo(_) => Ok((geo::bytes_of_model(model), None)),
             Self::Msh(options) | Self::Stl(options) => {
                 let model = &MeshModel::new(model)?;
-                let estimate = self.in_format(estimate::of_model(model, options, &Unattended)?);
+                let estimate = self.in_format(estimate::of_model(model, options, &Unattended)?.0);
                 Ok((estimate.bytes, Some(estimate)))
             }
         }
@@ -241,89 +238,6 @@ fn check(specimen: &Specimen) -> Result<(), ExportError> {
         ));
     }
     Ok(())
-}
-
-/// The meshed surfaces of a packing.
-#[derive(Debug)]
-struct Mesh {
-    /// The specimen's.
-    shell: Shell,
-    /// Vertices of the grains, one grain after the other.
-    points: Vec<[f64; 3]>,
-    /// Triangles of the grains, their corners counted within the grain.
-    triangles: Vec<[u32; 3]>,
-    /// Ends of the grains in `points` and `triangles`.
-    ends: Vec<(usize, usize)>,
-}
-
-impl Mesh {
-    /// Meshes a packing, and tells what came out.
-    fn new(
-        model: &Model<'_>,
-        options: &SurfaceOptions,
-        limits: &Limits,
-        control: &dyn Control,
-    ) -> Result<(Self, SurfaceReport), ExportError> {
-        check(model.specimen)?;
-        let model = &MeshModel::new(model)?;
-        let bodies = &model.bodies;
-        let estimate = estimate::of_model(model, options, control)?;
-        if estimate.bytes > options.max_bytes.min(limits.max_memory_bytes) {
-            return Err(too_large(model, options, Some(estimate), limits));
-        }
-        // What comes in small pieces is asked for as one.
-        memory::probe(estimate.triangles.saturating_mul(BYTES_PER_TRIANGLE) as usize)?;
-        let mut grains = Grains::new(model, options)?;
-        let division = Division::of(model, options);
-        let most = (limits.max_memory_bytes / BYTES_PER_TRIANGLE) as usize;
-        let shell =
-            Shell::new(model, division, most).ok_or_else(|| too_large(model, options, None, limits))?;
-        // A closed surface has half as many points as triangles.
-        let triangles = estimate.triangles as usize;
-        let (points, triangles) = (reserved(triangles / 2)?, reserved(triangles)?);
-        let mut mesh = Self { shell, points, triangles, ends: reserved(bodies.len())? };
-        let mut report = report_of(model, &mesh.shell.surface);
-        for row in 0..bodies.len() {
-            if row % GRAINS_PER_LOOK == 0 {
-                go_on(control)?;
-                report_progress(control, row, bodies.len());
-            }
-            let left = most.saturating_sub(mesh.shell.surface.triangles.len() + mesh.triangles.len());
-            let (grain, full) =
-                grains.surface(row, left).ok_or_else(|| too_large(model, options, None, limits))?;
-            report.add(&grain, full);
-            let center = bodies.center(row);
-            make_room(&mut mesh.points, grain.points.len())?;
-            make_room(&mut mesh.triangles, grain.triangles.len())?;
-            mesh.points.extend(grain.points.iter().map(|p| [0, 1, 2].map(|a| center[a] + p[a])));
-            mesh.triangles.extend_from_slice(&grain.triangles);
-            mesh.ends.push((mesh.points.len(), mesh.triangles.len()));
-        }
-        report.finish(model);
-        Ok((mesh, report))
-    }
-
-    /// Number of grains.
-    fn grains(&self) -> usize {
-        self.ends.len()
-    }
-
-    /// Vertices and triangles of a grain.
-    fn grain(&self, row: usize) -> (&[[f64; 3]], &[[u32; 3]]) {
-        let from = if row == 0 { (0, 0) } else { self.ends[row - 1] };
-        let to = self.ends[row];
-        (&self.points[from.0..to.0], &self.triangles[from.1..to.1])
-    }
-
-    /// Vertices of all grains.
-    fn grain_points(&self) -> &[[f64; 3]] {
-        &self.points
-    }
-
-    /// Number of the triangles of all grains.
-    fn grain_triangles(&self) -> usize {
-        self.triangles.len()
-    }
 }
 
 /// Refuses a mesh, and says how to get below the limit.

@@ -11,12 +11,11 @@
 //! the radius of the rounding then, so that all of the core stays inside.
 
 use std::collections::HashMap;
-use std::f64::consts::PI;
 
 use super::bodies::PlacedPolyhedron;
 use super::rounded::Facets;
 use super::size::Facing;
-use super::surface::{Shape, Surface, cross, distance2, dot};
+use super::surface::{Shape, Surface, cross, distance2, dot, make_more_than_half_a_turn};
 use crate::gap::linear::{Vector, minus, norm, scaled, sum};
 use crate::geometry::convex::directed_edges;
 use crate::shape::Pose;
@@ -306,10 +305,13 @@ impl Shape for Patches<'_> {
         scaled(sum(points[a as usize], points[b as usize]), 0.5)
     }
 
-    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
-        let facing = &self.angular.facing;
-        let near = facing.iter().map(|facing| facing.length_mm(centroid, longest_mm));
-        self.coarse * near.fold(self.angular.edge_mm, f64::min)
+    fn wants_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool {
+        longest_mm > self.coarse * self.angular.edge_mm
+            || self
+                .angular
+                .facing
+                .iter()
+                .any(|facing| facing.wants_shorter(centroid, longest_mm, self.coarse))
     }
 
     /// Within a face: whether the angles opposite to ab make more than half a turn.
@@ -319,10 +321,6 @@ impl Shape for Patches<'_> {
             return false;
         }
         let [a, b, c, d] = [a, b, c, d].map(|p| points[p as usize]);
-        let angle = |own: Vector| {
-            let (p, q) = (minus(a, own), minus(b, own));
-            norm(cross(p, q)).atan2(dot(p, q))
-        };
-        angle(c) + angle(d) > PI + 1e-9
+        make_more_than_half_a_turn([minus(a, c), minus(b, c)], [minus(a, d), minus(b, d)])
     }
 }

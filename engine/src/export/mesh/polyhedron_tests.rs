@@ -193,7 +193,7 @@ fn ellipsoids_and_polyhedra_are_meshed_together() {
         let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
         assert!((volume / exact - 1.0).abs() < 5e-3, "{report:?}");
         let model = Model::new(&specimen, &grains);
-        let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+        let (guess, _) = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
         let ratio = guess.triangles as f64 / report.triangles as f64;
         assert!((1.0 / 1.1..1.1).contains(&ratio), "{ratio} of {}", report.triangles);
     }
@@ -205,7 +205,7 @@ fn estimates_of_polyhedra_are_what_the_mesh_has() {
     let grains = packed(&cube, 300, [3.0, 1.0], 0.05, 0.05);
     for options in [SurfaceOptions::default(), SurfaceOptions::default().with_segments(8)] {
         let model = Model::new(&cube, &grains);
-        let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+        let (guess, _) = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
         let (_, report) = mesh(&cube, &grains, &options);
         let ratio = guess.triangles as f64 / report.triangles as f64;
         assert!((1.0 / 1.1..1.1).contains(&ratio), "{ratio} of {}", report.triangles);
@@ -238,5 +238,21 @@ fn the_script_of_solids_has_the_bodies_of_the_mesh() {
             }
             assert!(found > 8 * grains.len());
         }
+    }
+}
+
+#[test]
+fn surfaces_do_not_depend_on_the_threads() {
+    let (grains, options) = (packed(&CUBE, 60, [3.0, 1.0], 0.05, 0.05), SurfaceOptions::default());
+    let written = |threads: usize| {
+        let limits = Limits { export_threads: threads.try_into().unwrap(), ..Limits::default() };
+        let mut file = Vec::new();
+        let model = Model::new(&CUBE, &grains);
+        let report = msh::write(&model, &options, &limits, &Unattended, &mut file).unwrap();
+        (report, file)
+    };
+    let one = written(1);
+    for threads in [2, 3, 8] {
+        assert!(written(threads) == one, "{threads} threads");
     }
 }

@@ -4,12 +4,12 @@
 //! the grains as something close; it must never know what is written of it.
 
 use std::collections::HashMap;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use super::bodies::{Bodies, MeshModel};
 use super::options::SurfaceOptions;
 use super::size::{EDGE_PER_GAP, Facing, Other};
-use super::surface::{Shape, Surface, cross, dot};
+use super::surface::{Shape, Surface, make_more_than_half_a_turn};
 use crate::request::Specimen;
 
 /// The meshed surface of a specimen.
@@ -129,8 +129,8 @@ impl Shape for Growing<'_> {
         }
     }
 
-    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
-        self.close.length_mm(centroid, longest_mm)
+    fn wants_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool {
+        self.close.want_shorter(centroid, longest_mm)
     }
 
     /// Whether, within a flat face, the angles opposite to ab make more than half a turn.
@@ -140,13 +140,9 @@ impl Shape for Growing<'_> {
         if common == 0 || (self.lateral.is_some() && common & SIDE != 0) {
             return false;
         }
-        let angle = |at: u32| {
-            let from = |p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[at as usize][i]);
-            let (p, q) = (from(a), from(b));
-            let normal = cross(p, q);
-            dot(normal, normal).sqrt().atan2(dot(p, q))
-        };
-        angle(c) + angle(d) > PI + 1e-9
+        let from = |at: u32, p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[at as usize][i]);
+        let sides = |at: u32| [a, b].map(|p| from(at, p));
+        make_more_than_half_a_turn(sides(c), sides(d))
     }
 }
 
@@ -185,17 +181,14 @@ impl<'a> Close<'a> {
         p.map(|x| (x * self.per_mm).floor() as i64)
     }
 
-    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
+    fn want_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool {
         let [x, y, z] = self.cell(centroid);
-        let mut least = f64::INFINITY;
-        for cell in
-            (-1..=1).flat_map(|i| (-1..=1).flat_map(move |j| (-1..=1).map(move |k| [x + i, y + j, z + k])))
-        {
-            for facing in self.cells.get(&cell).into_iter().flatten() {
-                least = least.min(facing.length_mm(centroid, longest_mm));
-            }
-        }
-        least
+        let mut cells =
+            (-1..=1).flat_map(|i| (-1..=1).flat_map(move |j| (-1..=1).map(move |k| [x + i, y + j, z + k])));
+        cells.any(|cell| {
+            let facing = self.cells.get(&cell);
+            facing.into_iter().flatten().any(|facing| facing.wants_shorter(centroid, longest_mm, 1.0))
+        })
     }
 }
 

@@ -93,25 +93,43 @@ pub(super) struct Facing<'a> {
 }
 
 impl Facing<'_> {
-    /// The longest that an edge may be of a triangle.
-    pub(super) fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64 {
+    /// Whether a triangle with this centroid and longest edge is too large for the gap that it faces there. Edges may
+    /// be longer by a factor of `coarse`, 1 or more.
+    pub(super) fn wants_shorter(&self, centroid: [f64; 3], longest_mm: f64, coarse: f64) -> bool {
+        if longest_mm <= coarse * self.floor_mm {
+            return false;
+        }
         // The narrowest that a triangle faces is at its point nearest to `at`, which the circle about its
         // centroid reaches.
         let reach = longest_mm * CIRCUMRADIUS;
         let toward: [f64; 3] = std::array::from_fn(|a| self.at[a] - centroid[a]);
         let share = (reach / dot(toward, toward).sqrt()).min(1.0);
         let nearest: [f64; 3] = std::array::from_fn(|a| centroid[a] + share * toward[a]);
-        if let Other::Polyhedron(template, place) = self.other {
-            // A lower bound, which takes less time than the distance.
-            let least = place.scale * (template.height(&place.local(&nearest.into())) - template.rounding);
-            if EDGE_PER_GAP * least > longest_mm {
-                return EDGE_PER_GAP * least;
+        // Lower bounds, which take less time than the distance.
+        let is_far = |least_mm: f64| EDGE_PER_GAP * least_mm > LONGER * longest_mm;
+        match self.other {
+            Other::Ellipsoid { center, semi_axes, .. } => {
+                let outer = semi_axes.into_iter().fold(0.0, f64::max);
+                if is_far(distance2(nearest, center).sqrt() - outer) {
+                    return false;
+                }
             }
+            Other::Polyhedron(template, place) => {
+                let local = place.local(&nearest.into());
+                if is_far(place.scale * (local.norm() - template.outer))
+                    || is_far(place.scale * (template.height(&local) - template.rounding))
+                {
+                    return false;
+                }
+            }
+            Other::Sphere { .. } | Other::Plane(..) | Other::Lateral { .. } => {}
         }
-        (EDGE_PER_GAP * self.other.gap_mm(nearest)).max(self.floor_mm)
+        longest_mm > coarse * (EDGE_PER_GAP * self.other.gap_mm(nearest)).max(self.floor_mm)
     }
 }
 
+/// What a lower bound has to be longer by than what it is held against, for rounding.
+const LONGER: f64 = 1.0 + 1e-9;
 /// Distance of the corners of an equilateral triangle from its centroid, in edges.
 pub(super) const CIRCUMRADIUS: f64 = 0.577;
 

@@ -24,7 +24,7 @@ pub(super) struct Fineness {
 }
 
 /// All finenesses up to what 256 segments need, from coarse to fine.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Finenesses(Vec<Fineness>);
 
 impl Finenesses {

@@ -8,6 +8,8 @@
 //! as flat as the dent. It knows triangles and a wanted length of edges; it must never know what the surface
 //! is of.
 
+use std::f64::consts::PI;
+
 /// Where new vertices go, how long edges may be, and which of two diagonals is the right one.
 pub(super) trait Shape {
     /// The vertex between two neighbours, on the surface meant.
@@ -16,9 +18,9 @@ pub(super) trait Shape {
     fn place(&self, p: [f64; 3]) -> [f64; 3] {
         p
     }
-    /// The longest that an edge may be of a triangle with this centroid and longest edge.
-    fn length_mm(&self, centroid: [f64; 3], longest_mm: f64) -> f64;
-    /// The same of a triangle with these corners, beside what is asked for by its place.
+    /// Whether a triangle with this centroid and longest edge is too large for its place.
+    fn wants_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool;
+    /// The longest that an edge may be of a triangle with these corners, beside what is asked for by its place.
     fn most_mm(&self, _: [u32; 3]) -> f64 {
         f64::INFINITY
     }
@@ -120,7 +122,7 @@ impl Surface {
         let [a, b, c] = self.triangles[t].map(|p| shape.place(self.points[p as usize]));
         let longest_mm = distance2(a, b).max(distance2(b, c)).max(distance2(c, a)).sqrt();
         let centroid = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
-        longest_mm > shape.most_mm(self.triangles[t]) || longest_mm > shape.length_mm(centroid, longest_mm)
+        longest_mm > shape.most_mm(self.triangles[t]) || shape.wants_shorter(centroid, longest_mm)
     }
 
     /// The edge that a triangle is split at. Two triangles agree about which of two edges is longer, for
@@ -218,6 +220,22 @@ impl Surface {
         }
         (range.0.sqrt(), range.1.sqrt())
     }
+}
+
+/// Whether the angles of two triangles opposite to the edge that they share make more than half a turn: by Delaunay's
+/// criterion they should have the other diagonal. Each triangle by its other two sides, from the corner opposite to the
+/// edge.
+pub(super) fn make_more_than_half_a_turn(one: [[f64; 3]; 2], other: [[f64; 3]; 2]) -> bool {
+    let [cosine, opposite] = [one, other].map(|[p, q]| dot(p, q));
+    // Two angles of a quarter of a turn at most: the most frequent case.
+    if cosine >= 0.0 && opposite >= 0.0 {
+        return false;
+    }
+    let angle = |[p, q]: [[f64; 3]; 2], cosine: f64| {
+        let normal = cross(p, q);
+        dot(normal, normal).sqrt().atan2(cosine)
+    };
+    angle(one, cosine) + angle(other, opposite) > PI + 1e-9
 }
 
 pub(super) fn distance2(a: [f64; 3], b: [f64; 3]) -> f64 {

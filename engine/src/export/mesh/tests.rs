@@ -272,7 +272,8 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
             assert!(report.triangles > before, "{segments}: {report:?} after {before}");
             before = report.triangles;
             let model = Model::new(&request.specimen, packing.spheres().unwrap());
-            let guess = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+            let (guess, _) =
+                estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
             let ratio = guess.triangles as f64 / report.triangles as f64;
             assert!(
                 (1.0 / 1.5..1.5).contains(&ratio),

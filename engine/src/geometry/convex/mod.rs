@@ -28,6 +28,8 @@ pub(crate) struct Convex {
     pub(crate) edges: Vec<ConvexEdge>,
     /// Radius of rounding.
     pub(crate) rounding: f64,
+    /// Radius of the sphere about the origin that holds the body.
+    pub(crate) outer: f64,
 }
 
 /// An edge of a template.
@@ -95,7 +97,9 @@ impl Convex {
                 })
             });
         let edges = both.collect();
-        Self { edges, vertices, faces, planes, rounding: template.rounding() }
+        let rounding = template.rounding();
+        let outer = rounding + vertices.iter().map(Vector3::norm).fold(0.0, f64::max);
+        Self { vertices, faces, planes, edges, rounding, outer }
     }
 
     pub(crate) fn all(templates: &[Polyhedron]) -> Vec<Self> {
