@@ -337,6 +337,10 @@ impl<S: ConvexShape> Run<S> {
 
     /// The result.
     pub(super) fn outcome(mut self, of: &MonteCarlo<'_, S>, end: End) -> Result<Outcome, Interrupted> {
+        // The result takes memory of its own.
+        self.lists = Lists::default();
+        self.pusher = Pusher::default();
+        self.system.groups = Vec::new();
         self.system.wrap();
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.specimen.bounds_mm();
