@@ -110,6 +110,38 @@ fn packings_hold_in_all_specimens_and_under_all_rules() {
     }
 }
 
+/// AB8 and AB16 of PyCMG (Holla and others 2021, DOI 10.3390/ma14143782): flat ratios by size class, at 0.45.
+#[test]
+fn the_mixes_of_pycmg_hold() {
+    let examples =
+        [include_str!("../../examples/pycmg-ab8.json"), include_str!("../../examples/pycmg-ab16.json")];
+    for example in examples {
+        let mut job: Value = serde_json::from_str(example).unwrap();
+        job.as_object_mut().unwrap().retain(|field, _| field != "name");
+        let request = PackingRequest::from_json(&job, 1).unwrap();
+        let packing = packed(&request);
+        let grains = ellipsoids(&packing);
+        let matrices: Vec<_> = grains.iter().map(|(shape, pose)| shape.matrix_mm2(pose)).collect();
+        let volume: f64 = grains.iter().map(|(shape, _)| shape.volume_mm3()).sum();
+        let fraction = volume / request.specimen.volume_mm3();
+        assert!((fraction - 0.45).abs() < 0.01, "{fraction}");
+        let mut pairs = 0;
+        for i in 0..grains.len() {
+            for j in 0..i {
+                let r = grains[j].1.center_mm - grains[i].1.center_mm;
+                let longest = grains[i].0.semi_axes_mm()[0] + grains[j].0.semi_axes_mm()[0];
+                if r.norm() < longest {
+                    pairs += 1;
+                    let found = gap(r, &matrices[i], &matrices[j]);
+                    assert!(found >= -1e-6, "{i} {j} {found}");
+                }
+            }
+        }
+        assert!(pairs > grains.len(), "{pairs} pairs of {} grains were near", grains.len());
+        assert!(grains.iter().any(|(shape, _)| shape.flatness() < 0.8 || shape.elongation() < 0.8));
+    }
+}
+
 #[test]
 fn a_seed_gives_one_packing() {
     let request = request(&cube(40.0, "walls"), 0.4, &triangle(), &json!({"type": "none"}));

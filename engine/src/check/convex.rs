@@ -51,14 +51,14 @@ impl Convex for Ellipsoid {
 
 /// A grain with position and orientation.
 #[derive(Clone, Debug)]
-pub(super) enum Body {
+pub(super) enum Body<'a> {
     Ellipsoid(Ellipsoid),
-    Polyhedron(Polyhedron),
+    Polyhedron(Polyhedron<'a>),
 }
 
-impl Body {
+impl<'a> Body<'a> {
     /// `None` where the numbers describe no body in space.
-    pub(super) fn new(shape: &SolidRef<'_>, pose: &Pose) -> Option<Self> {
+    pub(super) fn new(shape: &SolidRef<'a>, pose: &Pose) -> Option<Self> {
         match shape {
             SolidRef::Ellipsoid(shape) => Ellipsoid::new(shape, pose).map(Self::Ellipsoid),
             SolidRef::Polyhedron(shape) => Polyhedron::new(shape, pose).map(Self::Polyhedron),
@@ -74,7 +74,7 @@ impl Body {
     }
 }
 
-impl Convex for Body {
+impl Convex for Body<'_> {
     fn center(&self) -> Vector3<f64> {
         match self {
             Self::Ellipsoid(body) => body.center,

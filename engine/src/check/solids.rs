@@ -167,11 +167,11 @@ fn ellipsoid_bodies(
     Packing::new(shapes.len(), |i| body::Ellipsoid::new(&shapes[i], &poses[i]), region)
 }
 
-fn bodies(
-    shapes: &[SolidRef<'_>],
+fn bodies<'a>(
+    shapes: &[SolidRef<'a>],
     poses: &[Pose],
     region: (Distance, Specimen),
-) -> Result<Packing<Body>, Fault> {
+) -> Result<Packing<Body<'a>>, Fault> {
     if shapes.len() != poses.len() {
         return Err(Fault::Columns);
     }

@@ -61,10 +61,14 @@ pub(crate) fn copied<T: Copy>(elements: &[T]) -> Result<Vec<T>, OutOfMemory> {
     collected(elements.iter().copied())
 }
 
-/// Gives a vector that is used again so many equal elements.
+/// Gives a vector that is used again so many equal elements. One that is too small is given back first: it would be
+/// copied, and the new one made twice as long.
 pub(crate) fn refill<T: Clone>(vector: &mut Vec<T>, elements: usize, value: T) -> Result<(), OutOfMemory> {
     vector.clear();
-    make_room(vector, elements)?;
+    if vector.capacity() < elements {
+        *vector = Vec::new();
+        *vector = reserved(elements)?;
+    }
     vector.resize(elements, value);
     Ok(())
 }

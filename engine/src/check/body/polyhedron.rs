@@ -13,15 +13,14 @@ use crate::shape::{Pose, ScaledPolyhedron};
 
 /// A polyhedron with position and orientation.
 #[derive(Clone, Debug)]
-pub(in crate::check) struct Polyhedron {
+pub(in crate::check) struct Polyhedron<'a> {
     pub(in crate::check) center: Vector3<f64>,
     /// Corners of the core.
     pub(in crate::check) points: Vec<Vector3<f64>>,
     /// The same relative to the centre, within rounding.
     pub(in crate::check) relative: Vec<Vector3<f64>>,
-    /// Triangles that make up the faces, counter-clockwise seen from outside.
-    pub(in crate::check) triangles: Vec<[usize; 3]>,
-    pub(in crate::check) edges: Vec<[usize; 2]>,
+    /// Those of the template, counter-clockwise seen from outside.
+    faces: &'a [Vec<u32>],
     /// Radius of rounding.
     pub(in crate::check) rounding: f64,
     /// Radius of the sphere around the centre that holds the body.
@@ -32,9 +31,9 @@ pub(in crate::check) struct Polyhedron {
     pub(in crate::check) equivalent_diameter: f64,
 }
 
-impl Polyhedron {
+impl<'a> Polyhedron<'a> {
     /// `None` where the numbers describe no body in space.
-    pub(in crate::check) fn new(shape: &ScaledPolyhedron<'_>, pose: &Pose) -> Option<Self> {
+    pub(in crate::check) fn new(shape: &ScaledPolyhedron<'a>, pose: &Pose) -> Option<Self> {
         let (template, scale, center) = (shape.template, shape.scale_mm, pose.center_mm);
         let &Quaternion { coords } = pose.orientation.quaternion();
         let (x, y, z, w) = (coords.x, coords.y, coords.z, coords.w);
@@ -64,30 +63,42 @@ impl Polyhedron {
             radius: relative.iter().map(Vector3::norm).fold(0.0, f64::max) + rounding,
             points,
             relative,
-            triangles: Vec::new(),
-            edges: Vec::new(),
+            faces: template.faces(),
             rounding,
             volume: 0.0,
             equivalent_diameter: 0.0,
         };
-        polyhedron.add_faces(template.faces());
+        polyhedron.volume = polyhedron.own_volume();
         polyhedron.equivalent_diameter = (6.0 * polyhedron.volume / PI).cbrt();
         (polyhedron.equivalent_diameter > 0.0).then_some(polyhedron)
     }
 
-    /// Triangles, edges, and the volume by Steiner's formula: each edge adds a sector of a cylinder, all corners
-    /// together one sphere.
-    fn add_faces(&mut self, faces: &[Vec<u32>]) {
+    /// Triangles that make up the faces.
+    pub(in crate::check) fn triangles(&self) -> impl Iterator<Item = [usize; 3]> {
+        self.faces.iter().flat_map(|face| {
+            face[1..].windows(2).map(|pair| [face[0], pair[0], pair[1]].map(|corner| corner as usize))
+        })
+    }
+
+    /// Edges: each lies between two faces, which run along it in opposite directions.
+    pub(in crate::check) fn edges(&self) -> impl Iterator<Item = [usize; 2]> {
+        let all = self.faces.iter().flat_map(|face| {
+            (0..face.len()).map(|at| [face[at], face[(at + 1) % face.len()]].map(|corner| corner as usize))
+        });
+        all.filter(|[from, to]| from < to)
+    }
+
+    /// The volume by Steiner's formula: each edge adds a sector of a cylinder, all corners together one sphere.
+    fn own_volume(&self) -> f64 {
         let (mut volume, mut surface, mut curvature) = (0.0, 0.0, 0.0);
         let mut normals: BTreeMap<[usize; 2], Vector3<f64>> = BTreeMap::new();
-        for face in faces {
+        for face in self.faces {
             let corners: Vec<usize> = face.iter().map(|&v| v as usize).collect();
             let mut area = Vector3::zeros();
             for pair in corners[1..].windows(2) {
                 let [a, b, c] = [corners[0], pair[0], pair[1]].map(|v| self.relative[v]);
                 area += 0.5 * (b - a).cross(&(c - a));
                 volume += Matrix3::from_columns(&[a, b, c]).determinant() / 6.0;
-                self.triangles.push([corners[0], pair[0], pair[1]]);
             }
             surface += area.norm();
             let normal = area.try_normalize(0.0).unwrap_or_default();
@@ -97,14 +108,13 @@ impl Polyhedron {
                     Some(other) => {
                         let length = (self.relative[from] - self.relative[to]).norm();
                         curvature += 0.5 * length * normal.dot(&other).clamp(-1.0, 1.0).acos();
-                        self.edges.push([from, to]);
                     }
                     None => drop(normals.insert([from, to], normal)),
                 }
             }
         }
         let rho = self.rounding;
-        self.volume = volume + surface * rho + curvature * rho * rho + 4.0 / 3.0 * PI * rho.powi(3);
+        volume + surface * rho + curvature * rho * rho + 4.0 / 3.0 * PI * rho.powi(3)
     }
 
     /// Radius of the sphere around the centre that holds the core.

@@ -64,7 +64,7 @@ impl Feature {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::check) struct Pair<'a> {
     a: &'a Ellipsoid,
-    b: &'a Polyhedron,
+    b: &'a Polyhedron<'a>,
     r: Vector3<f64>,
     image: Image,
     /// Sum of the lengths that rounding errors are relative to, but for the gap.
@@ -73,7 +73,7 @@ pub(in crate::check) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     #[inline(always)]
-    pub(in crate::check) fn new(a: &'a Ellipsoid, b: &'a Polyhedron, image: Image) -> Self {
+    pub(in crate::check) fn new(a: &'a Ellipsoid, b: &'a Polyhedron<'_>, image: Image) -> Self {
         let shift = image.shift();
         let r = (b.center - a.center) + shift;
         Self { a, b, r, image, scale: r.norm() + a.radius + b.radius + shift.abs().sum() }
@@ -234,8 +234,8 @@ impl Cornered for Pair<'_> {
 
     fn directions(&self) -> impl Iterator<Item = (Direction, Feature)> {
         let corners = (0..self.b.relative.len()).map(|corner| Feature::new(&[corner]));
-        let edges = self.b.edges.iter().map(|edge| Feature::new(edge));
-        let faces = self.b.triangles.iter().map(|triangle| Feature::new(triangle));
+        let edges = self.b.edges().map(|edge| Feature::new(&edge));
+        let faces = self.b.triangles().map(|triangle| Feature::new(&triangle));
         let features = faces.chain(corners).chain(edges);
         features.flat_map(move |feature| {
             self.normals(&feature).map(move |normal| (self.along(&normal).0, feature))

@@ -33,8 +33,8 @@ pub(super) struct Corral {
 /// Two polyhedra, the second moved by whole periods.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::check) struct Pair<'a> {
-    a: &'a Polyhedron,
-    b: &'a Polyhedron,
+    a: &'a Polyhedron<'a>,
+    b: &'a Polyhedron<'a>,
     r: Vector3<f64>,
     image: Image,
     /// Radii of rounding of both.
@@ -45,7 +45,7 @@ pub(in crate::check) struct Pair<'a> {
 
 impl<'a> Pair<'a> {
     #[inline(always)]
-    pub(in crate::check) fn new(a: &'a Polyhedron, b: &'a Polyhedron, image: Image) -> Self {
+    pub(in crate::check) fn new(a: &'a Polyhedron<'_>, b: &'a Polyhedron<'_>, image: Image) -> Self {
         let shift = image.shift();
         let r = (b.center - a.center) + shift;
         let rounding = a.rounding + b.rounding;
@@ -128,13 +128,10 @@ impl<'a> Pair<'a> {
 
     /// Differences whose normals are those of all faces and of all pairs of edges.
     fn axes(&self) -> impl Iterator<Item = [Difference; 3]> {
-        let of_a = self.a.triangles.iter().map(|t| t.map(|p| [p, 0]));
-        let of_b = self.b.triangles.iter().map(|t| t.map(|q| [0, q]));
-        let edges = self
-            .a
-            .edges
-            .iter()
-            .flat_map(|&[p, u]| self.b.edges.iter().map(move |&[q, v]| [[p, q], [u, q], [p, v]]));
+        let of_a = self.a.triangles().map(|t| t.map(|p| [p, 0]));
+        let of_b = self.b.triangles().map(|t| t.map(|q| [0, q]));
+        let edges =
+            self.a.edges().flat_map(|[p, u]| self.b.edges().map(move |[q, v]| [[p, q], [u, q], [p, v]]));
         of_a.chain(of_b).chain(edges)
     }
 }
@@ -193,7 +190,7 @@ impl Cornered for Pair<'_> {
     #[cold]
     fn keeps_exactly(&self, required: f64, corral: &Corral, normal: &Vector3<f64>) -> bool {
         // Corners relative to the first centre, without rounding.
-        let points = |body: &Polyhedron, is_second: bool| -> Vec<Vector> {
+        let points = |body: &Polyhedron<'_>, is_second: bool| -> Vec<Vector> {
             let relative = |p: &Vector3<f64>| {
                 std::array::from_fn(|k| {
                     let difference = DoubleDouble::difference(p[k], self.a.center[k]);

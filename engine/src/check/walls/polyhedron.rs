@@ -8,7 +8,7 @@ use crate::check::separation::{ERROR, EXACT_ERROR};
 use crate::request::{Boundary, Specimen};
 
 /// Gap between a polyhedron and the nearest wall, and whether it is at least `required`.
-pub(in crate::check) fn wall_gap(body: &Polyhedron, specimen: &Specimen, required: f64) -> (f64, bool) {
+pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, specimen: &Specimen, required: f64) -> (f64, bool) {
     let (bounds, axis) = match *specimen {
         Specimen::Box { boundary: Boundary::Periodic, .. } => return (f64::INFINITY, true),
         Specimen::Box { size_mm, boundary: Boundary::Walls } => (size_mm.map(Some), None),
@@ -52,7 +52,7 @@ pub(in crate::check) fn wall_gap(body: &Polyhedron, specimen: &Specimen, require
 /// Whether a distance that a corner must keep, `of(p)`, is at least `required` and the radius of rounding more for
 /// all of them.
 fn all_keep(
-    body: &Polyhedron,
+    body: &Polyhedron<'_>,
     required: f64,
     scale: f64,
     of: impl Fn(&Vector3<f64>) -> DoubleDouble,

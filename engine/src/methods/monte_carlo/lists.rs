@@ -6,11 +6,11 @@
 //! hold for other shapes at a site that lie in its ellipsoid. Candidates come from a grid of levels, a
 //! factor of 1.6 of radius each.
 
-use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack};
+use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack, unpack};
 use super::system::{Container, HOME, IMAGES, System, opposite};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
-use crate::memory::{OutOfMemory, make_room, refill};
+use crate::memory::{OutOfMemory, push, refill};
 
 /// Largest ratio of radii in a level.
 const LEVEL_RATIO: f64 = 1.6;
@@ -30,22 +30,16 @@ struct Level {
     grains: Vec<u32>,
 }
 
-/// Two neighbours and the direction from the first to the second.
-#[derive(Clone, Copy, Debug)]
-struct Found {
-    i: u32,
-    j: u32,
-    image: u32,
-    n: Vector,
-}
-
 /// Memory of the lists that is used again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lists {
     levels: Vec<Level>,
     level_of: Vec<u8>,
     reach: Vec<f64>,
-    pairs: Vec<Found>,
+    /// Each pair once, as the second grain with its image; those of the first grain `i` end before `ends[i]`. Their
+    /// directions are found a second time: kept, they would take 24 bytes a pair.
+    pairs: Vec<u32>,
+    ends: Vec<u32>,
     next: Vec<u32>,
     /// By how much the gaps may widen.
     reserve: f64,
@@ -130,6 +124,7 @@ impl Lists {
     fn find(&mut self, system: &System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
         let mut pairs = std::mem::take(&mut self.pairs);
         pairs.clear();
+        refill(&mut self.ends, system.len(), 0)?;
         let is_periodic = system.container.is_periodic();
         let bounds = system.container.bounds().map(|length| length * system.stretch);
         for i in 0..system.len() {
@@ -146,19 +141,14 @@ impl Lists {
                     if is_periodic && (0..3).any(is_beyond) {
                         continue;
                     }
-                    make_room(&mut pairs, 0)?;
                     let mut refused = None;
                     level.for_each_near(seen_from, reach, |j| {
                         let is_first = number > own || (j as usize) > i;
                         if !is_first || refused.is_some() {
                             return;
                         }
-                        if let Some(n) = self.direction(system, i, j as usize, shift, shrink) {
-                            if let Err(error) = make_room(&mut pairs, 1) {
-                                refused = Some(error);
-                                return;
-                            }
-                            pairs.push(Found { i: i as u32, j, image, n });
+                        if self.direction(system, i, j as usize, shift, shrink).is_some() {
+                            push(&mut pairs, pack(j as usize, image), &mut refused);
                         }
                     });
                     if let Some(refused) = refused {
@@ -167,6 +157,7 @@ impl Lists {
                     }
                 }
             }
+            self.ends[i] = pairs.len() as u32;
         }
         self.pairs = pairs;
         Ok(())
@@ -217,9 +208,13 @@ impl Lists {
     fn lay_out(&mut self, system: &mut System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
         let n = system.len();
         refill(&mut self.next, n, 0)?;
-        for pair in &self.pairs {
-            self.next[pair.i as usize] += 1;
-            self.next[pair.j as usize] += 1;
+        let mut first = 0;
+        for (i, &end) in self.ends.iter().enumerate() {
+            self.next[i] += end - first;
+            for &pair in &self.pairs[first as usize..end as usize] {
+                self.next[unpack(pair).0] += 1;
+            }
+            first = end;
         }
         let mut total = 0_usize;
         for i in 0..n {
@@ -251,23 +246,33 @@ impl Lists {
             let cold = &mut system.cold[i];
             (cold.is_near_lateral, cold.is_near_itself) = (is_near_lateral, is_near_itself);
         }
-        for pair in &self.pairs {
-            let ends = [pair.i as usize, pair.j as usize].map(|grain| {
-                let at = self.next[grain];
-                self.next[grain] += 1;
-                at
-            });
-            let [at, mirror] = ends.map(|at| at as usize);
-            let mut put = |at: usize, neighbor: u32, mirror: usize| {
-                let group = &mut system.groups[at / LANES];
-                group.neighbors[at % LANES] = neighbor;
-                group.mirrors[at % LANES] = mirror as u32;
-            };
-            put(at, pack(pair.j as usize, pair.image), mirror);
-            put(mirror, pack(pair.i as usize, opposite(pair.image)), at);
-            system.lay_first(pair.i as usize, at, pair.n);
+        let mut first = 0;
+        for i in 0..n {
+            for at in first..self.ends[i] {
+                self.lay_pair(system, i, self.pairs[at as usize], shrink);
+            }
+            first = self.ends[i];
         }
         Ok(())
+    }
+
+    /// Enters a pair with both grains and lays its first planes.
+    fn lay_pair(&mut self, system: &mut System<impl ConvexShape>, i: usize, neighbor: u32, shrink: f64) {
+        let (j, image) = unpack(neighbor);
+        let Some(n) = self.direction(system, i, j, system.shift(image), shrink) else { return };
+        let [at, mirror] = [i, j].map(|grain| {
+            let at = self.next[grain] as usize;
+            self.next[grain] += 1;
+            at
+        });
+        let mut put = |at: usize, neighbor: u32, mirror: usize| {
+            let group = &mut system.groups[at / LANES];
+            group.neighbors[at % LANES] = neighbor;
+            group.mirrors[at % LANES] = mirror as u32;
+        };
+        put(at, neighbor, mirror);
+        put(mirror, pack(i, opposite(image)), at);
+        system.lay_first(i, at, n);
     }
 }
 

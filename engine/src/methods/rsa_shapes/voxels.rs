@@ -24,6 +24,53 @@ struct Voxel {
     at: [u32; 3],
 }
 
+/// The voxels of a level, each as one number: its place in the cell below its cell, in as many words as the largest such
+/// number of the level needs. There are tens of voxels per grain, nearly all of them of levels that need one word.
+#[derive(Debug)]
+struct VoxelList {
+    level: u32,
+    words_each: usize,
+    words: Vec<u32>,
+    len: usize,
+}
+
+impl VoxelList {
+    fn new(level: usize, cells: usize) -> Self {
+        let bits = usize::BITS - cells.saturating_sub(1).leading_zeros() + 3 * level as u32;
+        let words_each = bits.div_ceil(u32::BITS).max(1) as usize;
+        Self { level: level as u32, words_each, words: Vec::new(), len: 0 }
+    }
+
+    #[inline(always)]
+    fn get(&self, index: usize) -> Voxel {
+        let words = &self.words[index * self.words_each..][..self.words_each];
+        let number = words.iter().rev().fold(0_u128, |number, &word| number << u32::BITS | u128::from(word));
+        let mask = (1_u32 << self.level) - 1;
+        Voxel {
+            cell: (number >> (3 * self.level)) as u32,
+            at: [0, 1, 2].map(|axis| (number >> (axis * self.level)) as u32 & mask),
+        }
+    }
+
+    fn push(&mut self, voxel: Voxel) -> Result<(), OutOfMemory> {
+        make_room(&mut self.words, self.words_each)?;
+        let axes = [voxel.at[0], voxel.at[1], voxel.at[2], voxel.cell];
+        let number = axes.iter().rev().fold(0_u128, |number, &x| number << self.level | u128::from(x));
+        let words = (0..self.words_each).map(|word| (number >> (word * 32)) as u32);
+        self.words.extend(words);
+        self.len += 1;
+        Ok(())
+    }
+
+    /// Takes a voxel out; the last one comes to its place.
+    fn swap_remove(&mut self, index: usize) {
+        let last = self.words.len() - self.words_each;
+        self.words.copy_within(last.., index * self.words_each);
+        self.words.truncate(last);
+        self.len -= 1;
+    }
+}
+
 /// A point that was drawn, and where.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Draw {
@@ -38,7 +85,7 @@ pub(super) struct Draw {
 /// The voxels of a stage by level.
 #[derive(Debug)]
 pub(super) struct Voxels {
-    levels: Vec<Vec<Voxel>>,
+    levels: Vec<VoxelList>,
     region: Region,
     cell_mm3: f64,
 }
@@ -52,9 +99,10 @@ impl Voxels {
         inserted: &[Inserted<impl Turned>],
         tested: &mut u64,
     ) -> Result<Self, OutOfMemory> {
-        let mut voxels =
-            Self { levels: vec![Vec::new(); MOST_LEVELS + 1], region, cell_mm3: grid.edge.iter().product() };
-        for cell in 0..grid.counts.iter().product() {
+        let cells = grid.counts.iter().product();
+        let levels = (0..=MOST_LEVELS).map(|level| VoxelList::new(level, cells)).collect();
+        let mut voxels = Self { levels, region, cell_mm3: grid.edge.iter().product() };
+        for cell in 0..cells {
             voxels.keep(Voxel { cell: cell as u32, at: [0; 3] }, 0, level, grid, inserted, tested)?;
         }
         Ok(voxels)
@@ -80,9 +128,7 @@ impl Voxels {
             return Ok(());
         }
         if level == upto {
-            make_room(&mut self.levels[level], 1)?;
-            self.levels[level].push(voxel);
-            return Ok(());
+            return self.levels[level].push(voxel);
         }
         self.keep_parts(voxel, level, upto, grid, inserted, tested)
     }
@@ -105,7 +151,7 @@ impl Voxels {
 
     /// Number of the voxels.
     pub(super) fn len(&self) -> usize {
-        self.levels.iter().map(Vec::len).sum()
+        self.levels.iter().map(|level| level.len).sum()
     }
 
     /// Volume of the voxels in mm³.
@@ -113,7 +159,7 @@ impl Voxels {
     pub(super) fn volume_mm3(&self) -> f64 {
         let mut volume = 0.0;
         for level in self.levels.iter().rev() {
-            volume = volume / 8.0 + level.len() as f64;
+            volume = volume / 8.0 + level.len as f64;
         }
         volume * self.cell_mm3
     }
@@ -124,9 +170,9 @@ impl Voxels {
         let mut left = uniform(rng) * self.volume_mm3() / self.cell_mm3;
         let (mut chosen, mut weight) = (None, 1.0);
         for (level, voxels) in self.levels.iter().enumerate() {
-            if !voxels.is_empty() {
+            if voxels.len > 0 {
                 chosen = Some(level);
-                left -= voxels.len() as f64 * weight;
+                left -= voxels.len as f64 * weight;
                 if left < 0.0 {
                     break;
                 }
@@ -134,8 +180,8 @@ impl Voxels {
             weight /= 8.0;
         }
         let level = chosen?;
-        let index = ((u128::from(rng.next_u64()) * self.levels[level].len() as u128) >> 64) as usize;
-        let voxel = self.levels[level][index];
+        let index = ((u128::from(rng.next_u64()) * self.levels[level].len as u128) >> 64) as usize;
+        let voxel = self.levels[level].get(index);
         let (corner, edge) = place(&voxel, level, grid);
         Some(Draw {
             point: std::array::from_fn(|a| corner[a] + uniform(rng) * edge[a]),
@@ -167,7 +213,8 @@ impl Voxels {
         if draw.level == MOST_LEVELS {
             return Ok(());
         }
-        let voxel = self.levels[draw.level].swap_remove(draw.index);
+        let voxel = self.levels[draw.level].get(draw.index);
+        self.levels[draw.level].swap_remove(draw.index);
         self.keep_parts(voxel, draw.level, draw.level + 1, grid, inserted, tested)
     }
 }

@@ -236,6 +236,11 @@ fn shapes() -> Vec<Case> {
     let added = |name, phi, at_least, moonshot| {
         time_case(name, by(shaped(fuller(80.0, phi), TRIAXIAL), "rsa"), at_least, moonshot)
     };
+    let pycmg = |name, example: &str| {
+        let job: Value = serde_json::from_str(example).expect("an example is JSON");
+        let request = json!({"specimen": job["specimen"], "mix": job["mix"], "method": job["method"]});
+        time_case(name, request, "", "")
+    };
     vec![
         grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.60", 80.0, 0.60, TRIAXIAL, "1.5 s", "0.4 s"),
         grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.65", 80.0, 0.65, TRIAXIAL, "5 s", "1.2 s"),
@@ -243,7 +248,16 @@ fn shapes() -> Vec<Case> {
         grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.73", 80.0, 0.73, TRIAXIAL, "60 s", "12 s"),
         grown("shapes ellipsoids fuller 2..16 a=80 phi_eff 0.75", 80.0, 0.75, TRIAXIAL, "", "120 s"),
         grown("shapes flat ellipsoids fuller 2..16 a=80 phi_eff 0.70", 80.0, 0.70, FLAT, "25 s", "5 s"),
-        grown("shapes ellipsoids fuller 2..16 a=150 phi_eff 0.60", 150.0, 0.60, TRIAXIAL, "12 s", "4 s"),
+        Case {
+            name: "shapes ellipsoids fuller 2..16 a=150 phi_eff 0.60",
+            kind: Kind::Pack {
+                request: by(shaped(fuller(150.0, 0.60), TRIAXIAL), "monte_carlo"),
+                shows: Shows::TimeAndMemory,
+            },
+            seeds: 10,
+            at_least: "12 s, 600 bytes/grain",
+            moonshot: "4 s, 400 bytes/grain",
+        },
         grown("shapes ellipsoids fuller 2..16 a=150 phi_eff 0.70", 150.0, 0.70, TRIAXIAL, "180 s", "40 s"),
         grown("shapes ellipsoids fuller 2..16 a=186 phi_eff 0.60", 186.0, 0.60, TRIAXIAL, "30 s", "10 s"),
         a16("shapes ellipsoids A16 phi_M 0.50 a=80 distance 1 mm", 0.50, "10 s", "2.5 s"),
@@ -257,6 +271,14 @@ fn shapes() -> Vec<Case> {
         mixed("shapes ellipsoids and polyhedra fuller 2..16 a=80 phi_eff 0.65", 0.65),
         angular("shapes polyhedra random addition fuller 2..16 a=80 phi_eff 0.50", "rsa", 0.50, "0.9 s", ""),
         angular("shapes polyhedra random addition fuller 2..16 a=80 phi_eff 0.55", "rsa", 0.55, "4.5 s", ""),
+        pycmg(
+            "shapes ellipsoids AB8 of PyCMG 20 x 20 x 50 mm phi 0.45",
+            include_str!("../../../../examples/pycmg-ab8.json"),
+        ),
+        pycmg(
+            "shapes ellipsoids AB16 of PyCMG 20 x 20 x 50 mm phi 0.45",
+            include_str!("../../../../examples/pycmg-ab16.json"),
+        ),
     ]
 }
 

@@ -12,7 +12,7 @@ use crate::packing::RsaStatistics;
 use crate::shape::Pose;
 
 /// Tells bodies of this method, and of this layout, from others.
-const MARK: u64 = u64::from_le_bytes(*b"mc-body1");
+const MARK: u64 = u64::from_le_bytes(*b"mc-body2");
 /// Floats of a grain.
 const FLOATS: usize = 9;
 
@@ -62,6 +62,7 @@ impl<S: ConvexShape> Run<S> {
             self.rsa.attempts,
             self.rsa.grains_by_subdivision,
             self.rsa.voxels_tested,
+            self.expansions,
         ] {
             write_u64(out, value)?;
         }
@@ -74,6 +75,7 @@ impl<S: ConvexShape> Run<S> {
             self.fraction,
             self.elapsed_s(),
             self.rsa_s,
+            self.jammed_at,
         ] {
             write_f64(out, value)?;
         }
@@ -112,18 +114,18 @@ impl<S: ConvexShape> Run<S> {
         if stage == Stage::Gap && of.maximize.is_none() {
             return Err(invalid());
         }
-        let whole: [u64; 14] = {
-            let mut whole = [0; 14];
+        let whole: [u64; 15] = {
+            let mut whole = [0; 15];
             for value in &mut whole {
                 *value = read_u64(input)?;
             }
             whole
         };
-        let mut numbers = [0.0; 8];
+        let mut numbers = [0.0; 9];
         for value in &mut numbers {
             *value = read_f64(input)?;
         }
-        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s] = numbers;
+        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at] = numbers;
         if !(stretch > 0.0 && more >= 0.0 && (LEAST_RATE..=MOST_RATE).contains(&rate)) {
             return Err(invalid());
         }
@@ -150,6 +152,7 @@ impl<S: ConvexShape> Run<S> {
         run.rate = rate;
         run.swaps.window = window;
         run.mark = (mark, whole[9]);
+        (run.expansions, run.jammed_at) = (whole[14], jammed_at);
         (run.fraction, run.earlier_s, run.rsa_s) = (fraction, earlier_s, rsa_s);
         let counted = &mut run.statistics;
         counted.cycles = whole[0];

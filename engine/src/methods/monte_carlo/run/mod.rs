@@ -6,6 +6,9 @@
 
 mod body;
 mod report;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 
 use std::io::Write;
 use std::time::Instant;
@@ -67,6 +70,12 @@ const MOST_HELD: f64 = 0.01;
 /// Cycles over which growth is compared to tell that it has stalled, and the least growth, relative.
 const STALL_CYCLES: u64 = 200;
 const STALL_GROWTH: f64 = 1e-5;
+/// A packing that jams is expanded and grown again where its scale lacks at most this much,
+const NEAR_TARGET: f64 = 0.02;
+/// by this share of its scale,
+const EXPANSION: f64 = 3e-3;
+/// and so many times at most.
+const MOST_EXPANSIONS: u64 = 12;
 /// Most points of the curve; when it is full every other one goes.
 const CURVE_POINTS: usize = 500;
 
@@ -95,6 +104,9 @@ pub(super) struct Run<S: ConvexShape> {
     started: Instant,
     /// Size, and the cycle at which it was noted, to tell a stall.
     mark: (f64, u64),
+    /// Expansions so far, and the size at which the first packing jammed.
+    expansions: u64,
+    jammed_at: f64,
     curve: Vec<CurvePoint>,
     curve_stride: u64,
     fraction: f64,
@@ -137,6 +149,8 @@ impl<S: ConvexShape> Run<S> {
             earlier_s: 0.0,
             started,
             mark: (0.0, 0),
+            expansions: 0,
+            jammed_at: 0.0,
             curve: Vec::new(),
             curve_stride: 1,
             fraction: 0.0,
@@ -332,11 +346,40 @@ impl<S: ConvexShape> Run<S> {
         let size = self.size();
         let has_grown = size > self.mark.0 * (1.0 + STALL_GROWTH);
         self.mark = (size, self.statistics.cycles);
-        (!has_grown).then_some(End::Stalled)
+        (!has_grown && !self.expand()).then_some(End::Stalled)
+    }
+
+    /// Expands a packing that jammed below its target; says whether it did.
+    ///
+    /// Grains then rearrange and change places while they grow again, and jam at a larger size. That is tried as long
+    /// as the expansions that are left, by the mean gain of those before, add up to what is missing.
+    fn expand(&mut self) -> bool {
+        let size = self.size();
+        let missing = 1.0 - size;
+        if self.stage != Stage::Scale || missing > NEAR_TARGET {
+            return false;
+        }
+        let gain = (size - self.jammed_at) / self.expansions.max(1) as f64;
+        if gain * (MOST_EXPANSIONS.saturating_sub(self.expansions) as f64) < missing {
+            return false;
+        }
+        if self.expansions == 0 {
+            self.jammed_at = size;
+        }
+        self.expansions += 1;
+        self.system.scale(1.0 + EXPANSION);
+        self.rate = MOST_RATE;
+        self.listed_cycles = CYCLES_PER_LIST;
+        self.mark = (0.0, self.statistics.cycles);
+        true
     }
 
     /// The result.
     pub(super) fn outcome(mut self, of: &MonteCarlo<'_, S>, end: End) -> Result<Outcome, Interrupted> {
+        // The result takes memory of its own.
+        self.lists = Lists::default();
+        self.pusher = Pusher::default();
+        self.system.groups = Vec::new();
         self.system.wrap();
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.specimen.bounds_mm();

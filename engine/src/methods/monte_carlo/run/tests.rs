@@ -1,0 +1,88 @@
+//! What happens to a packing that jams below its target.
+
+use nalgebra::Vector3;
+
+use super::*;
+use crate::distance::DistanceRule;
+use crate::methods::monte_carlo::Limits;
+use crate::mix::uniform_orientation;
+use crate::request::{Boundary, Distance, Specimen};
+use crate::shape::Ellipsoid;
+
+const BOX: Specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
+
+fn shapes() -> [Ellipsoid; 2] {
+    [3.0, 2.0].map(|a| Ellipsoid::new([a, 0.8 * a, 0.6 * a]).unwrap())
+}
+
+fn method(shapes: &[Ellipsoid]) -> MonteCarlo<'_, Ellipsoid> {
+    MonteCarlo {
+        shapes,
+        specimen: &BOX,
+        rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &BOX),
+        maximize: None,
+        initial_scale: None,
+        swap: true,
+        limits: Limits::default(),
+        orientation: &uniform_orientation,
+        seed: 1,
+        preference: None,
+        keep_checkpoint: None,
+    }
+}
+
+/// Two grains at this size, which have not grown for as long as tells a stall.
+fn jammed(of: &MonteCarlo<'_, Ellipsoid>, size: f64) -> Run<Ellipsoid> {
+    let poses = [5.0, 14.0].map(|x| Pose::at(Vector3::new(x, 10.0, 10.0)));
+    let mut run = Run::new(of, &poses, size, Instant::now()).unwrap();
+    jam(&mut run, size);
+    run
+}
+
+/// The run jams at a size.
+fn jam(run: &mut Run<Ellipsoid>, size: f64) {
+    run.system.scale(1.0 / size / run.system.stretch);
+    run.mark = (run.size(), run.statistics.cycles);
+    run.statistics.cycles += STALL_CYCLES;
+}
+
+#[test]
+fn a_packing_that_jams_near_its_target_is_expanded_while_that_helps() {
+    let shapes = shapes();
+    let of = method(&shapes);
+    let mut run = jammed(&of, 0.99);
+    run.rate = LEAST_RATE;
+    assert_eq!(run.limit_reached(&of), None);
+    assert!((run.size() * (1.0 + EXPANSION) / 0.99 - 1.0).abs() < 1e-12, "{}", run.size());
+    assert_eq!((run.expansions, run.rate), (1, MOST_RATE));
+    assert!(run.lists_are_due(run.tighten()));
+    // Eleven more that gain as much reach the target.
+    jam(&mut run, 0.991);
+    assert_eq!((run.limit_reached(&of), run.expansions), (None, 2));
+    jam(&mut run, 0.9905);
+    assert_eq!((run.limit_reached(&of), run.expansions), (Some(End::Stalled), 2));
+}
+
+#[test]
+fn a_packing_that_jams_far_below_its_target_or_at_its_largest_gap_ends() {
+    let shapes = shapes();
+    let of = method(&shapes);
+    assert_eq!(jammed(&of, 1.0 - 1.1 * NEAR_TARGET).limit_reached(&of), Some(End::Stalled));
+    let mut run = jammed(&of, 0.99);
+    run.stage = Stage::Gap;
+    run.mark = (run.size(), 0);
+    assert_eq!(run.limit_reached(&of), Some(End::Stalled));
+}
+
+#[test]
+fn a_checkpoint_has_the_expansions() {
+    let shapes = shapes();
+    let of = method(&shapes);
+    let mut run = jammed(&of, 0.99);
+    assert_eq!(run.limit_reached(&of), None);
+    let mut body = Vec::new();
+    run.write(&mut body).unwrap();
+    let read = Run::read(&of, &body, Instant::now()).unwrap();
+    assert_eq!((read.expansions, read.jammed_at), (run.expansions, run.jammed_at));
+    assert_eq!((read.expansions, read.system.stretch, read.mark), (1, run.system.stretch, run.mark));
+}
