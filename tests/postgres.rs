@@ -5,10 +5,12 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
+use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::deadline::within;
-use crate::harness::{Client, DataDir, Launch, Postgres, Server, id_of, jobs, packstone};
+use crate::harness::deadline::{eventually, within};
+use crate::harness::{Client, DataDir, Launch, Postgres, Running, Server, id_of, jobs, packstone};
+use crate::webhooks::{Receiver, Secret, webhook_of, with_url};
 
 /// The service answers so long after its database does.
 const BACK_WITHIN: Duration = Duration::from_secs(10);
@@ -158,6 +160,63 @@ async fn several_servers_share_one_queue_and_one_folder_of_results() {
     let damaged = cut_a_result(shared.path());
     let checked = packstone(shared.path(), &check).await;
     assert!(checked.code == Some(1) && checked.stdout.contains(&damaged), "{checked:?}");
+}
+
+/// How many connections hold the lock of the leader, the word "lead" in ASCII.
+const LEADERS: &str =
+    "select count(*) from pg_locks where locktype = 'advisory' and objid = x'6c656164'::int";
+
+/// Submits a job with a webhook where nobody packs, and cancels it.
+async fn cancelled_with_webhook(client: &Client, receiver: &Receiver) -> String {
+    let job = client.submit(&with_url(jobs::quick(1), &receiver.url("/in"))).await;
+    client.post(&format!("/v1/jobs/{}/cancel", id_of(&job))).send().await.expect(200);
+    id_of(&job).to_owned()
+}
+
+#[tokio::test]
+async fn a_leader_that_sleeps_is_replaced_and_does_nothing_twice_when_it_goes_on() {
+    let Some(postgres) = Postgres::start() else { return };
+    let (secret, shared) = (Secret::make().await, DataDir::new());
+    let data_dirs = [DataDir::new(), DataDir::new()];
+    let store = postgres.database("lab");
+    let args = ["--store", &store, "--lease-s", "2", "--blobs", shared.path().to_str().unwrap()];
+    let launch = |which: usize| secret.launch(&data_dirs[which]).args(&args);
+    let first = Running::of(launch(0).into_command());
+    eventually("a leader", || postgres.ask("lab", LEADERS) == "1").await;
+    // The other one packs nothing, so that the first one does.
+    let second = launch(1).workers(0).start().await;
+    let client = second.client();
+    let packed = id_of(&client.submit(&jobs::endless()).await).to_owned();
+    client.running(&packed).await;
+
+    first.signal(Signal::STOP);
+    let requeued = client.job_when(&packed, "taken back", |job| job["state"] == "queued").await;
+    assert_eq!(requeued["attempt"], 2);
+    let mut receivers =
+        [Receiver::holding_back("127.0.0.1").await, Receiver::holding_back("127.0.0.2").await];
+    let mut ended = vec![cancelled_with_webhook(&client, &receivers[0]).await];
+    receivers[0].next().await;
+
+    // A message is on its way, and another one is recorded, when the sleeper goes on.
+    first.signal(Signal::CONT);
+    let again = client.running(&packed).await;
+    assert_eq!(again["attempt"], 2, "the sleeper has learned that its lease is lost");
+    ended.push(cancelled_with_webhook(&client, &receivers[1]).await);
+    receivers[1].next().await;
+    for (id, receiver) in ended.iter().zip(&receivers) {
+        receiver.let_go();
+        assert_eq!(webhook_of(&client, id, "delivered").await["attempts"], 1);
+    }
+    client.post(&format!("/v1/jobs/{packed}/cancel")).send().await.expect(202);
+    assert_eq!(client.finished(&packed).await["attempt"], 2);
+    for receiver in &mut receivers {
+        receiver.nothing_more();
+    }
+    assert_eq!(postgres.ask("lab", LEADERS), "1");
+    first.signal(Signal::TERM);
+    assert_eq!(first.ended().await.code, Some(0));
+    second.stop().await;
+    assert_eq!(counts(&postgres), "cancelled|3");
 }
 
 #[tokio::test]

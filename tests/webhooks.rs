@@ -26,7 +26,7 @@ use crate::harness::{
 
 /// A request that a receiver got.
 #[derive(Debug)]
-struct Message {
+pub(crate) struct Message {
     method: Method,
     target: String,
     headers: HeaderMap,
@@ -68,7 +68,7 @@ impl Message {
 }
 
 /// A receiver of webhooks; it answers 204 unless it was told otherwise.
-struct Receiver {
+pub(crate) struct Receiver {
     address: SocketAddr,
     messages: mpsc::UnboundedReceiver<Message>,
     answers: Arc<Mutex<VecDeque<u16>>>,
@@ -86,12 +86,12 @@ struct Shared {
 impl Receiver {
     async fn start(ip: &str) -> Self {
         let receiver = Self::holding_back(ip).await;
-        receiver.permits.add_permits(Semaphore::MAX_PERMITS / 2);
+        receiver.let_go();
         receiver
     }
 
     /// One that answers nothing.
-    async fn holding_back(ip: &str) -> Self {
+    pub(crate) async fn holding_back(ip: &str) -> Self {
         let listener = tokio::net::TcpListener::bind((ip, 0)).await.unwrap();
         let address = listener.local_addr().unwrap();
         let (got, messages) = mpsc::unbounded_channel();
@@ -102,7 +102,7 @@ impl Receiver {
         Self { address, messages, answers, permits }
     }
 
-    fn url(&self, path: &str) -> Value {
+    pub(crate) fn url(&self, path: &str) -> Value {
         json!(format!("http://{}{path}", self.address))
     }
 
@@ -111,12 +111,17 @@ impl Receiver {
         self.answers.lock().unwrap().extend(statuses);
     }
 
-    async fn next(&mut self) -> Message {
+    /// Answers all that waits for an answer, and all that comes.
+    pub(crate) fn let_go(&self) {
+        self.permits.add_permits(Semaphore::MAX_PERMITS / 2);
+    }
+
+    pub(crate) async fn next(&mut self) -> Message {
         patiently("a webhook", self.messages.recv()).await.unwrap()
     }
 
     /// Panics if there is another message.
-    fn nothing_more(&mut self) {
+    pub(crate) fn nothing_more(&mut self) {
         assert!(self.messages.try_recv().is_err(), "another message");
     }
 }
@@ -136,14 +141,14 @@ async fn receive(
 }
 
 /// A secret in a file of its own.
-struct Secret {
+pub(crate) struct Secret {
     _folder: tempfile::TempDir,
     file: PathBuf,
     text: String,
 }
 
 impl Secret {
-    async fn make() -> Self {
+    pub(crate) async fn make() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let made = packstone(folder.path(), &["webhook-secret"]).await;
         assert_eq!(made.code, Some(0), "{made:?}");
@@ -154,7 +159,7 @@ impl Secret {
     }
 
     /// A server that signs with it and allows loopback; what fails is sent again soon.
-    fn launch(&self, data_dir: &DataDir) -> Launch {
+    pub(crate) fn launch(&self, data_dir: &DataDir) -> Launch {
         self.launch_strict(data_dir).env("PACKSTONE_WEBHOOK_ALLOWED_HOST", "127.0.0.1,127.0.0.2")
     }
 
@@ -165,12 +170,12 @@ impl Secret {
     }
 }
 
-fn with_url(job: Value, url: &Value) -> Value {
+pub(crate) fn with_url(job: Value, url: &Value) -> Value {
     jobs::with(job, "/webhook_url", url.clone())
 }
 
 /// Long-polls until the webhook of the job is in a state.
-async fn webhook_of(client: &Client, id: &str, state: &str) -> Value {
+pub(crate) async fn webhook_of(client: &Client, id: &str, state: &str) -> Value {
     client.job_when(id, state, |job| job["webhook"]["state"] == state).await["webhook"].clone()
 }
 
@@ -423,7 +428,7 @@ async fn a_message_that_was_not_answered_survives_a_kill() {
     let job = server.client().submit(&with_url(jobs::quick(1), &receiver.url("/in"))).await;
     let first = receiver.next().await;
     server.kill().await;
-    receiver.permits.add_permits(1_000_000);
+    receiver.let_go();
     let server = secret.launch(&data_dir).start().await;
     let second = receiver.next().await;
     assert_eq!((first.header("webhook-id"), &first.body), (second.header("webhook-id"), &second.body));

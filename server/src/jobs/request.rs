@@ -193,6 +193,16 @@ impl JobRequest {
     pub(crate) fn expires_at_us(&self) -> Option<i64> {
         self.expires_at.as_deref().and_then(time_us)
     }
+
+    /// The method that it names, as the list of jobs knows it.
+    pub(crate) fn method_name(&self) -> &'static str {
+        match self.method {
+            Method::Auto {} => "auto",
+            Method::Rsa { .. } => "rsa",
+            Method::Edmd { .. } => "edmd",
+            Method::MonteCarlo { .. } => "monte_carlo",
+        }
+    }
 }
 
 /// What a patch does to a field that may be absent.

@@ -23,7 +23,7 @@ macro_rules! line_of_owner {
 
 /// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
 /// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 250 jobs
-/// of the owner for which a worker with `?8` µs left has the time; an owner of whom there is none is passed over. The
+/// of the owner for which a worker with `?9` µs left has the time; an owner of whom there is none is passed over. The
 /// very first is looked at alone: it fits in most cases, and the others are sorted once more.
 macro_rules! next_in_queue {
     ($database:ident) => {
@@ -34,9 +34,9 @@ macro_rules! next_in_queue {
             of $database,
             "select coalesce((select first.seq from (",
             line_of_owner!("jobs.seq, jobs.least_time_us"),
-            " limit 1) as first where first.least_time_us <= ?8), (select line.seq from (",
+            " limit 1) as first where first.least_time_us <= ?9), (select line.seq from (",
             line_of_owner!("jobs.seq, jobs.priority, jobs.turn, jobs.least_time_us"),
-            " limit 250) as line where line.least_time_us <= ?8
+            " limit 250) as line where line.least_time_us <= ?9
               order by line.priority desc, line.turn, line.seq limit 1)) as seq"
         )
     };
@@ -68,7 +68,8 @@ pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
 #[cfg(test)]
 pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
 
-/// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact.
+/// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact. Changes
+/// nothing where the claim has leased another number of jobs than `?8`: then it is a repeated one.
 macro_rules! lease {
     ($next:expr) => {
         concat!(
@@ -77,7 +78,10 @@ macro_rules! lease {
                  worker = ?5, worker_key = ?6, claim = ?7
              where seq = (",
             $next,
-            ") returning *, cast(null as text) as path,
+            ") and ?8 = (
+                 select count(*) from jobs as leased
+                 where leased.claim = ?7 and leased.worker_key = ?6 and leased.state = 'running'
+             ) returning *, cast(null as text) as path,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id,
                  (select job_requests.body from job_requests where job_requests.job = jobs.seq) as body"
         )
@@ -96,16 +100,17 @@ pub(crate) struct Claimed {
 }
 
 impl Claimed {
-    /// A running job with its request, as the one who leases it gets it.
-    pub(super) async fn read(tx: &mut Transaction<'_>, seq: i64) -> Result<Self, StoreError> {
-        let row = query(rows::select_jobs!(
+    /// The running jobs that a claim has leased before.
+    pub(super) async fn before(claim: &Claim, tx: &mut Transaction<'_>) -> Result<Vec<Self>, StoreError> {
+        let found = query(rows::select_jobs!(
             ", (select body from job_requests where job = jobs.seq) as body",
-            "where jobs.seq = ?"
+            "where jobs.claim = ? and jobs.worker_key = ? and jobs.state = 'running' order by jobs.seq"
         ))
-        .bind(seq)
-        .fetch_one(tx)
+        .bind(&claim.id)
+        .bind(&claim.key)
+        .fetch_all(tx)
         .await?;
-        Self::of(&row)
+        found.iter().map(Self::of).collect()
     }
 
     /// Of a row as [`rows::select_jobs!`] has it, with the request as `body`.
@@ -122,8 +127,8 @@ impl Claimed {
 pub(super) enum Lessee<'a> {
     /// A worker of this server.
     Here,
-    /// A worker in another process.
-    Process(&'a Claim),
+    /// A worker in another process, for a claim that has leased so many jobs until now.
+    Process(&'a Claim, usize),
 }
 
 impl Store {
@@ -149,22 +154,20 @@ impl Store {
         .await
     }
 
-    /// Leases the next job; see [`Self::claim`].
+    /// Leases the next job; see [`Self::claim`]. None where nothing waits, or the claim is a repeated one.
     pub(super) async fn claim_next(
         &self,
         tx: &mut Transaction<'_>,
         lessee: Lessee<'_>,
     ) -> Result<Option<Claimed>, StoreError> {
-        let (worker, key, claim) = match lessee {
-            Lessee::Here => ("", "", None),
-            Lessee::Process(claim) => (claim.worker.as_str(), claim.key.as_str(), Some(&claim.id)),
+        let (worker, key, claim, leased, remaining) = match lessee {
+            Lessee::Here => ("", "", None, 0, None),
+            Lessee::Process(claim, leased) => {
+                (claim.worker.as_str(), claim.key.as_str(), Some(&claim.id), leased as i64, claim.remaining)
+            }
         };
         let held_back = self.held_back(tx).await?;
         let now = self.now_us();
-        let remaining = match lessee {
-            Lessee::Here => None,
-            Lessee::Process(claim) => claim.remaining,
-        };
         let text = match remaining {
             None => either(lease!(next_in_queue!(sqlite)), lease!(next_in_queue!(postgres))),
             Some(_) => either(lease!(next_in_queue!(sqlite within)), lease!(next_in_queue!(postgres within))),
@@ -176,7 +179,8 @@ impl Store {
             .bind(to_json(&held_back)?)
             .bind(worker)
             .bind(key)
-            .bind(claim);
+            .bind(claim)
+            .bind(leased);
         if let Some(remaining) = remaining {
             leasing = leasing.bind(micros(remaining));
         }

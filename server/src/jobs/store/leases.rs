@@ -182,24 +182,13 @@ impl Store {
 impl Claim {
     /// Leases the jobs, or finds those that the same claim has leased before.
     async fn take(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<Vec<Claimed>, StoreError> {
-        let before: Vec<i64> =
-            query("select seq from jobs where claim = ? and worker_key = ? and state = 'running'")
-                .bind(&self.id)
-                .bind(&self.key)
-                .scalars(&mut *tx)
-                .await?;
         let mut claimed = Vec::new();
-        for seq in before {
-            claimed.push(Claimed::read(tx, seq).await?);
+        while claimed.len() < self.slots as usize
+            && let Some(next) = store.claim_next(tx, Lessee::Process(self, claimed.len())).await?
+        {
+            claimed.push(next);
         }
-        if claimed.is_empty() {
-            while claimed.len() < self.slots as usize
-                && let Some(next) = store.claim_next(tx, Lessee::Process(self)).await?
-            {
-                claimed.push(next);
-            }
-        }
-        Ok(claimed)
+        if claimed.is_empty() { Claimed::before(self, tx).await } else { Ok(claimed) }
     }
 }
 

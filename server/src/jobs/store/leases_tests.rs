@@ -37,6 +37,8 @@ async fn a_repeated_claim_finds_the_jobs_of_the_first() {
     let second = store.claim_for(other).await.unwrap();
     assert_eq!(second.len(), 1, "the claim of another key is another claim");
     assert!(store.claim_for(claim("b", 2)).await.unwrap().is_empty());
+    submit(&store, json!({})).await;
+    assert_eq!(store.claim_for(claim("a", 3)).await.unwrap(), first, "a repeated claim leases nothing more");
 }
 
 #[tokio::test]

@@ -30,6 +30,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (19, "start_turns", include_str!("../../../../migrations/0019_start_turns.sql")),
     (20, "threads", include_str!("../../../../migrations/0020_threads.sql")),
     (21, "export_attempts", include_str!("../../../../migrations/0021_export_attempts.sql")),
+    (22, "fewer_triggers", include_str!("../../../../migrations/0022_fewer_triggers.sql")),
 ];
 
 /// The migrations up to and including `last`; all of them for `i64::MAX`.
@@ -61,6 +62,7 @@ const OF_POSTGRES: &[(i64, &str, &str)] = &[
     (19, "start_turns", include_str!("../../../../migrations/postgres/0019_start_turns.sql")),
     (20, "threads", include_str!("../../../../migrations/postgres/0020_threads.sql")),
     (21, "export_attempts", include_str!("../../../../migrations/postgres/0021_export_attempts.sql")),
+    (22, "fewer_triggers", include_str!("../../../../migrations/postgres/0022_fewer_triggers.sql")),
 ];
 
 /// All migrations of PostgreSQL. Servers that start together run them one after another, by a lock of sqlx.

@@ -1,7 +1,7 @@
 //! What is written about the end of a running job. Each write names the attempt, and changes
 //! nothing where another one holds the job.
 
-use super::db::{Transaction, query};
+use super::db::{Transaction, either, query};
 use super::exports::insert_beforehand;
 use super::leased::LeasedTask;
 use super::studies::runs;
@@ -10,6 +10,25 @@ use super::{Store, StoreError};
 use crate::exports::NewExport;
 use crate::jobs::{ArtifactRecord, JobId, JobProgress, Lease, State};
 use crate::studies::{Facts, Outcome};
+
+/// Records the result of an attempt that runs. The end follows in one message: PostgreSQL takes both as one statement,
+/// SQLite as one text.
+macro_rules! insert_artifact {
+    () => {
+        "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths, owner)
+         select seq, attempt, ?5, ?6, ?7, ?8, ?9, ?10, owner from jobs
+         where seq = ?2 and attempt = ?3 and state = 'running'"
+    };
+}
+
+/// Ends an attempt that runs.
+macro_rules! succeed {
+    () => {
+        "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
+             lease_expires_at = null, error = null, progress = ?4
+         where seq = ?2 and attempt = ?3 and state = 'running' returning study, point, replicate"
+    };
+}
 
 /// The end of a run with a result.
 pub(super) struct Success {
@@ -29,32 +48,23 @@ impl Success {
     ) -> Result<Vec<JobId>, StoreError> {
         let Self { lease, artifact, progress, facts, postprocess } = self;
         let now = store.now_us();
-        let moved = query(
-            "update jobs set state = 'succeeded', version = version + 1, finished_at = ?1, updated_at = ?1,
-                 lease_expires_at = null, error = null, progress = ?4
-             where seq = ?2 and attempt = ?3 and state = 'running' returning study, point, replicate",
-        )
+        let moved = query(either(
+            concat!(insert_artifact!(), "; ", succeed!()),
+            concat!("with stored as (", insert_artifact!(), ") ", succeed!()),
+        ))
         .bind(now)
         .bind(lease.seq)
         .bind(lease.attempt)
         .bind(to_json(progress)?)
-        .fetch_optional(&mut *tx)
-        .await?;
-        let Some(moved) = moved else { return self.recorded_before(tx).await };
-        query(
-            "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths, owner)
-             values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, (select owner from jobs where seq = ?1))",
-        )
-        .bind(lease.seq)
-        .bind(lease.attempt)
         .bind(&artifact.path)
         .bind(artifact.bytes.cast_signed())
         .bind(&artifact.sha256)
         .bind(to_json(&artifact.report)?)
         .bind(artifact.format_revision)
         .bind(to_json(&artifact.format_lengths)?)
-        .execute(&mut *tx)
+        .fetch_optional(&mut *tx)
         .await?;
+        let Some(moved) = moved else { return self.recorded_before(tx).await };
         insert_beforehand(tx, lease.seq, postprocess, now).await?;
         runs::record(tx, &moved, Outcome::Succeeded, facts, now).await
     }

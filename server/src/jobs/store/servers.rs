@@ -5,12 +5,13 @@
 //! transaction that changes a job waits for it (a commit with `NOTIFY` holds a lock of the whole database system). Each
 //! server listens. A message can be lost with a connection, so each also wakes all who wait every few seconds, and
 //! those read the database. The leader is the server whose connection holds an advisory lock: it ends with the
-//! connection, however the server ends.
+//! connection, however the server ends. The database ends a connection that has said nothing for [`SILENT_FOR`], so a
+//! server that sleeps or is cut off loses the lock; and a server leads for [`LEAD_FOR`] after it last asked, which is
+//! less, so that no two lead at once.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Weak};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
 use sqlx::postgres::{PgConnectOptions, PgListener};
@@ -33,6 +34,10 @@ const COLLECT: Duration = Duration::from_millis(20);
 const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// Time between two attempts to connect.
 const CONNECT_EVERY: Duration = Duration::from_secs(1);
+/// Time for which a server leads after it last asked the database.
+const LEAD_FOR: Duration = Duration::from_secs(10);
+/// Time after which the database ends a connection that says nothing.
+const SILENT_FOR: &str = "15s";
 /// The leader's lock: the word "packlead" in ASCII.
 const LEADER: &str = "select pg_try_advisory_lock(8097862918020096356)";
 
@@ -40,7 +45,8 @@ const LEADER: &str = "select pg_try_advisory_lock(8097862918020096356)";
 #[derive(Debug)]
 pub(super) struct Servers {
     changes: UnboundedSender<Change>,
-    is_leader: AtomicBool,
+    /// Until when this server is the leader, where it was when it last asked.
+    leads_until: Mutex<Option<Instant>>,
 }
 
 /// The other end of the way.
@@ -55,7 +61,7 @@ impl Servers {
     pub(super) fn to(options: &PgConnectOptions) -> (Self, Others) {
         let (sender, changes) = unbounded_channel();
         (
-            Self { changes: sender, is_leader: AtomicBool::default() },
+            Self { changes: sender, leads_until: Mutex::default() },
             Others { options: options.clone(), changes },
         )
     }
@@ -68,11 +74,17 @@ impl Servers {
 
     /// Whether this server is the leader.
     pub(super) fn is_leader(&self) -> bool {
-        self.is_leader.load(Ordering::Relaxed)
+        let until = *self.leads_until.lock().unwrap_or_else(PoisonError::into_inner);
+        until.is_some_and(|until| Instant::now() < until)
     }
 
-    fn set_leader(&self, is_leader: bool) {
-        if self.is_leader.swap(is_leader, Ordering::Relaxed) != is_leader {
+    fn set_leader(&self, leads_until: Option<Instant>) {
+        let before = {
+            let mut until = self.leads_until.lock().unwrap_or_else(PoisonError::into_inner);
+            std::mem::replace(&mut *until, leads_until)
+        };
+        if before.is_some() != leads_until.is_some() {
+            let is_leader = leads_until.is_some();
             tracing::info!(is_leader, "the servers of this database have another leader");
         }
     }
@@ -125,7 +137,7 @@ async fn tell(
             tracing::warn!(%error, "other servers were not told of changes");
             connection = None;
             has_lost |= !told.is_empty();
-            servers.set_leader(false);
+            servers.set_leader(None);
             drop(store);
             sleep(CONNECT_EVERY).await;
         } else {
@@ -134,26 +146,32 @@ async fn tell(
     }
 }
 
-/// Sends messages, and asks for the leader's lock as long as another server has it; without messages it asks whether
-/// the connection, and so the lock, is still there.
+/// Sends messages, and asks for the leader's lock where this server is not the leader. Where it is, an answer tells
+/// that the connection, and so the lock, is still there.
 async fn send(
     connection: &mut Option<PgConnection>,
     options: &PgConnectOptions,
     messages: &[String],
     servers: &Servers,
 ) -> Result<(), sqlx::Error> {
-    let open = match connection {
-        Some(open) => open,
-        None => connection.insert(PgConnection::connect_with(options).await?),
+    let open = if let Some(open) = connection {
+        open
+    } else {
+        // A crash that undoes a message ends the connections of those who would hear it.
+        let settings = [("idle_session_timeout", SILENT_FOR), ("synchronous_commit", "off")];
+        connection.insert(PgConnection::connect_with(&options.clone().options(settings)).await?)
     };
+    let asked = Instant::now();
     for message in messages {
         sqlx::query("select pg_notify($1, $2)").bind(CHANNEL).bind(message).execute(&mut *open).await?;
     }
+    let mut leads = true;
     if !servers.is_leader() {
-        servers.set_leader(sqlx::query_scalar(LEADER).fetch_one(open).await?);
+        leads = sqlx::query_scalar(LEADER).fetch_one(open).await?;
     } else if messages.is_empty() {
         open.ping().await?;
     }
+    servers.set_leader(leads.then(|| asked + LEAD_FOR));
     Ok(())
 }
 

@@ -91,8 +91,8 @@ impl Store {
         .await
     }
 
-    async fn insert(&self, job: &Documents, tx: &mut Transaction<'_>) -> Result<Submitted, StoreError> {
-        let Documents { id, new, body, labels, engine, warnings } = job;
+    async fn insert(&self, documents: &Documents, tx: &mut Transaction<'_>) -> Result<Submitted, StoreError> {
+        let Documents { id, new, body, labels, engine, warnings } = documents;
         let request = &new.request;
         if let Some(existing) = find_key(&mut *tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
@@ -103,11 +103,12 @@ impl Store {
         let turn = turns::assign_start_times(&mut *tx, flow, 1).await?;
         let now = self.now_us();
         let forecast_us = forecasts::micros_of(new.forecast_s, request.timeout_s);
-        let seq: i64 = query(
+        let row = query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
-                 shared, forecast_us, least_time_us, threads, most_threads)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+                 shared, forecast_us, least_time_us, threads, most_threads, method)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+             returning *, cast(null as text) as path, cast(null as text) as study_id",
         )
         .bind(id.to_string())
         .bind(&request.name)
@@ -130,20 +131,21 @@ impl Store {
         .bind(forecasts::least_time_us(forecast_us, new.keeps_checkpoints))
         .bind(request.threads)
         .bind(i64::from(new.most_threads))
+        .bind(request.method_name())
         .fetch_one(&mut *tx)
-        .await?
-        .try_get("seq")?;
+        .await?;
+        let job = rows::job(&row)?;
         query("insert into job_requests (job, body) values (?, ?)")
-            .bind(seq)
+            .bind(job.seq)
             .bind(body)
             .execute(&mut *tx)
             .await?;
-        webhooks::insert(&mut *tx, webhooks::Ending::Job(seq), request.webhook_url.as_ref()).await?;
+        webhooks::insert(&mut *tx, webhooks::Ending::Job(job.seq), request.webhook_url.as_ref()).await?;
         for (key, value) in &request.labels {
             query("insert into job_labels (key, value, job, state) values (?, ?, ?, 'queued')")
                 .bind(key)
                 .bind(value)
-                .bind(seq)
+                .bind(job.seq)
                 .execute(&mut *tx)
                 .await?;
         }
@@ -152,11 +154,11 @@ impl Store {
                 .bind(&key.scope)
                 .bind(&key.key)
                 .bind(&key.body_sha256)
-                .bind(seq)
+                .bind(job.seq)
                 .execute(&mut *tx)
                 .await?;
         }
-        Ok(Submitted::Created(rows::by_seq(tx, seq).await?))
+        Ok(Submitted::Created(job))
     }
 
     /// Refuses where the queue, or the share of the owner in it, has no room for so many jobs more.

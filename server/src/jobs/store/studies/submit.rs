@@ -241,7 +241,7 @@ async fn insert_jobs(
         let mut query = QueryBuilder::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings, submitted_by, shared, forecast_us, least_time_us, threads, most_threads) ",
+                 warnings, submitted_by, shared, forecast_us, least_time_us, threads, most_threads, method) ",
         );
         query.push_values(chunk.iter().zip(texts), |values, (row, (labels, warnings))| {
             let job = row.job;
@@ -254,7 +254,7 @@ async fn insert_jobs(
             values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
             values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
             values.push_bind(row.forecast_us).push_bind(row.least_time_us);
-            values.push_bind(job.threads).push_bind(row.most_threads);
+            values.push_bind(job.threads).push_bind(row.most_threads).push_bind(job.method_name());
         });
         query.build().execute(&mut *tx).await?;
     }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use sqlx::Connection as _;
 use tempfile::TempDir;
 
-use super::super::db::QueryBuilder;
+use super::super::db::{self, QueryBuilder};
 use super::super::tests::{
     LIMITS, artifact, file_of_version, fresh, fresh_file, open, open_file, plan_of, progress, submit,
 };
@@ -100,6 +100,33 @@ async fn a_study_comes_in_whole_and_its_points_run_in_turn() {
     assert_eq!(again(&store, &study).await.counts.running, 6);
     let page = store.list(&Filter { study: Some(study.id), ..Filter::default() }, None, 4).await.unwrap();
     assert_eq!((page.jobs.len(), page.next_after.is_some()), (4, true));
+}
+
+#[tokio::test]
+async fn jobs_are_found_by_the_method_that_their_request_names() {
+    let (_folder, store) = fresh().await;
+    let shaped = json!({"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2, "shape": {
+        "type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6}
+    }});
+    let mut study = two_points(1, &json!({"grid": {"/method/type": ["auto", "rsa", "edmd"]}}));
+    study["template"]["method"] = json!({"type": "auto"});
+    take_in(&store, &study).await;
+    for extra in
+        [json!({"method": {"type": "rsa"}}), json!({"method": {"type": "monte_carlo"}, "mix": shaped})]
+    {
+        submit(&store, extra).await;
+    }
+    let requests: Vec<String> =
+        db::query("select body from job_requests order by job").scalars(store.readers()).await.unwrap();
+    let named: Vec<Value> = requests
+        .iter()
+        .map(|request| serde_json::from_str::<Value>(request).unwrap()["method"]["type"].take())
+        .collect();
+    let methods: Vec<String> =
+        db::query("select method from jobs order by seq").scalars(store.readers()).await.unwrap();
+    assert_eq!(json!(methods), json!(named));
+    let filter = Filter { method: Some("rsa".into()), ..Filter::default() };
+    assert_eq!(store.list(&filter, None, 9).await.unwrap().jobs.len(), 2);
 }
 
 #[tokio::test]

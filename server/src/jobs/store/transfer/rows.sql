@@ -35,7 +35,7 @@ insert into job_requests (job, body) values
     (1, '{"method":{"type":"rsa"},"s":"' || hex(zeroblob(5000000)) || '"}'),
     (2, '{"method":{"type":"edmd"},"s":"' || hex(zeroblob(5000000)) || '"}'),
     (3, '{"s":"\u0000"}'), (4, '{}'), (5, '{}'), (6, '{}');
-update jobs set method = 'as no trigger would say' where seq = 5;
+update jobs set method = 'rsa' where seq = 5;
 insert into job_labels (key, value, job, state) values ('a', 'b', 1, 'queued'), ('a', 'B', 1, 'queued');
 with recursive n (i) as (select 1 union all select i + 1 from n where i < 2500)
 insert into job_labels (key, value, job, state) select 'label' || i % 7, 'value' || i, 4, 'failed' from n;
