@@ -77,13 +77,17 @@ auditwheel show "$out"/packstone-*.whl
 
 echo '=== the container image'
 image=packstone:$version
-builder=$(command -v docker || command -v podman || true)
+builder=
+for program in docker podman; do
+    # A client whose daemon does not run builds nothing.
+    [ -n "$builder" ] || ! "$program" info >/dev/null 2>&1 || builder=$program
+done
 commit=$(git rev-parse --short=12 HEAD)
 if [ -n "$builder" ]; then
     "$builder" build --file docker/Dockerfile --build-arg "COMMIT=$commit" --tag "$image" .
     "$builder" save "$image" | gzip --no-name -9 >"$out/packstone-$version-image.tar.gz"
 else
-    echo "no docker or podman; $image is made by: docker build -f docker/Dockerfile --build-arg COMMIT=$commit" \
+    echo "no docker or podman that runs; $image is made by: docker build -f docker/Dockerfile --build-arg COMMIT=$commit" \
         "-t $image ." >&2
 fi
 
