@@ -33,13 +33,13 @@ SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
 
 # The profile and the features of the container image (docker/Dockerfile).
-build=(cargo build --profile dist --features postgres,s3 --locked --package packstone-server --bin packstone)
+build=(--profile dist --features postgres,s3 --locked --package packstone-server --bin packstone)
 target=${CARGO_TARGET_DIR:-target}
 host=$(rustc -vV | sed -n 's/^host: //p')
 
 echo '=== the binary'
 if [ -z "${BINARY:-}" ]; then
-    "${build[@]}"
+    cargo build "${build[@]}"
     BINARY=$target/dist/packstone
 fi
 [ "$("$BINARY" --version | cut -d ' ' -f 2)" = "$version" ] || fail "$BINARY is not of version $version"
@@ -51,9 +51,9 @@ packaging/deb.sh "$BINARY" "$out"
 
 echo '=== the static binary'
 if [ -z "${STATIC_BINARY:-}" ]; then
-    # With --target the flag is not for build scripts and procedural macros.
-    RUSTFLAGS='-C target-feature=+crt-static' "${build[@]}" --target "$host"
-    STATIC_BINARY=$target/$host/dist/packstone
+    # The flag is for the last step alone, the linking: all crates are those of the first binary.
+    cargo rustc "${build[@]}" -- -C target-feature=+crt-static
+    STATIC_BINARY=$target/dist/packstone
 fi
 packaging/test-static.sh "$STATIC_BINARY"
 
@@ -77,22 +77,27 @@ auditwheel show "$out"/packstone-*.whl
 
 echo '=== the container image'
 image=packstone:$version
-builder=$(command -v docker || command -v podman || true)
+builder=
+for program in docker podman; do
+    # A client whose daemon does not run builds nothing.
+    [ -n "$builder" ] || ! "$program" info >/dev/null 2>&1 || builder=$program
+done
 commit=$(git rev-parse --short=12 HEAD)
 if [ -n "$builder" ]; then
     "$builder" build --file docker/Dockerfile --build-arg "COMMIT=$commit" --tag "$image" .
     "$builder" save "$image" | gzip --no-name -9 >"$out/packstone-$version-image.tar.gz"
 else
-    echo "no docker or podman; $image is made by: docker build -f docker/Dockerfile --build-arg COMMIT=$commit" \
-        "-t $image ." >&2
+    echo "no docker or podman that runs; $image is made by:" \
+        "docker build -f docker/Dockerfile --build-arg COMMIT=$commit -t $image ." >&2
 fi
 
 echo '=== the bill of materials'
 # cargo-cyclonedx writes beside the Cargo.toml of each crate of the workspace.
 cargo cyclonedx --quiet --manifest-path server/Cargo.toml --format json --spec-version 1.5 --features postgres,s3 \
     --no-build-deps --target "$host" --override-filename packstone-bill
-mv server/packstone-bill.json "$out/packstone-$version.cdx.json"
-rm engine/packstone-bill.json
+# Its references have the folder of this build.
+sed "s|file://$PWD/|file:///|g" server/packstone-bill.json >"$out/packstone-$version.cdx.json"
+rm {server,engine}/packstone-bill.json
 
 echo '=== the checksums'
 (cd "$out" && sha256sum -- * >SHA256SUMS && sha256sum --check --quiet SHA256SUMS)

@@ -1,79 +1,86 @@
-/** The fields of the aggregates of a mix that has several: name, share, cut-off and sieves of each, the rest in words. */
-import { h, number } from "./dom.js";
+/**
+ * The aggregates of a mix that has several. Each has its name and share, and the fields with `data-each` of the page,
+ * which are those of a mix of one aggregate.
+ */
+import { h } from "./dom.js";
 
-/** What the form says of the variants of a grading and of a shape. @type {Record<string, (of: any) => string>} */
-const WORDS = {
-  standard: (of) => `Standard curve ${of.name}`,
-  fuller: (of) => `Fuller curve up to ${number(of.d_max_mm)} mm`,
-  monodisperse: (of) => `One size, ${number(of.diameter_mm)} mm`,
-  classes: () => "Size classes",
-  sphere: () => "Spheres",
-  ellipsoid: () => "Ellipsoids",
-  polyhedron: () => "Angular grains",
-  preset: (of) => `Shape ${of.name}`,
-  mixture: () => "Mixture of shapes",
-};
+/** The fields that each aggregate has, as the page came. */
+const EACH = Array.from(document.querySelectorAll("[data-each]"), (part) => part.cloneNode(true));
 
-/** @param {any} of an object with a member `type` */
-const words = (of) => WORDS[of?.type]?.(of) ?? "";
+/** A share of the volume; 0 for what is no number. @param {number} value */
+const rounded = (value) => Number((value || 0).toPrecision(12));
+
+/** The fields for the aggregate of this number; `Fields` reads them by their pointers. @param {number} i */
+function part(i) {
+  /** @param {string} id @param {string} label @param {object} attributes */
+  const field = (id, label, attributes) =>
+    h(
+      "div",
+      { class: "field" },
+      h("label", { for: id }, label),
+      h("input", { id, "data-path": `/mix/${id}`, ...attributes }),
+    );
+  const body = h(
+    "div",
+    { class: "stack" },
+    h(
+      "div",
+      { class: "row" },
+      // First: what is wrong with all shares together is said here.
+      field("share", "Volume share", { inputmode: "decimal", "data-kind": "number" }),
+      field("name", "Name", { type: "text", dir: "auto", maxlength: 64, "data-kind": "text", "data-optional": "" }),
+      h(
+        "button",
+        { type: "button", class: "quiet", "data-remove": i, "aria-label": `Remove aggregate ${i + 1}` },
+        "Remove",
+      ),
+    ),
+    ...EACH.map((one) => one.cloneNode(true)),
+  );
+  for (const element of body.querySelectorAll("*")) {
+    for (const { name, value } of element.attributes) {
+      if (["id", "for"].includes(name)) element.setAttribute(name, `aggregate-${i}-${value}`);
+      else if (name.startsWith("data-")) element.setAttribute(name, value.replace("/mix/", `/mix/aggregates/${i}/`));
+    }
+  }
+  body.querySelector(`#aggregate-${i}-d_min`)?.setAttribute("placeholder", "of the mix");
+  return body;
+}
 
 /**
  * @param {any} aggregates as in a request
- * @returns {HTMLElement[]} for each its fields; `Fields` reads them by their pointers
+ * @returns {HTMLElement[]} for each its fields
  */
 export function aggregateFields(aggregates) {
   if (!Array.isArray(aggregates)) return [];
-  return aggregates.map((aggregate, i) => {
-    /**
-     * @param {string} member
-     * @param {string} label
-     * @param {object} attributes
-     * @param {string} [unit]
-     */
-    const field = (member, label, attributes, unit) => {
-      const id = `aggregate-${i}-${member}`;
-      const input = h("input", { id, "data-path": `/mix/aggregates/${i}/${member}`, ...attributes });
-      return h(
-        "div",
-        { class: "field" },
-        h("label", { for: id }, label),
-        unit ? h("span", { class: "with-unit" }, input, h("span", { class: "unit" }, unit)) : input,
-      );
-    };
-    const numeric = { inputmode: "decimal", "data-kind": "number" };
-    const rows = aggregate?.grading?.points;
-    const id = `aggregate-${i}-points`;
-    const shapes = aggregate?.shapes?.length ? "Shapes by size" : words(aggregate?.shape ?? { type: "sphere" });
-    return h(
-      "fieldset",
-      { class: "aggregate stack" },
-      h("legend", {}, `Aggregate ${i + 1}`),
-      h(
-        "div",
-        { class: "row" },
-        field("name", "Name", { type: "text", dir: "auto", maxlength: 64, "data-kind": "text", "data-optional": "" }),
-        field("share", "Share of the volume", numeric),
-        field("d_min_mm", "Cut-off", { ...numeric, "data-optional": "", placeholder: "of the mix" }, "mm"),
-      ),
-      Array.isArray(rows)
-        ? h(
-            "div",
-            { class: "field" },
-            h("label", { for: id }, "Sieves, mm, and mass passing, %"),
-            h("textarea", {
-              id,
-              rows: rows.length + 1,
-              spellcheck: "false",
-              "data-path": `/mix/aggregates/${i}/grading/points`,
-              "data-kind": "sieves",
-            }),
-          )
-        : null,
-      h(
-        "p",
-        { class: "hint" },
-        [Array.isArray(rows) ? "" : words(aggregate?.grading), shapes].filter(Boolean).join(", "),
-      ),
-    );
-  });
+  return aggregates.map((_, i) =>
+    h("fieldset", { class: "aggregate" }, h("legend", {}, `Aggregate ${i + 1}`), part(i)),
+  );
+}
+
+/**
+ * Adds an aggregate that is as the last one, whose share the two divide. That of a mix of one aggregate is the first.
+ * @param {any} mix as in a request
+ */
+export function addAggregate(mix) {
+  const { grading, shape, shapes, aggregates = [{ share: 1, grading, shape, shapes }], ...others } = mix;
+  const { name: _, ...last } = aggregates.at(-1);
+  const share = rounded(last.share / 2);
+  const added = { ...structuredClone(last), share: rounded(last.share - share) };
+  return { ...others, aggregates: [...aggregates.slice(0, -1), { ...aggregates.at(-1), share }, added] };
+}
+
+/**
+ * Removes an aggregate, and gives its share to the one before it. The last but one leaves a mix of one aggregate.
+ * @param {any} mix as in a request
+ * @param {number} i
+ */
+export function removeAggregate(mix, i) {
+  const { aggregates, ...others } = mix;
+  const left = aggregates.toSpliced(i, 1);
+  const heir = left[Math.max(0, i - 1)];
+  heir.share = rounded(Number(heir.share) + Number(aggregates[i].share));
+  if (left.length > 1) return { ...others, aggregates: left };
+  const { name: _, share: __, density_kg_m3: ___, ...only } = left[0];
+  return { ...others, ...only };
 }

@@ -11,11 +11,26 @@ const TICKS = [0.063, 0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 31.5, 63, 125];
 /** @typedef {[number, number][]} Points sieve in mm and share passing, from fine to coarse */
 
 /**
- * @param {any} grading as in a request
+ * @param {any} mix as in a request; the curve of several aggregates is the mean of theirs by their shares
  * @param {{name: string, points: Points}[]} curves the standard curves
  * @returns {Points} empty where there is no curve to draw
  */
-export function pointsOf(grading, curves) {
+export function pointsOf(mix, curves) {
+  if (!Array.isArray(mix?.aggregates)) return ofOne(mix?.grading, curves);
+  /** @type {{share: number, points: Points}[]} */
+  const parts = mix.aggregates.map((/** @type {any} */ one) => ({
+    share: Number(one?.share),
+    points: ofOne(one?.grading, curves),
+  }));
+  if (!parts.every(({ share, points }) => share > 0 && points.length)) return [];
+  const sieves = new Set(parts.flatMap(({ points }) => points.map(([d]) => d)));
+  return [...sieves]
+    .sort((a, b) => a - b)
+    .map((d) => [d, parts.reduce((sum, { share, points }) => sum + share * at(points, d), 0)]);
+}
+
+/** @param {any} grading as in a request @param {{name: string, points: Points}[]} curves @returns {Points} */
+function ofOne(grading, curves) {
   const d = Number(grading?.d_max_mm);
   const q = Number(grading?.exponent);
   switch (grading?.type) {

@@ -7,8 +7,8 @@
  *   - `data-with`: another member that is set with it, `PATH=value`.
  *
  * Members of a request that no control knows are kept as they are. An object whose members the controls cannot show
- * (size classes, mixtures) is kept whole: its variant is then "As in the JSON". Several aggregates, which take the place
- * of the grading, have fields of their own (`form-aggregates.js`).
+ * (size classes, mixtures) is kept whole: its variant is then "As in the JSON". Several aggregates, which take the
+ * place of the grading, have these fields each (`form-aggregates.js`).
  */
 import { byId, h, replace, text } from "./dom.js";
 import { aggregateFields } from "./form-aggregates.js";
@@ -17,9 +17,13 @@ import { getAt, removeAt, setAt } from "./form-pointer.js";
 
 /** @typedef {HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement} Control */
 
+/** Values of variants that no option of the page has: what is kept whole, and several aggregates. */
 const GIVEN = "~given";
-/** Members that take the place of others: `grading` is not there where there are several aggregates. */
-const INSTEAD = { "/mix/grading": "/mix/aggregates", "/mix/shape": "/mix/shapes" };
+const SEVERAL = "~several";
+
+/** The member that takes the place of another, if any does. @param {string} object */
+const instead = (object) =>
+  object === "/mix/grading" ? "/mix/aggregates" : object.endsWith("/shape") ? `${object}s` : "";
 
 export class Fields {
   /** @param {HTMLFormElement} form */
@@ -94,18 +98,14 @@ export class Fields {
     }
     const select = /** @type {HTMLSelectElement} */ (control);
     const object = path.replace(/\/type$/, "");
-    const known = Array.from(select.options).some((option) => option.value === type && option.value !== GIVEN);
-    const given = !known || this.#instead(object) !== undefined || !this.#fits(object, type);
-    select.querySelector(`[value="${GIVEN}"]`)?.remove();
-    const several = Array.isArray(this.#instead(object)) && object === "/mix/grading";
-    if (given) select.append(h("option", { value: GIVEN }, several ? "Several aggregates" : "As in the JSON"));
-    select.value = given ? GIVEN : type;
-  }
-
-  /** @param {string} object */
-  #instead(object) {
-    const other = /** @type {Record<string, string>} */ (INSTEAD)[object];
-    return other && getAt(this.base, other);
+    select.querySelector('[value^="~"]')?.remove();
+    const known = Array.from(select.options).some((option) => option.value === type);
+    const place = instead(object);
+    const other = place ? getAt(this.base, place) : undefined;
+    const given = !known || other !== undefined || !this.#fits(object, type);
+    const value = Array.isArray(other) && object === "/mix/grading" ? SEVERAL : GIVEN;
+    if (given) select.append(h("option", { value }, value === SEVERAL ? "Several aggregates" : "As in the JSON"));
+    select.value = given ? value : type;
   }
 
   /** Whether the controls can show all that they would overwrite. @param {string} object @param {string} type */
@@ -160,9 +160,9 @@ export class Fields {
     if (control.type === "radio" && !isChecked(control)) return;
     const path = control.dataset.path ?? "";
     const object = path.replace(/\/type$/, "");
-    if (control.value === GIVEN) return;
-    const other = /** @type {Record<string, string>} */ (INSTEAD)[object];
-    if (other) removeAt(request, other);
+    if (control.value.startsWith("~")) return;
+    if (control.closest("[hidden]")) return removeAt(request, object);
+    removeAt(request, instead(object));
     const type = getAt(request, path) ?? control.dataset.default;
     if (type !== control.value || !this.#fits(object, type)) setAt(request, object, { type: control.value });
     else setAt(request, path, control.value);
@@ -198,7 +198,7 @@ export class Fields {
     return this.controls.some(
       (control) =>
         control.dataset.kind === "variant" &&
-        control.value === GIVEN &&
+        control.value.startsWith("~") &&
         path.startsWith((control.dataset.path ?? "").replace(/type$/, "")),
     );
   }

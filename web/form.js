@@ -8,6 +8,7 @@ import { byId, duration, h, percent, replace, text } from "./dom.js";
 import { address, requestOf } from "./form-address.js";
 import { CodePart } from "./form-code.js";
 import { curve, pointsOf } from "./form-curve.js";
+import { addAggregate, removeAggregate } from "./form-aggregates.js";
 import { drawing } from "./form-drawing.js";
 import { Fields } from "./form-fields.js";
 import { grains, showFaults, showPlan } from "./form-plan.js";
@@ -61,7 +62,9 @@ let idempotency = { body: "", key: "" };
 /** @param {import("./form-fields.js").Control} control */
 function labelOf(control) {
   const unit = control.parentElement?.querySelector(".unit")?.textContent;
-  return `${control.labels?.[0]?.textContent ?? control.id}${unit ? `, ${unit}` : ""}`;
+  const aggregate = control.closest(".aggregate")?.querySelector("legend")?.textContent;
+  const label = control.labels?.[0]?.textContent ?? control.id;
+  return `${aggregate ? `${aggregate}: ` : ""}${label}${unit ? `, ${unit}` : ""}`;
 }
 
 const runs = () => new FormData(/** @type {HTMLFormElement} */ (form)).get("runs");
@@ -92,9 +95,11 @@ function changed() {
   fields.arrange();
   study.arrange();
   const { job, request } = read();
-  const about = presets.find((preset) => preset.name === job.mix?.shape?.name)?.about ?? "";
-  text(byId("preset-about"), about);
-  const points = pointsOf(job.mix?.grading, curves);
+  for (const place of form.querySelectorAll(".about")) {
+    const select = /** @type {HTMLSelectElement | null} */ (place.parentElement?.querySelector("[id$=preset]"));
+    text(place, presets.find((preset) => preset.name === select?.value)?.about ?? "");
+  }
+  const points = pointsOf(job.mix, curves);
   replace(byId("drawing"), drawing(job.specimen, points.at(-1)?.[0] ?? null));
   code.set(request);
   text(submit, runs() === "study" ? "Pack all" : "Pack");
@@ -119,7 +124,7 @@ async function plan() {
     if (here !== asking) return;
     fields.mark([]);
     study.mark([]);
-    const chart = curve(pointsOf(job.mix?.grading, curves), job.mix?.d_min_mm ?? null, curves);
+    const chart = curve(pointsOf(job.mix, curves), job.mix?.d_min_mm ?? null, curves);
     showPlan(answer, document, { request: job, note: first.note, chart, use });
     replace(
       byId("forecast"),
@@ -159,6 +164,21 @@ function use(pointer, value) {
   fields.fill(request);
   changed();
   fields.at(pointer)?.focus();
+}
+
+/**
+ * Changes the aggregates of the mix, and goes to a field.
+ * @param {(mix: any) => any} change
+ * @param {(mix: any) => string} field its id
+ */
+function aggregates(change, field) {
+  const { request, faults } = fields.read();
+  // What was typed there would be lost.
+  if (faults.length) return fail(faults);
+  request.mix = change(request.mix);
+  fields.fill(request);
+  changed();
+  byId(field(request.mix)).focus();
 }
 
 /** Submits the job or the study, and goes to its page. */
@@ -213,6 +233,17 @@ function start() {
 shell();
 form.addEventListener("input", changed);
 form.addEventListener("change", changed);
+byId("add-aggregate").addEventListener("click", () =>
+  aggregates(addAggregate, (mix) => `aggregate-${mix.aggregates.length - 1}-share`),
+);
+byId("aggregates").addEventListener("click", (event) => {
+  const i = /** @type {HTMLElement} */ (event.target).dataset.remove;
+  if (i)
+    aggregates(
+      (mix) => removeAggregate(mix, Number(i)),
+      (mix) => (mix.aggregates ? "add-aggregate" : "grading"),
+    );
+});
 form.addEventListener("submit", (event) => {
   event.preventDefault();
   run();

@@ -138,19 +138,35 @@ test("several aggregates are fields of the form", inBrowser, async () => {
   await planned(page);
   assert.deepEqual(await request(page), given, "the fields say what was given");
   assert.equal(await page.inputValue("#aggregate-1-name"), "gravel 2/8");
+  assert.equal(await page.isVisible("#shape"), false, "each aggregate has its shape");
   await page.fill("#aggregate-0-share", "0.3");
   await page.fill("#aggregate-2-share", "0.45");
   await page.fill("#aggregate-2-points", "4\t0\n8\t20\n16\t100");
+  await page.selectOption("#aggregate-0-shape", "ellipsoid");
+  await page.selectOption("#aggregate-1-grading", "standard");
+  await page.selectOption("#aggregate-1-curve", "B8");
   await planned(page);
   const { aggregates } = (await request(page)).mix;
-  assert.deepEqual(
-    aggregates.map((/** @type {any} */ a) => a.share),
-    [0.3, 0.25, 0.45],
-  );
-  assert.deepEqual(aggregates[2].grading.points, [
-    [4, 0],
-    [8, 0.2],
-    [16, 1],
+  const [sand, gravel, rock] = given.mix.aggregates;
+  assert.deepEqual(aggregates, [
+    {
+      ...sand,
+      share: 0.3,
+      shape: { type: "ellipsoid", ratios: { type: "constant", elongation: 0.8, flatness: 0.8 } },
+    },
+    { ...gravel, grading: { type: "standard", name: "B8" } },
+    {
+      ...rock,
+      share: 0.45,
+      grading: {
+        type: "sieves",
+        points: [
+          [4, 0],
+          [8, 0.2],
+          [16, 1],
+        ],
+      },
+    },
   ]);
   await accessible();
   await page.fill("#aggregate-0-share", "-1");
@@ -158,6 +174,65 @@ test("several aggregates are fields of the form", inBrowser, async () => {
   await page.selectOption("#grading", "standard");
   assert.deepEqual((await request(page)).mix.grading, { type: "standard", name: "A16" });
   assert.equal((await request(page)).mix.aggregates, undefined);
+  clean();
+  await close();
+});
+
+test("aggregates are added and removed by keyboard, and submitted", inBrowser, async () => {
+  const { page, clean, accessible, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  for (const id of ["size_x", "size_y", "size_z"]) await page.fill(`#${id}`, "50");
+  await page.fill("#d_min", "4");
+  await tabTo(page, "add-aggregate");
+  await page.keyboard.press("Enter");
+  assert.equal(await page.evaluate(() => document.activeElement?.id), "aggregate-1-share");
+  await page.keyboard.press("Control+A");
+  await page.keyboard.type("0.4");
+  await page.waitForFunction(() =>
+    /sum to 0\.9/.test(document.getElementById("aggregate-0-share-fault")?.textContent ?? ""),
+  );
+  await tabTo(page, "aggregate-1-name");
+  await page.keyboard.type("angular");
+  await page.selectOption("#aggregate-1-grading", "fuller");
+  await page.selectOption("#aggregate-1-shape", "polyhedron");
+  await page.fill("#aggregate-0-share", "0.7");
+  await page.fill("#aggregate-1-share", "0.3");
+  await page.fill("#volume_fraction", "0.3");
+  await planned(page);
+  const grading = { type: "standard", name: "A16" };
+  assert.deepEqual((await request(page)).mix.aggregates, [
+    { share: 0.7, grading },
+    {
+      name: "angular",
+      share: 0.3,
+      grading: { type: "fuller", d_max_mm: 16, exponent: 0.5 },
+      shape: { type: "polyhedron" },
+    },
+  ]);
+  assert.equal(await page.locator(".answer svg.chart path.main").count(), 1, "the curve of the whole mix");
+  await accessible();
+  await page.click("#add-aggregate");
+  await page.fill("#aggregate-2-name", "more");
+  await planned(page);
+  /** The shares of the aggregates. */
+  const shares = async () => (await request(page)).mix.aggregates.map((/** @type {any} */ one) => one.share);
+  assert.deepEqual(await shares(), [0.7, 0.15, 0.15]);
+  await page.click("[data-remove='0']");
+  await planned(page);
+  assert.deepEqual(await shares(), [0.85, 0.15]);
+  await page.reload();
+  await planned(page);
+  assert.deepEqual(await shares(), [0.85, 0.15]);
+  await page.click("#submit");
+  await page.waitForURL(/\/jobs\/[0-9a-f-]{36}$/);
+  await page.goBack();
+  await planned(page);
+  await page.click("[data-remove='0']");
+  await planned(page);
+  const { mix } = await request(page);
+  const { type, d_max_mm } = mix.grading;
+  assert.deepEqual([mix.aggregates, type, d_max_mm, mix.shape], [undefined, "fuller", 16, { type: "polyhedron" }]);
+  assert.equal(await page.inputValue("#shape"), "polyhedron");
   clean();
   await close();
 });
