@@ -183,3 +183,14 @@ fn answers_are_held_against_their_schemas() {
         assert!(why.contains(field), "{field}: {why}");
     }
 }
+
+#[test]
+fn jobs_are_listed_by_every_method_that_they_may_ask_for() {
+    let document = Contract::get().document();
+    let methods = document["components"]["schemas"]["Method"]["oneOf"].as_array().unwrap();
+    let asked_for: Vec<_> = methods.iter().map(|method| &method["properties"]["type"]["enum"][0]).collect();
+    let parameters = document["paths"]["/v1/jobs"]["get"]["parameters"].as_array().unwrap();
+    let filter = parameters.iter().find(|parameter| parameter["name"] == "method").unwrap();
+    let listed: Vec<_> = filter["schema"]["enum"].as_array().unwrap().iter().collect();
+    assert_eq!(listed, asked_for);
+}

@@ -45,6 +45,8 @@ choices! {
         Rsa "rsa",
         /// Event-driven molecular dynamics.
         Edmd "edmd",
+        /// Monte Carlo moves of ellipsoids and polyhedra.
+        MonteCarlo "monte_carlo",
     }
 
     /// The order of a list of jobs.
