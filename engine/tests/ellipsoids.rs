@@ -110,7 +110,7 @@ fn packings_hold_in_all_specimens_and_under_all_rules() {
     }
 }
 
-/// AB8 and AB16 of `PyCMG` (Holla and others 2021, DOI 10.3390/ma14143782): flat ratios by size class, at 0.45.
+/// AB8 and AB16 of `PyCMG` (Holla et al. 2021, DOI 10.3390/ma14143782): flat ratios by size class, at 0.45.
 #[test]
 fn the_mixes_of_pycmg_hold() {
     let examples =
