@@ -3,8 +3,8 @@
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
 //! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their
-//! images), `polyhedron` and `rounded`, `surface` (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `grain` (volume), `estimate`
-//! (triangles and bytes beforehand).
+//! images), `polyhedron` and `rounded`, `surface` (refinement), `surfaces` (all of a packing, on several threads),
+//! `size` (length of edges), `grain` (volume), `estimate` (triangles and bytes beforehand).
 
 mod bodies;
 #[cfg(test)]

@@ -24,8 +24,8 @@ struct Voxel {
     at: [u32; 3],
 }
 
-/// The voxels of a level, each as one number: its place in the cell below its cell, in as many words as the largest such
-/// number of the level needs. There are tens of voxels per grain, nearly all of them of levels that need one word.
+/// The voxels of a level, each as one number: its place in the cell below its cell, in as many words as the largest of
+/// them needs. There are tens of voxels per grain, nearly all of them of levels that need one word.
 #[derive(Debug)]
 struct VoxelList {
     level: u32,
