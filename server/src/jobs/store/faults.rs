@@ -57,9 +57,9 @@ fn by_sqlstate(code: &str) -> Option<Fault> {
         "53200" => Some(Fault::NoMemory),
         // A lock was not to be had, or a transaction had to give way.
         "55P03" | "40001" | "40P01" => Some(Fault::Locked),
-        // Too many connections, the database stops or starts, an error of input or output, a lost connection, a
-        // server that lets nobody write.
-        "53300" | "57P01" | "57P02" | "57P03" | "58030" | "25006" => Some(Fault::Io),
+        // Too many connections, the database stops or starts, it ended a connection that said nothing, an error of
+        // input or output, a lost connection, a server that lets nobody write.
+        "53300" | "57P01" | "57P02" | "57P03" | "57P05" | "25P03" | "58030" | "25006" => Some(Fault::Io),
         _ if code.starts_with("08") => Some(Fault::Io),
         _ => None,
     }
@@ -90,6 +90,7 @@ mod tests {
         for (code, fault) in [
             ("53100", Some(Fault::NoSpace)),
             ("57P01", Some(Fault::Io)),
+            ("25P03", Some(Fault::Io)),
             ("08006", Some(Fault::Io)),
             ("40P01", Some(Fault::Locked)),
             ("23505", None),

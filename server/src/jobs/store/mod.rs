@@ -35,6 +35,8 @@ mod rows;
 mod running;
 #[cfg(feature = "postgres")]
 mod servers;
+#[cfg(all(test, feature = "postgres"))]
+mod servers_tests;
 mod standings;
 mod studies;
 mod submit;

@@ -13,11 +13,21 @@ use sqlx::{Connection as _, PgConnection, PgPool, Postgres, Row as _, Transactio
 use super::connection::{Durability, WAIT};
 use crate::jobs::store::clock::Clock;
 
-/// Begins a write, in one message. The lock is the word "packston" in ASCII; it is released with the transaction.
-const BEGIN: &str = "begin; select pg_advisory_xact_lock(8097862918138523502)";
+/// Begins a write, in one message. The lock is the word "packston" in ASCII; it is released with the transaction. The
+/// database ends the transaction of a server that says nothing for ten seconds, which may be stopped or cut off, for
+/// all others wait for the lock.
+macro_rules! begin {
+    ($settings:literal) => {
+        concat!(
+            "begin; set local idle_in_transaction_session_timeout = '10s'; ",
+            $settings,
+            "select pg_advisory_xact_lock(8097862918138523502)"
+        )
+    };
+}
+const BEGIN: &str = begin!("");
 /// The same for a commit that may be lost with the machine.
-const BEGIN_QUICK: &str =
-    "begin; set local synchronous_commit = off; select pg_advisory_xact_lock(8097862918138523502)";
+const BEGIN_QUICK: &str = begin!("set local synchronous_commit = off; ");
 
 /// The database's clock, in microseconds since the Unix epoch.
 const CLOCK: &str = "select (extract(epoch from clock_timestamp()) * 1e6)::bigint";
