@@ -182,8 +182,8 @@ proptest! {
         case.poses[1].center_mm += d.normal * (gap - d.gap_mm);
         let bodies = case.bodies();
         let pair = bodies[0].with(&bodies[1]);
-        // The bound of the distance above. Where two corners nearly touch, a normal that is off by 0.2 rad has been seen:
-        // the gap along it was 2 % smaller, 1.3e-13.
+        // The bound of the distance above. Where two corners nearly touch, a normal that is off by 0.2 rad has been
+        // seen: the gap along it was 2 % smaller, by 1.3e-13.
         prop_assert!((pair.contact().gap_mm - gap).abs() < 1e-12, "{} {gap}", pair.contact().gap_mm);
         prop_assert!(pair.decide(0.5 * gap).is_apart);
         // Past each other corners may be apart along another direction.
