@@ -453,6 +453,15 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
         (self.r.dot(n) - h_a - h_b, Difference { w: (self.r + of_b) - of_a, of_a, of_b })
     }
 
+    /// The better of a direction with its `s` and the one of least depth. Where cores are apart by as little as the
+    /// rounding errors of their corners leave of it, the direction of their distance is lost, and a face or a pair of
+    /// edges gives a better one.
+    #[cold]
+    fn past_rounding(&self, best: (f64, Vector3<f64>), simplex: &Simplex) -> (f64, Vector3<f64>) {
+        let deepest = penetration::least_depth(self, simplex).map(|n| (self.core_separation(&n).0, n));
+        deepest.filter(|deepest| deepest.0 > best.0).unwrap_or(best)
+    }
+
     /// Seeks a direction with `s(n) >= enough` of the cores; ends early where their distance is less than `least`.
     /// Returns the best direction with its `s`.
     #[inline(always)]
@@ -463,16 +472,20 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
         let mut simplex = Simplex::default();
         let mut nearest = f64::INFINITY;
         let rounding = 2.0 * self.rounding();
+        let mut is_last = false;
         for _ in 0..MOST_STEPS {
             let (s, difference) = self.core_separation(&n);
             if s > best.0 {
                 best = (s, n);
             }
-            if s >= enough {
+            if is_last && nearest >= enough {
+                best = self.past_rounding(best, &simplex);
+            }
+            if best.0 >= enough {
                 return (best, End::Apart);
             }
             // No point of the difference lies farther along `n`: the nearest one is found.
-            if nearest - best.0 <= rounding || simplex.has(&difference) {
+            if is_last || nearest - best.0 <= rounding || simplex.has(&difference) {
                 return (best, End::Near(simplex));
             }
             // Where a direction parts the bodies, rounding alone can put the origin into a simplex.
@@ -481,9 +494,11 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
                 return (best, End::Overlap(simplex));
             };
             let distance = v.norm();
-            if distance < least || distance >= nearest {
+            if distance < least {
                 return (best, End::Near(simplex));
             }
+            // Rounding alone makes a point farther away. Its direction may still be the best one.
+            is_last = distance >= nearest;
             nearest = distance;
             match normal {
                 Some(normal) => n = normal,
