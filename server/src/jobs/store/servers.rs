@@ -6,8 +6,8 @@
 //! server listens. A message can be lost with a connection, so each also wakes all who wait every few seconds, and
 //! those read the database. The leader is the server whose connection holds an advisory lock: it ends with the
 //! connection, however the server ends. The database ends a connection that has said nothing for [`SILENT_FOR`], so a
-//! server that sleeps or is cut off loses the lock; and a server leads for [`LEAD_FOR`] after it last asked, which is
-//! less, so that no two lead at once.
+//! server that is suspended or cut off loses the lock; and a server leads for [`LEAD_FOR`] after it last asked, which
+//! is less, so that no two lead at once.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
