@@ -110,6 +110,16 @@ impl Artifacts {
         Ok(Self::new(Arc::new(Files::alone(directory.to_owned()))))
     }
 
+    /// Those below a directory that is emptied before anybody opens it again: they may be lost with the power, and are
+    /// not synchronized with the disk.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn scratch(directory: &Path) -> io::Result<Self> {
+        fs::create_dir_all(directory.join(FOLDER))?;
+        Ok(Self::new(Arc::new(Files::scratch(directory.to_owned()))))
+    }
+
     /// Claims the place of the result of an attempt, relative to the folder.
     pub(crate) fn begin(&self, id: &str, attempt: i64) -> InFlight {
         self.claim(id, attempt, RESULT)

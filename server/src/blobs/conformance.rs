@@ -191,6 +191,12 @@ fn files_of_one_process_conform() {
 }
 
 #[test]
+fn files_of_a_scratch_folder_conform() {
+    let folder = tempfile::tempdir().unwrap();
+    conform(&|| Arc::new(Files::scratch(folder.path().to_owned())));
+}
+
+#[test]
 fn files_in_a_shared_folder_conform() {
     let folder = tempfile::tempdir().unwrap();
     conform(&|| Arc::new(Files::shared(folder.path().join("made")).unwrap()));

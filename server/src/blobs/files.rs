@@ -27,12 +27,19 @@ const LOOKS: [Duration; 3] = [Duration::ZERO, Duration::from_millis(200), Durati
 pub(crate) struct Files {
     root: PathBuf,
     shared: bool,
+    /// Files are to outlast a power cut, and are synchronized with the disk.
+    durable: bool,
 }
 
 impl Files {
     /// A folder of this process alone.
     pub(crate) fn alone(root: PathBuf) -> Self {
-        Self { root, shared: false }
+        Self { root, shared: false, durable: true }
+    }
+
+    /// A folder of this process alone whose files nobody reads after it: they may be lost with the power.
+    pub(crate) fn scratch(root: PathBuf) -> Self {
+        Self { root, shared: false, durable: false }
     }
 
     /// A folder that other processes may use too.
@@ -41,7 +48,7 @@ impl Files {
     /// Those of the file system; it must make folders and take files, hard links among them.
     pub(crate) fn shared(root: PathBuf) -> io::Result<Self> {
         fs::create_dir_all(&root)?;
-        let files = Self { root, shared: true };
+        let files = Self { root, shared: true, durable: true };
         let name = format!("trial.{}", Uuid::now_v7().simple());
         files.publish(files.stage(&name)?, &name, &|| false)?;
         files.remove(&[name])?;
@@ -52,13 +59,18 @@ impl Files {
         self.root.join(name)
     }
 
-    /// Makes the folder of a file, durably.
+    /// Synchronizes a folder with the disk, where its files are to outlast a power cut.
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        if self.durable { sync_folder(folder) } else { Ok(()) }
+    }
+
+    /// Makes the folder of a file, durably where files are.
     fn make_folder(&self, file: &Path) -> io::Result<()> {
         let Some(folder) = file.parent().filter(|folder| !folder.is_dir()) else { return Ok(()) };
         fs::create_dir_all(folder)?;
         let mut made = folder;
         while let Some(above) = made.parent().filter(|above| above.starts_with(&self.root)) {
-            sync_folder(above)?;
+            self.sync_folder(above)?;
             made = above;
         }
         Ok(())
@@ -131,7 +143,9 @@ impl Blobs for Files {
 
     fn publish(&self, mut staged: Staged, name: &str, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
         let Some(path) = staged.path.as_deref() else { return Err(io::ErrorKind::NotFound.into()) };
-        staged.file.sync_all()?;
+        if self.durable {
+            staged.file.sync_all()?;
+        }
         if is_stopped() {
             return Err(io::ErrorKind::ConnectionAborted.into());
         }
@@ -150,7 +164,7 @@ impl Blobs for Files {
             staged.path = None;
         }
         drop(staged);
-        file.parent().map_or(Ok(()), sync_folder)
+        file.parent().map_or(Ok(()), |folder| self.sync_folder(folder))
     }
 
     fn fetch(&self, name: &str) -> io::Result<File> {

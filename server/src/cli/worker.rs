@@ -138,7 +138,7 @@ async fn work(
             _ => {}
         }
     }
-    let artifacts = Artifacts::open(scratch).map_err(made)?;
+    let artifacts = Artifacts::scratch(scratch).map_err(made)?;
     let checkpoints = Checkpoints::open(checkpoints, checkpoint_every).map_err(made)?;
     let shutdown = CancellationToken::new();
     stop_on_signals(shutdown.clone())?;

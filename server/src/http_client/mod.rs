@@ -1,9 +1,11 @@
-//! A client of HTTP/1.1: one connection per request, with TLS where the URL says `https`.
+//! A client of HTTP/1.1: one connection per request, or connections that are kept ([`Kept`]), with TLS where the URL
+//! says `https`.
 //!
 //! The name of a host is resolved apart from the connection, so that a caller can judge the addresses first and then
 //! connect to one that it has judged. Proxies are not used, redirects are not followed, and limits of time are the
 //! caller's.
 
+mod kept;
 #[cfg(feature = "tls")]
 mod tls;
 
@@ -14,10 +16,16 @@ use std::time::Duration;
 
 use axum::body::Body;
 use hyper::body::Incoming;
+use hyper::client::conn::http1::SendRequest;
 use hyper::rt::{Read, Write};
 use hyper::{Request, Response, Uri, header};
 use hyper_util::rt::TokioIo;
 use tokio::net::TcpStream;
+
+pub(crate) use kept::Kept;
+
+/// A connection that requests are sent over, one after the other.
+type Connection = SendRequest<Body>;
 
 /// Time for a connection, its TLS included.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -104,14 +112,7 @@ impl Origin {
     /// # Errors
     /// See [`ClientError`]; that of the last address where none answers.
     pub(crate) async fn send(&self, request: Request<Body>) -> Result<Response<Incoming>, ClientError> {
-        let mut addresses = self.addresses().await?.into_iter();
-        let mut connected = Err(io::ErrorKind::NotFound.into());
-        while connected.is_err()
-            && let Some(address) = addresses.next()
-        {
-            connected = connect(address).await;
-        }
-        self.send_over(connected?, request).await
+        self.exchange(self.connect().await?, request).await
     }
 
     /// Connects to one address, which the caller has chosen, and sends a request there.
@@ -123,40 +124,59 @@ impl Origin {
         address: SocketAddr,
         request: Request<Body>,
     ) -> Result<Response<Incoming>, ClientError> {
-        self.send_over(connect(address).await?, request).await
+        self.exchange(self.open(connect(address).await?).await?, request).await
     }
 
-    async fn send_over(
-        &self,
-        stream: TcpStream,
-        request: Request<Body>,
-    ) -> Result<Response<Incoming>, ClientError> {
+    /// Connects to the first address of the host that answers.
+    async fn connect(&self) -> Result<Connection, ClientError> {
+        let mut addresses = self.addresses().await?.into_iter();
+        let mut connected = Err(io::ErrorKind::NotFound.into());
+        while connected.is_err()
+            && let Some(address) = addresses.next()
+        {
+            connected = connect(address).await;
+        }
+        self.open(connected?).await
+    }
+
+    /// Speaks HTTP over a stream, within TLS where the origin says so.
+    async fn open(&self, stream: TcpStream) -> Result<Connection, ClientError> {
         if !self.https {
-            return self.exchange(TokioIo::new(stream), request).await;
+            return handshake(TokioIo::new(stream)).await;
         }
         #[cfg(feature = "tls")]
         {
             let secured = tokio::time::timeout(CONNECT, tls::secure(stream, &self.host));
             let secured = secured.await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
-            self.exchange(TokioIo::new(secured?), request).await
+            handshake(TokioIo::new(secured?)).await
         }
         #[cfg(not(feature = "tls"))]
         Err(ClientError::NoTls)
     }
 
-    /// Sends a request whose URI is a path; `Host` is set here.
+    /// Sends a request whose URI is a path; `Host` is set here. The connection ends with the response.
     async fn exchange(
         &self,
-        stream: impl Read + Write + Unpin + Send + 'static,
+        mut connection: Connection,
         mut request: Request<Body>,
     ) -> Result<Response<Incoming>, ClientError> {
-        let (mut sender, connection) = hyper::client::conn::http1::handshake(stream).await?;
-        // It ends with the response; what goes wrong with it is told by the response.
-        tokio::spawn(connection);
+        self.set_host(&mut request)?;
+        Ok(connection.send_request(request).await?)
+    }
+
+    fn set_host(&self, request: &mut Request<Body>) -> Result<(), ClientError> {
         let host = self.to_string().parse().map_err(axum::http::Error::from)?;
         request.headers_mut().insert(header::HOST, host);
-        Ok(sender.send_request(request).await?)
+        Ok(())
     }
+}
+
+async fn handshake(stream: impl Read + Write + Unpin + Send + 'static) -> Result<Connection, ClientError> {
+    let (connection, exchanges) = hyper::client::conn::http1::handshake(stream).await?;
+    // It ends when nobody holds the connection and the last response was read; what goes wrong with it is told by the
+    // response.
+    tokio::spawn(exchanges);
+    Ok(connection)
 }
 
 /// As `Host` has it.

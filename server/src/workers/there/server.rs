@@ -16,7 +16,7 @@ use serde_json::Value;
 use tokio::time::timeout;
 use tokio_util::io::ReaderStream;
 
-use crate::http_client::{ClientError, Origin};
+use crate::http_client::{ClientError, Kept, Origin};
 
 /// Time for an answer, beside the time for which it may be held back.
 const ANSWER: Duration = Duration::from_secs(30);
@@ -83,7 +83,7 @@ impl ServerError {
 /// The server of a worker.
 #[derive(Clone, Debug)]
 pub(crate) struct Server {
-    origin: Origin,
+    service: Kept,
     /// Path before `/v1`, where a proxy has one.
     prefix: String,
     authorization: Option<HeaderValue>,
@@ -109,7 +109,8 @@ impl Server {
                 Some(value)
             }
         };
-        Ok(Self { origin, prefix: uri.path().trim_end_matches('/').to_owned(), authorization })
+        let prefix = uri.path().trim_end_matches('/').to_owned();
+        Ok(Self { service: Kept::to(origin), prefix, authorization })
     }
 
     /// POST of a JSON document whose answer may be held back for so long; `None` where it has no content.
@@ -143,7 +144,10 @@ impl Server {
         ];
         let limit = ANSWER + Duration::from_secs(length / LEAST_SPEED);
         let body = Body::from_stream(ReaderStream::with_capacity(file, 1 << 18));
-        self.send(Method::PUT, path, body, &fields, limit).await?;
+        let answer = self.send(Method::PUT, path, body, &fields, limit).await?;
+        // What it says is not needed, but the connection is used again only when it was read.
+        let answer = http_body_util::Limited::new(answer.into_body(), MAX_JSON_BYTES).collect();
+        let _ = timeout(ANSWER, answer).await;
         Ok(())
     }
 
@@ -180,7 +184,7 @@ impl Server {
             request = request.header(AUTHORIZATION, authorization);
         }
         let request = request.body(body).map_err(ClientError::from)?;
-        let response = timeout(limit, self.origin.send(request)).await.map_err(|_| too_late())??;
+        let response = timeout(limit, self.service.send(request)).await.map_err(|_| too_late())??;
         let status = response.status();
         if status.is_success() {
             return Ok(response);
