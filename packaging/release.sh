@@ -97,7 +97,7 @@ cargo cyclonedx --quiet --manifest-path server/Cargo.toml --format json --spec-v
     --no-build-deps --target "$host" --override-filename packstone-bill
 # Its references have the folder of this build.
 sed "s|file://$PWD/|file:///|g" server/packstone-bill.json >"$out/packstone-$version.cdx.json"
-rm {server,engine}/packstone-bill.json
+rm {server,engine,benches}/packstone-bill.json
 
 echo '=== the checksums'
 (cd "$out" && sha256sum -- * >SHA256SUMS && sha256sum --check --quiet SHA256SUMS)
