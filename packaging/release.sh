@@ -55,7 +55,8 @@ if [ -z "${STATIC_BINARY:-}" ]; then
     cargo rustc "${build[@]}" -- -C target-feature=+crt-static
     STATIC_BINARY=$target/dist/packstone
 fi
-packaging/test-static.sh "$STATIC_BINARY"
+# The second is the binary of the Debian package; that of the first build may have been replaced.
+packaging/test-static.sh "$STATIC_BINARY" target/package/packstone
 
 echo '=== the archive'
 # What deb.sh has put together, manual pages, completions and licences, with the static binary.

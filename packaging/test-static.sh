@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Runs a static binary in a chroot that holds nothing else but /dev/{,u}random: it packs a job, serves, finds localhost,
-# and packs a job for a client.
+# and packs a job for a client. With another binary, of the same version and commit, it is then a worker of a server of
+# that one, which must refuse it unless both pack a job to the same bits.
 #
-#   packaging/test-static.sh BINARY
+#   packaging/test-static.sh BINARY [OTHER]
 #
 # Needs curl, and root for the chroot: without it, says so and ends with 0.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-[ $# = 1 ] || { echo "usage: $0 BINARY" >&2; exit 2; }
+[ $# = 1 ] || [ $# = 2 ] || { echo "usage: $0 BINARY [OTHER]" >&2; exit 2; }
 [ "$(id -u)" = 0 ] || { echo "SKIPPED $0: not root" >&2; exit 0; }
 
 root=$(mktemp -d)
@@ -49,4 +50,24 @@ grep -q '"state": *"succeeded"' <<<"$answer" || fail "the job: $answer"
 kill -TERM "$server"
 wait "$server" || fail 'the service ends with an error'
 server=
+
+if [ $# = 2 ]; then
+    echo 'a worker of a server of the other binary'
+    "$2" run examples/a16.json --out "$root/other" --format csv
+    PACKSTONE_MIN_FREE_BYTES=67108864 "$2" serve --data-dir "$root/shared" --listen 127.0.0.1:0 --workers 0 \
+        >"$root/other.out" 2>"$root/other.err" &
+    server=$!
+    url=$(timeout 60 tail --pid="$server" -n +1 -f "$root/other.out" | grep -m 1 -o 'http://127.0.0.1:[0-9]*' || true)
+    [ -n "$url" ] || { cat "$root/other.out" "$root/other.err" >&2; fail 'the other service does not start'; }
+    refused=0
+    "$1" worker --server "$url" --scratch "$root/scratch" --idle-exit-s 1 >"$root/worker.out" 2>&1 || refused=$?
+    case $refused in
+        0) cmp "$root/out/result.csv" "$root/other/result.csv" || fail 'a worker with other bits was taken' ;;
+        8) grep 'packs other bits' "$root/worker.out" || { cat "$root/worker.out" >&2; fail 'refused for another reason'; } ;;
+        *) cat "$root/worker.out" >&2; fail "the worker ended with exit code $refused" ;;
+    esac
+    kill -TERM "$server"
+    wait "$server" || fail 'the other service ends with an error'
+    server=
+fi
 echo 'packaging/test-static.sh: the binary works without a system'

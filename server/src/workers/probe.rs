@@ -3,8 +3,9 @@
 //!
 //! A job that goes on elsewhere from its checkpoint must end with the bits of one that was not moved. A worker shows it
 //! before it gets its first job. The engine's own code computes the same on every processor, which its tests hold; the
-//! elementary functions are those of the C library, and their last digits differ between libraries (glibc linked
-//! statically and dynamically, musl). A small packing need not meet an argument for which they do.
+//! elementary functions are those of the C library, and their last digits differ between libraries and between
+//! processors with and without fused multiply-add (`docs/method.md`, "Determinism"). A small packing need not meet an
+//! argument for which they do.
 
 use std::hint::black_box;
 
@@ -46,10 +47,10 @@ fn requests() -> [Value; 2] {
     ]
 }
 
-/// Arguments for which the elementary functions are compared.
+/// For how many arguments each elementary function is compared.
 const ARGUMENTS: u32 = 10_000;
 
-/// Values of the elementary functions that the engine uses, for arguments from 0 to 100.
+/// Adds values of the elementary functions that the engine uses, for arguments between -7 and 100, to a digest.
 fn elementary_functions(digest: &mut Sha256) {
     for i in 0..ARGUMENTS {
         // Hidden from the compiler, which computes constants by functions of its own.
