@@ -63,7 +63,10 @@ if [ $# = 2 ]; then
     "$1" worker --server "$url" --scratch "$root/scratch" --idle-exit-s 1 >"$root/worker.out" 2>&1 || refused=$?
     case $refused in
         0) cmp "$root/out/result.csv" "$root/other/result.csv" || fail 'a worker with other bits was taken' ;;
-        8) grep 'packs other bits' "$root/worker.out" || { cat "$root/worker.out" >&2; fail 'refused for another reason'; } ;;
+        8)
+            cat "$root/worker.out"
+            grep -q 'packs other bits' "$root/worker.out" || fail 'the worker was refused for another reason'
+            ;;
         *) cat "$root/worker.out" >&2; fail "the worker ended with exit code $refused" ;;
     esac
     kill -TERM "$server"
