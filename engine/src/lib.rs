@@ -23,6 +23,7 @@
 #![deny(unsafe_code)]
 
 pub mod analysis;
+mod arrays;
 pub mod check;
 pub mod checkpoint;
 pub mod control;

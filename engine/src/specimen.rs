@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use crate::arrays::Each as _;
 use crate::request::{Boundary, Specimen};
 
 /// Relative margin by which centres keep further from walls than asked, so that the check, which
@@ -66,7 +67,7 @@ impl Specimen {
                 Some(Region { low: [0.0; 3], high: size_mm, disc: None })
             }
             Self::Box { size_mm, boundary: Boundary::Walls } => {
-                let [x, y, z] = size_mm.map(|length| interval(length, clearance_mm));
+                let [x, y, z] = size_mm.each(|length| interval(length, clearance_mm));
                 let ((x0, x1), (y0, y1), (z0, z1)) = (x?, y?, z?);
                 Some(Region { low: [x0, y0, z0], high: [x1, y1, z1], disc: None })
             }

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 22] = [
+const LAYERS: [&str; 23] = [
+    "arrays",
     "cpu",
     "memory",
     "threads",

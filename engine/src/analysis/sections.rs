@@ -15,6 +15,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::arrays::Each as _;
 use crate::geometry::convex::{Convex, Place, Skin, SkinPoint};
 use crate::packing::{GrainsRef, Solids};
 use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
@@ -47,7 +48,7 @@ impl CutTemplate {
         };
         let triangles: Vec<[u32; 3]> = skin.polygons.iter().flat_map(|(_, corners)| fan(corners)).collect();
         let area = |triangle: &[u32; 3]| {
-            let [p, q, r] = triangle.map(|corner| vertices[corner as usize]);
+            let [p, q, r] = triangle.each(|corner| vertices[corner as usize]);
             (q - p).cross(&(r - p)) / 2.0
         };
         let areas: Vec<Vector3<f64>> = triangles.iter().map(area).collect();
@@ -182,7 +183,7 @@ impl PolyhedronBelow<'_> {
         let mut whole = vec![[0.0; 2]; count + 1];
         let first_above = |height: f64| (((height - first_mm) / step_mm).ceil().max(0.0) as usize).min(count);
         for (corners, area) in self.template.triangles.iter().zip(&self.template.areas) {
-            let mut heights = corners.map(|corner| self.heights_mm[corner as usize]);
+            let mut heights = corners.each(|corner| self.heights_mm[corner as usize]);
             heights.sort_unstable_by(f64::total_cmp);
             let area = area.dot(&self.areas_along);
             let above = first_above(heights[2]);

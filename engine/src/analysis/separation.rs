@@ -15,6 +15,7 @@ use std::f64::consts::PI;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
 use crate::mix::sphere_volume;
 use crate::packing::{GrainsRef, SegregationReport, Separation, SeparationAcross, Spheres};
@@ -205,7 +206,7 @@ impl Products {
             for p in grid(&region).filter(|p| region.contains(*p)) {
                 let slopes: Vec<[f64; 3]> = (0..fields.len())
                     .map(|field| {
-                        [0, 1, 2].map(|axis| {
+                        [0, 1, 2].each(|axis| {
                             let moved = |by: f64| {
                                 let mut q = p;
                                 q[axis] += by;
@@ -282,8 +283,7 @@ impl Products {
 fn all_orders(fields: usize) -> Vec<Orders> {
     let mut found = Vec::new();
     for code in 1..3_u32.pow(fields as u32) {
-        let orders: Orders =
-            std::array::from_fn(|f| if f < fields { code / 3_u32.pow(f as u32) % 3 } else { 0 });
+        let orders: Orders = arrays::from_fn(|f| if f < fields { code / 3_u32.pow(f as u32) % 3 } else { 0 });
         let odd_across = orders[1..].iter().any(|order| order % 2 == 1);
         if odd_across && orders.iter().map(|order| order * order).sum::<u32>() <= MOST_ORDERS {
             found.push(orders);
@@ -297,7 +297,7 @@ fn grid(region: &Region) -> impl Iterator<Item = [f64; 3]> {
     let (low, high) = (region.low, region.high);
     (0..GRID.pow(3)).map(move |i| {
         let place = [i % GRID, i / GRID % GRID, i / GRID / GRID];
-        std::array::from_fn(|a| low[a] + (high[a] - low[a]) * (place[a] as f64 + 0.5) / GRID as f64)
+        arrays::from_fn(|a| low[a] + (high[a] - low[a]) * (place[a] as f64 + 0.5) / GRID as f64)
     })
 }
 

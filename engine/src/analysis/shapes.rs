@@ -243,7 +243,8 @@ mod tests {
         of(report.flatness_mean, 1.0 - share + share * 0.4);
         of(report.zingg.blade, share);
         of(report.zingg.equant, 1.0 - share);
-        let sphericity = |volume: f64, surface: f64| (PI * (6.0 * volume) * (6.0 * volume)).cbrt() / surface;
+        let sphericity =
+            |volume: f64, surface: f64| f64::cbrt(PI * (6.0 * volume) * (6.0 * volume)) / surface;
         of(
             report.sphericity_mean,
             (1.0 - share) * sphericity(1000.0, 600.0) + share * sphericity(800.0, 640.0),

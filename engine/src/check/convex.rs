@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::body::{Ellipsoid, Polyhedron};
 use super::separation::{Direction, Image, Verdict, ellipsoids, mixed, polyhedra};
 use super::walls;
+use crate::arrays::Each as _;
 use crate::request::Specimen;
 use crate::shape::{Pose, SolidRef};
 
@@ -110,7 +111,7 @@ impl Convex for Body<'_> {
             }
             (Self::Polyhedron(a), Self::Ellipsoid(b)) => {
                 // The polyhedron is the moved one then, by as much the other way.
-                let image = Image { steps: image.steps.map(|step| -step), ..*image };
+                let image = Image { steps: image.steps.each(|step| -step), ..*image };
                 let back = |of: Direction| Direction { normal: -of.normal, separation: of.separation };
                 match mixed::Pair::new(b, a, image).judge(required, enough) {
                     Verdict::Clear => Verdict::Clear,

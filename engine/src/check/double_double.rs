@@ -8,6 +8,8 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use crate::arrays;
+
 /// `high + low`, where `high` is the float nearest to the sum.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DoubleDouble {
@@ -125,7 +127,7 @@ pub(super) fn dot(a: &Vector, b: &Vector) -> DoubleDouble {
 
 /// `a x b`.
 pub(super) fn cross(a: &Vector, b: &Vector) -> Vector {
-    std::array::from_fn(|k| {
+    arrays::from_fn(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         a[i] * b[j] - a[j] * b[i]
     })
@@ -133,7 +135,7 @@ pub(super) fn cross(a: &Vector, b: &Vector) -> Vector {
 
 /// `a - b`.
 pub(super) fn minus(a: &Vector, b: &Vector) -> Vector {
-    std::array::from_fn(|k| a[k] - b[k])
+    arrays::from_fn(|k| a[k] - b[k])
 }
 
 /// The length of a vector.

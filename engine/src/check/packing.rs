@@ -10,6 +10,7 @@ use super::required::Required;
 use super::separation::{Direction, Image, Verdict};
 use super::table::{Grain, Table};
 use super::{Fault, Pairs, SeparationCertificate, report};
+use crate::arrays::{self, Each as _};
 use crate::control::Control;
 use crate::cpu::Cpu;
 use crate::memory::{OutOfMemory, push, reserved};
@@ -215,8 +216,8 @@ impl<B: Convex> Packing<B> {
 #[inline(always)]
 fn for_each_image(r: Vector3<f64>, period: [f64; 3], reach: f64, mut visit: impl FnMut([f64; 3])) {
     let widened = reach * (1.0 + 1.0e-9);
-    let low: [f64; 3] = std::array::from_fn(|k| ((-widened - r[k]) / period[k] - 1.0e-9).ceil());
-    let high: [f64; 3] = std::array::from_fn(|k| ((widened - r[k]) / period[k] + 1.0e-9).floor());
+    let low: [f64; 3] = arrays::from_fn(|k| ((-widened - r[k]) / period[k] - 1.0e-9).ceil());
+    let high: [f64; 3] = arrays::from_fn(|k| ((widened - r[k]) / period[k] + 1.0e-9).floor());
     let mut image = low;
     if (0..3).any(|k| low[k] > high[k]) {
         return;
@@ -274,7 +275,7 @@ impl Findings {
             let certificate = SeparationCertificate {
                 first,
                 second,
-                image: image.map(|k| (sign * k) as i32),
+                image: image.each(|k| (sign * k) as i32),
                 normal: (found.normal * sign).into(),
                 separation_mm,
                 required_mm,

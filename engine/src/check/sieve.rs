@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
+use crate::arrays;
 use crate::shape::Polyhedron;
 
 /// Rings of latitude on the half sphere; as far apart as the directions on them.
@@ -74,7 +75,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
 /// Steps from a direction to those of smaller openings.
 fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64; 2]) -> (f64, V) {
     let ways: [(f64, f64); WAYS] =
-        std::array::from_fn(|way| (std::f64::consts::TAU * way as f64 / WAYS as f64).sin_cos());
+        arrays::from_fn(|way| (std::f64::consts::TAU * way as f64 / WAYS as f64).sin_cos());
     let (mut step, mut turn, mut in_vain) = (from, 0.0_f64, 0);
     while step > to {
         let [u, v] = frame(&axis);

@@ -4,6 +4,7 @@
 //! looks for partners in its own octave and in the finer ones: coarse grains are few, and meet the
 //! fine ones around them in long runs, for grains lie in memory in the order of their cells.
 
+use crate::arrays::{self, Each as _};
 use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
@@ -130,15 +131,15 @@ impl Octave {
         let top = rows.iter().map(|&row| spheres.d_mm[row as usize]).fold(0.0, f64::max);
         // Few grains in much space need few cells.
         let volume: f64 = bounds.iter().product();
-        let width = (top + reach_beyond(top, top)).max((volume / (2.0 * rows.len() as f64)).cbrt());
-        let counts = bounds.map(|length| ((length / width) as usize).max(1));
-        let per_mm = std::array::from_fn(|a| counts[a] as f64 / bounds[a]);
-        let width = std::array::from_fn(|a| bounds[a] / counts[a] as f64);
+        let width = (top + reach_beyond(top, top)).max(f64::cbrt(volume / (2.0 * rows.len() as f64)));
+        let counts = bounds.each(|length| ((length / width) as usize).max(1));
+        let per_mm = arrays::from_fn(|a| counts[a] as f64 / bounds[a]);
+        let width = arrays::from_fn(|a| bounds[a] / counts[a] as f64);
         let mut octave =
             Self { top, counts, per_mm, width, starts: Vec::new(), grains: Vec::new(), rows: Vec::new() };
         let cell_of = |row: &u32| {
             let center = spheres.center(*row as usize);
-            let [x, y, z] = std::array::from_fn(|a| octave.index(a, center[a]));
+            let [x, y, z] = arrays::from_fn(|a| octave.index(a, center[a]));
             octave.cell(x, y, z) as u32
         };
         let cells = collected(rows.iter().map(cell_of))?;

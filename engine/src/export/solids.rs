@@ -9,6 +9,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::arrays::Each as _;
 use crate::geometry::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
 use crate::packing::{GrainsRef, Solids, Spheres};
@@ -45,7 +46,7 @@ impl Form {
     }
 
     fn of_polyhedron(template: u32, convex: &Convex, place: &Place) -> Self {
-        let half_extents = [0, 1, 2].map(|axis| {
+        let half_extents = [0, 1, 2].each(|axis| {
             let row = place.rotation.row(axis).transpose();
             let reaches = convex.vertices.iter().map(|vertex| row.dot(vertex).abs());
             place.scale * (reaches.fold(0.0, f64::max) + convex.rounding)

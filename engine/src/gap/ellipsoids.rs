@@ -20,6 +20,7 @@ pub use super::grain::Decision;
 use super::grain::{ConvexShape, Orientation, PushContact, Turned};
 use super::linear::{Symmetric, Vector, cross, dot, minus, norm, scaled, sum};
 use super::walls;
+use crate::arrays::Each as _;
 use crate::request::Specimen;
 use crate::shape::{Ellipsoid, Pose};
 
@@ -51,7 +52,7 @@ impl Body {
     pub fn new(shape: &Ellipsoid, pose: &Pose) -> Self {
         let axes = shape.semi_axes_mm();
         let r = pose.rotation();
-        let rows = [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]]);
+        let rows = [0, 1, 2].each(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]]);
         Self {
             center_mm: pose.center_mm.into(),
             matrix_mm2: Symmetric::rotated_diagonal(&rows, axes.component_mul(&axes).into()),
@@ -354,14 +355,14 @@ impl ConvexShape for Ellipsoid {
 
     #[inline(always)]
     fn per_inertia(&self, per_mass: f64) -> Vector {
-        let [a, b, c] = Vector::from(self.semi_axes_mm()).map(|axis| axis * axis);
+        let [a, b, c] = Vector::from(self.semi_axes_mm()).each(|axis| axis * axis);
         [5.0 * per_mass / (b + c), 5.0 * per_mass / (a + c), 5.0 * per_mass / (a + b)]
     }
 
     #[inline(always)]
     fn rows(&self, pose: &Pose) -> [Vector; 3] {
         let r = pose.rotation();
-        [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
+        [0, 1, 2].each(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
     }
 
     fn to_principal(&self, orientation: Orientation) -> Orientation {
@@ -374,7 +375,7 @@ impl ConvexShape for Ellipsoid {
 
     #[inline(always)]
     fn turned(&self, rows: &[Vector; 3]) -> Symmetric {
-        Symmetric::rotated_diagonal(rows, Vector::from(self.semi_axes_mm()).map(|axis| axis * axis))
+        Symmetric::rotated_diagonal(rows, Vector::from(self.semi_axes_mm()).each(|axis| axis * axis))
     }
 }
 

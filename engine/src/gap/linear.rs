@@ -1,5 +1,7 @@
 //! Vectors and symmetric matrices of three dimensions, as plain arrays: what a pair test needs and nothing else.
 
+use crate::arrays;
+
 /// A vector; its unit follows from its use.
 pub type Vector = [f64; 3];
 
@@ -90,7 +92,7 @@ impl Symmetric {
     #[must_use]
     pub fn blend(a: &Self, b: &Self, share: f64) -> Self {
         let rest = 1.0 - share;
-        Self(std::array::from_fn(|i| rest * a.0[i] + share * b.0[i]))
+        Self(arrays::from_fn(|i| rest * a.0[i] + share * b.0[i]))
     }
 
     /// The vector `n` with `M n = r`, by cofactors; the matrix must be positive definite.

@@ -10,6 +10,7 @@ use super::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
 use super::linear::{Symmetric, Vector, norm, scaled};
 use super::polyhedra::{self, Contact, Core, Pair, TurnedPolyhedron};
 use super::walls;
+use crate::arrays::Each as _;
 use crate::request::Specimen;
 use crate::shape::{Pose, SolidRef};
 
@@ -87,7 +88,7 @@ impl<'a> Body<'a> {
         match (self, other) {
             (Self::Ellipsoid(a), Self::Ellipsoid(b)) => {
                 let Gap { gap_mm, normal } = a.with(b).gap();
-                let [on_a, on_b] = [a, b].map(|body| body.matrix_mm2.core_support(&normal.into()).1);
+                let [on_a, on_b] = [a, b].each(|body| body.matrix_mm2.core_support(&normal.into()).1);
                 Contact { gap_mm, normal: normal.into(), points_mm: [on_a, -on_b] }
             }
             (Self::Polyhedron(a), Self::Polyhedron(b)) => a.with(b).contact(),

@@ -14,6 +14,7 @@
 
 use super::grain::Turned;
 use super::linear::{Symmetric, Vector};
+use crate::arrays::{self, Each as _};
 use crate::request::{Boundary, Specimen};
 
 /// Most steps of Newton's method; few are needed.
@@ -64,7 +65,7 @@ pub(super) fn farthest_of_ellipsoid(matrix_mm2: &Symmetric, from_axis_mm: [f64; 
     let second = [-first[1], first[0]];
     let along = [c[0] * first[0] + c[1] * first[1], c[0] * second[0] + c[1] * second[1]];
     // Weights of the constraint |v| = 1, which holds at the root of 1 / |v(t)| = 1; it is met from below.
-    let w: [f64; ACROSS] = std::array::from_fn(|i| e[i].sqrt() * along[i].abs());
+    let w: [f64; ACROSS] = arrays::from_fn(|i| e[i].sqrt() * along[i].abs());
     let mut t = (e[0] + w[0]).max(e[1] + w[1]);
     let value = |t: f64| {
         let part = |i: usize| if w[i] > 0.0 { w[i] * w[i] / (t - e[i]) } else { 0.0 };
@@ -91,7 +92,7 @@ pub(super) fn farthest_of_ellipsoid(matrix_mm2: &Symmetric, from_axis_mm: [f64; 
     let v_0 = (1.0 - v_1 * v_1).max(0.0).sqrt();
     let point = [along[0].abs() + e[0].sqrt() * v_0, along[1].abs() + e[1].sqrt() * v_1];
     let signed = [point[0].copysign(along[0]), point[1].copysign(along[1])];
-    let across = [0, 1].map(|a| signed[0] * first[a] + signed[1] * second[a]);
+    let across = [0, 1].each(|a| signed[0] * first[a] + signed[1] * second[a]);
     let length = (across[0] * across[0] + across[1] * across[1]).sqrt();
     (least.sqrt(), [across[0] / length, across[1] / length, 0.0])
 }

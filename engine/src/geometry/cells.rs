@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 
+use crate::arrays::{self, Each as _};
 use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
@@ -26,8 +27,8 @@ impl Cells {
     /// As many equal cells as fit into a box of edges `bounds_mm` without being narrower than `width_mm`, but at
     /// least one along each axis.
     pub fn new(bounds_mm: [f64; 3], width_mm: f64) -> Self {
-        let counts = bounds_mm.map(|length| ((length / width_mm) as usize).max(1));
-        Self { counts, per_mm: std::array::from_fn(|a| counts[a] as f64 / bounds_mm[a]) }
+        let counts = bounds_mm.each(|length| ((length / width_mm) as usize).max(1));
+        Self { counts, per_mm: arrays::from_fn(|a| counts[a] as f64 / bounds_mm[a]) }
     }
 
     /// Number of cells.
@@ -50,7 +51,7 @@ impl Cells {
     /// Number of the cell of a point.
     #[inline]
     pub fn cell_of(&self, p_mm: [f64; 3]) -> usize {
-        self.number(std::array::from_fn(|a| self.index(a, p_mm[a])))
+        self.number(arrays::from_fn(|a| self.index(a, p_mm[a])))
     }
 
     /// Positions along an axis of the cells from one coordinate to another.
@@ -218,7 +219,7 @@ impl Octaves {
         let octave = |spheres: Vec<Sphere>| {
             let largest_d_mm = spheres.iter().map(|sphere| sphere.d_mm).fold(0.0, f64::max);
             // Two cells for each sphere at most: few in much space would need many.
-            let sparse_mm = (volume_mm3 / (2.0 * spheres.len() as f64)).cbrt();
+            let sparse_mm = f64::cbrt(volume_mm3 / (2.0 * spheres.len() as f64));
             let cells = Cells::new(bounds_mm, (largest_d_mm + gap_mm).max(sparse_mm));
             Ok(Octave { largest_d_mm, sorted: Sorted::new(cells, &spheres, |sphere| sphere.center_mm)? })
         };

@@ -1,6 +1,7 @@
 //! Laws of one ratio by their quantile functions, with nodes for integrals over them.
 
 use super::ratios::{MIN_BETA_PARAMETER, MIN_RATIO, RatioDistribution, RatioLaw};
+use crate::arrays::Each as _;
 
 /// Steps of the tabulated distribution function of a beta law.
 const STEPS: usize = 4096;
@@ -59,7 +60,7 @@ pub(super) fn gauss_points() -> impl Iterator<Item = (f64, f64)> {
     let width = 1.0 / PANELS as f64;
     (0..PANELS).flat_map(move |panel| {
         [(-NODE, 5.0 / 18.0), (0.0, 8.0 / 18.0), (NODE, 5.0 / 18.0)]
-            .map(|(node, weight)| ((panel as f64 + f64::midpoint(1.0, node)) * width, weight * width))
+            .each(|(node, weight)| ((panel as f64 + f64::midpoint(1.0, node)) * width, weight * width))
     })
 }
 
@@ -122,7 +123,7 @@ impl Beta {
     /// With `x = sin² t` its density is `sin^(2p-1) t cos^(2q-1) t`, which is finite for parameters from 1/2.
     fn new(mean: f64, deviation: f64) -> Self {
         let sum = mean * (1.0 - mean) / (deviation * deviation) - 1.0;
-        let [p, q] = [mean * sum, (1.0 - mean) * sum].map(|parameter| parameter.max(MIN_BETA_PARAMETER));
+        let [p, q] = [mean * sum, (1.0 - mean) * sum].each(|parameter| parameter.max(MIN_BETA_PARAMETER));
         let angle = |x: f64| x.clamp(MIN_RATIO, 1.0).sqrt().asin();
         let (from, to) = (angle(mean - REACH * deviation), angle(mean + REACH * deviation));
         let step = (to - from) / STEPS as f64;

@@ -6,6 +6,7 @@ use super::quantile::{Quantiles, cumulative, gauss_points, select};
 use super::ratios::{AxisRatios, MIN_RATIO, RatioFault};
 use super::target::{flatness_for_flakiness, flatness_for_shape_index};
 use super::{Form, SizeMeasure};
+use crate::arrays::Each as _;
 use crate::rng::uniform;
 
 /// Draws forms by a law of the axis ratios.
@@ -152,7 +153,7 @@ impl Law {
     fn least_over_sieve(&self) -> f64 {
         let least = |elongation: f64, flatnesses: [f64; 2]| {
             flatnesses
-                .map(|flatness| Form { elongation, flatness }.volume_over_sieve_sphere())
+                .each(|flatness| Form { elongation, flatness }.volume_over_sieve_sphere())
                 .into_iter()
                 .fold(f64::INFINITY, f64::min)
         };

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::classes::{QualityClass, class_of};
 use super::prism::{Prism, Section};
 use super::{Counter, Moments, QualityError, correlation};
+use crate::arrays::{self, Each as _};
 use crate::control::Control;
 use crate::memory::filled;
 use crate::packing::Spheres;
@@ -123,10 +124,10 @@ impl Grid {
         let bounds = specimen.bounds_mm();
         // Edges that divide the specimen come out whole in spite of rounding.
         let counts =
-            bounds.map(|length| ((length / least_mm * (1.0 + 1.0e-9)) as usize).clamp(1, MOST_ALONG));
+            bounds.each(|length| ((length / least_mm * (1.0 + 1.0e-9)) as usize).clamp(1, MOST_ALONG));
         Self {
             counts,
-            edge_mm: std::array::from_fn(|a| bounds[a] / counts[a] as f64),
+            edge_mm: arrays::from_fn(|a| bounds[a] / counts[a] as f64),
             is_periodic: specimen.is_periodic(),
         }
     }
@@ -145,8 +146,8 @@ impl Grid {
             block / self.counts[0] % self.counts[1],
             block / (self.counts[0] * self.counts[1]),
         ];
-        let half = self.edge_mm.map(|edge| edge / 2.0);
-        let center = std::array::from_fn(|a| (at[a] as f64 + 0.5) * self.edge_mm[a]);
+        let half = self.edge_mm.each(|edge| edge / 2.0);
+        let center = arrays::from_fn(|a| (at[a] as f64 + 0.5) * self.edge_mm[a]);
         specimen.clearance_reaching_all(center, half) >= -1.0e-9 * self.edge_mm[0]
     }
 
@@ -161,8 +162,8 @@ impl Grid {
         for k in span(2) {
             for j in span(1) {
                 for i in span(0) {
-                    let low: [f64; 3] = std::array::from_fn(|a| [i, j, k][a] as f64 * self.edge_mm[a]);
-                    let high: [f64; 3] = std::array::from_fn(|a| low[a] + self.edge_mm[a]);
+                    let low: [f64; 3] = arrays::from_fn(|a| [i, j, k][a] as f64 * self.edge_mm[a]);
+                    let high: [f64; 3] = arrays::from_fn(|a| low[a] + self.edge_mm[a]);
                     let prism = Prism {
                         section: Section::Rectangle { low: [low[0], low[1]], high: [high[0], high[1]] },
                         low: low[2],
@@ -171,7 +172,7 @@ impl Grid {
                     let volume = prism.common_volume(center, r);
                     if volume > 0.0 {
                         let block: [usize; 3] =
-                            std::array::from_fn(|a| [i, j, k][a].rem_euclid(self.counts[a] as i64) as usize);
+                            arrays::from_fn(|a| [i, j, k][a].rem_euclid(self.counts[a] as i64) as usize);
                         visit(self.number(block), volume);
                     }
                 }

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::classes::{QualityClass, class_of};
 use super::near::Near;
 use super::{Counter, Moments, QualityError, evenly};
+use crate::arrays::Each as _;
 use crate::control::Control;
 
 /// Gap of near pairs above the smallest gap, in units of `d_min + g_min`.
@@ -140,7 +141,7 @@ pub(super) fn contacts(
     let d_mm = &near.spheres.d_mm;
     let (Some(&d_max_mm), Some(&d_min_mm)) = (d_mm.first(), d_mm.last()) else { return Ok(None) };
     let [near_gap_mm, contact_gap_mm] =
-        [NEAR, CONTACT].map(|gap| smallest_gap_mm + gap * (d_min_mm + smallest_gap_mm));
+        [NEAR, CONTACT].each(|gap| smallest_gap_mm + gap * (d_min_mm + smallest_gap_mm));
     let bounds = ratio_bounds(d_max_mm / d_min_mm);
     let ln_d: Vec<f64> = crate::memory::collected(d_mm.iter().map(|d| d.ln()))?;
     let class: Vec<u8> = crate::memory::collected(d_mm.iter().map(|&d| class_of(classes, d) as u8))?;

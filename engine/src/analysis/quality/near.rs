@@ -1,5 +1,6 @@
 //! The spheres near a sphere, also through the faces of a periodic box.
 
+use crate::arrays;
 use crate::geometry::cells::Octaves;
 use crate::memory::OutOfMemory;
 use crate::packing::Spheres;
@@ -55,7 +56,7 @@ impl<'a> Near<'a> {
                 for z in shifts(2) {
                     let image = [center[0] + x, center[1] + y, center[2] + z];
                     self.octaves.for_each_near(image, radius_mm, reach_mm, |other| {
-                        let step_mm: [f64; 3] = std::array::from_fn(|a| other.center_mm[a] - image[a]);
+                        let step_mm: [f64; 3] = arrays::from_fn(|a| other.center_mm[a] - image[a]);
                         let distance_mm = step_mm.iter().map(|x| x * x).sum::<f64>().sqrt();
                         let gap_mm = distance_mm - radius_mm - other.d_mm / 2.0;
                         let other = other.row as usize;

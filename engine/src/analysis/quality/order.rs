@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use super::contacts::LIKE_RATIO;
 use super::near::{Near, Neighbor};
 use super::{Counter, QualityError, evenly};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::request::Specimen;
 
@@ -109,7 +110,7 @@ fn of_grain(near: &Near<'_>, gap_mm: f64, row: usize, mut bond: impl FnMut(&Neig
             && other.distance_mm <= REACH * (f64::midpoint(d_mm, of_other) + gap_mm)
             && other.distance_mm > 0.0
         {
-            let own = harmonics(other.step_mm.map(|x| x / other.distance_mm));
+            let own = harmonics(other.step_mm.each(|x| x / other.distance_mm));
             sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             bonds += 1;
             bond(&other);
@@ -170,7 +171,7 @@ pub(super) fn bond_order(
         q6_by_chance: 1.0 / distinct.sqrt(),
         solid_like_share: share(solid),
         solid_like_share_away_from_walls: (away > 0).then(|| solid_away as f64 / away as f64),
-        share_by_coherent_bonds: by_coherent.map(share).into(),
+        share_by_coherent_bonds: by_coherent.each(share).into(),
     }))
 }
 

@@ -9,6 +9,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Quaternion, Vector3};
 
+use crate::arrays::{self, Each as _};
 use crate::check::double_double::{DoubleDouble, Vector, dot};
 use crate::shape::{self, Pose};
 
@@ -50,7 +51,7 @@ impl Ellipsoid {
             axes,
             matrix: axes.transpose() * axes,
             radius: semi_axes.max(),
-            equivalent_diameter: 2.0 * (semi_axes[0] * semi_axes[1] * semi_axes[2]).cbrt(),
+            equivalent_diameter: 2.0 * f64::cbrt(semi_axes[0] * semi_axes[1] * semi_axes[2]),
         })
     }
 
@@ -90,15 +91,15 @@ impl Ellipsoid {
             [two * (xy - wz), (ww + yy) - (xx + zz), two * (yz + wx)],
             [two * (xz + wy), two * (yz - wx), (ww + zz) - (xx + yy)],
         ];
-        std::array::from_fn(|k| {
+        arrays::from_fn(|k| {
             let scale = DoubleDouble::from(self.semi_axes[k]) / norm2;
-            columns[k].map(|entry| scale * entry)
+            columns[k].each(|entry| scale * entry)
         })
     }
 
     /// `v` of the module's head in double-double arithmetic.
     pub(in crate::check) fn exact_scaled(axes: &[Vector; 3], n: &Vector) -> Vector {
-        std::array::from_fn(|k| dot(&axes[k], n))
+        arrays::from_fn(|k| dot(&axes[k], n))
     }
 }
 

@@ -9,6 +9,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Quaternion, Vector3};
 
+use crate::arrays::Each as _;
 use crate::shape::{Pose, ScaledPolyhedron};
 
 /// A polyhedron with position and orientation.
@@ -69,21 +70,21 @@ impl<'a> Polyhedron<'a> {
             equivalent_diameter: 0.0,
         };
         polyhedron.volume = polyhedron.own_volume();
-        polyhedron.equivalent_diameter = (6.0 * polyhedron.volume / PI).cbrt();
+        polyhedron.equivalent_diameter = f64::cbrt(6.0 * polyhedron.volume / PI);
         (polyhedron.equivalent_diameter > 0.0).then_some(polyhedron)
     }
 
     /// Triangles that make up the faces.
     pub(in crate::check) fn triangles(&self) -> impl Iterator<Item = [usize; 3]> {
         self.faces.iter().flat_map(|face| {
-            face[1..].windows(2).map(|pair| [face[0], pair[0], pair[1]].map(|corner| corner as usize))
+            face[1..].windows(2).map(|pair| [face[0], pair[0], pair[1]].each(|corner| corner as usize))
         })
     }
 
     /// Edges: each lies between two faces, which run along it in opposite directions.
     pub(in crate::check) fn edges(&self) -> impl Iterator<Item = [usize; 2]> {
         let all = self.faces.iter().flat_map(|face| {
-            (0..face.len()).map(|at| [face[at], face[(at + 1) % face.len()]].map(|corner| corner as usize))
+            (0..face.len()).map(|at| [face[at], face[(at + 1) % face.len()]].each(|corner| corner as usize))
         });
         all.filter(|[from, to]| from < to)
     }
@@ -96,7 +97,7 @@ impl<'a> Polyhedron<'a> {
             let corners: Vec<usize> = face.iter().map(|&v| v as usize).collect();
             let mut area = Vector3::zeros();
             for pair in corners[1..].windows(2) {
-                let [a, b, c] = [corners[0], pair[0], pair[1]].map(|v| self.relative[v]);
+                let [a, b, c] = [corners[0], pair[0], pair[1]].each(|v| self.relative[v]);
                 area += 0.5 * (b - a).cross(&(c - a));
                 volume += Matrix3::from_columns(&[a, b, c]).determinant() / 6.0;
             }

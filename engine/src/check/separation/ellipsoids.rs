@@ -16,6 +16,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::{Direction, ERROR, EXACT_ERROR, Image, Verdict};
+use crate::arrays::{self, Each as _};
 use crate::check::body::Ellipsoid;
 use crate::check::double_double::{DoubleDouble, Vector, dot, norm};
 
@@ -174,12 +175,12 @@ impl<'a> Pair<'a> {
 
     /// Decides `s(n) >= g` in double-double arithmetic, for a direction and for better ones near it.
     fn keeps_exactly(&self, gap: f64, normal: Vector3<f64>) -> bool {
-        let r: Vector = std::array::from_fn(|k| {
+        let r: Vector = arrays::from_fn(|k| {
             DoubleDouble::difference(self.b.center[k], self.a.center[k]) + self.image.exact_shift(k)
         });
-        let axes = [self.a, self.b].map(Ellipsoid::exact_axes);
+        let axes = [self.a, self.b].each(Ellipsoid::exact_axes);
         let tolerance = EXACT_ERROR * (self.scale + gap);
-        let mut n: Vector = std::array::from_fn(|k| normal[k].into());
+        let mut n: Vector = arrays::from_fn(|k| normal[k].into());
         for _ in 0..4 {
             let length = norm(&n);
             let along = dot(&r, &n);
@@ -202,7 +203,7 @@ impl<'a> Pair<'a> {
             let across = Vector3::from_fn(|k, _| (gradient[k] - share * n[k]).to_f64());
             let unit = Vector3::from_fn(|k, _| n[k].to_f64());
             let step = self.newton_step(&unit, share.to_f64(), &across);
-            n = std::array::from_fn(|k| n[k] + step[k].into());
+            n = arrays::from_fn(|k| n[k] + step[k].into());
         }
         false
     }

@@ -21,6 +21,7 @@
 use nalgebra::{Matrix2, Vector3};
 
 use super::{Cornered, Direction, ERROR, EXACT_ERROR, Image, Verdict, holds_either_way};
+use crate::arrays::{self, Each as _};
 use crate::check::body::{Ellipsoid, Polyhedron};
 use crate::check::double_double::{DoubleDouble, Vector, cross, dot, minus, norm};
 
@@ -156,7 +157,7 @@ impl<'a> Pair<'a> {
             [p] => [self.normal_to_point(&self.corner(p)), None],
             [p, q] => [self.normal_to_line(&self.corner(p), &self.corner(q)), None],
             [p, q, s] => {
-                let [p, q, s] = [p, q, s].map(|corner| self.corner(corner));
+                let [p, q, s] = [p, q, s].each(|corner| self.corner(corner));
                 let normal = (q - p).cross(&(s - p));
                 [Some(normal), Some(-normal)]
             }
@@ -168,9 +169,9 @@ impl<'a> Pair<'a> {
 
     /// The normal of the ellipsoid at its point nearest to a point.
     fn normal_to_point(&self, p: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let axes: [Vector3<f64>; 3] = [0, 1, 2].map(|k| self.a.axes.row(k).transpose());
-        let squares = axes.map(|axis| axis.norm_squared());
-        let coordinates = [0, 1, 2].map(|k| axes[k].dot(p) / squares[k].sqrt());
+        let axes: [Vector3<f64>; 3] = [0, 1, 2].each(|k| self.a.axes.row(k).transpose());
+        let squares = axes.each(|axis| axis.norm_squared());
+        let coordinates = [0, 1, 2].each(|k| axes[k].dot(p) / squares[k].sqrt());
         let normal = outward(squares, coordinates)?;
         Some((0..3).map(|k| axes[k] * (normal[k] / squares[k].sqrt())).sum())
     }
@@ -185,8 +186,8 @@ impl<'a> Pair<'a> {
         let (of_u, of_v) = (self.a.axes * u, self.a.axes * v);
         let mixed = of_u.dot(&of_v);
         let shadow = Matrix2::new(of_u.norm_squared(), mixed, mixed, of_v.norm_squared()).symmetric_eigen();
-        let columns = [0, 1].map(|k| u * shadow.eigenvectors[(0, k)] + v * shadow.eigenvectors[(1, k)]);
-        let normal = outward(shadow.eigenvalues.into(), columns.map(|column| column.dot(p)))?;
+        let columns = [0, 1].each(|k| u * shadow.eigenvectors[(0, k)] + v * shadow.eigenvectors[(1, k)]);
+        let normal = outward(shadow.eigenvalues.into(), columns.each(|column| column.dot(p)))?;
         Some(columns[0] * normal[0] + columns[1] * normal[1])
     }
 }
@@ -248,17 +249,15 @@ impl Cornered for Pair<'_> {
     fn keeps_exactly(&self, required: f64, feature: &Feature, normal: &Vector3<f64>) -> bool {
         // Corners relative to the centre of the ellipsoid, without rounding.
         let relative = |p: &Vector3<f64>| -> Vector {
-            std::array::from_fn(|k| {
-                DoubleDouble::difference(p[k], self.a.center[k]) + self.image.exact_shift(k)
-            })
+            arrays::from_fn(|k| DoubleDouble::difference(p[k], self.a.center[k]) + self.image.exact_shift(k))
         };
         let points: Vec<Vector> = self.b.points.iter().map(relative).collect();
-        let given: Vector = std::array::from_fn(|k| normal[k].into());
+        let given: Vector = arrays::from_fn(|k| normal[k].into());
         let exact = match *feature.corners() {
             [p, q] => {
                 let along = minus(&points[q], &points[p]);
                 let share = dot(&along, &given) / dot(&along, &along);
-                Some(std::array::from_fn(|k| given[k] - share * along[k]))
+                Some(arrays::from_fn(|k| given[k] - share * along[k]))
             }
             [p, q, s] => Some(cross(&minus(&points[q], &points[p]), &minus(&points[s], &points[p]))),
             _ => None,
@@ -335,6 +334,6 @@ fn outward<const N: usize>(squares: [f64; N], point: [f64; N]) -> Option<[f64; N
         }
         t = next;
     }
-    let n: [f64; N] = std::array::from_fn(|k| point[k] / (squares[k] + t));
+    let n: [f64; N] = arrays::from_fn(|k| point[k] / (squares[k] + t));
     n.iter().all(|x| x.is_finite()).then_some(n)
 }

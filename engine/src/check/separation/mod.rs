@@ -10,6 +10,7 @@ pub(super) mod polyhedra;
 use nalgebra::Vector3;
 
 use super::double_double::{DoubleDouble, Vector};
+use crate::arrays::Each as _;
 
 /// Bound on the rounding error of `s(n) - g`, relative to `|r| + a_A + a_B + g` and the way around a periodic box: 25
 /// times the spacing of floats by the errors that the module `ellipsoid` names, 7 units for `r . n`, and sums.
@@ -126,5 +127,5 @@ trait Cornered {
 
 /// Whether a direction holds as given, or as its corners give it, on either side.
 fn holds_either_way(given: &Vector, exact: Option<Vector>, keeps: impl Fn(&Vector) -> bool) -> bool {
-    keeps(given) || exact.is_some_and(|n| keeps(&n) || keeps(&n.map(|component| -component)))
+    keeps(given) || exact.is_some_and(|n| keeps(&n) || keeps(&n.each(|component| -component)))
 }

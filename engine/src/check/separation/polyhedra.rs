@@ -13,6 +13,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{Cornered, Direction, EXACT_ERROR, Image, Verdict, holds_either_way};
+use crate::arrays::{self, Each as _};
 use crate::check::body::Polyhedron;
 use crate::check::double_double::{DoubleDouble, Vector, cross, dot, minus, norm};
 
@@ -84,7 +85,7 @@ impl<'a> Pair<'a> {
         corral.weights[corral.len] = if corral.len == 0 { 1.0 } else { 0.0 };
         corral.len += 1;
         loop {
-            let w: [Vector3<f64>; 4] = corral.members.map(|member| self.difference(member));
+            let w: [Vector3<f64>; 4] = corral.members.each(|member| self.difference(member));
             let affine = affine_weights(&w[..corral.len])?;
             let current = &mut corral.weights[..corral.len];
             // As far towards the affine point as no weight becomes negative; who reaches 0 leaves.
@@ -128,8 +129,8 @@ impl<'a> Pair<'a> {
 
     /// Differences whose normals are those of all faces and of all pairs of edges.
     fn axes(&self) -> impl Iterator<Item = [Difference; 3]> {
-        let of_a = self.a.triangles().map(|t| t.map(|p| [p, 0]));
-        let of_b = self.b.triangles().map(|t| t.map(|q| [0, q]));
+        let of_a = self.a.triangles().map(|t| t.each(|p| [p, 0]));
+        let of_b = self.b.triangles().map(|t| t.each(|q| [0, q]));
         let edges =
             self.a.edges().flat_map(|[p, u]| self.b.edges().map(move |[q, v]| [[p, q], [u, q], [p, v]]));
         of_a.chain(of_b).chain(edges)
@@ -192,7 +193,7 @@ impl Cornered for Pair<'_> {
         // Corners relative to the first centre, without rounding.
         let points = |body: &Polyhedron<'_>, is_second: bool| -> Vec<Vector> {
             let relative = |p: &Vector3<f64>| {
-                std::array::from_fn(|k| {
+                arrays::from_fn(|k| {
                     let difference = DoubleDouble::difference(p[k], self.a.center[k]);
                     if is_second { difference + self.image.exact_shift(k) } else { difference }
                 })
@@ -206,10 +207,10 @@ impl Cornered for Pair<'_> {
             [a, b] => {
                 let (w, along) = (w(a), minus(&w(b), &w(a)));
                 let share = dot(&along, &w) / dot(&along, &along);
-                Some(std::array::from_fn(|k| w[k] - share * along[k]))
+                Some(arrays::from_fn(|k| w[k] - share * along[k]))
             }
             [a, b, c] => {
-                let w = [a, b, c].map(w);
+                let w = [a, b, c].each(w);
                 Some(cross(&minus(&w[1], &w[0]), &minus(&w[2], &w[0])))
             }
             _ => None,
@@ -225,7 +226,7 @@ impl Cornered for Pair<'_> {
             let apart = -farthest(&of_b, -1.0) - farthest(&of_a, 1.0);
             length.to_f64() > 0.0 && (apart - needed * length).to_f64() >= -tolerance * length.to_f64()
         };
-        let given: Vector = std::array::from_fn(|k| normal[k].into());
+        let given: Vector = arrays::from_fn(|k| normal[k].into());
         holds_either_way(&given, exact, keeps)
     }
 }

@@ -16,6 +16,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use crate::arrays::Each as _;
 use crate::check::body::Ellipsoid;
 use crate::check::double_double::DoubleDouble;
 use crate::check::separation::{ERROR, EXACT_ERROR};
@@ -32,7 +33,7 @@ pub(in crate::check) fn wall_gap(
     match *specimen {
         Specimen::Box { boundary: Boundary::Periodic, .. } => (f64::INFINITY, true),
         Specimen::Box { size_mm, boundary: Boundary::Walls } => {
-            let planes = [0, 1, 2].map(|axis| plane_gap(body, axis, size_mm[axis], required));
+            let planes = [0, 1, 2].each(|axis| plane_gap(body, axis, size_mm[axis], required));
             planes.into_iter().fold((f64::INFINITY, true), both)
         }
         Specimen::Cylinder { diameter_mm, height_mm } => {
@@ -57,7 +58,7 @@ fn plane_gap(body: &Ellipsoid, axis: usize, length: f64, required: f64) -> (f64,
 }
 
 fn keeps_plane(body: &Ellipsoid, axis: usize, length: f64, required: f64, scale: f64) -> bool {
-    let square = body.exact_axes().map(|row| row[axis] * row[axis]);
+    let square = body.exact_axes().each(|row| row[axis] * row[axis]);
     let inset = (square[0] + square[1] + square[2]).sqrt() + required.into();
     let x = body.center[axis];
     let distances = [DoubleDouble::from(x), DoubleDouble::difference(length, x)];
@@ -122,7 +123,7 @@ impl Farthest {
 
 /// `D(l) <= T^2`, `T = R - g`, as `T^2 det M >= l (det M + c^T adj(M) c)` with `M = l I - P` and `det M > 0`.
 fn keeps_lateral(body: &Ellipsoid, radius: f64, required: f64, farthest: &Farthest) -> bool {
-    let center = [0, 1].map(|k| DoubleDouble::difference(body.center[k], radius));
+    let center = [0, 1].each(|k| DoubleDouble::difference(body.center[k], radius));
     let axes = body.exact_axes();
     let entry =
         |i: usize, j: usize| axes[0][i] * axes[0][j] + axes[1][i] * axes[1][j] + axes[2][i] * axes[2][j];

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use crate::arrays::Each as _;
 use crate::check::body::Polyhedron;
 use crate::check::double_double::DoubleDouble;
 use crate::check::separation::{ERROR, EXACT_ERROR};
@@ -11,7 +12,7 @@ use crate::request::{Boundary, Specimen};
 pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, specimen: &Specimen, required: f64) -> (f64, bool) {
     let (bounds, axis) = match *specimen {
         Specimen::Box { boundary: Boundary::Periodic, .. } => return (f64::INFINITY, true),
-        Specimen::Box { size_mm, boundary: Boundary::Walls } => (size_mm.map(Some), None),
+        Specimen::Box { size_mm, boundary: Boundary::Walls } => (size_mm.each(Some), None),
         Specimen::Cylinder { diameter_mm, height_mm } => {
             ([None, None, Some(height_mm)], Some(0.5 * diameter_mm))
         }
@@ -42,7 +43,7 @@ pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, specimen: &Specimen, req
     });
     let lateral = axis.is_none_or(|axis| {
         all_keep(body, required, scale, |p| {
-            let [x, y] = [0, 1].map(|k| DoubleDouble::difference(p[k], axis));
+            let [x, y] = [0, 1].each(|k| DoubleDouble::difference(p[k], axis));
             DoubleDouble::from(axis) - (x * x + y * y).sqrt()
         })
     });

@@ -9,6 +9,7 @@ use super::tessellation::{
     EDGES, Facet, Point, Tet, boundary_facets, edge_parameter, face_point, point, triangle_area,
 };
 use super::topology::{self, Topology, has_first};
+use crate::arrays::Each as _;
 use crate::export::ExportError;
 use crate::export::steps::Steps;
 use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
@@ -79,7 +80,7 @@ pub(super) fn check(
         let facets: [Facet; 12] = std::array::from_fn(|facet| tet.facet(facet));
         sums.add(&tet, &facets, &mut checks);
         for facet in &facets {
-            let [from, to] = facet.ends.map(|end| tet.nodes[end] as usize);
+            let [from, to] = facet.ends.each(|end| tet.nodes[end] as usize);
             let area = facet.area();
             closures[from].add(facet.area_vector, area);
             closures[to].add(-facet.area_vector, area);
@@ -99,11 +100,11 @@ pub(super) fn check(
                 continue;
             }
             let across = neighbors[other as usize].iter().position(|&back| back as usize == t);
-            let seen = across.map(|k| FACES[k].map(|i| tets[other as usize][i]));
+            let seen = across.map(|k| FACES[k].each(|i| tets[other as usize][i]));
             let point = seen.map(|face| face_point(nodes, face));
             checks.nonconforming_faces += u64::from(point != Some(tet.faces[k]));
             checks.delaunay_violations += u64::from(across.is_some_and(|k| {
-                let sphere = tet.nodes.map(|node| nodes.points_mm[node as usize]);
+                let sphere = tet.nodes.each(|node| nodes.points_mm[node as usize]);
                 let beyond = nodes.points_mm[tets[other as usize][k] as usize];
                 inside_circumsphere(sphere, beyond) == Ordering::Greater
             }));
@@ -173,7 +174,7 @@ impl Sums {
             sum.add(*part);
         }
         let longest2 = EDGES
-            .map(|[i, j]| (tet.corners[j] - tet.corners[i]).norm_squared())
+            .each(|[i, j]| (tet.corners[j] - tet.corners[i]).norm_squared())
             .into_iter()
             .fold(0.0, f64::max);
         let error = (pieces - volume).abs() / (longest2 * longest2.sqrt());
@@ -195,10 +196,10 @@ impl Sums {
         // Both the tetrahedra and the cells fill what the surface encloses.
         checks.cell_volume_error = miss(cell_volume.get()).max(miss(self.volume.get()));
         let off2: f64 = (0..3).map(|a| ((moment[a].get() - self.moment[a].get()) / volume).powi(2)).sum();
-        checks.center_of_mass_error = off2.sqrt() / volume.cbrt();
+        checks.center_of_mass_error = off2.sqrt() / f64::cbrt(volume);
         checks.unsigned_excess = (self.unsigned.get() - volume) / volume;
         checks.projected_volume_error = miss(self.projected.get());
-        checks.fabric = self.fabric.map(|sum| sum.get() / (3.0 * volume));
+        checks.fabric = self.fabric.each(|sum| sum.get() / (3.0 * volume));
         checks.fabric_trace_error = (checks.fabric[..3].iter().sum::<f64>() - 1.0).abs();
     }
 }
@@ -224,7 +225,7 @@ impl Surface {
             for node in face {
                 met[node as usize] = true;
             }
-            let corners = face.map(|node| point(nodes.points_mm[node as usize]));
+            let corners = face.each(|node| point(nodes.points_mm[node as usize]));
             volume.add(triangle_area(corners).dot(&(corners[0] - apex)) / 3.0);
             for (node, part) in boundary_facets(nodes, face) {
                 let vector = triangle_area(part);

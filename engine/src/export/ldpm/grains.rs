@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::arrays::Each as _;
 use crate::export::{ExportError, Model};
 use crate::gap::linear::Symmetric;
 use crate::gap::solids::Body;
@@ -157,7 +158,7 @@ impl<'a> Grains<'a> {
     pub(super) fn overlap(&self, [one, other]: [usize; 2], slack_mm: f64) -> bool {
         match self {
             Self::Spheres(spheres) => {
-                let [p, q] = [one, other].map(|grain| Vector3::from(spheres.center(grain)));
+                let [p, q] = [one, other].each(|grain| Vector3::from(spheres.center(grain)));
                 (p - q).norm() < (spheres.d_mm[one] + spheres.d_mm[other]) / 2.0 - slack_mm
             }
             Self::Solids { bodies, .. } => {

@@ -33,6 +33,7 @@ pub use nodes::Nodes;
 pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
 pub use report::{Checks, LatticeReport, NodeReport};
 
+use crate::arrays::Each as _;
 use crate::control::{Control, Part};
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, Provenance};
@@ -253,7 +254,7 @@ fn check_spacing(
 fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
     let of_surface = |node: u32| (node as usize) < nodes.boundary;
     for [a, b] in topology.edges() {
-        let [p, q] = [a, b].map(|node| point(nodes.points_mm[node as usize]));
+        let [p, q] = [a, b].each(|node| point(nodes.points_mm[node as usize]));
         let along = q - p;
         let length_mm = along.norm();
         let (first, second) = (nodes.reach_mm(a as usize, &along), nodes.reach_mm(b as usize, &-along));

@@ -11,6 +11,7 @@ use super::obstacles::{Obstacle, Obstacles};
 use super::options::{BoundaryNodes, LatticeOptions};
 use super::sample;
 use super::surface::{Edge, Face, LateralSurface, Surface};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
 use crate::memory::{make_room, reserved};
@@ -157,7 +158,7 @@ impl Layer<'_> {
         }
         for (i, ruling) in rulings.iter().enumerate() {
             go_on(self.control)?;
-            let ends = [0.0, 1.0].map(|end| ruling.at(end * ruling.length));
+            let ends = [0.0, 1.0].each(|end| ruling.at(end * ruling.length));
             let mut own: Vec<_> = ends.into_iter().filter(|end| self.points.contains(end)).collect();
             // Every other one begins half a step later, which makes better triangles; where grains leave too little
             // for that, what is left is filled.
@@ -176,7 +177,7 @@ impl Layer<'_> {
         if self.is_none() {
             let size = face.size();
             return self.scatter(face.area() / (self.spacing * self.spacing), |rng| {
-                let uv = size.map(|side| side * uniform(rng));
+                let uv = size.each(|side| side * uniform(rng));
                 face.has(uv).then(|| face.at(uv))
             });
         }

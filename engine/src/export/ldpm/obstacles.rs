@@ -3,6 +3,7 @@
 
 use super::grains::Grains;
 use super::surface::Edge;
+use crate::arrays::Each as _;
 use crate::geometry::cells::Cells;
 
 /// Most buckets; beyond, they grow.
@@ -53,7 +54,7 @@ impl Obstacle {
         let beyond = |along: f64| grains.beyond_mm(grain as usize, edge.at(along)) - clear;
         let (mut low, mut high) = (from, to);
         let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
-        let mut values = inner.map(beyond);
+        let mut values = inner.each(beyond);
         for _ in 0..STEPS {
             if values.iter().any(|&value| value < 0.0) {
                 break;
@@ -105,7 +106,7 @@ impl Obstacles {
     /// No obstacles yet, in a region from the origin to `bounds`, and most of a radius near `typical`.
     pub(super) fn new(bounds: [f64; 3], typical: f64) -> Self {
         let volume: f64 = bounds.iter().product();
-        let width = (2.0 * typical).max((volume / MAX_BUCKETS).cbrt());
+        let width = (2.0 * typical).max(f64::cbrt(volume / MAX_BUCKETS));
         let cells = Cells::new(bounds, width);
         Self { cells, all: Vec::new(), heads: vec![NONE; cells.count()], links: Vec::new() }
     }

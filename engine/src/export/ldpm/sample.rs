@@ -9,6 +9,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::grains::Grains;
 use super::obstacles::{Obstacle, Obstacles};
 use super::surface::{Edge, Face};
+use crate::arrays::{self, Each as _};
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
 use crate::rng::uniform;
@@ -76,7 +77,7 @@ pub(super) fn fill(
 ) -> Result<(), ExportError> {
     let size = face.size();
     // The diagonal is no longer than the distance, so that a point takes its cell whole.
-    let counts = size.map(|side| (side * std::f64::consts::SQRT_2 / distance).ceil().max(1.0));
+    let counts = size.each(|side| (side * std::f64::consts::SQRT_2 / distance).ceil().max(1.0));
     let mut half = [size[0] / counts[0] / 2.0, size[1] / counts[1] / 2.0];
     let mut cells = Vec::new();
     for j in 0..counts[1] as usize {
@@ -93,17 +94,17 @@ pub(super) fn fill(
                 go_on(control)?;
             }
             let middle = cells[(uniform(rng) * cells.len() as f64) as usize];
-            let uv = std::array::from_fn(|a| middle[a] + half[a] * (2.0 * uniform(rng) - 1.0));
+            let uv = arrays::from_fn(|a| middle[a] + half[a] * (2.0 * uniform(rng) - 1.0));
             let p = face.at(uv);
             if face.has(uv) && !obstacles.hold(grains, p) {
                 points.push(p);
                 obstacles.push(Obstacle::ball(p, distance));
             }
         }
-        half = half.map(|h| h / 2.0);
+        half = half.each(|h| h / 2.0);
         let split = |middle: &[f64; 2]| {
             [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
-                .map(|side: [f64; 2]| std::array::from_fn(|a| middle[a] + side[a] * half[a]))
+                .each(|side: [f64; 2]| arrays::from_fn(|a| middle[a] + side[a] * half[a]))
         };
         cells = cells
             .iter()

@@ -8,6 +8,7 @@
 
 use std::f64::consts::{PI, TAU};
 
+use crate::arrays::{self, Each as _};
 use crate::request::Specimen;
 
 /// The parts of a surface.
@@ -37,9 +38,8 @@ impl Surface {
     }
 
     fn of_box(size: [f64; 3]) -> Self {
-        let corner = |bits: usize| -> [f64; 3] {
-            std::array::from_fn(|a| if bits >> a & 1 == 1 { size[a] } else { 0.0 })
-        };
+        let corner =
+            |bits: usize| -> [f64; 3] { arrays::from_fn(|a| if bits >> a & 1 == 1 { size[a] } else { 0.0 }) };
         let mut edges = Vec::new();
         let mut faces = Vec::new();
         for axis in 0..3 {
@@ -50,7 +50,7 @@ impl Surface {
             }
             for side in 0..2 {
                 let origin = corner(side << axis);
-                faces.push(Face::Rectangle { origin, axes: others, size: others.map(|a| size[a]) });
+                faces.push(Face::Rectangle { origin, axes: others, size: others.each(|a| size[a]) });
             }
         }
         Self { vertices: (0..8).map(corner).collect(), edges, lateral: None, faces }

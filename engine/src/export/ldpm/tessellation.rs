@@ -8,6 +8,7 @@
 use nalgebra::Vector3;
 
 use super::nodes::Nodes;
+use crate::arrays::Each as _;
 use crate::geometry::delaunay::FACES;
 
 pub(super) type Point = Vector3<f64>;
@@ -105,13 +106,13 @@ pub(super) struct Tet {
 
 impl Tet {
     pub(super) fn new(nodes: &Nodes, tet: [u32; 4]) -> Self {
-        let edges = EDGES.map(|[i, j]| edge_point(nodes, tet[i], tet[j]));
+        let edges = EDGES.each(|[i, j]| edge_point(nodes, tet[i], tet[j]));
         let edge_of = |i: usize, j: usize| match (i.min(j), i.max(j)) {
             (0, j) => edges[j - 1],
             (1, j) => edges[j + 1],
             _ => edges[5],
         };
-        let faces = FACES.map(|face| {
+        let faces = FACES.each(|face| {
             // As `face_point` does it, but for the edges, which are at hand.
             let mut order = face;
             order.sort_unstable_by_key(|&corner| tet[corner]);
@@ -125,7 +126,7 @@ impl Tet {
         let from_faces: Point = (0..4).map(|k| half_way(nodes, faces[k], tet[k])).sum();
         Self {
             nodes: tet,
-            corners: tet.map(|node| point(nodes.points_mm[node as usize])),
+            corners: tet.each(|node| point(nodes.points_mm[node as usize])),
             edges,
             faces,
             middle: from_faces / 4.0,
@@ -218,7 +219,7 @@ impl Facet {
 pub(super) fn boundary_facets(nodes: &Nodes, face: [u32; 3]) -> [(u32, [Point; 3]); 6] {
     let f = face_point(nodes, face);
     let [e01, e12, e20] =
-        [[0, 1], [1, 2], [2, 0]].map(|[i, j]: [usize; 2]| edge_point(nodes, face[i], face[j]));
+        [[0, 1], [1, 2], [2, 0]].each(|[i, j]: [usize; 2]| edge_point(nodes, face[i], face[j]));
     let part = |corner: usize, before: Point, after: Point| {
         let v = point(nodes.points_mm[face[corner] as usize]);
         [(face[corner], [v, before, f]), (face[corner], [v, f, after])]

@@ -1,5 +1,6 @@
 //! Which tetrahedra, edges and faces meet where. It knows numbers of nodes; it must never know where they are.
 
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
 use crate::geometry::delaunay::{FACES, NONE};
@@ -149,7 +150,7 @@ pub(super) fn boundary<'a>(
     neighbors: &'a [[u32; 4]],
 ) -> impl Iterator<Item = [u32; 3]> + 'a {
     tets.iter().zip(neighbors).flat_map(|(tet, across)| {
-        (0..4).filter(|&k| across[k] == NONE).map(move |k| FACES[k].map(|corner| tet[corner]))
+        (0..4).filter(|&k| across[k] == NONE).map(move |k| FACES[k].each(|corner| tet[corner]))
     })
 }
 

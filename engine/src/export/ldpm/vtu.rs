@@ -8,6 +8,7 @@ use std::io::Write;
 use super::Lattice;
 use super::tessellation::{EDGES, FACETS, Tet, edge_point, face_point, is_even, point};
 use super::topology::{self, has_first};
+use crate::arrays::Each as _;
 use crate::export::steps::{LOOKS_PER_REPORT, Steps};
 use crate::export::vtk_xml::VtkXml;
 use crate::export::{ExportError, Provenance, go_on};
@@ -86,8 +87,8 @@ impl Vtu<'_> {
         file.array("tangent_1", m, facets().map(|facet| <[f64; 3]>::from(facet.tangents()[0])));
         file.array("tangent_2", m, facets().map(|facet| <[f64; 3]>::from(facet.tangents()[1])));
         file.array("tetrahedron", m, (0..m).map(|facet| (facet / 12) as i32));
-        let ends = |tet: &[u32; 4], edge: usize| EDGES[edge].map(|corner| tet[corner] as i32);
-        let nodes_of = move |tet| FACETS.map(|[edge, _]| ends(tet, edge));
+        let ends = |tet: &[u32; 4], edge: usize| EDGES[edge].each(|corner| tet[corner] as i32);
+        let nodes_of = move |tet| FACETS.each(|[edge, _]| ends(tet, edge));
         file.array("nodes", m, tets.iter().flat_map(nodes_of));
         file.section("Cells", None);
         let corners = |t| (0..12).flat_map(move |facet| numbers.facet(t, facet));
@@ -102,7 +103,7 @@ impl Vtu<'_> {
         let numbers = &Numbers::new(self.lattice)?;
         let Lattice { nodes, cells, tets, neighbors, topology, report } = self.lattice;
         let n = nodes.len();
-        let [t, f, e] = [numbers.tets, numbers.faces, numbers.edges].map(|count| count as usize);
+        let [t, f, e] = [numbers.tets, numbers.faces, numbers.edges].each(|count| count as usize);
         let surface_triangles = report.surface_triangles as usize;
         let points = t + f + e + nodes.boundary;
         // Each tetrahedron has a point in the cells of its four nodes, each face in three, each edge in two, each node
@@ -203,7 +204,7 @@ impl<'a> Numbers<'a> {
     /// Corners of a facet of tetrahedron `t`: its own point, the face's, the edge's.
     fn facet(&self, t: u32, facet: usize) -> [i32; 3] {
         let [edge, face] = FACETS[facet];
-        let [i, j] = EDGES[edge].map(|corner| self.lattice.tets[t as usize][corner]);
+        let [i, j] = EDGES[edge].each(|corner| self.lattice.tets[t as usize][corner]);
         [t as i32, self.face(t, face), self.edge(i, j)]
     }
 
@@ -213,7 +214,7 @@ impl<'a> Numbers<'a> {
         let of_tets = tets.iter().map(|&tet| Tet::new(nodes, tet).middle);
         let of_faces = tets.iter().zip(neighbors).enumerate().flat_map(move |(t, (tet, across))| {
             let own = (0..4).filter(move |&k| has_first(t as u32, across[k]));
-            own.map(move |k| face_point(nodes, FACES[k].map(|corner| tet[corner])))
+            own.map(move |k| face_point(nodes, FACES[k].each(|corner| tet[corner])))
         });
         let of_edges = topology.edges().map(|[a, b]| edge_point(nodes, a, b));
         of_tets.chain(of_faces).chain(of_edges).map(Into::into)
@@ -247,7 +248,7 @@ impl Polyhedron {
             for k in (0..4).filter(|&k| k != own && lattice.neighbors[t as usize][k] == NONE) {
                 let Some(at) = FACES[k].iter().position(|&corner| corner == own) else { continue };
                 let [before, after] = [FACES[k][(at + 1) % 3], FACES[k][(at + 2) % 3]]
-                    .map(|other| numbers.edge(node, tet[other]));
+                    .each(|other| numbers.edge(node, tet[other]));
                 let (own_point, face) = (numbers.node(node), numbers.face(t, k));
                 self.triangles.extend([[own_point, before, face], [own_point, face, after]]);
             }

@@ -15,6 +15,7 @@ use std::f64::consts::PI;
 use super::shell::{Wall, walls};
 use super::size::Other;
 use super::sphere;
+use crate::arrays::{self, Each as _};
 use crate::export::Model;
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::{Vector, cross, dot, norm, scaled};
@@ -224,10 +225,10 @@ impl<'a> Bodies<'a> {
     /// A grain as something faced, seen from a point.
     pub(super) fn other(&self, row: usize, from: Vector) -> Other<'_> {
         let at = self.center(row);
-        let center: Vector = std::array::from_fn(|a| at[a] - from[a]);
+        let center: Vector = arrays::from_fn(|a| at[a] - from[a]);
         if let Some((shape, pose, _)) = self.ellipsoid(row) {
             let rotation = pose.rotation();
-            let axes = [0, 1, 2].map(|k| rotation.column(k).into_owned().into());
+            let axes = [0, 1, 2].each(|k| rotation.column(k).into_owned().into());
             return Other::Ellipsoid { center, axes, semi_axes: shape.semi_axes_mm().into() };
         }
         if let Some(PlacedPolyhedron { template, shape, pose, .. }) = self.polyhedron(row) {
@@ -243,7 +244,7 @@ impl<'a> Bodies<'a> {
         match self {
             Self::Spheres(spheres) => {
                 let (center, theirs) = (spheres.center(row), spheres.center(other));
-                let toward = sphere::unit(std::array::from_fn(|a| theirs[a] - center[a]));
+                let toward = sphere::unit(arrays::from_fn(|a| theirs[a] - center[a]));
                 Between { gap: of_spheres, toward, own: None }
             }
             Self::Solids { bodies, .. } => {
@@ -266,7 +267,7 @@ impl<'a> Bodies<'a> {
             return polyhedron.at_wall(wall);
         }
         let Some((_, _, body)) = self.ellipsoid(row) else {
-            let toward = sphere::unit(std::array::from_fn(|a| foot[a] - center[a]));
+            let toward = sphere::unit(arrays::from_fn(|a| foot[a] - center[a]));
             let gap = wall.gap(center) - self.diameter(row) / 2.0;
             return AtWall { wall, foot, gap, toward, own: None };
         };
@@ -279,7 +280,7 @@ impl<'a> Bodies<'a> {
             gap = radius - body.reach_from_axis_mm(axis);
         }
         let own = own_point(body, toward);
-        let mut foot: Vector = std::array::from_fn(|a| center[a] + own[a]);
+        let mut foot: Vector = arrays::from_fn(|a| center[a] + own[a]);
         match wall.0 {
             Other::Plane(axis, at) => foot[axis] = at,
             Other::Lateral { axis, radius } => {
@@ -296,7 +297,7 @@ impl<'a> Bodies<'a> {
         let Some((shape, pose, body)) = self.ellipsoid(row) else { return Image::Sphere };
         let rotation = pose.rotation();
         let axes = shape.semi_axes_mm() * (2.0 / self.diameter(row) * (1.0 - ROUNDING));
-        let map = [0, 1, 2].map(|i| [0, 1, 2].map(|k| rotation[(i, k)] * axes[k]));
+        let map = [0, 1, 2].each(|i| [0, 1, 2].each(|k| rotation[(i, k)] * axes[k]));
         Image::Ellipsoid { map, roots: axes.map(f64::sqrt).into(), body: *body }
     }
 
@@ -320,12 +321,12 @@ impl<'a> Bodies<'a> {
         };
         let theirs = other.and_then(|other| self.ellipsoid(other)).map_or([0.0; 3], |(.., body)| form(body));
         let own = form(body);
-        let [uu, uv, vv] = std::array::from_fn(|i| own[i] + theirs[i]);
+        let [uu, uv, vv] = arrays::from_fn(|i| own[i] + theirs[i]);
         // The tangent plane of the sphere at the point that is mapped to the nearest one, and its image.
         let axes: Vector = shape.semi_axes_mm().into();
         let rotation = pose.rotation();
-        let local: Vector = [0, 1, 2].map(|k| (0..3).map(|i| rotation[(i, k)] * toward[i]).sum());
-        let times_axes = |p: Vector| [0, 1, 2].map(|k| p[k] * axes[k]);
+        let local: Vector = [0, 1, 2].each(|k| (0..3).map(|i| rotation[(i, k)] * toward[i]).sum());
+        let times_axes = |p: Vector| [0, 1, 2].each(|k| p[k] * axes[k]);
         let (p, q) = across(sphere::unit(times_axes(local)));
         let per_radius = 2.0 / self.diameter(row);
         let (p, q) = (scaled(times_axes(p), per_radius), scaled(times_axes(q), per_radius));
@@ -381,11 +382,11 @@ impl PlacedPolyhedron<'_> {
             let from_center: Vector = (vertex - self.pose.center_mm).into();
             if dot(from_center, toward) > farthest {
                 farthest = dot(from_center, toward);
-                own = std::array::from_fn(|a| from_center[a] + rounding * toward[a]);
+                own = arrays::from_fn(|a| from_center[a] + rounding * toward[a]);
             }
         }
         let gap = gap.unwrap_or_else(|| wall.gap(center) - dot(own, toward));
-        let foot = std::array::from_fn(|a| center[a] + own[a] + gap * toward[a]);
+        let foot = arrays::from_fn(|a| center[a] + own[a] + gap * toward[a]);
         AtWall { wall, foot, gap, toward, own: Some(own) }
     }
 }
@@ -400,7 +401,7 @@ impl Image {
     pub(super) fn balanced(&self, p: Vector) -> Vector {
         match self {
             Self::Sphere => p,
-            Self::Ellipsoid { roots, .. } => sphere::unit(std::array::from_fn(|k| p[k] / roots[k])),
+            Self::Ellipsoid { roots, .. } => sphere::unit(arrays::from_fn(|k| p[k] / roots[k])),
         }
     }
 
@@ -413,7 +414,7 @@ impl Image {
     pub(super) fn place(&self, p: Vector) -> Vector {
         match self {
             Self::Sphere => p,
-            Self::Ellipsoid { map, .. } => map.map(|row| dot(row, p)),
+            Self::Ellipsoid { map, .. } => map.each(|row| dot(row, p)),
         }
     }
 
@@ -428,7 +429,7 @@ impl Image {
     /// The point of the image that reaches farthest along a unit vector.
     pub(super) fn point(&self, toward: Vector, radius: f64) -> Vector {
         match self {
-            Self::Sphere => toward.map(|x| x * radius),
+            Self::Sphere => toward.each(|x| x * radius),
             Self::Ellipsoid { body, .. } => own_point(body, toward),
         }
     }

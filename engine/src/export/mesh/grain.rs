@@ -20,6 +20,7 @@ use super::rounded::Facets;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
+use crate::arrays::{self, Each as _};
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
@@ -132,7 +133,7 @@ impl<'a> Grains<'a> {
         let mut surface = self.templates.entry(fineness).or_insert_with(|| fineness.polyhedron()).clone();
         // By a trifle, so that rounding brings no vertex out of the sphere.
         let radius = diameter / 2.0 * (1.0 - 4.0 * f64::EPSILON);
-        surface.points.iter_mut().for_each(|p| *p = image.balanced(*p).map(|x| x * radius));
+        surface.points.iter_mut().for_each(|p| *p = image.balanced(*p).each(|x| x * radius));
         let floor_mm = self.options.floor_mm(diameter);
         let mut ball = Ball { radius, image, facing: Vec::new() };
         let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
@@ -262,7 +263,7 @@ impl Room<'_> {
     fn fill(&self, surface: &mut Surface, diameter: f64) -> bool {
         let target = PI / 6.0 * diameter.powi(3);
         let radius = self.radius;
-        surface.points.iter_mut().for_each(|p| *p = sphere::unit(*p).map(|x| x * radius));
+        surface.points.iter_mut().for_each(|p| *p = sphere::unit(*p).each(|x| x * radius));
         let inscribed = surface.points.clone();
         let rooms: Vec<f64> = inscribed.iter().map(|p| self.at(*p)).collect();
         let weights = areas_around(surface);
@@ -271,7 +272,7 @@ impl Room<'_> {
                 surface.points.iter_mut().zip(&inscribed).zip(rooms.iter().zip(&weights))
             {
                 let scale = 1.0 + (step * weight).min(*room) / radius;
-                *p = q.map(|x| x * scale);
+                *p = q.each(|x| x * scale);
             }
             surface.volume_mm3() / target - 1.0
         };
@@ -316,8 +317,8 @@ impl Room<'_> {
 fn areas_around(surface: &Surface) -> Vec<f64> {
     let mut around = vec![(0.0, 0.0); surface.points.len()];
     for corners in &surface.triangles {
-        let [a, b, c] = corners.map(|p| surface.points[p as usize]);
-        let from_a = |p: [f64; 3]| [0, 1, 2].map(|i| p[i] - a[i]);
+        let [a, b, c] = corners.each(|p| surface.points[p as usize]);
+        let from_a = |p: [f64; 3]| [0, 1, 2].each(|i| p[i] - a[i]);
         let normal = cross(from_a(b), from_a(c));
         let area = dot(normal, normal).sqrt() / 2.0;
         for &p in corners {
@@ -343,7 +344,7 @@ fn areas_around(surface: &Surface) -> Vec<f64> {
 impl Shape for Ball<'_> {
     fn between(&mut self, a: u32, b: u32, points: &[[f64; 3]]) -> [f64; 3] {
         let (p, q) = (points[a as usize], points[b as usize]);
-        sphere::unit(std::array::from_fn(|i| p[i] + q[i])).map(|x| x * self.radius)
+        sphere::unit(arrays::from_fn(|i| p[i] + q[i])).each(|x| x * self.radius)
     }
 
     fn place(&self, p: [f64; 3]) -> [f64; 3] {
@@ -356,7 +357,7 @@ impl Shape for Ball<'_> {
 
     /// Whether the surface is dented along ab: d lies above the plane of abc, and by more than rounding.
     fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
-        let from_a = |p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[a as usize][i]);
+        let from_a = |p: u32| [0, 1, 2].each(|i| points[p as usize][i] - points[a as usize][i]);
         dot(cross(from_a(b), from_a(c)), from_a(d)) > 1e-12 * self.radius.powi(3)
     }
 }

@@ -10,6 +10,7 @@ use std::io::Write;
 use super::outline::Outline;
 use super::{GRAINS_PER_LOOK, Mesh};
 use super::{SurfaceOptions, SurfaceReport};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
@@ -136,7 +137,7 @@ impl<W: Write> File<'_, W> {
         }
         for (tag, curve) in (1..).zip(&outline.curves) {
             let ends = [curve.chain[0], curve.chain[curve.chain.len() - 1]];
-            let corner = ends.map(|end| 1 + outline.corners.partition_point(|c| *c < end) as i32);
+            let corner = ends.each(|end| 1 + outline.corners.partition_point(|c| *c < end) as i32);
             let bounds = bounds(curve.chain.iter().map(point));
             self.entity(tag, &bounds, &[self.edges_tag()], &[corner[0], -corner[1]])?;
         }
@@ -254,12 +255,12 @@ impl<W: Write> File<'_, W> {
         self.sizes(&[outline.curves.len() + faces + mesh.grains(), total, 1, total])?;
         let mut next = 1;
         for (tag, curve) in (1..).zip(&outline.curves) {
-            let lines = curve.chain.windows(2).map(|ends| [0, 1].map(|i| node_of[ends[i] as usize]));
+            let lines = curve.chain.windows(2).map(|ends| [0, 1].each(|i| node_of[ends[i] as usize]));
             self.element_block([1, tag, LINE], curve.chain.len() - 1, &mut next, lines)?;
         }
         let mut of_face = vec![Vec::new(); faces];
         for corners in &mesh.shell.surface.triangles {
-            of_face[mesh.shell.face_of(*corners)].push(corners.map(|p| node_of[p as usize]));
+            of_face[mesh.shell.face_of(*corners)].push(corners.each(|p| node_of[p as usize]));
         }
         for (tag, triangles) in (1..).zip(of_face) {
             self.element_block([2, tag, TRIANGLE], triangles.len(), &mut next, triangles.into_iter())?;
@@ -271,7 +272,7 @@ impl<W: Write> File<'_, W> {
             }
             let (points, triangles) = mesh.grain(row);
             let tag = (faces + 1 + row) as i32;
-            let corners = triangles.iter().map(|corners| corners.map(|p| first + u64::from(p)));
+            let corners = triangles.iter().map(|corners| corners.each(|p| first + u64::from(p)));
             self.element_block([2, tag, TRIANGLE], triangles.len(), &mut next, corners)?;
             first += points.len() as u64;
         }
@@ -321,6 +322,6 @@ impl<W: Write> File<'_, W> {
 /// Lowest and highest corner of a box around points.
 fn bounds(points: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     points.fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], p| {
-        [[0, 1, 2].map(|a| p[a].min(low[a])), [0, 1, 2].map(|a| p[a].max(high[a]))]
+        [[0, 1, 2].each(|a| p[a].min(low[a])), [0, 1, 2].each(|a| p[a].max(high[a]))]
     })
 }

@@ -16,6 +16,7 @@ use super::bodies::PlacedPolyhedron;
 use super::rounded::Facets;
 use super::size::Facing;
 use super::surface::{Shape, Surface, cross, distance2, dot, make_more_than_half_a_turn};
+use crate::arrays::Each as _;
 use crate::gap::linear::{Vector, minus, norm, scaled, sum};
 use crate::geometry::convex::directed_edges;
 use crate::shape::Pose;
@@ -170,7 +171,7 @@ impl Angular<'_> {
             Some(target) => {
                 let room = |vertex: &Vector| self.room(scaled(*vertex, inscribed)) / norm(*vertex);
                 let most = inscribed + placed.vertices.iter().map(room).fold(f64::INFINITY, f64::min);
-                let wanted = (target / volume_mm3).cbrt();
+                let wanted = f64::cbrt(target / volume_mm3);
                 (wanted.min(most), wanted <= most)
             }
         }
@@ -230,7 +231,7 @@ impl Patches<'_> {
     fn divide(&mut self, from: u32, to: u32, chains: &mut HashMap<[u32; 2], Vec<u32>>) {
         let key = [from.min(to), from.max(to)];
         chains.entry(key).or_insert_with(|| {
-            let [p, q] = key.map(|p| self.points[p as usize]);
+            let [p, q] = key.each(|p| self.points[p as usize]);
             let count = (distance2(p, q).sqrt() / self.angular.edge_mm).round().max(1.0);
             let mut chain = vec![key[0]];
             for k in 1..count as u32 {
@@ -320,7 +321,7 @@ impl Shape for Patches<'_> {
         if !of(a).iter().any(|face| [b, c, d].iter().all(|&p| of(p).contains(face))) {
             return false;
         }
-        let [a, b, c, d] = [a, b, c, d].map(|p| points[p as usize]);
+        let [a, b, c, d] = [a, b, c, d].each(|p| points[p as usize]);
         make_more_than_half_a_turn([minus(a, c), minus(b, c)], [minus(a, d), minus(b, d)])
     }
 }

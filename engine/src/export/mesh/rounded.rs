@@ -14,6 +14,7 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
+use crate::arrays::Each as _;
 use crate::geometry::convex::{Convex, directed_edges};
 
 /// Shortest edges that a cut may make, in edges asked for where nothing is close.
@@ -230,7 +231,7 @@ impl Facets {
     /// Corners and middles of edges, and what they count.
     fn places(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> {
         self.faces.iter().flat_map(|corners| directed_edges(corners)).flat_map(|[from, to]| {
-            let [p, q] = [from, to].map(|v| self.vertices[v as usize]);
+            let [p, q] = [from, to].each(|v| self.vertices[v as usize]);
             [(p, 1.0), ((p + q) / 2.0, MIDDLE_WEIGHT)]
         })
     }
@@ -300,7 +301,7 @@ impl Facets {
         let edges = self.faces.iter().flat_map(|corners| directed_edges(corners));
         let lengths = edges
             .filter(|[from, to]| *from >= old || *to >= old)
-            .map(|edge| edge.map(|v| self.vertices[v as usize]))
+            .map(|edge| edge.each(|v| self.vertices[v as usize]))
             .map(|[p, q]| (p - q).norm());
         lengths.fold(f64::INFINITY, f64::min)
     }

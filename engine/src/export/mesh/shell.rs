@@ -10,6 +10,7 @@ use super::bodies::{Bodies, MeshModel};
 use super::options::SurfaceOptions;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::surface::{Shape, Surface, make_more_than_half_a_turn};
+use crate::arrays::{self, Each as _};
 use crate::request::Specimen;
 
 /// The meshed surface of a specimen.
@@ -71,12 +72,12 @@ impl Shell {
         let (names, points, triangles, faces_of, lateral): (&'static [&'static str], _, _, _, _) =
             match *model.specimen {
                 Specimen::Box { size_mm, .. } => {
-                    let counts = size_mm.map(|length| count(length, division.edge_mm, 1));
+                    let counts = size_mm.each(|length| count(length, division.edge_mm, 1));
                     let cells = 4.0 * (counts[0] * counts[1] + counts[1] * counts[2] + counts[2] * counts[0]);
                     if 2.0 * cells > most_triangles as f64 {
                         return None;
                     }
-                    let (points, triangles, faces_of) = cuboid(size_mm, counts.map(|n| n as usize));
+                    let (points, triangles, faces_of) = cuboid(size_mm, counts.each(|n| n as usize));
                     (&BOX, points, triangles, faces_of, None)
                 }
                 Specimen::Cylinder { diameter_mm, height_mm } => {
@@ -118,7 +119,7 @@ impl Shape for Growing<'_> {
         let common = self.faces_of[a as usize] & self.faces_of[b as usize];
         self.faces_of.push(common);
         let (p, q) = (points[a as usize], points[b as usize]);
-        let middle = std::array::from_fn(|i| (p[i] + q[i]) / 2.0);
+        let middle = arrays::from_fn(|i| (p[i] + q[i]) / 2.0);
         match self.lateral {
             Some((axis, radius)) if common & SIDE != 0 => {
                 let (x, y) = (middle[0] - axis[0], middle[1] - axis[1]);
@@ -140,8 +141,8 @@ impl Shape for Growing<'_> {
         if common == 0 || (self.lateral.is_some() && common & SIDE != 0) {
             return false;
         }
-        let from = |at: u32, p: u32| [0, 1, 2].map(|i| points[p as usize][i] - points[at as usize][i]);
-        let sides = |at: u32| [a, b].map(|p| from(at, p));
+        let from = |at: u32, p: u32| [0, 1, 2].each(|i| points[p as usize][i] - points[at as usize][i]);
+        let sides = |at: u32| [a, b].each(|p| from(at, p));
         make_more_than_half_a_turn(sides(c), sides(d))
     }
 }
@@ -178,7 +179,7 @@ impl<'a> Close<'a> {
     }
 
     fn cell(&self, p: [f64; 3]) -> [i64; 3] {
-        p.map(|x| (x * self.per_mm).floor() as i64)
+        p.each(|x| (x * self.per_mm).floor() as i64)
     }
 
     fn want_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool {
@@ -256,7 +257,7 @@ fn cuboid(size: [f64; 3], counts: [usize; 3]) -> Parts {
     let mut known: HashMap<[usize; 3], u32> = HashMap::new();
     let mut point = |place: [usize; 3]| {
         *known.entry(place).or_insert_with(|| {
-            points.push(std::array::from_fn(|a| size[a] * (place[a] as f64 / (2 * counts[a]) as f64)));
+            points.push(arrays::from_fn(|a| size[a] * (place[a] as f64 / (2 * counts[a]) as f64)));
             let mut faces = 0;
             for a in 0..3 {
                 faces |= u8::from(place[a] == 0) << (2 * a);

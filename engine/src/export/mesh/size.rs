@@ -5,6 +5,7 @@
 //! never know triangles.
 
 use super::surface::{distance2, dot};
+use crate::arrays::{self, Each as _};
 use crate::geometry::convex::{Convex, Place};
 
 /// Most steps to the distance of an ellipsoid, which few of them find to rounding.
@@ -50,8 +51,8 @@ impl Other<'_> {
         match *self {
             Self::Sphere { center, radius } => distance2(p, center).sqrt() - radius,
             Self::Ellipsoid { center, axes, semi_axes } => {
-                let from_center = std::array::from_fn(|a| p[a] - center[a]);
-                distance_of_ellipsoid(semi_axes, axes.map(|axis| dot(axis, from_center)))
+                let from_center = arrays::from_fn(|a| p[a] - center[a]);
+                distance_of_ellipsoid(semi_axes, axes.each(|axis| dot(axis, from_center)))
             }
             Self::Polyhedron(template, place) => {
                 place.scale * template.distance(&place.local(&p.into())).max(0.0)
@@ -69,7 +70,7 @@ impl Other<'_> {
 fn distance_of_ellipsoid(semi_axes: [f64; 3], p: [f64; 3]) -> f64 {
     let mut t = 0.0;
     for _ in 0..MOST_STEPS {
-        let v: [f64; 3] = std::array::from_fn(|i| semi_axes[i] * p[i] / (t + semi_axes[i] * semi_axes[i]));
+        let v: [f64; 3] = arrays::from_fn(|i| semi_axes[i] * p[i] / (t + semi_axes[i] * semi_axes[i]));
         let norm2 = dot(v, v);
         if norm2 <= 1.0 + 1e-12 {
             break;
@@ -77,7 +78,7 @@ fn distance_of_ellipsoid(semi_axes: [f64; 3], p: [f64; 3]) -> f64 {
         let slope: f64 = (0..3).map(|i| v[i] * v[i] / (t + semi_axes[i] * semi_axes[i])).sum();
         t += norm2 * (norm2.sqrt() - 1.0) / slope;
     }
-    let apart: [f64; 3] = std::array::from_fn(|i| t * p[i] / (t + semi_axes[i] * semi_axes[i]));
+    let apart: [f64; 3] = arrays::from_fn(|i| t * p[i] / (t + semi_axes[i] * semi_axes[i]));
     dot(apart, apart).sqrt()
 }
 
@@ -102,9 +103,9 @@ impl Facing<'_> {
         // The narrowest that a triangle faces is at its point nearest to `at`, which the circle about its
         // centroid reaches.
         let reach = longest_mm * CIRCUMRADIUS;
-        let toward: [f64; 3] = std::array::from_fn(|a| self.at[a] - centroid[a]);
+        let toward: [f64; 3] = arrays::from_fn(|a| self.at[a] - centroid[a]);
         let share = (reach / dot(toward, toward).sqrt()).min(1.0);
-        let nearest: [f64; 3] = std::array::from_fn(|a| centroid[a] + share * toward[a]);
+        let nearest: [f64; 3] = arrays::from_fn(|a| centroid[a] + share * toward[a]);
         // Lower bounds, which take less time than the distance.
         let is_far = |least_mm: f64| EDGE_PER_GAP * least_mm > LONGER * longest_mm;
         match self.other {

@@ -8,6 +8,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::surface::{Surface, cross, distance2, dot};
+use crate::arrays::Each as _;
 
 /// Segments of a great circle of a polyhedron with `T = 1`. A polyhedron of `20 T` equal triangles on the unit sphere
 /// has edges of `sqrt(4 pi / (5 sqrt(3) T))`, that is `1.2046 / sqrt(T)`.
@@ -70,7 +71,7 @@ impl Fineness {
         let mut triangles = Vec::new();
         for face in faces(&corners) {
             for place in self.places(&face) {
-                let corners = place.map(|weights| vertices.at(weights));
+                let corners = place.each(|weights| vertices.at(weights));
                 // A triangle across an edge of the icosahedron is met from both sides.
                 let mut name = corners;
                 name.sort_unstable();
@@ -90,10 +91,10 @@ impl Fineness {
             for i in -c - 1..=b {
                 for [p, q, r] in [[(i, j), (i + 1, j), (i, j + 1)], [(i + 1, j), (i + 1, j + 1), (i, j + 1)]]
                 {
-                    let weights = [p, q, r].map(|place| self.weights(place));
+                    let weights = [p, q, r].each(|place| self.weights(place));
                     let inside = (0..3).all(|k| weights.iter().map(|w| w[k]).sum::<i64>() >= 0);
                     if inside {
-                        found.push(weights.map(|w| face.weights(w)));
+                        found.push(weights.each(|w| face.weights(w)));
                     }
                 }
             }
@@ -135,7 +136,7 @@ impl Face {
             corners[k] = self.beyond[k];
         }
         debug_assert!(w.iter().all(|&w| w >= 0), "a triangle reaches beyond two edges of a face");
-        let mut name = [0, 1, 2].map(|k| if w[k] > 0 { (corners[k], w[k]) } else { PADDING });
+        let mut name = [0, 1, 2].each(|k| if w[k] > 0 { (corners[k], w[k]) } else { PADDING });
         name.sort_unstable();
         name
     }
@@ -153,8 +154,8 @@ fn faces(corners: &[[f64; 3]; 12]) -> Vec<Face> {
                     let [a, b, c] = [corners[i], corners[j], corners[k]];
                     let face = if dot(a, cross(b, c)) > 0.0 { [i, j, k] } else { [i, k, j] };
                     // Two corners are near both ends of an edge: the face's third, and the one beyond.
-                    let beyond = [0, 1, 2].map(|n| {
-                        let [own, p, q] = [0, 1, 2].map(|m| face[(n + m) % 3]);
+                    let beyond = [0, 1, 2].each(|n| {
+                        let [own, p, q] = [0, 1, 2].each(|m| face[(n + m) % 3]);
                         (0..12).find(|&x| x != own && near(x, p) && near(x, q)).unwrap_or(own)
                     });
                     found.push(Face { corners: face, beyond });
@@ -199,7 +200,7 @@ fn icosahedron() -> [[f64; 3]; 12] {
         corner[(axis + 1) % 3] = one;
         corner[(axis + 2) % 3] = long;
     }
-    corners.map(|p| unit(turned(p)))
+    corners.each(|p| unit(turned(p)))
 }
 
 /// Turned about z and then x, by angles that bring the middles of faces near the axes and no vertex onto one.
@@ -212,5 +213,5 @@ fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
 
 pub(super) fn unit(p: [f64; 3]) -> [f64; 3] {
     let length = dot(p, p).sqrt();
-    p.map(|x| x / length)
+    p.each(|x| x / length)
 }

@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use super::surface::{cross, dot};
 use super::{Mesh, SurfaceOptions, SurfaceReport};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::archive::{Archive, Content, PIECE_BYTES};
 use crate::export::groups::AggregateGroups;
@@ -86,7 +87,7 @@ pub fn write(
                 None => begin(stl, "matrix", shell.triangles.len() + mesh.grain_triangles()),
                 Some(piece) if piece < of_shell => {
                     for corners in shell.triangles.iter().skip(piece * TRIANGLES).take(TRIANGLES) {
-                        put_triangle(stl, corners.map(|p| shell.points[p as usize]));
+                        put_triangle(stl, corners.each(|p| shell.points[p as usize]));
                     }
                 }
                 Some(piece) => {
@@ -140,17 +141,17 @@ fn begin(stl: &mut Vec<u8>, name: &str, triangles: usize) {
 fn put_grain(stl: &mut Vec<u8>, mesh: &Mesh, row: usize, inside_out: bool) {
     let (points, triangles) = mesh.grain(row);
     for corners in triangles {
-        let [a, b, c] = corners.map(|p| points[p as usize]);
+        let [a, b, c] = corners.each(|p| points[p as usize]);
         put_triangle(stl, if inside_out { [a, c, b] } else { [a, b, c] });
     }
 }
 
 fn put_triangle(stl: &mut Vec<u8>, [a, b, c]: [[f64; 3]; 3]) {
-    let from_a = |p: [f64; 3]| [0, 1, 2].map(|i| p[i] - a[i]);
+    let from_a = |p: [f64; 3]| [0, 1, 2].each(|i| p[i] - a[i]);
     let normal = cross(from_a(b), from_a(c));
     let length = dot(normal, normal).sqrt();
     let mut record = [0_u8; TRIANGLE_BYTES];
-    let numbers = [normal.map(|x| x / length), a, b, c];
+    let numbers = [normal.each(|x| x / length), a, b, c];
     for (bytes, x) in record.chunks_exact_mut(4).zip(numbers.iter().flatten()) {
         bytes.copy_from_slice(&(*x as f32).to_le_bytes());
     }

@@ -10,6 +10,8 @@
 
 use std::f64::consts::PI;
 
+use crate::arrays::{self, Each as _};
+
 /// Where new vertices go, how long edges may be, and which of two diagonals is the right one.
 pub(super) trait Shape {
     /// The vertex between two neighbours, on the surface meant.
@@ -86,13 +88,13 @@ impl Surface {
         let mut open: Vec<u32> = (0..self.triangles.len() as u32).rev().collect();
         while let Some(t) = open.pop() {
             for edge in 0..3 {
-                let [a, b, c] = [0, 1, 2].map(|k| self.triangles[t as usize][(edge + k) % 3]);
+                let [a, b, c] = [0, 1, 2].each(|k| self.triangles[t as usize][(edge + k) % 3]);
                 let other = self.behind[t as usize][edge];
                 let Some(back) = (0..3).find(|&k| self.same_edge(t, edge, other, k)) else { continue };
                 let d = self.triangles[other as usize][(back + 2) % 3];
                 if shape.is_wrong([a, b], [c, d], &self.points) {
-                    let [_, bc, ca] = [0, 1, 2].map(|k| self.behind[t as usize][(edge + k) % 3]);
-                    let [_, ad, db] = [0, 1, 2].map(|k| self.behind[other as usize][(back + k) % 3]);
+                    let [_, bc, ca] = [0, 1, 2].each(|k| self.behind[t as usize][(edge + k) % 3]);
+                    let [_, ad, db] = [0, 1, 2].each(|k| self.behind[other as usize][(back + k) % 3]);
                     self.triangles[t as usize] = [a, d, c];
                     self.behind[t as usize] = [ad, other, ca];
                     self.triangles[other as usize] = [d, b, c];
@@ -119,9 +121,9 @@ impl Surface {
     }
 
     fn is_too_long(&self, t: usize, shape: &impl Shape) -> bool {
-        let [a, b, c] = self.triangles[t].map(|p| shape.place(self.points[p as usize]));
+        let [a, b, c] = self.triangles[t].each(|p| shape.place(self.points[p as usize]));
         let longest_mm = distance2(a, b).max(distance2(b, c)).max(distance2(c, a)).sqrt();
-        let centroid = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
+        let centroid = arrays::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
         longest_mm > shape.most_mm(self.triangles[t]) || shape.wants_shorter(centroid, longest_mm)
     }
 
@@ -201,7 +203,7 @@ impl Surface {
             .triangles
             .iter()
             .map(|corners| {
-                let [a, b, c] = corners.map(|p| self.points[p as usize]);
+                let [a, b, c] = corners.each(|p| self.points[p as usize]);
                 dot(a, cross(b, c))
             })
             .sum();
@@ -213,7 +215,7 @@ impl Surface {
         let mut range = (f64::INFINITY, 0.0_f64);
         for corners in &self.triangles {
             for edge in 0..3 {
-                let [a, b] = [corners[edge], corners[(edge + 1) % 3]].map(|p| self.points[p as usize]);
+                let [a, b] = [corners[edge], corners[(edge + 1) % 3]].each(|p| self.points[p as usize]);
                 let length2 = distance2(a, b);
                 range = (range.0.min(length2), range.1.max(length2));
             }
@@ -226,7 +228,7 @@ impl Surface {
 /// criterion they should have the other diagonal. Each triangle by its other two sides, from the corner opposite to the
 /// edge.
 pub(super) fn make_more_than_half_a_turn(one: [[f64; 3]; 2], other: [[f64; 3]; 2]) -> bool {
-    let [cosine, opposite] = [one, other].map(|[p, q]| dot(p, q));
+    let [cosine, opposite] = [one, other].each(|[p, q]| dot(p, q));
     // Two angles of a quarter of a turn at most: the most frequent case.
     if cosine >= 0.0 && opposite >= 0.0 {
         return false;
@@ -239,7 +241,7 @@ pub(super) fn make_more_than_half_a_turn(one: [[f64; 3]; 2], other: [[f64; 3]; 2
 }
 
 pub(super) fn distance2(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let [x, y, z] = std::array::from_fn(|i| a[i] - b[i]);
+    let [x, y, z] = arrays::from_fn(|i| a[i] - b[i]);
     x * x + y * y + z * z
 }
 

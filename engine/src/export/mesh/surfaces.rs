@@ -11,6 +11,7 @@ use super::grain::Grains;
 use super::shell::{Division, Shell};
 use super::surface::Surface;
 use super::{SurfaceOptions, SurfaceReport, check, report_of, report_progress, too_large};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::pieces::{SLOTS_PER_THREAD, in_order};
 use crate::export::{ExportError, Model, go_on};
@@ -99,7 +100,7 @@ impl Mesh {
     fn add(&mut self, grain: &Surface, center: [f64; 3]) -> Result<(), OutOfMemory> {
         make_room(&mut self.points, grain.points.len())?;
         make_room(&mut self.triangles, grain.triangles.len())?;
-        self.points.extend(grain.points.iter().map(|p| [0, 1, 2].map(|a| center[a] + p[a])));
+        self.points.extend(grain.points.iter().map(|p| [0, 1, 2].each(|a| center[a] + p[a])));
         self.triangles.extend_from_slice(&grain.triangles);
         self.ends.push((self.points.len(), self.triangles.len()));
         Ok(())

@@ -3,6 +3,7 @@
 use super::raster::Image;
 use super::scene::{Vector, View, arc, azimuth_of_eye};
 use super::shade::Color;
+use crate::arrays::Each as _;
 use crate::request::Specimen;
 
 /// Width of the edges in pixels of a picture of 1600.
@@ -82,7 +83,7 @@ fn distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 
 /// Draws a bar of a round length and the length, in the lower left corner, which the specimen leaves free.
 pub(super) fn scale_bar(image: &mut Image, view: &View) {
-    let [width, height] = view.pixels.map(f64::from);
+    let [width, height] = view.pixels.each(f64::from);
     let room_mm = 0.2 * width / view.pixels_per_mm;
     let magnitude = 10_f64.powf(room_mm.log10().floor());
     let factor = [5.0, 2.0, 1.0].into_iter().find(|factor| factor * magnitude <= room_mm).unwrap_or(1.0);

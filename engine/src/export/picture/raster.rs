@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 
 use super::scene::{Hit, Scene, View};
 use super::shade::{self, Color};
+use crate::arrays::{self, Each as _};
 use crate::export::ExportError;
 use crate::threads::share;
 
@@ -23,7 +24,7 @@ impl Image {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x < self.width && y < self.height {
             let pixel = &mut self.pixels[y * self.width + x];
-            *pixel = std::array::from_fn(|i| pixel[i] + (color[i] - pixel[i]) * share);
+            *pixel = arrays::from_fn(|i| pixel[i] + (color[i] - pixel[i]) * share);
         }
     }
 
@@ -53,7 +54,7 @@ pub(super) fn render(
     rows_per_step: usize,
     step: &mut dyn FnMut(u64) -> Result<(), ExportError>,
 ) -> Result<Image, ExportError> {
-    let [width, height] = view.pixels.map(|n| n as usize);
+    let [width, height] = view.pixels.each(|n| n as usize);
     let mut coarse = vec![(0_u32, shade::BACKGROUND); width * height];
     let ray = |x: f64, y: f64| {
         let hit: Hit = scene.trace(view.unproject([x, y]));
@@ -104,9 +105,9 @@ fn fine(x: usize, y: usize, middle: Color, ray: &impl Fn(f64, f64) -> (u32, Colo
     for i in (0..FINE * FINE).filter(|&i| i != FINE * FINE / 2) {
         let offset = |i: usize| (i as f64 + 0.5) / FINE as f64;
         let (_, color) = ray(x as f64 + offset(i % FINE), y as f64 + offset(i / FINE));
-        sum = std::array::from_fn(|c| sum[c] + color[c]);
+        sum = arrays::from_fn(|c| sum[c] + color[c]);
     }
-    sum.map(|c| c / (FINE * FINE) as f32)
+    sum.each(|c| c / (FINE * FINE) as f32)
 }
 
 /// Sets every pixel by its index, in bands of rows that the threads share.

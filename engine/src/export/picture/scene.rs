@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::arrays::{self, Each as _};
 use crate::export::Model;
 use crate::export::solids::{Sectioned, quadratic};
 use crate::geometry::convex::{Convex, Place};
@@ -52,16 +53,16 @@ impl View {
         let [right, up, eye] = axes();
         let size = Vector::from(specimen.bounds_mm());
         let middle = size / 2.0;
-        let half: [f64; 2] = [right, up].map(|axis| match *specimen {
+        let half: [f64; 2] = [right, up].each(|axis| match *specimen {
             Specimen::Box { .. } => axis.abs().dot(&middle),
             Specimen::Cylinder { .. } => middle.x * axis.x.hypot(axis.y) + middle.z * axis.z.abs(),
         });
         // Room for half the stroke of the edges.
         let margin = f64::from(pixels_long) / 400.0;
         let pixels_per_mm = (f64::from(pixels_long) - 2.0 * margin) / (2.0 * half[0].max(half[1]));
-        let pixels = half.map(|half| (2.0 * (half * pixels_per_mm + margin)).ceil().max(1.0) as u32);
+        let pixels = half.each(|half| (2.0 * (half * pixels_per_mm + margin)).ceil().max(1.0) as u32);
         let center = [right.dot(&middle), up.dot(&middle)];
-        let low = [0, 1].map(|i| center[i] - f64::from(pixels[i]) / 2.0 / pixels_per_mm);
+        let low = [0, 1].each(|i| center[i] - f64::from(pixels[i]) / 2.0 / pixels_per_mm);
         Self { right, up, eye, low, pixels, pixels_per_mm }
     }
 
@@ -412,9 +413,9 @@ struct SceneGrid {
 
 impl SceneGrid {
     fn new(grains: Vec<Grain>, size: Vector) -> Self {
-        let wanted = (size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64)).cbrt();
+        let wanted = f64::cbrt(size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64));
         let cells: [usize; 3] =
-            std::array::from_fn(|a| (size[a] / wanted).round().clamp(1.0, MOST_CELLS) as usize);
+            arrays::from_fn(|a| (size[a] / wanted).round().clamp(1.0, MOST_CELLS) as usize);
         let edge = Vector::from_fn(|a, _| size[a] / cells[a] as f64);
         let (inside, nearby) = (Lists::default(), Lists::default());
         let mut grid = Self { grains, cells, edge, inside, nearby, shade: SHADE_PER_EDGE * edge.min() };
@@ -472,7 +473,7 @@ impl SceneGrid {
     }
 
     fn cell_of(&self, p: &Vector) -> [usize; 3] {
-        std::array::from_fn(|a| self.coordinate(a, p[a]))
+        arrays::from_fn(|a| self.coordinate(a, p[a]))
     }
 
     /// The grain around a point.
@@ -489,7 +490,7 @@ impl SceneGrid {
             let wall = (cell as f64 + f64::from(step[a] > 0.0)) * self.edge[a];
             if direction[a] == 0.0 { f64::INFINITY } else { (wall - from[a]) / direction[a] }
         };
-        let mut leaves: [f64; 3] = std::array::from_fn(|a| next_wall(cell[a], a));
+        let mut leaves: [f64; 3] = arrays::from_fn(|a| next_wall(cell[a], a));
         let mut best: Option<(u32, f64)> = None;
         loop {
             for &i in self.inside.of(self.index(cell)) {

@@ -1,6 +1,7 @@
 //! Colours and light. All colours here are linear; the picture is written in sRGB.
 
 use super::scene::{Hit, Scene, Vector, View};
+use crate::arrays::{self, Each as _};
 
 /// A linear colour.
 pub(super) type Color = [f32; 3];
@@ -32,7 +33,7 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
             let open = 1.0 - 0.85 * scene.occlusion(&at, &normal, body.number);
             let halfway = (Vector::from(TOWARDS_LIGHT).normalize() + view.eye).normalize();
             let shine = 0.10 * normal.dot(&halfway).max(0.0).powi(40);
-            let lit = scaled(tone(scene, grain), light(&normal) * open).map(|c| c + shine * open);
+            let lit = scaled(tone(scene, grain), light(&normal) * open).each(|c| c + shine * open);
             let deep = scaled(DEPTH, light(&scene.normal(&(at + view.eye * depth))));
             mixed(deep, lit, (-depth / scene.fade).exp())
         }
@@ -48,7 +49,7 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
             scaled(flat(scene, view, &at, &normal, Some(grain)), light(&normal))
         }
     };
-    linear.map(|c| c.clamp(0.0, 1.0) as f32)
+    linear.each(|c| c.clamp(0.0, 1.0) as f32)
 }
 
 /// Colour of a plane that cuts grains: matrix, or a section with a line around it.
@@ -88,9 +89,9 @@ fn unit(axis: usize) -> Vector {
 }
 
 fn scaled(color: [f64; 3], factor: f64) -> [f64; 3] {
-    color.map(|c| c * factor)
+    color.each(|c| c * factor)
 }
 
 fn mixed(a: [f64; 3], b: [f64; 3], share: f64) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] + (b[i] - a[i]) * share)
+    arrays::from_fn(|i| a[i] + (b[i] - a[i]) * share)
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::figure::{Ellipse, Figure};
 use super::{Axis, Polygon, SliceReport};
+use crate::arrays::Each as _;
 use crate::export::Model;
 use crate::export::solids::Sectioned;
 use crate::memory::OutOfMemory;
@@ -46,7 +47,7 @@ impl Outline {
     pub fn bounds_mm(&self) -> [[f64; 2]; 2] {
         match *self {
             Self::Rectangle { u_mm, v_mm } => [u_mm, v_mm],
-            Self::Disc { center_mm, radius_mm } => center_mm.map(|c| [c - radius_mm, c + radius_mm]),
+            Self::Disc { center_mm, radius_mm } => center_mm.each(|c| [c - radius_mm, c + radius_mm]),
         }
     }
 }
@@ -95,7 +96,7 @@ impl Cut {
     /// The system refused memory.
     pub(crate) fn new(model: &Model<'_>, axis: Axis, at_mm: f64) -> Result<Self, OutOfMemory> {
         let bounds = model.specimen.bounds_mm();
-        let [u, v] = axis.plane().map(Axis::index);
+        let [u, v] = axis.plane().each(Axis::index);
         let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
         let outline = match (model.specimen, axis) {
             (Specimen::Cylinder { diameter_mm, .. }, Axis::Z) => {

@@ -11,6 +11,7 @@ use std::f64::consts::PI;
 use nalgebra::Matrix3;
 
 use super::{Polygon, overlap};
+use crate::arrays::Each as _;
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
 
@@ -58,7 +59,7 @@ impl Ellipse {
         if scale <= 0.0 {
             return None;
         }
-        let center = [u, v].map(|axis| shape[(axis, w)] / shape[(w, w)] * height);
+        let center = [u, v].each(|axis| shape[(axis, w)] / shape[(w, w)] * height);
         let (uu, uv, vv) = (inverse[(u, u)], inverse[(u, v)], inverse[(v, v)]);
         let half = (uu - vv) / 2.0;
         let root = half.hypot(uv);
@@ -68,8 +69,8 @@ impl Ellipse {
         // The eigenvector of the smaller one, by the column that does not cancel.
         let long = if half >= 0.0 { [-uv, half + root] } else { [root - half, -uv] };
         let length = long[0].hypot(long[1]);
-        let long = if length > 0.0 { long.map(|x| x / length) } else { [1.0, 0.0] };
-        Some((center, Self { semi_axes_mm: [smaller, larger].map(|e| (scale / e).sqrt()), long }))
+        let long = if length > 0.0 { long.each(|x| x / length) } else { [1.0, 0.0] };
+        Some((center, Self { semi_axes_mm: [smaller, larger].each(|e| (scale / e).sqrt()), long }))
     }
 
     /// Angle of the long axis from u towards v in degrees, greater than -90 and at most 90.
@@ -89,7 +90,7 @@ impl Ellipse {
 
     /// The components uu, uv and vv of the shape matrix.
     fn matrix(&self) -> [f64; 3] {
-        let [a2, b2] = self.semi_axes_mm.map(|x| x * x);
+        let [a2, b2] = self.semi_axes_mm.each(|x| x * x);
         let [u, v] = self.long;
         [a2 * u * u + b2 * v * v, (a2 - b2) * u * v, a2 * v * v + b2 * u * u]
     }
@@ -97,7 +98,7 @@ impl Ellipse {
     /// The corners of a rectangle where the ellipse is the unit disc, anticlockwise.
     fn corners_on_disc(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> [[f64; 2]; 4] {
         let ([a, b], [c, s]) = (self.semi_axes_mm, self.long);
-        [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| {
+        [(0, 0), (1, 0), (1, 1), (0, 1)].each(|(i, j)| {
             let (x, y) = (u[i] - center[0], v[j] - center[1]);
             [(c * x + s * y) / a, (c * y - s * x) / b]
         })
@@ -107,7 +108,7 @@ impl Ellipse {
     fn span(&self, center: [f64; 2], v: [f64; 2]) -> Option<Span> {
         let [uu, uv, vv] = self.matrix();
         let (half_u, half_v) = (uu.sqrt(), vv.sqrt());
-        let edges = v.map(|v| v - center[1]);
+        let edges = v.each(|v| v - center[1]);
         let (low, high) = (edges[0].max(-half_v), edges[1].min(half_v));
         if low >= high {
             return None;
@@ -119,10 +120,10 @@ impl Ellipse {
             [middle - half, middle + half]
         };
         // The points farthest along u, or the nearest to them in the strip.
-        let [left, right] = [-uv / half_u, uv / half_u].map(|dv| chord(dv.clamp(low, high)));
+        let [left, right] = [-uv / half_u, uv / half_u].each(|dv| chord(dv.clamp(low, high)));
         let crosses = edges[0] > -half_v && edges[1] < half_v;
         let inner = if crosses {
-            let [p, q] = edges.map(chord);
+            let [p, q] = edges.each(chord);
             [p[0].max(q[0]), p[1].min(q[1])]
         } else {
             [f64::INFINITY, f64::NEG_INFINITY]
@@ -147,7 +148,7 @@ impl Figure {
             Self::Circle { radius_mm } => [[-radius_mm, *radius_mm]; 2],
             Self::Ellipse(ellipse) => {
                 let [uu, _, vv] = ellipse.matrix();
-                [uu.sqrt(), vv.sqrt()].map(|half| [-half, half])
+                [uu.sqrt(), vv.sqrt()].each(|half| [-half, half])
             }
             Self::Polygon(polygon) => polygon.extents_mm(),
         }
@@ -197,7 +198,7 @@ impl Figure {
             Self::Polygon(polygon) => return polygon.span(center, v),
         };
         let half_chord = |dv: f64| ((radius - dv) * (radius + dv)).max(0.0).sqrt();
-        let distances = v.map(|v| (v - center[1]).abs());
+        let distances = v.each(|v| (v - center[1]).abs());
         let nearest = if (v[0]..=v[1]).contains(&center[1]) { 0.0 } else { distances[0].min(distances[1]) };
         (nearest < radius).then(|| {
             let around = |half: f64| [center[0] - half, center[0] + half];

@@ -12,6 +12,7 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 
 use super::{Cut, Figure, Outline, Section};
+use crate::arrays::Each as _;
 use crate::gap::ellipsoids::Body;
 use crate::request::GrainKind;
 
@@ -60,7 +61,7 @@ itz() = {};
 pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     let long = (u1 - u0).max(v1 - v0);
-    let (axis, [u, v]) = (cut.axis.name(), cut.axis.plane().map(super::Axis::name));
+    let (axis, [u, v]) = (cut.axis.name(), cut.axis.plane().each(super::Axis::name));
     write!(
         out,
         "// Cut at {axis} = {at} mm, {n} {noun}; x and y here are {u} and {v} of the specimen, in mm.\n\
@@ -215,7 +216,7 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     let Outline::Rectangle { u_mm: [u0, u1], v_mm: [v0, v1] } = cut.outline else {
         return writeln!(out, "Physical Curve(\"side\") = {{1}};");
     };
-    let [u, v] = cut.axis.plane().map(super::Axis::name);
+    let [u, v] = cut.axis.plane().each(super::Axis::name);
     if !cut.sections.iter().any(|section| section.clipped) {
         if cut.lateral {
             writeln!(out, "Physical Curve(\"side\") = {{2, 4}};")?;
@@ -265,7 +266,7 @@ fn most_radii(cut: &Cut) -> Vec<f64> {
         let (one, reach) = (&sections[i], radius(i) + largest * (1.0 + MOST_ENLARGED));
         for &j in &order[k + 1..] {
             let other = &sections[j];
-            let [u, v] = [0, 1].map(|a| other.center_mm[a] - one.center_mm[a]);
+            let [u, v] = [0, 1].each(|a| other.center_mm[a] - one.center_mm[a]);
             if u > reach {
                 break;
             }

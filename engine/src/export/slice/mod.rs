@@ -24,6 +24,7 @@ pub use figure::{Ellipse, Figure};
 pub use json::SliceDocument;
 pub use polygon::{Polygon, TOLERANCE};
 
+use crate::arrays::Each as _;
 use crate::control::{Control, Phase, Progress};
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
@@ -216,7 +217,7 @@ pub(super) fn expected_bytes(
         SliceFormat::Json => (350.0, 105.0, 145.0, 1800.0),
         SliceFormat::Geo => (1400.0, 190.0, 165.0, 3600.0),
         SliceFormat::Png => {
-            let [u, v] = options.axis.plane().map(|axis| bounds[axis.index()]);
+            let [u, v] = options.axis.plane().each(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
             return (0.1 * long * long * u.min(v) / u.max(v)) as u64 + 1000;
         }

@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use crate::arrays::Each as _;
+
 /// Area of the disc about the origin to the left of `x`.
 fn left_of(x: f64, radius: f64) -> f64 {
     if x <= -radius {
@@ -31,7 +33,7 @@ fn quadrant(x: f64, y: f64, radius: f64) -> f64 {
 
 /// Area that a disc shares with the rectangle `u[0]..u[1]` by `v[0]..v[1]`.
 pub(super) fn with_rectangle(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64; 2]) -> f64 {
-    let (u, v) = (u.map(|x| x - center[0]), v.map(|y| y - center[1]));
+    let (u, v) = (u.each(|x| x - center[0]), v.each(|y| y - center[1]));
     let at = |i: usize, j: usize| quadrant(u[i], v[j], radius);
     (at(1, 1) - at(0, 1) - at(1, 0) + at(0, 0)).max(0.0)
 }

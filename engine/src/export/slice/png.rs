@@ -10,6 +10,7 @@ use std::ops::Range;
 use ::png::{BitDepth, ColorType, Encoder, EncodingError, PixelDimensions, Unit};
 
 use super::{Cut, Figure, Image, Outline, Section};
+use crate::arrays::Each as _;
 use crate::export::ExportError;
 
 /// Grey of the matrix.
@@ -21,10 +22,10 @@ const ROWS_PER_REPORT: u32 = 64;
 
 /// Pixels as near to squares as the outline allows, that fill it exactly.
 pub(super) fn measures(outline: &Outline, pixels_long: u32) -> Image {
-    let lengths = outline.bounds_mm().map(|[low, high]| high - low);
+    let lengths = outline.bounds_mm().each(|[low, high]| high - low);
     let target = lengths[0].max(lengths[1]) / f64::from(pixels_long);
-    let pixels = lengths.map(|length| (length / target).round().clamp(1.0, f64::from(pixels_long)) as u32);
-    Image { pixels, pixel_mm: [0, 1].map(|i| lengths[i] / f64::from(pixels[i])) }
+    let pixels = lengths.each(|length| (length / target).round().clamp(1.0, f64::from(pixels_long)) as u32);
+    Image { pixels, pixel_mm: [0, 1].each(|i| lengths[i] / f64::from(pixels[i])) }
 }
 
 pub(super) fn write(
@@ -41,7 +42,7 @@ pub(super) fn write(
     let mut encoder = Encoder::new(out, columns, rows);
     encoder.set_color(if disc.is_some() { ColorType::GrayscaleAlpha } else { ColorType::Grayscale });
     encoder.set_depth(BitDepth::Eight);
-    let [xppu, yppu] = image.pixel_mm.map(|mm| (1000.0 / mm).round() as u32);
+    let [xppu, yppu] = image.pixel_mm.each(|mm| (1000.0 / mm).round() as u32);
     encoder.set_pixel_dims(Some(PixelDimensions { xppu, yppu, unit: Unit::Meter }));
     let mut header = encoder.write_header().map_err(failed)?;
     let mut stream = header.stream_writer().map_err(failed)?;
@@ -129,7 +130,7 @@ impl<'a> Raster<'a> {
 
     /// From and to along v of a row.
     fn band(&self, row: u32) -> [f64; 2] {
-        [f64::from(row + 1), f64::from(row)].map(|rows| self.v1 - rows * self.pixel_v)
+        [f64::from(row + 1), f64::from(row)].each(|rows| self.v1 - rows * self.pixel_v)
     }
 
     /// Shares of the next row.

@@ -12,6 +12,7 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 use nalgebra::Vector3;
 
 use super::figure::Span;
+use crate::arrays::Each as _;
 use crate::geometry::convex::{Convex, Place, directed_edges};
 
 /// How far the boundary of a rounded grain may lie outside of the polygon, in equivalent diameters.
@@ -63,7 +64,7 @@ impl Polygon {
 
     /// From and to along u and v.
     pub(super) fn extents_mm(&self) -> [[f64; 2]; 2] {
-        [0, 1].map(|axis| range(&self.corners_mm, axis))
+        [0, 1].each(|axis| range(&self.corners_mm, axis))
     }
 
     fn at(&self, center: [f64; 2]) -> Vec<[f64; 2]> {
@@ -86,7 +87,7 @@ impl Polygon {
         let [least, most] = range(&corners, 1);
         let inner = if least < v[0] && most > v[1] {
             let chord = |at: f64| range(&within(&corners, 1, [at, at]), 0);
-            let [p, q] = v.map(chord);
+            let [p, q] = v.each(chord);
             [p[0].max(q[0]), p[1].min(q[1])]
         } else {
             [f64::INFINITY, f64::NEG_INFINITY]
@@ -100,7 +101,7 @@ impl Plane<'_> {
     fn seen(&self, p: &Vector3<f64>) -> [f64; 3] {
         let u = p * self.place.scale;
         let rotation = &self.place.rotation;
-        self.axes.map(|k| (rotation[(k, 0)] * u[0] + rotation[(k, 1)] * u[1]) + rotation[(k, 2)] * u[2])
+        self.axes.each(|k| (rotation[(k, 0)] * u[0] + rotation[(k, 1)] * u[1]) + rotation[(k, 2)] * u[2])
     }
 
     /// Where the segment between two points crosses the plane.
@@ -110,7 +111,7 @@ impl Plane<'_> {
             return None;
         }
         let share = (self.height - p[2]) / (q[2] - p[2]);
-        Some([0, 1].map(|axis| p[axis] + share * (q[axis] - p[axis])))
+        Some([0, 1].each(|axis| p[axis] + share * (q[axis] - p[axis])))
     }
 
     fn sharp(&self) -> Vec<[f64; 2]> {
@@ -130,7 +131,7 @@ impl Plane<'_> {
         for turn in 0..4 {
             let (sin, cos) = (f64::from(turn) * FRAC_PI_4).sin_cos();
             if let Some(ends) = self.chord(middle, [cos, sin]) {
-                points.extend(ends.map(|t| [middle[0] + t * cos, middle[1] + t * sin]));
+                points.extend(ends.each(|t| [middle[0] + t * cos, middle[1] + t * sin]));
             }
         }
         for (corners, (normal, _)) in template.faces.iter().zip(&template.planes) {
@@ -140,7 +141,7 @@ impl Plane<'_> {
             );
         }
         for edge in &template.edges {
-            let [m, n] = edge.faces.map(|face| template.planes[face as usize].0);
+            let [m, n] = edge.faces.each(|face| template.planes[face as usize].0);
             let Some(side) = (n - m * m.dot(&n)).try_normalize(1e-12) else { continue };
             for vertex in edge.ends {
                 let center = self.seen(&template.vertices[vertex as usize]);
@@ -150,9 +151,9 @@ impl Plane<'_> {
                 let cosine = (self.height - center[2]) / reach;
                 if cosine.abs() < 1.0 {
                     let (first, half) = (to[2].atan2(from[2]), cosine.acos());
-                    for t in [first - half, first + half].map(|t| t.rem_euclid(TAU)) {
+                    for t in [first - half, first + half].each(|t| t.rem_euclid(TAU)) {
                         if t < edge.angle {
-                            points.push([0, 1].map(|a| center[a] + from[a] * t.cos() + to[a] * t.sin()));
+                            points.push([0, 1].each(|a| center[a] + from[a] * t.cos() + to[a] * t.sin()));
                         }
                     }
                 }
@@ -168,7 +169,7 @@ impl Plane<'_> {
         let low = vertices.iter().min_by(|p, q| p[2].total_cmp(&q[2]))?;
         let high = vertices.iter().max_by(|p, q| p[2].total_cmp(&q[2]))?;
         let share = (self.height - (low[2] - r)) / (high[2] - low[2] + 2.0 * r);
-        (share > 0.0 && share < 1.0).then(|| [0, 1].map(|axis| low[axis] + share * (high[axis] - low[axis])))
+        (share > 0.0 && share < 1.0).then(|| [0, 1].each(|axis| low[axis] + share * (high[axis] - low[axis])))
     }
 
     /// Where the line through a point of the plane enters the body and leaves it, in mm.
@@ -191,10 +192,10 @@ impl Plane<'_> {
     fn refine(&self, p: [f64; 2], q: [f64; 2], halvings: u32, all: &mut Vec<[f64; 2]>) {
         let length = (q[0] - p[0]).hypot(q[1] - p[1]);
         let out = [(q[1] - p[1]) / length, (p[0] - q[0]) / length];
-        let middle = [0, 1].map(|axis| f64::midpoint(p[axis], q[axis]));
+        let middle = [0, 1].each(|axis| f64::midpoint(p[axis], q[axis]));
         let rise = self.chord(middle, out).map_or(0.0, |[_, leave]| leave);
         if halvings > 0 && rise > TOLERANCE * self.place.scale {
-            let top = [0, 1].map(|axis| middle[axis] + rise * out[axis]);
+            let top = [0, 1].each(|axis| middle[axis] + rise * out[axis]);
             self.refine(p, top, halvings - 1, all);
             all.push(top);
             self.refine(top, q, halvings - 1, all);
@@ -205,7 +206,7 @@ impl Plane<'_> {
 /// The corners of a convex polygon in their order; `None` of fewer than three.
 fn sorted(mut corners: Vec<[f64; 2]>, same: f64) -> Option<Vec<[f64; 2]>> {
     let n = corners.len() as f64;
-    let middle = [0, 1].map(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / n);
+    let middle = [0, 1].each(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / n);
     let angle = |p: &[f64; 2]| (p[1] - middle[1]).atan2(p[0] - middle[0]);
     corners.sort_by(|p, q| angle(p).total_cmp(&angle(q)));
     let is_same = |p: &[f64; 2], q: &[f64; 2]| (p[0] - q[0]).hypot(p[1] - q[1]) <= same;
@@ -232,12 +233,12 @@ fn centroid(corners: &[[f64; 2]]) -> Option<[f64; 2]> {
     let first = corners.first()?;
     let (mut twice, mut moment) = (0.0, [0.0; 2]);
     for pair in corners.windows(2) {
-        let [p, q] = [0, 1].map(|i| [pair[i][0] - first[0], pair[i][1] - first[1]]);
+        let [p, q] = [0, 1].each(|i| [pair[i][0] - first[0], pair[i][1] - first[1]]);
         let part = p[0] * q[1] - p[1] * q[0];
         twice += part;
-        moment = [0, 1].map(|axis| moment[axis] + part * (p[axis] + q[axis]) / 3.0);
+        moment = [0, 1].each(|axis| moment[axis] + part * (p[axis] + q[axis]) / 3.0);
     }
-    (twice > 0.0).then(|| [0, 1].map(|axis| first[axis] + moment[axis] / twice))
+    (twice > 0.0).then(|| [0, 1].each(|axis| first[axis] + moment[axis] / twice))
 }
 
 /// From and to along an axis; reversed of nothing.
@@ -264,7 +265,7 @@ fn cut(corners: &[[f64; 2]], axis: usize, at: f64, side: f64) -> Vec<[f64; 2]> {
         }
         if (from < 0.0) != (to < 0.0) {
             let share = from / (from - to);
-            let mut crossing = [0, 1].map(|a| p[a] + share * (q[a] - p[a]));
+            let mut crossing = [0, 1].each(|a| p[a] + share * (q[a] - p[a]));
             crossing[axis] = at;
             kept.push(crossing);
         }

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use super::{Cut, Figure, Outline, SliceReport};
+use crate::arrays::Each as _;
 
 pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
@@ -99,7 +100,7 @@ fn scale_bar(width: f64) -> f64 {
     // Divided rather than multiplied below 1, so that the label has no digits of rounding.
     let times =
         |factor: f64| if power < 1.0 { factor / (1.0 / power).round() } else { factor * power.round() };
-    [5.0, 2.0, 1.0].map(times).into_iter().find(|length| *length <= most).unwrap_or_else(|| times(1.0))
+    [5.0, 2.0, 1.0].each(times).into_iter().find(|length| *length <= most).unwrap_or_else(|| times(1.0))
 }
 
 /// A number with at most four decimals.

@@ -6,6 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::columns::{Column, ELLIPSOID_ROW, MIXED_ROW, POLYHEDRON_ROW};
 use super::source::{GrainSource, OF_ELLIPSOID, for_each_block, for_each_rows};
+use crate::arrays::{self, Each as _};
 use crate::memory::{filled, reserved};
 use crate::packing::{Grains, Solids, Spheres};
 use crate::request::GrainKind;
@@ -81,7 +82,7 @@ fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
     let mut fault = None;
     for_each_block(source, ELLIPSOID_ROW, |columns| {
         for row in 0..columns[0].len() {
-            let [x, y, z, w, i, j, k, a, b, c] = columns.map(|column| column[row]);
+            let [x, y, z, w, i, j, k, a, b, c] = columns.each(|column| column[row]);
             let Some(shape) = Ellipsoid::new([a, b, c]) else {
                 fault.get_or_insert(grains.shapes.len());
                 continue;
@@ -107,12 +108,12 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     let templates = grains.templates.len();
     for_each_rows(source, angular_row(source), |columns| {
         for row in 0..columns[0].len() {
-            let [x, y, z, d, w, i, j, k, template] = std::array::from_fn(|column| columns[column][row]);
+            let [x, y, z, d, w, i, j, k, template] = arrays::from_fn(|column| columns[column][row]);
             let grain = grains.len();
             let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
             let semi_axes = columns.get(POLYHEDRON_ROW.len()..).filter(|axes| axes.len() == 3);
             let semi_axes = semi_axes.filter(|_| template == OF_ELLIPSOID);
-            let ellipsoid = match semi_axes.map(|axes| Ellipsoid::new([0, 1, 2].map(|k| axes[k][row]))) {
+            let ellipsoid = match semi_axes.map(|axes| Ellipsoid::new([0, 1, 2].each(|k| axes[k][row]))) {
                 Some(None) => return fault("has semi-axes that are not positive numbers".into()),
                 Some(found) => found,
                 None => None,

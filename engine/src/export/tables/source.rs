@@ -3,6 +3,7 @@
 use std::io;
 
 use super::columns::Column;
+use crate::arrays;
 use crate::packing::{Grains, GrainsRef, Solids, Spheres};
 use crate::request::GrainKind;
 use crate::shape::Polyhedron;
@@ -260,7 +261,7 @@ pub(super) fn for_each_block<const N: usize>(
     columns: [Column; N],
     mut visit: impl FnMut([&[f64]; N]) -> io::Result<()>,
 ) -> io::Result<()> {
-    for_each_rows(grains, &columns, |columns| visit(std::array::from_fn(|i| columns[i])))
+    for_each_rows(grains, &columns, |columns| visit(arrays::from_fn(|i| columns[i])))
 }
 
 /// [`for_each_block`] for a number of columns that is not known at compile time.

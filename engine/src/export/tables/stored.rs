@@ -16,6 +16,7 @@ use super::npy::write_columns;
 use super::source::no_column;
 use super::templates::{self, TemplateRecord};
 use super::{Column, GrainSource, Head};
+use crate::arrays;
 use crate::shape::Polyhedron;
 
 /// First bytes of a stored result of spheres.
@@ -79,7 +80,7 @@ impl Layout {
         if magic != MAGIC_1 && magic != MAGIC_2 {
             return Err(invalid("not a stored result: its magic is missing"));
         }
-        let number = |i: usize| u64::from_le_bytes(std::array::from_fn(|b| lengths[8 * i + b]));
+        let number = |i: usize| u64::from_le_bytes(arrays::from_fn(|b| lengths[8 * i + b]));
         let (head_length, rows) = (number(0), number(1));
         let mut text = Vec::new();
         from.take(head_length).read_to_end(&mut text)?;
@@ -158,7 +159,7 @@ impl GrainSource for StoredBytes<'_> {
         let from = self.layout.offset(column, start as u64)? as usize;
         let bytes = self.bytes.get(from..from + 8 * block.len()).ok_or(io::ErrorKind::UnexpectedEof)?;
         for (value, eight) in block.iter_mut().zip(bytes.chunks_exact(8)) {
-            *value = f64::from_le_bytes(std::array::from_fn(|byte| eight[byte]));
+            *value = f64::from_le_bytes(arrays::from_fn(|byte| eight[byte]));
         }
         Ok(())
     }

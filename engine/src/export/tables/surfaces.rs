@@ -16,6 +16,7 @@ use super::load::{angular_row, invalid};
 use super::source::{OF_ELLIPSOID, for_each_block, for_each_rows};
 use super::vtk::{classifier, provenance_file, title};
 use super::{Column, GrainSource, Head, nominal_size};
+use crate::arrays::{self, Each as _};
 use crate::export::ExportError;
 use crate::export::vtk_xml::Sink;
 use crate::geometry::convex::{Convex, Skin, SkinPoint};
@@ -98,7 +99,7 @@ pub(super) fn ball() -> (Vec<Vector3<f64>>, Vec<Vec<u32>>) {
     let signs = [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]];
     let corners = signs.iter().flat_map(|[p, q]| {
         let (x, y) = (*p, q * g);
-        [[0.0, x, y], [x, y, 0.0], [y, 0.0, x]].map(|corner| Vector3::from(corner).normalize())
+        [[0.0, x, y], [x, y, 0.0], [y, 0.0, x]].each(|corner| Vector3::from(corner).normalize())
     });
     let Some(hull) = Polyhedron::hull_of(&corners.collect::<Vec<_>>()) else { return Default::default() };
     let mut points: Vec<Vector3<f64>> = hull.vertices().iter().map(Vector3::normalize).collect();
@@ -169,7 +170,7 @@ impl<'a> Surfaces<'a> {
     fn for_each_point(&self, mut visit: impl FnMut([f64; 3]) -> io::Result<()>) -> io::Result<()> {
         for_each_rows(self.grains, angular_row(self.grains), |columns| {
             for row in 0..columns[0].len() {
-                let [x, y, z, d, w, i, j, k, template] = std::array::from_fn(|column| columns[column][row]);
+                let [x, y, z, d, w, i, j, k, template] = arrays::from_fn(|column| columns[column][row]);
                 let semi_axes = Vector3::from_fn(|k, _| columns.get(9 + k).map_or(0.0, |axis| axis[row]));
                 let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
                 let pose = Pose { center_mm: Vector3::new(x, y, z), orientation };

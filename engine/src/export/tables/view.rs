@@ -14,6 +14,7 @@ use super::load::invalid;
 use super::source::{for_each_block, for_each_rows};
 use super::vtk::classifier;
 use super::{Column, GrainSource, Head, nominal_size};
+use crate::arrays::Each as _;
 use crate::memory::reserved;
 use crate::request::GrainKind;
 use crate::shape::Polyhedron;
@@ -194,7 +195,7 @@ fn head_bytes(
         bytes.extend((length as f32).to_le_bytes());
     }
     let periodic = if bounds.is_periodic { 0b111 } else { 0 };
-    let counts = [record_bytes(grains), table_bytes, aggregates].map(|count| count as u32);
+    let counts = [record_bytes(grains), table_bytes, aggregates].each(|count| count as u32);
     for number in [bounds.specimen, periodic].into_iter().chain(counts) {
         bytes.extend(number.to_le_bytes());
     }
@@ -245,7 +246,7 @@ fn for_each_record_block(
 ) -> io::Result<()> {
     let mut bytes = Vec::new();
     let begin = |bytes: &mut Vec<u8>, place: [f64; 3], size_mm: f64| {
-        let [x, y, z] = [0, 1, 2].map(|axis| u64::from(bounds.share(axis, place[axis])));
+        let [x, y, z] = [0, 1, 2].each(|axis| u64::from(bounds.share(axis, place[axis])));
         let size = u64::from(size_share(size_mm / sizes.largest_mm));
         bytes.extend_from_slice(&(x | y << 16 | z << 32 | size << 48).to_le_bytes());
     };
@@ -275,7 +276,7 @@ fn for_each_record_block(
     let mut columns = fixed.to_vec();
     columns.extend(others.into_iter().filter(|column| grains.columns().contains(column)));
     let position = |column: Column| columns.iter().position(|own| *own == column);
-    let [a, b, c, template, aggregate, _, _] = others.map(position);
+    let [a, b, c, template, aggregate, _, _] = others.each(position);
     let (class_of, nominal) = (classifier(head), position(nominal_size(head, grains)));
     let of_size: Vec<usize> = size_of.columns.iter().filter_map(|column| position(*column)).collect();
     for_each_rows(grains, &columns, |values| {

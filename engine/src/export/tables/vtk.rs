@@ -14,6 +14,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::source::{BLOCK_ROWS, for_each_block};
 use super::{Column, GrainSource, Head, nominal_size};
+use crate::arrays::Each as _;
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Provenance};
 use crate::mix::sieve::class_of;
@@ -183,7 +184,7 @@ fn write_values<T: Copy, const N: usize, const M: usize, const BYTES: usize>(
     for_each_block(grains, columns, |columns| {
         bytes.clear();
         for row in 0..columns[0].len() {
-            for value in convert(columns.map(|column| column[row])) {
+            for value in convert(columns.each(|column| column[row])) {
                 bytes.extend(encode(value));
             }
         }

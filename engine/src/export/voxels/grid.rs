@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::VoxelOptions;
 use super::options::DEFAULT_CELLS;
+use crate::arrays::Each as _;
 use crate::request::Specimen;
 
 /// A grid that fills the specimen's bounding box exactly.
@@ -25,8 +26,8 @@ impl VoxelGrid {
         let bounds = specimen.bounds_mm();
         let longest = bounds.into_iter().fold(0.0, f64::max);
         let target = options.voxel_mm.unwrap_or(longest / f64::from(options.cells.unwrap_or(DEFAULT_CELLS)));
-        let shape = bounds.map(|length| (length / target).round().max(1.0) as usize);
-        let spacing_mm = [0, 1, 2].map(|a| bounds[a] / shape[a] as f64);
+        let shape = bounds.each(|length| (length / target).round().max(1.0) as usize);
+        let spacing_mm = [0, 1, 2].each(|a| bounds[a] / shape[a] as f64);
         Self { shape, spacing_mm, size_mm: bounds, rows: None }.cut(specimen)
     }
 

@@ -11,6 +11,7 @@ use std::io::{self, Write};
 
 use super::layers::Layers;
 use super::{Found, LayerSteps, VoxelGrid};
+use crate::arrays;
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model};
 use crate::memory::{OutOfMemory, copied, filled};
@@ -206,7 +207,7 @@ impl Lattice<'_> {
 
     /// Whether there is an element at that offset.
     fn has_neighbor(&self, place: [usize; 3], offset: [i64; 3]) -> bool {
-        let there: [i64; 3] = std::array::from_fn(|a| place[a] as i64 + offset[a]);
+        let there: [i64; 3] = arrays::from_fn(|a| place[a] as i64 + offset[a]);
         let on_grid = (0..3).all(|a| (0..self.grid.shape[a] as i64).contains(&there[a]));
         on_grid && self.grid.inside(there[1] as usize).contains(&(there[0] as usize))
     }
@@ -262,8 +263,8 @@ impl Lattice<'_> {
                 FACES.iter().enumerate().filter(|(f, _)| self.face_name(*f) == *name)
             {
                 self.for_each_outer(face, &mut |place| {
-                    let low: [usize; 3] = std::array::from_fn(|a| place[a] + usize::from(offset[a] > 0));
-                    let high: [usize; 3] = std::array::from_fn(|a| place[a] + usize::from(offset[a] >= 0));
+                    let low: [usize; 3] = arrays::from_fn(|a| place[a] + usize::from(offset[a] > 0));
+                    let high: [usize; 3] = arrays::from_fn(|a| place[a] + usize::from(offset[a] >= 0));
                     for k in low[2]..=high[2] {
                         for j in low[1]..=high[1] {
                             nodes.extend((low[0]..=high[0]).map(|i| self.node([i, j, k])));

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::arrays::Each as _;
 use crate::export::Model;
 use crate::export::solids::{Section, Sectioned};
 use crate::memory::{OutOfMemory, filled, reserved};
@@ -115,7 +116,7 @@ impl<'a> Layers<'a> {
                     let start = line / samples as usize * grid.shape[0];
                     let row = &mut layer[start..start + grid.shape[0]];
                     let ends = section.x_at((line as f64 + 0.5) * step);
-                    add_interval(row, ends.map(|x| x / dx), weight);
+                    add_interval(row, ends.each(|x| x / dx), weight);
                 }
             });
         }

@@ -24,6 +24,7 @@ pub use options::{
 };
 
 use self::layers::Layers;
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::solids::Sectioned;
@@ -133,7 +134,7 @@ pub fn write(
     let hexahedra = options.format == VoxelFormat::Inp;
     let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
     Ok(VoxelReport {
-        shape: grid.shape.map(|n| n as u64),
+        shape: grid.shape.each(|n| n as u64),
         spacing_mm: grid.spacing_mm,
         origin_mm: [0.0; 3],
         dtype: (!hexahedra).then(|| options.label.dtype().into()),

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::VoxelGrid;
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::solids::Sectioned;
 use crate::export::{ExportError, go_on};
@@ -25,7 +26,7 @@ pub(super) fn volume_mm3(
     samples: u32,
     control: &dyn Control,
 ) -> Result<f64, ExportError> {
-    let [_, dy, dz] = grid.spacing_mm.map(|spacing| spacing / f64::from(samples));
+    let [_, dy, dz] = grid.spacing_mm.each(|spacing| spacing / f64::from(samples));
     let (mut length, mut lines) = (0.0, 0);
     for grain in 0..solids.len() {
         let (center, half) = (solids.center(grain), solids.half_extents(grain));

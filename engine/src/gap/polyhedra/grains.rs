@@ -3,6 +3,7 @@
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::{Core, Pair, TurnedPolyhedron};
+use crate::arrays::Each as _;
 use crate::cpu::Cpu;
 use crate::gap::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
 use crate::gap::linear::{Symmetric, Vector, norm, scaled};
@@ -70,7 +71,7 @@ impl<'a> ConvexShape for ScaledPolyhedron<'a> {
 
     fn rows(&self, pose: &Pose) -> [Vector; 3] {
         let r = pose.rotation() * self.template.principal().axes.to_rotation_matrix();
-        [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
+        [0, 1, 2].each(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
     }
 
     fn to_principal(&self, orientation: Orientation) -> Orientation {
@@ -114,7 +115,7 @@ impl<A: Core + Turned, B: Core + Turned> Pair<'_, A, B> {
                 PushContact {
                     normal,
                     supports_mm: [self.a.support_mm(normal), self.b.support_back_mm(normal)],
-                    arms_mm: arms_mm.map(Vector::from),
+                    arms_mm: arms_mm.each(Vector::from),
                 }
             },
         )

@@ -21,6 +21,7 @@ use nalgebra::Vector3;
 
 use super::grain::ConvexShape;
 use super::linear::{Symmetric, Vector};
+use crate::arrays::Each as _;
 use crate::cpu::Cpu;
 use crate::shape::{Polyhedron, Pose, Principal, ScaledPolyhedron};
 use simplex::{Difference, Simplex};
@@ -200,7 +201,7 @@ impl TurnedPolyhedron<'_> {
     /// The vertices relative to the centre, in mm.
     fn vertices(&self) -> impl Iterator<Item = Vector3<f64>> {
         self.principal.groups.iter().flat_map(move |[x, y, z]| {
-            (0..4).map(move |lane| self.in_space([x[lane], y[lane], z[lane]].map(|x| x * self.scale_mm)))
+            (0..4).map(move |lane| self.in_space([x[lane], y[lane], z[lane]].each(|x| x * self.scale_mm)))
         })
     }
 }

@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 
 use super::simplex::{Difference, Simplex};
 use super::{Core, Pair};
+use crate::arrays::Each as _;
 
 /// Expansions after which the search ends.
 const MOST_STEPS: usize = 200;
@@ -104,7 +105,7 @@ fn first_points<A: Core, B: Core>(pair: &Pair<'_, A, B>, simplex: &Simplex) -> O
 
 impl Face {
     fn new(corners: [usize; 3], points: &[Difference]) -> Self {
-        let [a, b, c] = corners.map(|corner| points[corner].w);
+        let [a, b, c] = corners.each(|corner| points[corner].w);
         match (b - a).cross(&(c - a)).try_normalize(f64::MIN_POSITIVE) {
             Some(normal) => {
                 let plane = normal.dot(&a);

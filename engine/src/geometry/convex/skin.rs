@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::{Convex, ConvexEdge};
+use crate::arrays::Each as _;
 
 /// A point of a skin: a vertex of the core, and the unit normal along which it is moved by the radius of rounding.
 #[derive(Clone, Copy, Debug)]
@@ -77,8 +78,8 @@ impl Skin {
         most_angle: f64,
         own: &BTreeMap<(u32, u32), u32>,
     ) -> Vec<u32> {
-        let [first, second] = edge.faces.map(|face| own[&(face, vertex)]);
-        let [m, n] = edge.faces.map(|face| form.planes[face as usize].0);
+        let [first, second] = edge.faces.each(|face| own[&(face, vertex)]);
+        let [m, n] = edge.faces.each(|face| form.planes[face as usize].0);
         let parts = (edge.angle / most_angle - 1e-9).ceil().max(1.0);
         let mut arc = vec![first];
         for part in 1..parts as u32 {

@@ -6,6 +6,7 @@
 
 use super::predicates::{self, Bounds};
 use super::{DelaunayError, FACES};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::memory::{self, OutOfMemory, collected, filled, reserved};
 
@@ -136,7 +137,7 @@ impl Builder {
         let mut nodes = reserved(slots)?;
         let mut links = reserved(slots)?;
         nodes.push([0, 1, 2, 3]);
-        links.push([1, 2, 3, 4].map(|ghost| ghost * 4 + 3));
+        links.push([1, 2, 3, 4].each(|ghost| ghost * 4 + 3));
         for face in FACES {
             // Counter-clockwise seen from outside: positive with a point out there.
             nodes.push([face[0] as u32, face[1] as u32, face[2] as u32, GHOST]);
@@ -197,9 +198,9 @@ impl Builder {
             if nodes[3] == GHOST {
                 return slot;
             }
-            let corners = nodes.map(|node| self.points[node as usize]);
+            let corners = nodes.each(|node| self.points[node as usize]);
             let beyond = (0..4).find(|&k| {
-                let [a, b, c] = FACES[k].map(|i| corners[i]);
+                let [a, b, c] = FACES[k].each(|i| corners[i]);
                 k != from && self.bounds.orientation(p, a, b, c).is_lt()
             });
             let Some(k) = beyond else { return slot };
@@ -217,13 +218,13 @@ impl Builder {
         if nodes[3] == GHOST {
             return self.ghost_in_conflict(slot, p);
         }
-        self.bounds.in_conflict(nodes.map(|node| self.points[node as usize]), p)
+        self.bounds.in_conflict(nodes.each(|node| self.points[node as usize]), p)
     }
 
     #[inline(never)]
     fn ghost_in_conflict(&self, slot: u32, p: [f64; 3]) -> bool {
         let [a, b, c, _] = self.nodes[slot as usize];
-        let [a, b, c] = [a, b, c].map(|node| self.points[node as usize]);
+        let [a, b, c] = [a, b, c].each(|node| self.points[node as usize]);
         match self.bounds.orientation(a, b, c, p) {
             std::cmp::Ordering::Greater => true,
             std::cmp::Ordering::Less => false,
@@ -256,7 +257,7 @@ impl Builder {
                     self.marks[neighbor as usize] = mark;
                 }
                 if mark == Mark::Outside {
-                    let [a, b, c] = FACES[k].map(|i| nodes[i]);
+                    let [a, b, c] = FACES[k].each(|i| nodes[i]);
                     let nodes = if a == GHOST {
                         [b, c, a]
                     } else if b == GHOST {
@@ -357,7 +358,7 @@ impl Joints {
         let mut next = self.base;
         self.locals.clear();
         for (face, &slot) in faces.iter().zip(slots) {
-            let [a, b, c] = face.nodes.map(|node| {
+            let [a, b, c] = face.nodes.each(|node| {
                 let local = &mut self.local[(node as usize).min(ghost)];
                 if *local < self.base {
                     *local = next;
@@ -382,7 +383,7 @@ impl Joints {
     fn join_sorted(&mut self, faces: &[Face], slots: &[u32], links: &mut [[u32; 4]]) {
         self.edges.clear();
         for (face, &slot) in faces.iter().zip(slots) {
-            let [a, b, c] = face.nodes.map(u64::from);
+            let [a, b, c] = face.nodes.each(u64::from);
             for (k, from, to) in [(1, b, c), (2, c, a), (3, a, b)] {
                 self.edges.push((from.min(to) << 32 | from.max(to), slot << 2 | k));
             }

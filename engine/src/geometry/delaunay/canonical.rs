@@ -4,6 +4,7 @@
 
 use super::build::{self, GHOST, Raw};
 use super::{Delaunay, DelaunayError, NONE};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::memory::{OutOfMemory, copied, filled};
 
@@ -62,8 +63,8 @@ fn compact(raw: Raw) -> Result<Tetrahedra, OutOfMemory> {
     for slot in 0..nodes.len() {
         let to = place[slot];
         if to != NONE {
-            nodes[to as usize] = nodes[slot].map(|node| numbers[node as usize]);
-            links[to as usize] = links[slot].map(|link| place[(link >> 2) as usize]);
+            nodes[to as usize] = nodes[slot].each(|node| numbers[node as usize]);
+            links[to as usize] = links[slot].each(|link| place[(link >> 2) as usize]);
         }
     }
     nodes.truncate(finite);

@@ -3,6 +3,7 @@
 //!
 //! It decides how long insertion takes, never what comes out.
 
+use crate::arrays::Each as _;
 use crate::memory::{OutOfMemory, collected};
 
 /// Bits of a coordinate on the curve.
@@ -28,7 +29,7 @@ pub(super) fn insertion_order(points: &[[f64; 3]]) -> Result<Vec<u32>, OutOfMemo
     let scale = if extent > 0.0 { cells / extent } else { 0.0 };
     let rounds = rounds(points.len());
     let key = |(number, point): (usize, &[f64; 3])| {
-        let cell = [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale) as u32);
+        let cell = [0, 1, 2].each(|axis| ((point[axis] - low[axis]) * scale) as u32);
         let round = u64::from(round(number as u64, rounds));
         (round << (3 * BITS) | hilbert(cell), number as u32)
     };
@@ -87,7 +88,7 @@ fn hilbert(mut cell: [u32; 3]) -> u64 {
         }
         q >>= 1;
     }
-    let cell = cell.map(|c| c ^ t);
+    let cell = cell.each(|c| c ^ t);
     (0..BITS).rev().fold(0, |key, bit| cell.iter().fold(key, |key, &c| key << 1 | u64::from(c >> bit & 1)))
 }
 

@@ -7,6 +7,8 @@ use std::cmp::Ordering;
 
 use robust::Coord3D;
 
+use crate::arrays::Each as _;
+
 type Point = [f64; 3];
 
 /// Bound of the rounding error of a 3x3 determinant of rounded differences, over the product of the largest
@@ -26,7 +28,7 @@ pub(super) struct Bounds {
 
 impl Bounds {
     pub(super) fn of(points: &[Point]) -> Self {
-        let [x, y, z] = [0, 1, 2].map(|axis| {
+        let [x, y, z] = [0, 1, 2].each(|axis| {
             let low = points.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
             let high = points.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
             high - low
@@ -86,7 +88,7 @@ fn orient(a: Point, b: Point, c: Point, d: Point, bound: f64) -> Ordering {
 #[inline(never)]
 fn orient_exactly(a: Point, b: Point, c: Point, d: Point) -> Ordering {
     let rows = [minus(b, a), minus(c, a), minus(d, a)];
-    let [x, y, z] = [0, 1, 2].map(|axis| rows.iter().map(|row| row[axis].abs()).fold(0.0, f64::max));
+    let [x, y, z] = [0, 1, 2].each(|axis| rows.iter().map(|row| row[axis].abs()).fold(0.0, f64::max));
     let bound = ORIENT_ERROR * x * y * z;
     let det = determinant(rows[0], rows[1], rows[2]);
     if det.abs() > bound {
@@ -102,7 +104,7 @@ fn orient_exactly(a: Point, b: Point, c: Point, d: Point) -> Ordering {
 /// Sign of how far `p` lies inside the sphere through `nodes`; `bound` is that of the determinant's error.
 #[inline]
 fn insphere(nodes: [Point; 4], p: Point, bound: f64) -> Ordering {
-    let det = insphere_determinant(nodes.map(|node| minus(node, p)));
+    let det = insphere_determinant(nodes.each(|node| minus(node, p)));
     if det.abs() > bound { sign(det) } else { insphere_exactly(nodes, p) }
 }
 
@@ -130,8 +132,8 @@ fn square(a: Point) -> f64 {
 #[cold]
 #[inline(never)]
 fn insphere_exactly(nodes: [Point; 4], p: Point) -> Ordering {
-    let rows = nodes.map(|node| minus(node, p));
-    let [x, y, z] = [0, 1, 2].map(|axis| rows.iter().map(|row| row[axis].abs()).fold(0.0, f64::max));
+    let rows = nodes.each(|node| minus(node, p));
+    let [x, y, z] = [0, 1, 2].each(|axis| rows.iter().map(|row| row[axis].abs()).fold(0.0, f64::max));
     let lift = rows.iter().map(|&row| square(row)).fold(0.0, f64::max);
     let det = insphere_determinant(rows);
     if det.abs() > INSPHERE_ERROR * x * y * z * lift {

@@ -3,6 +3,7 @@
 //! All in canonical order, so that whoever numbers by these numbers the same every time.
 
 use super::{Delaunay, FACES, NONE};
+use crate::arrays::Each as _;
 
 /// Pairs of places of a tetrahedron's nodes: its edges.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
@@ -61,7 +62,7 @@ impl Delaunay {
                 tetrahedron,
                 opposite,
                 neighbor: neighbors[opposite],
-                nodes: FACES[opposite].map(|i| nodes[i]),
+                nodes: FACES[opposite].each(|i| nodes[i]),
             })
         })
     }
@@ -163,7 +164,7 @@ impl Delaunay {
 
 /// The edges of a tetrahedron, the lower node first.
 fn edges_of(nodes: &[u32; 4]) -> [[u32; 2]; 6] {
-    EDGES.map(|[i, j]| [nodes[i].min(nodes[j]), nodes[i].max(nodes[j])])
+    EDGES.each(|[i, j]| [nodes[i].min(nodes[j]), nodes[i].max(nodes[j])])
 }
 
 /// The other two places of four.

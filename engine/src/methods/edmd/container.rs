@@ -1,6 +1,7 @@
 //! What holds the grains: plane walls, the lateral surface of a cylinder, or the images of a periodic box.
 
 use super::contact::{rises_to_zero, used_up};
+use crate::arrays;
 use crate::request::{Boundary, Specimen};
 
 /// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box
@@ -46,7 +47,7 @@ impl Container {
     /// What to add to a position for each image code.
     pub(crate) fn shifts(&self) -> [[f64; 3]; IMAGES] {
         let size = self.bounds_mm();
-        std::array::from_fn(|code| {
+        arrays::from_fn(|code| {
             let of = |a: usize, divisor: i32| {
                 f64::from((code as i32 / divisor) % IMAGES_PER_AXIS - IMAGES_PER_AXIS / 2) * size[a]
             };
@@ -58,7 +59,7 @@ impl Container {
     #[inline(always)]
     pub(crate) fn wrap(&self, p: [f64; 3]) -> [f64; 3] {
         match *self {
-            Self::Periodic { size_mm } => std::array::from_fn(|a| {
+            Self::Periodic { size_mm } => arrays::from_fn(|a| {
                 let wrapped = p[a] - size_mm[a] * (p[a] / size_mm[a]).floor();
                 if wrapped < size_mm[a] { wrapped } else { 0.0 }
             }),

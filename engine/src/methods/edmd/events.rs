@@ -10,6 +10,7 @@ use super::growth::Growth;
 use super::queue::{Entry, READ_AHEAD};
 use super::records::Hot;
 use super::system::{Next, System, unpack};
+use crate::arrays::{self, Each as _};
 use crate::cpu::{InstructionSet, Lanes, prefetch, with_instruction_set};
 use crate::memory::{OutOfMemory, refill};
 
@@ -166,16 +167,16 @@ impl System {
         let (mut a, mut b) = (self.hot[i], self.hot[j]);
         a.advance(now);
         b.advance(now);
-        let mut d: [f64; 3] = std::array::from_fn(|k| b.position[k] - a.position[k]);
+        let mut d: [f64; 3] = arrays::from_fn(|k| b.position[k] - a.position[k]);
         if PERIODIC {
             let shift = &self.shifts[image];
-            d = std::array::from_fn(|k| d[k] + shift[k]);
+            d = arrays::from_fn(|k| d[k] + shift[k]);
         }
         let distance = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
         let (start, rate) = self.growth.pair(a.radius, b.radius);
         let contact = start + rate * now;
-        let normal = d.map(|x| x / distance);
-        let v: [f64; 3] = std::array::from_fn(|k| b.velocity[k] - a.velocity[k]);
+        let normal = d.each(|x| x / distance);
+        let v: [f64; 3] = arrays::from_fn(|k| b.velocity[k] - a.velocity[k]);
         // The test of the prediction, and not another one that rounds differently.
         let half_rate = d[0] * v[0] + d[1] * v[1] + d[2] * v[2] - contact * rate;
         if half_rate >= 0.0 || distance > contact * (1.0 + CONTACT_TOLERANCE) {
@@ -252,7 +253,7 @@ impl System {
     #[inline(always)]
     fn next_without_partner(&self, i: usize, me: &Hot, now: f64) -> Next {
         let cold = &self.cold[i];
-        let d: [f64; 3] = std::array::from_fn(|k| me.position[k] - cold.center[k]);
+        let d: [f64; 3] = arrays::from_fn(|k| me.position[k] - cold.center[k]);
         let v = me.velocity;
         let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - cold.skin * cold.skin;
         let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2];
@@ -375,7 +376,7 @@ impl System {
         if PERIODIC && entries.iter().any(|&entry| unpack(entry).1 != HOME as usize) {
             let shifts = entries.map(|entry| &self.shifts[unpack(entry).1]);
             for (axis, d) in d.iter_mut().enumerate() {
-                *d = *d + set.lanes(shifts.map(|shift| shift[axis]));
+                *d = *d + set.lanes(shifts.each(|shift| shift[axis]));
             }
         }
         let v = [u - own_velocity[0], v - own_velocity[1], w - own_velocity[2]];

@@ -7,6 +7,7 @@
 //! numbers where the sizes are round numbers, and skin them but for rounding, so the positions are also tried
 //! rounded to nine digits. The result is taken only if it satisfies every constraint without tolerance.
 
+use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
 use crate::request::Specimen;
 
@@ -70,7 +71,7 @@ impl<'a> Constraints<'a> {
 
     /// From the second point to the first, in a periodic box to its nearest image.
     fn separation(&self, p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|a| {
+        arrays::from_fn(|a| {
             let step = p[a] - q[a];
             let period = self.bounds_mm[a];
             if self.specimen.is_periodic() { step - period * (step / period).round() } else { step }
@@ -106,7 +107,7 @@ impl<'a> Constraints<'a> {
         };
         match *self.specimen {
             Specimen::Box { .. } if self.specimen.is_periodic() => {
-                std::array::from_fn(|a| p[a].rem_euclid(self.bounds_mm[a]))
+                arrays::from_fn(|a| p[a].rem_euclid(self.bounds_mm[a]))
             }
             Specimen::Box { .. } => [between(0), between(1), between(2)],
             Specimen::Cylinder { diameter_mm, .. } => {
@@ -122,7 +123,7 @@ impl<'a> Constraints<'a> {
     fn rounded(&self, centers: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let longest = self.bounds_mm.into_iter().fold(0.0, f64::max);
         let per_mm = 10.0_f64.powi(DIGITS - longest.log10().floor() as i32);
-        let rounded = |p: &[f64; 3]| p.map(|x| (x * per_mm).round() / per_mm);
+        let rounded = |p: &[f64; 3]| p.each(|x| (x * per_mm).round() / per_mm);
         centers.iter().zip(&self.wall_mm).map(|(p, &wall)| self.inside(rounded(p), wall)).collect()
     }
 

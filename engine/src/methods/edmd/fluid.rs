@@ -8,6 +8,7 @@ use std::time::Instant;
 use super::container::Container;
 use super::growth::Growth;
 use super::system::System;
+use crate::arrays;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
 use crate::memory::OutOfMemory;
@@ -51,9 +52,9 @@ impl Fluid {
     /// When there is no sphere, the volume fraction can't be reached, or the system refuses memory.
     pub fn new(spheres: usize, volume_fraction: f64, seed: u64) -> Self {
         assert!(spheres > 0 && volume_fraction > 0.0 && volume_fraction < 0.6, "no such fluid");
-        let edge = (spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction).cbrt();
+        let edge = f64::cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
         let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
-        let mut scale = (START_FRACTION / volume_fraction).cbrt().min(1.0);
+        let mut scale = f64::cbrt(START_FRACTION / volume_fraction).min(1.0);
         let placing = Rsa {
             diameters_mm: &vec![scale; spheres],
             specimen: &specimen,
@@ -125,7 +126,7 @@ impl Fluid {
     /// Kinetic energy and momentum, with all masses 1.
     pub fn energy_and_momentum(&self) -> (f64, [f64; 3]) {
         let sum = |a: usize| self.system.hot.iter().map(|hot| hot.velocity[a]).sum();
-        (self.system.energy(), std::array::from_fn(sum))
+        (self.system.energy(), arrays::from_fn(sum))
     }
 
     /// Turns all velocities around.

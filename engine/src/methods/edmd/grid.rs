@@ -6,6 +6,7 @@
 //! Grains are entered and removed while the simulation runs.
 
 use super::container::{Container, HOME, image_code};
+use crate::arrays::{self, Each as _};
 use crate::cpu::prefetch;
 use crate::memory::{OutOfMemory, refill};
 
@@ -44,12 +45,12 @@ impl Level {
 
     #[inline(always)]
     fn first_within<const PERIODIC: bool>(&self, center: [f64; 3], range: f64) -> [i32; 3] {
-        std::array::from_fn(|axis| self.at::<PERIODIC>(axis, center[axis] - range))
+        arrays::from_fn(|axis| self.at::<PERIODIC>(axis, center[axis] - range))
     }
 
     #[inline(always)]
     fn last_within<const PERIODIC: bool>(&self, center: [f64; 3], range: f64) -> [i32; 3] {
-        std::array::from_fn(|axis| self.at::<PERIODIC>(axis, center[axis] + range))
+        arrays::from_fn(|axis| self.at::<PERIODIC>(axis, center[axis] + range))
     }
 
     /// Where a point lies along an axis, in cells; with walls the nearest place between them.
@@ -121,10 +122,10 @@ impl Grid {
         let volume = size[0] * size[1] * size[2];
         for level in &mut self.levels {
             let most_cells = (CELLS_PER_GRAIN * f64::from(level.grains)).max(LEAST_CELLS);
-            let edge = (EDGE * level.cutoff_mm).max((volume / most_cells).cbrt());
-            level.cells = size.map(|length| ((length / edge).floor() as i32).max(1));
-            level.per_edge = std::array::from_fn(|a| f64::from(level.cells[a]) / size[a]);
-            level.edge = std::array::from_fn(|a| size[a] / f64::from(level.cells[a]));
+            let edge = (EDGE * level.cutoff_mm).max(f64::cbrt(volume / most_cells));
+            level.cells = size.each(|length| ((length / edge).floor() as i32).max(1));
+            level.per_edge = arrays::from_fn(|a| f64::from(level.cells[a]) / size[a]);
+            level.edge = arrays::from_fn(|a| size[a] / f64::from(level.cells[a]));
             level.first_cell = first_cell;
             level.grains = 0;
             first_cell += level.cells.iter().product::<i32>() as u32;
@@ -245,8 +246,8 @@ impl Grid {
         for level in self.levels.iter().filter(|level| level.grains > 0) {
             let range = cutoff_mm + level.cutoff_mm;
             let at = |a: usize, x: f64| ((x * level.per_edge[a]) as i32).clamp(0, level.cells[a] - 1);
-            let low: [i32; 3] = std::array::from_fn(|a| at(a, center[a] - range));
-            let high: [i32; 3] = std::array::from_fn(|a| at(a, center[a] + range));
+            let low: [i32; 3] = arrays::from_fn(|a| at(a, center[a] - range));
+            let high: [i32; 3] = arrays::from_fn(|a| at(a, center[a] + range));
             for z in low[2]..=high[2] {
                 for y in low[1]..=high[1] {
                     let row =

@@ -1,5 +1,6 @@
 //! What is kept of each grain in motion: a record that others read, and one that its own events read.
 
+use crate::arrays;
 use crate::cpu::InstructionSet;
 
 /// Rebuilds per collision in a cycle above which a grain gets more skin, and below which it gets
@@ -26,7 +27,7 @@ impl Hot {
     #[inline(always)]
     pub(crate) fn position_at(&self, time: f64) -> [f64; 3] {
         let dt = time - self.time;
-        std::array::from_fn(|a| self.position[a] + self.velocity[a] * dt)
+        arrays::from_fn(|a| self.position[a] + self.velocity[a] * dt)
     }
 
     /// Position and the time it holds for, as four numbers.

@@ -4,6 +4,7 @@ use super::contact::falls_to_zero;
 use super::records::Hot;
 use super::shortlist::Shortlist;
 use super::system::{System, mirror, unpack};
+use crate::arrays;
 use crate::cpu::InstructionSet;
 use crate::memory::{OutOfMemory, make_room};
 
@@ -91,10 +92,10 @@ impl System {
             let (coarse, image) = unpack(entry);
             let shortlist = self.shortlist(coarse);
             let within = shortlist.until - now;
-            let mut d: [f64; 3] = std::array::from_fn(|k| me.position[k] - shortlist.center[k]);
+            let mut d: [f64; 3] = arrays::from_fn(|k| me.position[k] - shortlist.center[k]);
             if PERIODIC {
                 let shift = &self.shifts[image];
-                d = std::array::from_fn(|k| d[k] - shift[k]);
+                d = arrays::from_fn(|k| d[k] - shift[k]);
             }
             let v = me.velocity;
             let (start, rate) = growth.pair(me.radius, self.hot[coarse].radius + shortlist.margin);

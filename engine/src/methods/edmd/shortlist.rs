@@ -12,6 +12,7 @@
 
 use super::contact::rises_to_zero;
 use super::records::Hot;
+use crate::arrays;
 use crate::memory::{OutOfMemory, make_room};
 
 /// Neighbours from which a grain has a shortlist; with fewer, looking at all of them costs less than keeping one.
@@ -46,7 +47,7 @@ impl Shortlist {
     /// When it has to be made anew, for a grain that now moves like this.
     #[inline(always)]
     pub(crate) fn valid_until(&self, me: &Hot, now: f64) -> f64 {
-        let d: [f64; 3] = std::array::from_fn(|k| me.position[k] - self.center[k]);
+        let d: [f64; 3] = arrays::from_fn(|k| me.position[k] - self.center[k]);
         let v = me.velocity;
         let c = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] - self.margin * self.margin;
         let b = d[0] * v[0] + d[1] * v[1] + d[2] * v[2];

@@ -8,6 +8,7 @@
 //! The sizes are taken by classes, two for each power of two.
 
 use super::records::{Cold, Hot};
+use crate::arrays;
 
 /// Rebuilds per collision that the first skins aim at. Lists are longest in the first cycles, where a cycle has few
 /// collisions; with fewer rebuilds, wide mixes spend more on their lists than they save.
@@ -33,7 +34,7 @@ pub(crate) fn choose_first(hot: &[Hot], cold: &mut [Cold], volume_mm3: f64) {
     let least = hot.iter().map(|hot| hot.radius).fold(f64::INFINITY, f64::min);
     let classes = classes(hot, least, volume_mm3);
     let paths = (1.0 + 2.0 / REBUILDS).sqrt() - 1.0;
-    let skins: [f64; CLASSES] = std::array::from_fn(|class| paths * free_path(&classes, &classes[class]));
+    let skins: [f64; CLASSES] = arrays::from_fn(|class| paths * free_path(&classes, &classes[class]));
     for (hot, cold) in hot.iter().zip(cold) {
         if cold.skin <= 0.0 {
             cold.skin = skins[class(hot.radius, least)];

@@ -8,6 +8,7 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::system::{System, unpack};
+use crate::arrays;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::rng::uniform;
@@ -105,7 +106,7 @@ fn swap(system: &mut System, i: usize, j: usize) -> bool {
             system.hot[k].radius
         };
         let shift = if system.container.is_periodic() { system.shifts[image] } else { [0.0; 3] };
-        let d: [f64; 3] = std::array::from_fn(|a| system.hot[k].position[a] + shift[a] - position[a]);
+        let d: [f64; 3] = arrays::from_fn(|a| system.hot[k].position[a] + shift[a] - position[a]);
         let (contact, _) = system.growth.pair(large, other);
         if d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < contact * contact {
             return false;

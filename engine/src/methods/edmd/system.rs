@@ -14,6 +14,7 @@ use super::queue::Queue;
 use super::records::{Cold, Hot};
 use super::shortlist::{LEAST_NEIGHBOURS, MOST_SHORTLISTS, Shortlist};
 use super::skin;
+use crate::arrays::{self, Each as _};
 use crate::cpu::{Cpu, InstructionSet, prefetch};
 use crate::memory::{OutOfMemory, collected, copied, filled, make_room, refill, reserved};
 use crate::rng::uniform;
@@ -273,10 +274,10 @@ impl System {
         let (a, b) = (&self.cold[i], &self.cold[j]);
         let smaller = (a.cutoff - a.skin).min(b.cutoff - b.skin);
         let range = a.cutoff + b.cutoff + self.growth.kappa * smaller;
-        let mut d: [f64; 3] = std::array::from_fn(|k| b.center[k] - a.center[k]);
+        let mut d: [f64; 3] = arrays::from_fn(|k| b.center[k] - a.center[k]);
         if PERIODIC {
             let shift = &self.shifts[image as usize];
-            d = std::array::from_fn(|k| d[k] + shift[k]);
+            d = arrays::from_fn(|k| d[k] + shift[k]);
         }
         d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < range * range
     }
@@ -512,7 +513,7 @@ impl System {
         let mut total = 0.0;
         for (hot, mass) in self.hot.iter_mut().zip(&self.mass) {
             let scale = velocity / mass.sqrt();
-            hot.velocity = std::array::from_fn(|_| (2.0 * uniform(rng) - 1.0) * scale);
+            hot.velocity = arrays::from_fn(|_| (2.0 * uniform(rng) - 1.0) * scale);
             for (drift, v) in drift.iter_mut().zip(hot.velocity) {
                 *drift += mass * v;
             }
@@ -520,7 +521,7 @@ impl System {
         }
         if self.container.is_periodic() && self.len() > 1 {
             for hot in &mut self.hot {
-                hot.velocity = std::array::from_fn(|a| hot.velocity[a] - drift[a] / total);
+                hot.velocity = arrays::from_fn(|a| hot.velocity[a] - drift[a] / total);
             }
         }
     }
@@ -533,7 +534,7 @@ impl System {
 
     pub(crate) fn scale_velocities(&mut self, factor: f64) {
         for hot in &mut self.hot {
-            hot.velocity = hot.velocity.map(|v| v * factor);
+            hot.velocity = hot.velocity.each(|v| v * factor);
         }
     }
 
@@ -545,7 +546,7 @@ impl System {
     pub(crate) fn sort_along_curve(&mut self) -> Result<(), OutOfMemory> {
         let size = self.container.bounds_mm();
         let longest = size.into_iter().fold(0.0, f64::max);
-        let place = |hot: &Hot| morton(self.container.wrap(hot.position).map(|x| x / longest));
+        let place = |hot: &Hot| morton(self.container.wrap(hot.position).each(|x| x / longest));
         let mut order = collected(self.hot.iter().enumerate().map(|(i, hot)| (place(hot), i as u32)))?;
         order.sort_unstable();
         self.hot = collected(order.iter().map(|&(_, i)| self.hot[i as usize]))?;

@@ -8,6 +8,7 @@
 
 use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack, unpack};
 use super::system::{Container, HOME, IMAGES, System, opposite};
+use crate::arrays::Each as _;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 use crate::memory::{OutOfMemory, push, refill};
@@ -91,13 +92,13 @@ impl Lists {
             *top = (top.0.max(reach), top.1 + 1);
         }
         self.levels.resize_with(tops.len(), Level::default);
-        let bounds = system.container.bounds().map(|length| length * system.stretch);
+        let bounds = system.container.bounds().each(|length| length * system.stretch);
         for (number, (level, (reach, count))) in self.levels.iter_mut().zip(tops).enumerate() {
-            let sparse = (bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64)).cbrt();
+            let sparse = f64::cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
             let width = reach.max(sparse);
             level.reach = reach;
-            level.counts = bounds.map(|length| ((length / width) as usize).max(1));
-            level.edge = [0, 1, 2].map(|a| bounds[a] / level.counts[a] as f64);
+            level.counts = bounds.each(|length| ((length / width) as usize).max(1));
+            level.edge = [0, 1, 2].each(|a| bounds[a] / level.counts[a] as f64);
             let cells = level.counts.iter().product::<usize>();
             refill(&mut level.starts, cells + 1, 0)?;
             refill(&mut level.grains, count, 0)?;
@@ -126,7 +127,7 @@ impl Lists {
         pairs.clear();
         refill(&mut self.ends, system.len(), 0)?;
         let is_periodic = system.container.is_periodic();
-        let bounds = system.container.bounds().map(|length| length * system.stretch);
+        let bounds = system.container.bounds().each(|length| length * system.stretch);
         for i in 0..system.len() {
             let own = usize::from(self.level_of[i]);
             let center = system.hot[i].center;
@@ -260,7 +261,7 @@ impl Lists {
     fn lay_pair(&mut self, system: &mut System<impl ConvexShape>, i: usize, neighbor: u32, shrink: f64) {
         let (j, image) = unpack(neighbor);
         let Some(n) = self.direction(system, i, j, system.shift(image), shrink) else { return };
-        let [at, mirror] = [i, j].map(|grain| {
+        let [at, mirror] = [i, j].each(|grain| {
             let at = self.next[grain] as usize;
             self.next[grain] += 1;
             at
@@ -284,7 +285,7 @@ impl Level {
 
     #[inline(always)]
     fn cell(&self, p: Vector) -> usize {
-        let [x, y, z] = [0, 1, 2].map(|a| self.index(a, p[a]));
+        let [x, y, z] = [0, 1, 2].each(|a| self.index(a, p[a]));
         (z * self.counts[1] + y) * self.counts[0] + x
     }
 

@@ -14,6 +14,7 @@
 //! wall is a plane like any other, but one that never moves.
 
 use super::system::{Hot, System};
+use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes};
 use crate::gap::grain::{ConvexShape, PushContact, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
@@ -242,7 +243,7 @@ impl<S: ConvexShape> System<S> {
         let (group, lane) = place(planes.at);
         self.groups[group].set(lane, planes.n, planes.o);
         let (group, lane) = place(planes.mirror);
-        self.groups[group].set(lane, planes.n.map(|c| -c), planes.other_o);
+        self.groups[group].set(lane, planes.n.each(|c| -c), planes.other_o);
     }
 
     /// Lays planes with this unit vector between a grain and a neighbour, wherever the two are. Where they are too

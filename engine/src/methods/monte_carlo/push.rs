@@ -8,6 +8,7 @@
 
 use super::planes::{Decided, LANES, Spread, WALL, crosses_itself, is_wall, unpack};
 use super::system::{Hot, System, rotation, turned};
+use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::gap::grain::{ConvexShape, Orientation, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
@@ -321,7 +322,7 @@ impl<S: ConvexShape> System<S> {
             hot.center = scaled(hot.center, factor);
             cold.listed_center = scaled(cold.listed_center, factor);
             for group in &mut self.groups[cold.first as usize..(cold.first + cold.count) as usize] {
-                group.o = group.o.map(|o| o * factor - closer);
+                group.o = group.o.each(|o| o * factor - closer);
             }
         }
         self.set_wall_planes();
@@ -331,7 +332,7 @@ impl<S: ConvexShape> System<S> {
     fn widen_gaps(&mut self, by: f64) {
         self.more += by;
         for group in &mut self.groups {
-            group.o = group.o.map(|o| o - 0.5 * by);
+            group.o = group.o.each(|o| o - 0.5 * by);
         }
         self.set_wall_planes();
     }
@@ -387,10 +388,10 @@ impl<S: ConvexShape> System<S> {
         let moment = cross(arm, n);
         let rows = rotation(cold.orientation);
         let per_inertia = cold.shape.per_inertia(per_mass);
-        let local = [0, 1, 2].map(|k| {
+        let local = [0, 1, 2].each(|k| {
             per_inertia[k] * (rows[0][k] * moment[0] + rows[1][k] * moment[1] + rows[2][k] * moment[2])
         });
-        let turn = rows.map(|row| dot(row, local));
+        let turn = rows.each(|row| dot(row, local));
         Impulse { per_mass, weight: per_mass + dot(moment, turn), turn }
     }
 

@@ -9,6 +9,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::planes::{Decided, LANES, NewPlanes, Spread, crosses_itself, is_wall};
 use super::system::{Hot, System, rotation, turned};
+use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::Vector;
@@ -68,9 +69,9 @@ impl Pending {
 /// Six uniform numbers in plus minus 1, of 21 bits each.
 #[inline(always)]
 fn six(rng: &mut Xoshiro256PlusPlus) -> [Vector; 2] {
-    [(); 2].map(|()| {
+    [(); 2].each(|()| {
         let bits = rng.next_u64();
-        [0, 21, 42].map(|from| {
+        [0, 21, 42].each(|from| {
             let part = (bits >> from & 0x1f_ffff) as i32;
             f64::from(2 * part + 1 - (1 << 21)) * (1.0 / f64::from(1 << 21))
         })
@@ -99,8 +100,8 @@ fn sweep_with<I: InstructionSet>(
         let step = cold.step;
         let [x, t] = six(rng);
         let angle = TURN * step / cold.shape.outer_mm();
-        let center = [0, 1, 2].map(|a| hot.center[a] + step * x[a]);
-        let orientation = turned(cold.orientation, t.map(|t| angle * t));
+        let center = [0, 1, 2].each(|a| hot.center[a] + step * x[a]);
+        let orientation = turned(cold.orientation, t.each(|t| angle * t));
         if system.skin_used(i, center, orientation) > SKIN_SHARE * cold.skin {
             system.cold[i].step *= SKIN_NARROWER;
             continue;

@@ -9,6 +9,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::planes::{LANES, NOBODY, is_wall};
 use super::shake::{Pending, fits};
 use super::system::{Hot, System, rotation};
+use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
 use crate::gap::grain::ConvexShape;
 use crate::memory::OutOfMemory;
@@ -92,11 +93,11 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
                 continue;
             }
             tried += 1;
-            let sites = [larger, smaller].map(|place| pairs.site(place));
+            let sites = [larger, smaller].each(|place| pairs.site(place));
             let is_preferred = grains.preference.is_none_or(|preference| {
-                let ranks = [larger, smaller].map(|place| families.rank(place));
+                let ranks = [larger, smaller].each(|place| families.rank(place));
                 // The specimen is larger than requested by the stretch while the grains have their size.
-                let centers = sites.map(|site| system.hot[site].center.map(|x| x / system.stretch));
+                let centers = sites.each(|site| system.hot[site].center.each(|x| x / system.stretch));
                 uniform(rng).ln() <= preference.log_acceptance_ratio(ranks, centers)
             });
             if is_preferred && swap(set, system, sites[0], sites[1]) {
@@ -122,7 +123,7 @@ fn changed<S: ConvexShape>(system: &System<S>, site: usize, from: usize) -> Chan
     let (old, new) = (&system.cold[site], &system.cold[from]);
     let (d_old, d_new) = (system.hot[site].d, system.hot[from].d);
     let (around, around_old) = (new.shape.around_mm(), old.shape.around_mm());
-    let longer = [0, 1, 2].map(|a| around[a] - around_old[a]).into_iter().fold(0.0, f64::max);
+    let longer = [0, 1, 2].each(|a| around[a] - around_old[a]).into_iter().fold(0.0, f64::max);
     let turned = new.shape.turned(&rotation(old.orientation));
     let as_if = Hot { center: system.hot[site].center, turned, d: d_new };
     Changed { as_if, shape: new.shape, longer, more: system.more_gap(d_old, d_new) }

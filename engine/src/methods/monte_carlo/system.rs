@@ -5,6 +5,7 @@
 //! centres and planes changes with it.
 
 use super::planes::Group;
+use crate::arrays::Each as _;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Orientation, Turned};
@@ -199,7 +200,7 @@ impl<S: ConvexShape> System<S> {
     /// The offset of an image at the present stretch.
     #[inline(always)]
     pub(super) fn shift(&self, image: u32) -> Vector {
-        self.container.shift(image).map(|x| x * self.stretch)
+        self.container.shift(image).each(|x| x * self.stretch)
     }
 
     /// Puts a grain elsewhere.
@@ -215,7 +216,7 @@ impl<S: ConvexShape> System<S> {
     #[inline(always)]
     pub(super) fn skin_used(&self, i: usize, center: Vector, q: Orientation) -> f64 {
         let cold = &self.cold[i];
-        let x = [0, 1, 2].map(|a| center[a] - cold.listed_center[a]);
+        let x = [0, 1, 2].each(|a| center[a] - cold.listed_center[a]);
         let p = cold.listed_orientation;
         let cosine = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3];
         let sine2 = (1.0 - cosine * cosine).max(0.0);
@@ -249,7 +250,7 @@ impl<S: ConvexShape> System<S> {
         if !self.container.is_periodic() {
             return;
         }
-        let size = self.container.bounds().map(|length| length * self.stretch);
+        let size = self.container.bounds().each(|length| length * self.stretch);
         for hot in &mut self.hot {
             for (x, length) in hot.center.iter_mut().zip(size) {
                 let wrapped = *x - length * (*x / length).floor();
@@ -273,7 +274,7 @@ pub(super) fn rotation(q: Orientation) -> [Vector; 3] {
 /// The quaternion turned by a small rotation vector, to first order, and made a unit again.
 #[inline(always)]
 pub(super) fn turned(q: Orientation, by: Vector) -> Orientation {
-    let [x, y, z] = by.map(|angle| 0.5 * angle);
+    let [x, y, z] = by.each(|angle| 0.5 * angle);
     let p = [
         q[0] - x * q[1] - y * q[2] - z * q[3],
         q[1] + x * q[0] + y * q[3] - z * q[2],
@@ -281,7 +282,7 @@ pub(super) fn turned(q: Orientation, by: Vector) -> Orientation {
         q[3] + x * q[2] - y * q[1] + z * q[0],
     ];
     let inverse = 1.0 / (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3]).sqrt();
-    p.map(|c| c * inverse)
+    p.each(|c| c * inverse)
 }
 
 /// The order of the grains along a curve through the specimen, so that neighbours are neighbours in memory.

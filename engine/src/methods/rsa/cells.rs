@@ -8,6 +8,7 @@
 //! The cells hold the spheres that touch them, not the centres inside them.
 
 use super::End;
+use crate::arrays::{self, Each as _};
 use crate::cpu::prefetch;
 use crate::memory::{OutOfMemory, push, refill};
 use crate::specimen::Region;
@@ -97,10 +98,10 @@ impl Cells {
         part_mm: f64,
         should_stop: &dyn Fn() -> bool,
     ) -> Result<Self, End> {
-        let size: [f64; 3] = std::array::from_fn(|a| region.high[a] - region.low[a]);
-        let counts = size.map(|length| (length / edge_mm).round().max(1.0) as usize);
-        let edge: [f64; 3] = std::array::from_fn(|a| size[a] / counts[a] as f64);
-        let per_edge = edge.map(|e| if e > 0.0 { 1.0 / e } else { 0.0 });
+        let size: [f64; 3] = arrays::from_fn(|a| region.high[a] - region.low[a]);
+        let counts = size.each(|length| (length / edge_mm).round().max(1.0) as usize);
+        let edge: [f64; 3] = arrays::from_fn(|a| size[a] / counts[a] as f64);
+        let per_edge = edge.each(|e| if e > 0.0 { 1.0 / e } else { 0.0 });
         let number = counts.iter().product::<usize>();
         let CellBuffers { mut starts, mut entries, mut heads, mut links, spheres, next } = buffers;
         refill(&mut heads, number, NONE)?;
@@ -160,7 +161,7 @@ impl Cells {
     fn order(&mut self, placed: &[Placed]) -> Result<(), OutOfMemory> {
         let (mut ordered, mut next) = (std::mem::take(&mut self.spheres), std::mem::take(&mut self.next));
         let cell_of = |grain: &Placed| {
-            let at: [usize; 3] = std::array::from_fn(|a| self.index(a, grain[a]));
+            let at: [usize; 3] = arrays::from_fn(|a| self.index(a, grain[a]));
             (at[2] * self.counts[1] + at[1]) * self.counts[0] + at[0]
         };
         refill(&mut ordered, placed.len(), [0.0; 4])?;
@@ -222,15 +223,15 @@ impl Cells {
         let in_layer = cell - z * self.counts[0] * self.counts[1];
         let y = ((in_layer as f64 + 0.5) * self.per_row) as usize;
         let at = [in_layer - y * self.counts[0], y, z];
-        std::array::from_fn(|a| self.region.low[a] + at[a] as f64 * self.edge[a])
+        arrays::from_fn(|a| self.region.low[a] + at[a] as f64 * self.edge[a])
     }
 
     /// Reads what [`Self::blocking`] will read first in each of the cells, so that the cache misses
     /// of many draws overlap. The sum only keeps the reads from being dropped as unused.
     #[inline(always)]
     pub(super) fn touch<const N: usize>(&self, cells: &[usize; N]) -> f64 {
-        let starts = cells.map(|cell| (self.starts[cell] as usize, self.heads[cell] as usize));
-        let entries = starts.map(|(known, since)| {
+        let starts = cells.each(|cell| (self.starts[cell] as usize, self.heads[cell] as usize));
+        let entries = starts.each(|(known, since)| {
             let since = self.links.get(since).map_or(0, |link| link.entry);
             (self.entries.get(known).copied().unwrap_or(0), since)
         });
@@ -346,14 +347,14 @@ impl Cells {
     fn for_each_touched(&self, id: u32, grain: &Placed, part_mm: f64, mut visit: impl FnMut(usize, u32)) {
         let reach = grain[3] + part_mm;
         for (image, shift) in self.images.iter().enumerate() {
-            let center: [f64; 3] = std::array::from_fn(|a| grain[a] + shift[a]);
+            let center: [f64; 3] = arrays::from_fn(|a| grain[a] + shift[a]);
             let outside =
                 |a: usize| center[a] + reach < self.region.low[a] || center[a] - reach > self.region.high[a];
             if outside(0) || outside(1) || outside(2) {
                 continue;
             }
             let entry = id | (image as u32) << IMAGE_SHIFT;
-            let [(x0, x1), (y0, y1), (z0, z1)] = std::array::from_fn(|a| {
+            let [(x0, x1), (y0, y1), (z0, z1)] = arrays::from_fn(|a| {
                 let last = self.counts[a] - 1;
                 let index =
                     |x: f64| (((x - self.region.low[a]) * self.per_edge[a]).max(0.0) as usize).min(last);

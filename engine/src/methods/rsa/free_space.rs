@@ -17,6 +17,7 @@ use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::cells::{Cells, Placed};
+use crate::arrays::{self, Each as _};
 use crate::memory::{OutOfMemory, make_room, push};
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -152,10 +153,10 @@ impl<'a> FreeSpace<'a> {
         cells: &Cells,
         served: Served<'a>,
     ) -> Result<Self, OutOfMemory> {
-        let half = cells.edge.map(|e| e / 2.0);
+        let half = cells.edge.each(|e| e / 2.0);
         let is_inside = |cell: &usize| {
             let corner = cells.corner(*cell);
-            let center = std::array::from_fn(|a| corner[a] + half[a]);
+            let center = arrays::from_fn(|a| corner[a] + half[a]);
             !cells.region.misses_cuboid(center, half)
         };
         let VoxelBuffers { mut active, mut size_bins, mut due } = buffers;
@@ -256,7 +257,7 @@ impl<'a> FreeSpace<'a> {
             draw.level = self.draw_level(volume_cells, rng)?;
             let voxels = self.active[draw.level].len();
             draw.index = ((u128::from(rng.next_u64()) * voxels as u128) >> 64) as usize;
-            draw.point = std::array::from_fn(|_| uniform(rng));
+            draw.point = arrays::from_fn(|_| uniform(rng));
         }
         for draw in &mut draws {
             draw.voxel = self.active[draw.level][draw.index];
@@ -264,11 +265,11 @@ impl<'a> FreeSpace<'a> {
         for draw in &mut draws {
             let corner = cells.corner(draw.cell());
             let scale = scale_of(draw.level);
-            draw.point = std::array::from_fn(|a| {
+            draw.point = arrays::from_fn(|a| {
                 corner[a] + (f64::from(draw.voxel.at[a]) + draw.point[a]) * scale * cells.edge[a]
             });
         }
-        std::hint::black_box(cells.touch(&draws.map(|draw| draw.cell())));
+        std::hint::black_box(cells.touch(&draws.each(|draw| draw.cell())));
         Some(draws)
     }
 
@@ -355,7 +356,7 @@ impl<'a> FreeSpace<'a> {
         }
         // All eight parts meet in the centre, so a sphere that holds one of them holds the centre.
         let (center, whole) = geometry(cells, voxel, level);
-        let half = whole.map(|h| h / 2.0);
+        let half = whole.each(|h| h / 2.0);
         cells.gather_around(voxel.cell as usize, center, self.threshold_mm, &mut self.spheres);
         let covered_above = parts_covered_above(&self.spheres, center, half);
         self.tested += 8;
@@ -368,10 +369,10 @@ impl<'a> FreeSpace<'a> {
             }
             let mut covered_above = covered_by_spheres;
             if by_walls {
-                let part_center = std::array::from_fn(|a| center[a] + (2.0 * bit[a] as f64 - 1.0) * half[a]);
+                let part_center = arrays::from_fn(|a| center[a] + (2.0 * bit[a] as f64 - 1.0) * half[a]);
                 covered_above = covered_above.min(self.served.outside_above(part_center, half));
             }
-            let at = std::array::from_fn(|a| 2 * voxel.at[a] + bit[a] as u32);
+            let at = arrays::from_fn(|a| 2 * voxel.at[a] + bit[a] as u32);
             self.keep(Voxel { cell: voxel.cell, at }, level + 1, covered_above);
         }
     }
@@ -463,10 +464,10 @@ fn parts_covered_above(spheres: &[Placed], center: [f64; 3], half: [f64; 3]) -> 
     for sphere in spheres {
         let far2 = |a: usize| {
             let offset = center[a] - sphere[a];
-            [(offset - half[a]).abs() + half[a], (offset + half[a]).abs() + half[a]].map(|far| far * far)
+            [(offset - half[a]).abs() + half[a], (offset + half[a]).abs() + half[a]].each(|far| far * far)
         };
         let (x, y, z) = (far2(0), far2(1), far2(2));
-        let distance2: [f64; 8] = std::array::from_fn(|part| x[part & 1] + y[part >> 1 & 1] + z[part >> 2]);
+        let distance2: [f64; 8] = arrays::from_fn(|part| x[part & 1] + y[part >> 1 & 1] + z[part >> 2]);
         for (least, distance2) in least.iter_mut().zip(distance2) {
             *least = least.min(distance2.sqrt() * COVERED_MARGIN - sphere[3]);
         }
@@ -483,6 +484,6 @@ fn scale_of(level: usize) -> f64 {
 #[inline(always)]
 fn geometry(cells: &Cells, voxel: Voxel, level: usize) -> ([f64; 3], [f64; 3]) {
     let corner = cells.corner(voxel.cell as usize);
-    let half = cells.edge.map(|e| e * scale_of(level) / 2.0);
-    (std::array::from_fn(|a| corner[a] + f64::from(2 * voxel.at[a] + 1) * half[a]), half)
+    let half = cells.edge.each(|e| e * scale_of(level) / 2.0);
+    (arrays::from_fn(|a| corner[a] + f64::from(2 * voxel.at[a] + 1) * half[a]), half)
 }

@@ -4,6 +4,7 @@
 //! The lists are built for a stage; grains inserted since are chained to them.
 
 use super::Stage;
+use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, minus, sum};
@@ -87,9 +88,9 @@ impl<T: Turned> Inserted<T> {
 
     /// Makes the exclusion that of a stage.
     pub(super) fn cover(&mut self, stage: &Stage, rule: &DistanceRule) {
-        let [largest, smallest] = stage.diameters.map(|d_mm| rule.gap_mm(d_mm, self.d_mm));
-        let axes = self.inside_mm.map(|axis| axis + stage.inner + smallest);
-        self.excluded = Symmetric::rotated_diagonal(&self.body.rows, axes.map(|axis| 1.0 / (axis * axis)));
+        let [largest, smallest] = stage.diameters.each(|d_mm| rule.gap_mm(d_mm, self.d_mm));
+        let axes = self.inside_mm.each(|axis| axis + stage.inner + smallest);
+        self.excluded = Symmetric::rotated_diagonal(&self.body.rows, axes.each(|axis| 1.0 / (axis * axis)));
         self.per_shortest = 1.0 / axes[2];
         self.reach_mm = (self.body.outer_mm + stage.outer + largest) * (1.0 + 1e-12);
     }
@@ -129,8 +130,8 @@ impl Grid {
     ) -> Result<Self, OutOfMemory> {
         let bounds_mm = specimen.bounds_mm();
         let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
-        let edge_mm = wanted.max((bounds_mm.iter().product::<f64>() / MOST_CELLS).cbrt());
-        let counts = bounds_mm.map(|length| (length / edge_mm).round().max(1.0) as usize);
+        let edge_mm = wanted.max(f64::cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
+        let counts = bounds_mm.each(|length| (length / edge_mm).round().max(1.0) as usize);
         let size = bounds_mm;
         let shifts = (0..IMAGES).map(|code| {
             let of = |a: usize, divisor: usize| {
@@ -143,7 +144,7 @@ impl Grid {
         let mut grid = Self {
             bounds_mm,
             counts,
-            edge: std::array::from_fn(|a| bounds_mm[a] / counts[a] as f64),
+            edge: arrays::from_fn(|a| bounds_mm[a] / counts[a] as f64),
             is_periodic: specimen.is_periodic(),
             shifts: shifts.collect(),
             starts: filled(number + 1, 0)?,
@@ -196,7 +197,7 @@ impl Grid {
     pub(super) fn corner(&self, cell: usize) -> Vector {
         let [nx, ny, _] = self.counts;
         let at = [cell % nx, cell / nx % ny, cell / (nx * ny)];
-        std::array::from_fn(|a| at[a] as f64 * self.edge[a])
+        arrays::from_fn(|a| at[a] as f64 * self.edge[a])
     }
 
     /// Calls `visit` with the entries of a cell, from the largest grain down within each list.
@@ -268,7 +269,7 @@ impl Grid {
         let images = if self.is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
         for image in images {
             let shift = self.shifts[image];
-            let center: Vector = std::array::from_fn(|a| inserted.body.center_mm[a] + shift[a]);
+            let center: Vector = arrays::from_fn(|a| inserted.body.center_mm[a] + shift[a]);
             let reach = inserted.reach_mm;
             if (0..3).any(|a| center[a] + reach < 0.0 || center[a] - reach > self.bounds_mm[a]) {
                 continue;

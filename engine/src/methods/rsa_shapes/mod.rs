@@ -27,6 +27,7 @@ mod voxels;
 use nalgebra::UnitQuaternion;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::arrays;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Turned};
@@ -393,7 +394,7 @@ impl<S: ConvexShape> Run<'_, S> {
             let other = &self.inserted[grain];
             let margin_mm = ROUNDING_MARGIN * (body.outer_mm + other.body.outer_mm);
             let gap_mm = rsa.rule.gap_mm(search.d_mm, other.d_mm) + margin_mm;
-            let center: [f64; 3] = std::array::from_fn(|a| other.body.center_mm[a] + shift[a]);
+            let center: [f64; 3] = arrays::from_fn(|a| other.body.center_mm[a] + shift[a]);
             let r = minus(center, body.center_mm);
             let far = body.outer_mm + other.body.outer_mm + gap_mm;
             dot(r, r) < far * far && !body.keeps(&other.body, r, gap_mm)

@@ -8,6 +8,7 @@ use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::grid::{Grid, Inserted};
+use crate::arrays::{self, Each as _};
 use crate::gap::grain::Turned;
 use crate::gap::linear::Vector;
 use crate::memory::{OutOfMemory, make_room};
@@ -48,7 +49,7 @@ impl VoxelList {
         let mask = (1_u32 << self.level) - 1;
         Voxel {
             cell: (number >> (3 * self.level)) as u32,
-            at: [0, 1, 2].map(|axis| (number >> (axis * self.level)) as u32 & mask),
+            at: [0, 1, 2].each(|axis| (number >> (axis * self.level)) as u32 & mask),
         }
     }
 
@@ -119,8 +120,8 @@ impl Voxels {
         tested: &mut u64,
     ) -> Result<(), OutOfMemory> {
         let (corner, edge) = place(&voxel, level, grid);
-        let half = edge.map(|e| e / 2.0);
-        let center = std::array::from_fn(|a| corner[a] + half[a]);
+        let half = edge.each(|e| e / 2.0);
+        let center = arrays::from_fn(|a| corner[a] + half[a]);
         *tested += 1;
         if self.region.misses_cuboid(center, half)
             || grid.covering_ball(voxel.cell as usize, center, length(half), inserted).is_some()
@@ -143,7 +144,7 @@ impl Voxels {
         tested: &mut u64,
     ) -> Result<(), OutOfMemory> {
         for part in 0..8 {
-            let at = std::array::from_fn(|a| 2 * voxel.at[a] + (part >> a & 1));
+            let at = arrays::from_fn(|a| 2 * voxel.at[a] + (part >> a & 1));
             self.keep(Voxel { cell: voxel.cell, at }, level + 1, upto, grid, inserted, tested)?;
         }
         Ok(())
@@ -184,12 +185,12 @@ impl Voxels {
         let voxel = self.levels[level].get(index);
         let (corner, edge) = place(&voxel, level, grid);
         Some(Draw {
-            point: std::array::from_fn(|a| corner[a] + uniform(rng) * edge[a]),
+            point: arrays::from_fn(|a| corner[a] + uniform(rng) * edge[a]),
             cell: voxel.cell as usize,
             level,
             index,
-            center: std::array::from_fn(|a| corner[a] + edge[a] / 2.0),
-            radius_mm: length(edge.map(|e| e / 2.0)),
+            center: arrays::from_fn(|a| corner[a] + edge[a] / 2.0),
+            radius_mm: length(edge.each(|e| e / 2.0)),
         })
     }
 
@@ -224,8 +225,8 @@ impl Voxels {
 fn place(voxel: &Voxel, level: usize, grid: &Grid) -> (Vector, Vector) {
     let scale = 1.0 / (1_u64 << level) as f64;
     let corner = grid.corner(voxel.cell as usize);
-    let edge = grid.edge.map(|e| e * scale);
-    (std::array::from_fn(|a| corner[a] + f64::from(voxel.at[a]) * edge[a]), edge)
+    let edge = grid.edge.each(|e| e * scale);
+    (arrays::from_fn(|a| corner[a] + f64::from(voxel.at[a]) * edge[a]), edge)
 }
 
 #[inline(always)]

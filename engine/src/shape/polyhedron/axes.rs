@@ -6,6 +6,7 @@
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use super::Polyhedron;
+use crate::arrays::Each as _;
 use crate::shape::Form;
 
 impl Polyhedron {
@@ -32,7 +33,7 @@ impl Polyhedron {
         let axis = |i: usize| eigen.eigenvectors.column(order[i]).into_owned();
         let (long, middle) = (axis(0), axis(1));
         let axes = Matrix3::from_columns(&[long, middle, long.cross(&middle)]);
-        (axes, Vector3::from(order.map(|i| eigen.eigenvalues[i])))
+        (axes, Vector3::from(order.each(|i| eigen.eigenvalues[i])))
     }
 
     /// The body turned so that its principal axes lie along x, y and z, the longest along x.

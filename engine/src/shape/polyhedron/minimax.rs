@@ -7,6 +7,8 @@
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
+use crate::arrays::Each as _;
+
 /// Most exchanges of a column.
 const EXCHANGES: usize = 100;
 /// What rounding leaves of a violation, over the largest value.
@@ -42,9 +44,9 @@ pub(super) fn least_maximum(planes: &[Plane], reach: f64) -> (Vector3<f64>, f64)
     let mut answer = (Vector3::zeros(), first.value);
     let tolerance = ROUNDING * planes.iter().map(|plane| plane.value.abs()).fold(0.0, f64::max);
     for _ in 0..EXCHANGES {
-        let matrix = Matrix4::from_columns(&basis.map(|(column, _)| column));
+        let matrix = Matrix4::from_columns(&basis.each(|(column, _)| column));
         let Some(inverse) = matrix.try_inverse() else { break };
-        let costs = Vector4::from(basis.map(|(_, cost)| cost));
+        let costs = Vector4::from(basis.each(|(_, cost)| cost));
         let prices = inverse.tr_mul(&costs);
         answer = (-prices.xyz(), prices.w);
         let excess = |&(column, cost): &(Vector4<f64>, f64)| cost - column.dot(&prices);

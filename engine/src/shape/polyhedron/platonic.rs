@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::Polyhedron;
+use crate::arrays::Each as _;
 
 /// A convex body whose faces are equal regular polygons, as many at every corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +41,7 @@ impl PlatonicSolid {
     #[must_use]
     pub fn corners(self) -> Vec<Vector3<f64>> {
         let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
-        let signs = |i: u32| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
+        let signs = |i: u32| [0, 1, 2].each(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
         let cube = || (0..8).map(|i| Vector3::from(signs(i)));
         // Rectangles across the three axes, with sides of 2 `u` and 2 `v`.
         let rectangles = |u: f64, v: f64| {
@@ -55,7 +56,7 @@ impl PlatonicSolid {
         match self {
             Self::Tetrahedron => cube().filter(|corner| corner.iter().product::<f64>() > 0.0).collect(),
             Self::Cube => cube().collect(),
-            Self::Octahedron => (0..3).flat_map(|axis| [-1.0, 1.0].map(|x| unit(axis) * x)).collect(),
+            Self::Octahedron => (0..3).flat_map(|axis| [-1.0, 1.0].each(|x| unit(axis) * x)).collect(),
             Self::Dodecahedron => cube().chain(rectangles(1.0 / golden, golden)).collect(),
             Self::Icosahedron => rectangles(1.0, golden).collect(),
         }

@@ -10,6 +10,7 @@
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::Polyhedron;
+use crate::arrays::Each as _;
 
 /// Steps for the weights; whatever they are, the result holds.
 const STEPS: usize = 40;
@@ -60,7 +61,7 @@ impl Principal {
         let local: Vec<Vector3<f64>> = of.vertices.iter().map(|v| axes.inverse_transform_vector(v)).collect();
         let groups = (0..local.len().div_ceil(4)).map(|g| {
             let at = |lane: usize| local.get(4 * g + lane).unwrap_or(&local[0]);
-            [0, 1, 2].map(|k| [0, 1, 2, 3].map(|lane| at(lane)[k]))
+            [0, 1, 2].each(|k| [0, 1, 2, 3].each(|lane| at(lane)[k]))
         });
         let turned = axes.to_rotation_matrix();
         let moments = (turned.matrix().transpose() * inertia * turned.matrix()).diagonal();
@@ -73,17 +74,17 @@ impl Principal {
             }
         }
         let rounding = of.rounding;
-        let around = widest(&local).map(|q| 1.0 / q);
+        let around = widest(&local).each(|q| 1.0 / q);
         // (h + r)² <= (1 + k) h² + (1 + 1 / k) r².
         let k = rounding / (around.iter().sum::<f64>() / 3.0).sqrt();
-        let around = around.map(|e2| {
+        let around = around.each(|e2| {
             let rounded =
                 if rounding > 0.0 { (1.0 + k) * e2 + (1.0 + 1.0 / k) * rounding * rounding } else { e2 };
             rounded.sqrt() * (1.0 + MARGIN)
         });
         let inside = if core_inner > 0.0 {
             let duals: Vec<_> = planes.iter().map(|(n, h)| axes.inverse_transform_vector(n) / *h).collect();
-            let inside = widest(&duals).map(|q| q.sqrt() * (1.0 - MARGIN) + rounding);
+            let inside = widest(&duals).each(|q| q.sqrt() * (1.0 - MARGIN) + rounding);
             // The longest axis of the body's moments need not be that of the ellipsoid.
             if inside.is_sorted_by(|p, q| p >= q) {
                 inside

@@ -3,6 +3,7 @@
 use std::io::{self, BufWriter, Write};
 
 use super::dilated::Dilated;
+use crate::arrays::Each as _;
 use crate::export::mesh::bodies::{Bodies, MeshModel, PlacedPolyhedron};
 use crate::export::mesh::grain::{self, Faced, Grains};
 use crate::export::mesh::options::{SurfaceOptions, VolumeCorrection};
@@ -119,7 +120,7 @@ impl<'a, W: Write> Script<'a, W> {
                 writeln!(self.out, "Sphere({tag}) = {{0, 0, 0, 1}};")?;
                 let rotation = pose.rotation();
                 let rows = [x, y, z].into_iter().enumerate().map(|(i, at)| {
-                    let [p, q, r] = [1, 2, 0].map(|k| factor * axes[k] * rotation[(i, k)]);
+                    let [p, q, r] = [1, 2, 0].each(|k| factor * axes[k] * rotation[(i, k)]);
                     format!("{p}, {q}, {r}, {at}")
                 });
                 let map = rows.collect::<Vec<_>>().join(", ");
@@ -148,7 +149,7 @@ impl<'a, W: Write> Script<'a, W> {
         let edges: Vec<[u32; 2]> =
             placed.faces.iter().flat_map(|corners| directed_edges(corners)).filter(|[p, q]| p < q).collect();
         for (tag, ends) in (self.line..).zip(&edges) {
-            let [from, to] = ends.map(|vertex| self.point + vertex as usize);
+            let [from, to] = ends.each(|vertex| self.point + vertex as usize);
             writeln!(out, "Line({tag}) = {{{from}, {to}}};")?;
         }
         let mut lines: Vec<([u32; 2], usize)> = edges.iter().copied().zip(self.line..).collect();

@@ -5,6 +5,7 @@
 use super::{
     BEYOND_TARGET, CURVE_POINTS, CYCLE_EVENTS_PER_GRAIN, CYCLE_GROWTH, Frame, Run, STALL_EVENTS, Stage,
 };
+use crate::arrays;
 use crate::control::{Growth as Grown, Phase, Progress};
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdStatistics, GrowthEnd, GrowthPoint};
@@ -19,7 +20,7 @@ pub(crate) struct Moments {
 
 impl Moments {
     pub(crate) fn new(diameters_mm: &[f64], specimen_volume_mm3: f64) -> Self {
-        let sums = std::array::from_fn(|power| diameters_mm.iter().map(|d| d.powi(power as i32)).sum());
+        let sums = arrays::from_fn(|power| diameters_mm.iter().map(|d| d.powi(power as i32)).sum());
         Self { sums, specimen_volume_mm3 }
     }
 

@@ -4,6 +4,7 @@ use std::io::{self, Read, Write};
 use std::time::Instant;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Run, Stage};
+use crate::arrays::Each as _;
 use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, filled, reserved};
 use crate::methods::monte_carlo::system::rotation;
@@ -201,7 +202,7 @@ impl<S: ConvexShape> Run<S> {
 
     /// Whether what was read can be a run of this request: one that cannot might never end.
     fn is_possible(&self) -> bool {
-        let bounds = self.system.container.bounds().map(|length| length * self.system.stretch);
+        let bounds = self.system.container.bounds().each(|length| length * self.system.stretch);
         let largest = self.diameters.first().copied().unwrap_or(0.0);
         let is_inside = |x: [f64; 3]| (0..3).all(|a| (x[a] - bounds[a] / 2.0).abs() <= 2.0 * bounds[a]);
         self.system.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)

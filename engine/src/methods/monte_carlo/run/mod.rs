@@ -19,6 +19,7 @@ use super::shake;
 use super::swap;
 use super::system::System;
 use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
+use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::memory::{OutOfMemory, collected, filled};
@@ -133,7 +134,7 @@ impl<S: ConvexShape> Run<S> {
         system.wall_share = if of.maximize == Some(None) { 0.5 } else { 0.0 };
         system.stretch = 1.0 / scale;
         for hot in &mut system.hot {
-            hot.center = hot.center.map(|x| x / scale);
+            hot.center = hot.center.each(|x| x / scale);
         }
         let volume: f64 = of.shapes.iter().map(S::volume_mm3).sum();
         Ok(Self {
@@ -384,7 +385,7 @@ impl<S: ConvexShape> Run<S> {
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.specimen.bounds_mm();
         for ((hot, cold), &rank) in self.system.hot.iter().zip(&self.system.cold).zip(&self.system.rank) {
-            let mut center = hot.center.map(|x| x / self.system.stretch);
+            let mut center = hot.center.each(|x| x / self.system.stretch);
             if of.specimen.is_periodic() {
                 for (x, length) in center.iter_mut().zip(bounds) {
                     *x = if *x < length { *x } else { 0.0 };

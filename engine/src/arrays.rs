@@ -1,0 +1,31 @@
+//! Short arrays of numbers from a function of each item, always inlined.
+//!
+//! [`from_fn`] and [`Each::each`] give what `std::array::from_fn` and `map` give, for numbers and the like. In the
+//! standard library of Rust 1.95, each of those two calls the given function through one that is not marked for
+//! inlining (`core::ops::try_trait::Wrapped`), so that in a crate of several code generation units a call remains
+//! around every operation on coordinates: the unit tests of the engine took 1.25 times the CPU time.
+// Measured, as the head says.
+#![allow(clippy::inline_always)]
+
+/// `[value(0), value(1), …]`.
+#[inline(always)]
+pub(crate) fn from_fn<T: Copy + Default, const N: usize>(mut value: impl FnMut(usize) -> T) -> [T; N] {
+    let mut array = [T::default(); N];
+    for (index, item) in array.iter_mut().enumerate() {
+        *item = value(index);
+    }
+    array
+}
+
+/// A function of each item of an array.
+pub(crate) trait Each<T, const N: usize> {
+    /// `[value(self[0]), value(self[1]), …]`.
+    fn each<U: Copy + Default>(self, value: impl FnMut(T) -> U) -> [U; N];
+}
+
+impl<T: Copy, const N: usize> Each<T, N> for [T; N] {
+    #[inline(always)]
+    fn each<U: Copy + Default>(self, mut value: impl FnMut(T) -> U) -> [U; N] {
+        from_fn(|index| value(self[index]))
+    }
+}
