@@ -361,7 +361,7 @@ async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
 async fn a_command_that_finds_no_memory_ends_with_its_code() {
     let folder = tempfile::tempdir().unwrap();
     let job = jobs::with(jobs::equal_spheres(102_000, 1), "/mix/volume_fraction", json!(0.30));
-    let edge_mm = f64::cbrt(102_000.0 * std::f64::consts::PI / 6.0 / 0.30);
+    let edge_mm = libm::cbrt(102_000.0 * std::f64::consts::PI / 6.0 / 0.30);
     let job = jobs::with(job, "/specimen/size_mm", json!([edge_mm, edge_mm, edge_mm]));
     let job = jobs::with(job, "/method", json!({"type": "edmd", "stop": {"events": 1}}));
     fs::write(folder.path().join("job.json"), job.to_string()).unwrap();

@@ -20,7 +20,7 @@ fn uniform(state: &mut u64) -> f64 {
 /// Uniform in a cube of 150 mm, a share of them on its faces, and on a lattice for a share below zero.
 fn points(count: usize, on_faces: f64) -> Vec<[f64; 3]> {
     if on_faces < 0.0 {
-        let side = f64::cbrt(count as f64).round() as usize;
+        let side = libm::cbrt(count as f64).round() as usize;
         return (0..side.pow(3))
             .map(|i| [i % side, i / side % side, i / side / side].map(|i| i as f64 * 1.5))
             .collect();

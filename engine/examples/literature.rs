@@ -27,7 +27,7 @@ const MOST_SWEEPS: u64 = 15_000;
 /// Equal grains of a volume of 1 mm³ in a periodic cube, grown until they jam.
 fn jammed<S: ConvexShape>(shape: S, grains: usize, seed: u64) -> Option<Outcome> {
     let shapes = vec![shape; grains];
-    let edge = f64::cbrt(grains as f64 * shape.volume_mm3() / BEYOND);
+    let edge = libm::cbrt(grains as f64 * shape.volume_mm3() / BEYOND);
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
     let growth = MonteCarlo {
         shapes: &shapes,
@@ -76,7 +76,7 @@ const ATTEMPTS: [u64; 4] = [1_000, 10_000, 100_000, 1_000_000];
 
 /// Volume fractions of equal grains added at random in a periodic cube, by attempts.
 fn added<S: ConvexShape>(name: &str, published: &str, shape: S, grains: usize, seed: u64) {
-    let edge = f64::cbrt(grains as f64 * shape.volume_mm3());
+    let edge = libm::cbrt(grains as f64 * shape.volume_mm3());
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
     let shapes = vec![shape; grains];
     let fractions = ATTEMPTS.map(|attempts| {
@@ -147,7 +147,7 @@ fn main() {
         ("triaxial 1.25", "0.735", [1.25, 1.0, 0.8]),
     ];
     for (name, published, axes) in ellipsoids {
-        let scale = f64::cbrt(0.75 / std::f64::consts::PI / axes.iter().product::<f64>());
+        let scale = libm::cbrt(0.75 / std::f64::consts::PI / axes.iter().product::<f64>());
         if let Some(shape) = Ellipsoid::new(axes.map(|axis| axis * scale)).filter(|_| name.contains(case)) {
             if is_addition {
                 (1..=seeds).for_each(|seed| added(name, "0.3841 (spheres)", shape, grains, seed));
@@ -169,7 +169,8 @@ fn main() {
         else {
             continue;
         };
-        let shape = ScaledPolyhedron { template: &template, scale_mm: f64::cbrt(6.0 / std::f64::consts::PI) };
+        let shape =
+            ScaledPolyhedron { template: &template, scale_mm: libm::cbrt(6.0 / std::f64::consts::PI) };
         if is_addition {
             let published = if solid == PlatonicSolid::Tetrahedron { "0.35635" } else { "" };
             (1..=seeds).for_each(|seed| added(solid.name(), published, shape, grains, seed));

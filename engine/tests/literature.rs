@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 /// Equal grains of an equivalent diameter of 1 mm in a periodic cube.
 fn equal(shape: &Value, fraction: f64, grains: f64, method: &Value) -> PackingRequest {
-    let edge = f64::cbrt(grains * std::f64::consts::FRAC_PI_6 / fraction);
+    let edge = libm::cbrt(grains * std::f64::consts::FRAC_PI_6 / fraction);
     let request = json!({
         "specimen": {"type": "box", "size_mm": [edge, edge, edge], "boundary": "periodic"},
         "mix": {

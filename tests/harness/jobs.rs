@@ -19,7 +19,7 @@ pub(crate) fn equal_spheres(grains: u32, seed: u64) -> Value {
 
 fn equal_spheres_at(volume_fraction: f64, grains: u32, seed: u64) -> Value {
     let volume_mm3 = f64::from(grains) * std::f64::consts::PI / 6.0;
-    let edge_mm = f64::cbrt(volume_mm3 / volume_fraction);
+    let edge_mm = libm::cbrt(volume_mm3 / volume_fraction);
     json!({
         "seed": seed,
         "specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm], "boundary": "periodic"},

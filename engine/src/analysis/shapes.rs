@@ -244,7 +244,7 @@ mod tests {
         of(report.zingg.blade, share);
         of(report.zingg.equant, 1.0 - share);
         let sphericity =
-            |volume: f64, surface: f64| f64::cbrt(PI * (6.0 * volume) * (6.0 * volume)) / surface;
+            |volume: f64, surface: f64| libm::cbrt(PI * (6.0 * volume) * (6.0 * volume)) / surface;
         of(
             report.sphericity_mean,
             (1.0 - share) * sphericity(1000.0, 600.0) + share * sphericity(800.0, 640.0),

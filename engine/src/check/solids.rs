@@ -198,7 +198,7 @@ fn ellipsoid_size(shape: &Ellipsoid, size: SizeMeasure) -> (f64, f64) {
     let size = match size {
         // The narrowest passage is along the longest axis, the ellipse (b, c) turned by 45 degrees in the square.
         SizeMeasure::Sieve => (2.0 * (b * b + c * c)).sqrt(),
-        SizeMeasure::Equivalent => 2.0 * f64::cbrt(a * b * c),
+        SizeMeasure::Equivalent => 2.0 * libm::cbrt(a * b * c),
     };
     (size, 4.0 / 3.0 * PI * a * b * c)
 }

@@ -131,7 +131,7 @@ impl Octave {
         let top = rows.iter().map(|&row| spheres.d_mm[row as usize]).fold(0.0, f64::max);
         // Few grains in much space need few cells.
         let volume: f64 = bounds.iter().product();
-        let width = (top + reach_beyond(top, top)).max(f64::cbrt(volume / (2.0 * rows.len() as f64)));
+        let width = (top + reach_beyond(top, top)).max(libm::cbrt(volume / (2.0 * rows.len() as f64)));
         let counts = bounds.each(|length| ((length / width) as usize).max(1));
         let per_mm = arrays::from_fn(|a| counts[a] as f64 / bounds[a]);
         let width = arrays::from_fn(|a| bounds[a] / counts[a] as f64);

@@ -32,7 +32,7 @@ fn rows_are_the_figures_of_the_grains() {
     let row = lines.next().unwrap();
     assert_eq!((row[..3].to_vec(), row[13]), (vec!["0", "ellipsoid", ""], "disc"));
     let known = [
-        2.0 * f64::cbrt(18_f64),
+        2.0 * libm::cbrt(18_f64),
         (2.0 * (9.0 + 2.25_f64)).sqrt(),
         8.0,
         3.0,

@@ -219,7 +219,7 @@ impl Octaves {
         let octave = |spheres: Vec<Sphere>| {
             let largest_d_mm = spheres.iter().map(|sphere| sphere.d_mm).fold(0.0, f64::max);
             // Two cells for each sphere at most: few in much space would need many.
-            let sparse_mm = f64::cbrt(volume_mm3 / (2.0 * spheres.len() as f64));
+            let sparse_mm = libm::cbrt(volume_mm3 / (2.0 * spheres.len() as f64));
             let cells = Cells::new(bounds_mm, (largest_d_mm + gap_mm).max(sparse_mm));
             Ok(Octave { largest_d_mm, sorted: Sorted::new(cells, &spheres, |sphere| sphere.center_mm)? })
         };

@@ -109,7 +109,7 @@ impl Class {
     pub fn diameter(&self, u: f64) -> f64 {
         let (a, b) = (self.low_mm, self.high_mm);
         let d = match self.law {
-            Law::LogUniform => a * b / f64::cbrt(b * b * b * (1.0 - u) + a * a * a * u),
+            Law::LogUniform => a * b / libm::cbrt(b * b * b * (1.0 - u) + a * a * a * u),
             Law::Fuller { exponent: q } => {
                 let s = q - 3.0;
                 let (a_s, b_s) = (a.powf(s), b.powf(s));

@@ -153,7 +153,7 @@ impl GradedMix {
     pub fn expected_enlarged_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
         let enlarged = |d: f64| sphere_volume(factor * d + offset);
         let of_class = |c: &Class| {
-            let equivalent = f64::cbrt(c.volume_ratio);
+            let equivalent = libm::cbrt(c.volume_ratio);
             c.mean_of(&|d| enlarged(d * equivalent)) * c.grains_per_volume()
         };
         self.expected_sum(of_class, |d| enlarged(self.equivalent_mm(d)))
@@ -178,7 +178,7 @@ impl GradedMix {
     pub fn equivalent_mm(&self, size_mm: f64) -> f64 {
         match &self.shapes {
             None => size_mm,
-            Some(shapes) => size_mm * f64::cbrt(shapes.mean_volume_ratio(0, size_mm)),
+            Some(shapes) => size_mm * libm::cbrt(shapes.mean_volume_ratio(0, size_mm)),
         }
     }
 
@@ -193,7 +193,7 @@ impl GradedMix {
         let mut sizes = Vec::with_capacity(self.classes.len() * QUANTILES);
         for class in &self.classes {
             let number = self.class_volume_mm3(class) * class.grains_per_volume() / QUANTILES as f64;
-            let equivalent = f64::cbrt(class.volume_ratio);
+            let equivalent = libm::cbrt(class.volume_ratio);
             let quantile = |k: usize| class.diameter((k as f64 + 0.5) / QUANTILES as f64) * equivalent;
             sizes.extend((0..QUANTILES).map(|k| (quantile(k), number)));
         }
@@ -243,7 +243,7 @@ fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
         bin = of;
     }
     for (size, number) in &mut sizes {
-        *size = f64::cbrt(*size / *number);
+        *size = libm::cbrt(*size / *number);
     }
     sizes
 }

@@ -52,7 +52,7 @@ impl Ellipsoid {
 
     pub(super) fn of_equivalent_diameter(diameter_mm: f64, Form { elongation, flatness }: Form) -> Self {
         // a b c = a³ (b/a)² (c/b).
-        let a = diameter_mm / 2.0 / f64::cbrt(elongation * elongation * flatness);
+        let a = diameter_mm / 2.0 / libm::cbrt(elongation * elongation * flatness);
         let b = a * elongation;
         Self { semi_axes_mm: Vector3::new(a, b, b * flatness) }
     }
@@ -109,7 +109,7 @@ impl Ellipsoid {
     #[must_use]
     pub fn equivalent_diameter_mm(&self) -> f64 {
         let [a, b, c] = self.semi_axes_mm.into();
-        2.0 * a * f64::cbrt((b / a) * (c / a))
+        2.0 * a * libm::cbrt((b / a) * (c / a))
     }
 
     /// Sieve size `D_s = sqrt(2 (b² + c²))` in mm: the edge of the smallest square opening that the ellipsoid passes.

@@ -32,7 +32,7 @@ impl Form {
     #[must_use]
     pub fn equivalent_over_sieve(&self) -> f64 {
         let Self { elongation, flatness } = *self;
-        2.0 * f64::cbrt(flatness / elongation) / (2.0 * (1.0 + flatness * flatness)).sqrt()
+        2.0 * libm::cbrt(flatness / elongation) / (2.0 * (1.0 + flatness * flatness)).sqrt()
     }
 
     /// `(d_eq / D_s)³` of an ellipsoid: its volume over that of a sphere that passes the same sieve.

@@ -105,7 +105,7 @@ fn grains(ratios: &AxisRatios, measure: SizeMeasure) -> Vec<Ellipsoid> {
         while filled < volume {
             let u = uniform(&mut rng);
             let cubes = high.powi(3) * (1.0 - u) + low.powi(3) * u;
-            let size = low * high / f64::cbrt(cubes);
+            let size = low * high / libm::cbrt(cubes);
             grains.push(measure.ellipsoid(size.clamp(low, high), sampler.draw(&mut rng)));
             filled += grains[grains.len() - 1].volume_mm3();
         }

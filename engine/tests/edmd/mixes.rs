@@ -85,7 +85,7 @@ fn small_mix() -> impl Strategy<Value = (Value, u64)> {
                 (_, d, h) => std::f64::consts::FRAC_PI_4 * d.as_f64().unwrap().powi(2) * h.as_f64().unwrap(),
             };
             let filled: f64 = sizes.iter().map(|d| std::f64::consts::FRAC_PI_6 * d.powi(3)).sum();
-            let unit = f64::cbrt(fraction * volume / filled);
+            let unit = libm::cbrt(fraction * volume / filled);
             let mm: Vec<f64> = sizes.iter().map(|d| unit * d).collect();
             let least = mm.iter().copied().fold(f64::INFINITY, f64::min);
             for length in ["mm", "wall_gap_mm"] {

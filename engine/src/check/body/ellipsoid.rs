@@ -51,7 +51,7 @@ impl Ellipsoid {
             axes,
             matrix: axes.transpose() * axes,
             radius: semi_axes.max(),
-            equivalent_diameter: 2.0 * f64::cbrt(semi_axes[0] * semi_axes[1] * semi_axes[2]),
+            equivalent_diameter: 2.0 * libm::cbrt(semi_axes[0] * semi_axes[1] * semi_axes[2]),
         })
     }
 

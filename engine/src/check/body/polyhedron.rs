@@ -70,7 +70,7 @@ impl<'a> Polyhedron<'a> {
             equivalent_diameter: 0.0,
         };
         polyhedron.volume = polyhedron.own_volume();
-        polyhedron.equivalent_diameter = f64::cbrt(6.0 * polyhedron.volume / PI);
+        polyhedron.equivalent_diameter = libm::cbrt(6.0 * polyhedron.volume / PI);
         (polyhedron.equivalent_diameter > 0.0).then_some(polyhedron)
     }
 

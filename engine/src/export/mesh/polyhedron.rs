@@ -171,7 +171,7 @@ impl Angular<'_> {
             Some(target) => {
                 let room = |vertex: &Vector| self.room(scaled(*vertex, inscribed)) / norm(*vertex);
                 let most = inscribed + placed.vertices.iter().map(room).fold(f64::INFINITY, f64::min);
-                let wanted = f64::cbrt(target / volume_mm3);
+                let wanted = libm::cbrt(target / volume_mm3);
                 (wanted.min(most), wanted <= most)
             }
         }

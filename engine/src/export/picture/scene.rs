@@ -413,7 +413,7 @@ struct SceneGrid {
 
 impl SceneGrid {
     fn new(grains: Vec<Grain>, size: Vector) -> Self {
-        let wanted = f64::cbrt(size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64));
+        let wanted = libm::cbrt(size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64));
         let cells: [usize; 3] =
             arrays::from_fn(|a| (size[a] / wanted).round().clamp(1.0, MOST_CELLS) as usize);
         let edge = Vector::from_fn(|a, _| size[a] / cells[a] as f64);

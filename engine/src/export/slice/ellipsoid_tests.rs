@@ -82,7 +82,7 @@ fn rows_of_ellipses_are_those_of_the_plane() {
         2.0 * scale,
         30.0,
         0.0,
-        2.0 * f64::cbrt(6.0_f64),
+        2.0 * libm::cbrt(6.0_f64),
         std::f64::consts::PI * 6.0 * 0.75,
     ];
     for (found, expected) in row.iter().zip(expected) {

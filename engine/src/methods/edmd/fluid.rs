@@ -52,9 +52,9 @@ impl Fluid {
     /// When there is no sphere, the volume fraction can't be reached, or the system refuses memory.
     pub fn new(spheres: usize, volume_fraction: f64, seed: u64) -> Self {
         assert!(spheres > 0 && volume_fraction > 0.0 && volume_fraction < 0.6, "no such fluid");
-        let edge = f64::cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
+        let edge = libm::cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
         let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
-        let mut scale = f64::cbrt(START_FRACTION / volume_fraction).min(1.0);
+        let mut scale = libm::cbrt(START_FRACTION / volume_fraction).min(1.0);
         let placing = Rsa {
             diameters_mm: &vec![scale; spheres],
             specimen: &specimen,

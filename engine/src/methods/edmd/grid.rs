@@ -122,7 +122,7 @@ impl Grid {
         let volume = size[0] * size[1] * size[2];
         for level in &mut self.levels {
             let most_cells = (CELLS_PER_GRAIN * f64::from(level.grains)).max(LEAST_CELLS);
-            let edge = (EDGE * level.cutoff_mm).max(f64::cbrt(volume / most_cells));
+            let edge = (EDGE * level.cutoff_mm).max(libm::cbrt(volume / most_cells));
             level.cells = size.each(|length| ((length / edge).floor() as i32).max(1));
             level.per_edge = arrays::from_fn(|a| f64::from(level.cells[a]) / size[a]);
             level.edge = arrays::from_fn(|a| size[a] / f64::from(level.cells[a]));

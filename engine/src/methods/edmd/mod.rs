@@ -240,7 +240,7 @@ impl Edmd<'_> {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
             None if maximize && fraction <= quickly => BEYOND_TARGET,
-            None => f64::cbrt(quickly / fraction).min(MOST_START),
+            None => libm::cbrt(quickly / fraction).min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
         let share = start_share(&self.expected, CYCLE_EVENTS_PER_GRAIN as f64);

@@ -94,7 +94,7 @@ impl Lists {
         self.levels.resize_with(tops.len(), Level::default);
         let bounds = system.container.bounds().each(|length| length * system.stretch);
         for (number, (level, (reach, count))) in self.levels.iter_mut().zip(tops).enumerate() {
-            let sparse = f64::cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
+            let sparse = libm::cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
             let width = reach.max(sparse);
             level.reach = reach;
             level.counts = bounds.each(|length| ((length / width) as usize).max(1));

@@ -247,7 +247,7 @@ impl Run<'_> {
         let d_least = rsa.diameters_mm[end - 1];
         let reach = rsa.rule.exclusion(d_least).placed_factor * d_least / 2.0 + part_least;
         // Few grains in much space need no fine grid.
-        let spacing = f64::cbrt(region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0));
+        let spacing = libm::cbrt(region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0));
         let edge = (CELL_EDGE * reach).max(spacing);
         let should_stop = || self.control.should_stop();
         let periodic = rsa.specimen.is_periodic();

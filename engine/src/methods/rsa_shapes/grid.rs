@@ -130,7 +130,7 @@ impl Grid {
     ) -> Result<Self, OutOfMemory> {
         let bounds_mm = specimen.bounds_mm();
         let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
-        let edge_mm = wanted.max(f64::cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
+        let edge_mm = wanted.max(libm::cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
         let counts = bounds_mm.each(|length| (length / edge_mm).round().max(1.0) as usize);
         let size = bounds_mm;
         let shifts = (0..IMAGES).map(|code| {

@@ -21,7 +21,7 @@ fn boxed(size_mm: [f64; 3], boundary: Boundary) -> Specimen {
 
 /// Ellipsoids of diameters from `d_max` down to `d_min`, with these axis ratios.
 fn shapes(count: usize, d_max: f64, d_min: f64, ratios: [f64; 3]) -> Vec<Ellipsoid> {
-    let unit = f64::cbrt(ratios.iter().product::<f64>());
+    let unit = libm::cbrt(ratios.iter().product::<f64>());
     let d = |i: usize| d_max * (d_min / d_max).powf(i as f64 / (count - 1) as f64);
     (0..count).map(|i| Ellipsoid::new(ratios.map(|r| r / unit * d(i) / 2.0)).unwrap()).collect()
 }

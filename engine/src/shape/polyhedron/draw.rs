@@ -127,11 +127,11 @@ fn voronoi_cell(rng: &mut Xoshiro256PlusPlus) -> Option<Polyhedron> {
     for _ in 0..ATTEMPTS {
         for _ in 0..SEEDS {
             volume -= (1.0 - uniform(rng)).ln();
-            planes.push((direction(rng), f64::cbrt(volume) / 2.0));
+            planes.push((direction(rng), libm::cbrt(volume) / 2.0));
         }
         let (vertices, faces) = intersection(&planes);
         let reach = vertices.iter().map(Vector3::norm).fold(0.0, f64::max);
-        if reach > 0.0 && reach <= f64::cbrt(volume) / 2.0 {
+        if reach > 0.0 && reach <= libm::cbrt(volume) / 2.0 {
             return Polyhedron::centered(&vertices, faces);
         }
     }

@@ -142,7 +142,7 @@ impl Polyhedron {
     /// Diameter of the sphere of equal volume.
     #[must_use]
     pub fn equivalent_diameter(&self) -> f64 {
-        f64::cbrt(6.0 / PI * self.volume())
+        libm::cbrt(6.0 / PI * self.volume())
     }
 
     /// Inertia tensor of the core about the origin, with a density of 1.

@@ -322,7 +322,7 @@ fn standard(curve: &str, size_mm: f64, d_min_mm: f64, phi_mixture: f64) -> Value
 /// Equal spheres, loose in a cube, whose distance grows until they jam.
 fn jamming(spheres: usize) -> Value {
     let volume_mm3 = LOOSE_FRACTION * CUBE_MM.powi(3) / spheres as f64;
-    let diameter_mm = f64::cbrt(6.0 * volume_mm3 / std::f64::consts::PI);
+    let diameter_mm = libm::cbrt(6.0 * volume_mm3 / std::f64::consts::PI);
     let request = json!({
         "specimen": {"type": "box", "size_mm": [CUBE_MM, CUBE_MM, CUBE_MM]},
         "mix": {"grading": {"type": "diameters", "diameters_mm": vec![diameter_mm; spheres]}},

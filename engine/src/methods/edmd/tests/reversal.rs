@@ -98,19 +98,19 @@ fn returns(specimen: &Specimen) {
 
 #[test]
 fn a_hundred_thousand_events_run_back_in_a_periodic_box() {
-    let edge = f64::cbrt(GRAINS as f64 * 1.964 / FRACTION);
+    let edge = libm::cbrt(GRAINS as f64 * 1.964 / FRACTION);
     returns(&Specimen::Box { size_mm: [edge, edge, edge], boundary: Boundary::Periodic });
 }
 
 #[test]
 fn a_hundred_thousand_events_run_back_within_walls() {
     // Flat and wide, so that walls take their part.
-    let edge = f64::cbrt(GRAINS as f64 * 1.964 / FRACTION / 16.0);
+    let edge = libm::cbrt(GRAINS as f64 * 1.964 / FRACTION / 16.0);
     returns(&Specimen::Box { size_mm: [4.0 * edge, 4.0 * edge, edge], boundary: Boundary::Walls });
 }
 
 #[test]
 fn a_hundred_thousand_events_run_back_in_a_cylinder() {
-    let radius = f64::cbrt(GRAINS as f64 * 1.964 / FRACTION / (std::f64::consts::PI * 12.0));
+    let radius = libm::cbrt(GRAINS as f64 * 1.964 / FRACTION / (std::f64::consts::PI * 12.0));
     returns(&Specimen::Cylinder { diameter_mm: 2.0 * radius, height_mm: 12.0 * radius });
 }
