@@ -268,7 +268,7 @@ async fn a_database_that_another_program_locks_is_not_ready() {
     server.stop().await;
 }
 
-/// A job of some seconds that is failed at the end of its first attempt, if that counts.
+/// A job of a second that is failed at the end of its first attempt, if that counts.
 fn growth_with_one_attempt() -> Value {
     jobs::with(jobs::growth(), "/max_attempts", json!(1))
 }

@@ -9,7 +9,7 @@ async fn the_job_of_the_contract_succeeds() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let job = client.succeed(&jobs::growth()).await;
+    let job = client.succeed(&jobs::contract()).await;
     let result = client.result(id_of(&job)).await;
     let number = |pointer: &str| {
         let value = result.pointer(pointer).and_then(Value::as_f64);
@@ -67,7 +67,7 @@ async fn the_largest_distance_that_was_reached_in_time_is_a_success() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let job = jobs::with(jobs::growth(), "/distance", json!({"type": "maximize"}));
+    let job = jobs::with(jobs::contract(), "/distance", json!({"type": "maximize"}));
     let job = jobs::with(job, "/method/stop", json!({"time_s": 2, "stall_dt_s": 1e-300}));
     let job = client.succeed(&job).await;
     let result = client.result(id_of(&job)).await;
@@ -93,7 +93,7 @@ async fn a_target_beyond_reach_fails_and_says_how_far_it_came() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let job = jobs::with(jobs::growth(), "/method/stop", json!({"events": 20_000}));
+    let job = jobs::with(jobs::contract(), "/method/stop", json!({"events": 20_000}));
     let job = client.finished(id_of(&client.submit(&job).await)).await;
     assert_eq!(job["state"], "failed", "{job:#}");
     let error = &job["error"];

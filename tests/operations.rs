@@ -78,14 +78,14 @@ async fn the_work_that_waits_and_runs_is_that_of_the_plans() {
     assert!(running_s > 0.1, "{running_s}");
     expect_work(&client, 0.0, running_s).await;
 
-    let growing_s = forecast(&jobs::growth()).await;
-    let growing = client.submit(&jobs::growth()).await;
+    let growing_s = forecast(&jobs::contract()).await;
+    let growing = client.submit(&jobs::contract()).await;
     let bounded = jobs::with(jobs::endless(), "/timeout_s", json!(0.25));
     let bounded_s = forecast(&bounded).await.min(0.25);
     client.submit(&bounded).await;
     expect_work(&client, growing_s + bounded_s, running_s).await;
     let volume_fractions = [0.53, 0.535];
-    let mut template = jobs::growth();
+    let mut template = jobs::contract();
     template.as_object_mut().unwrap().remove("seed");
     client
         .submit_study(&json!({
@@ -95,7 +95,7 @@ async fn the_work_that_waits_and_runs_is_that_of_the_plans() {
         .await;
     let mut study_s = 0.0;
     for volume_fraction in volume_fractions {
-        let point = jobs::with(jobs::growth(), "/mix/volume_fraction", json!(volume_fraction));
+        let point = jobs::with(jobs::contract(), "/mix/volume_fraction", json!(volume_fraction));
         study_s += 3.0 * forecast(&point).await;
     }
     expect_work(&client, growing_s + bounded_s + study_s, running_s).await;

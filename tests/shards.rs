@@ -29,12 +29,12 @@ fn study(replicates: usize) -> Value {
     })
 }
 
-/// Two points that grow for some seconds each, and one that is quick.
+/// Two points that grow for a second each, and one that is quick.
 fn long_study() -> Value {
     json!({
         "seed": 3,
         "template": jobs::with(jobs::growth(), "/seed", Value::Null),
-        "grid": {"/mix/volume_fraction": [0.3, 0.535, 0.53]}
+        "grid": {"/mix/volume_fraction": [0.3, 0.53, 0.525]}
     })
 }
 

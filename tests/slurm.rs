@@ -14,7 +14,7 @@ use crate::harness::{DataDir, Finished, Launch, Slurm, id_of, jobs, packstone, r
 
 /// Three points, one of them of some seconds.
 fn study() -> Value {
-    let template = jobs::with(jobs::growth(), "/seed", Value::Null);
+    let template = jobs::with(jobs::contract(), "/seed", Value::Null);
     json!({
         "name": "three points", "seed": 3, "template": template,
         "grid": {"/mix/volume_fraction": [0.3, 0.54, 0.35]}
@@ -207,7 +207,7 @@ async fn pilots_pack_the_jobs_of_a_server_and_hand_them_on() {
         submitted.stdout.trim().to_owned()
     };
     // Some seconds more than growth takes in the smaller cube.
-    let long = jobs::with(jobs::growth(), "/specimen/size_mm", json!([110, 110, 110]));
+    let long = jobs::with(jobs::contract(), "/specimen/size_mm", json!([110, 110, 110]));
     let submitted = client.submit(&long).await;
     let id = id_of(&submitted);
     let first = array("--array=0").await;

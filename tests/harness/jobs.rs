@@ -52,7 +52,7 @@ pub(crate) fn quick_growth(seed: u64) -> Value {
 }
 
 /// The job of the contract: 5000 grains of A16 in an 80 mm cube with a distance of 1 mm, some seconds of growth.
-pub(crate) fn growth() -> Value {
+pub(crate) fn contract() -> Value {
     json!({
         "name": "A16 cube", "seed": 7,
         "specimen": {"type": "box", "size_mm": [80, 80, 80], "boundary": "walls"},
@@ -65,9 +65,15 @@ pub(crate) fn growth() -> Value {
     })
 }
 
+/// A cube of 64 mm of it, with 2600 grains: a second of growth, in which it can be broken off.
+pub(crate) fn growth() -> Value {
+    let job = with(contract(), "/specimen/size_mm", json!([64, 64, 64]));
+    with(job, "/mix/volume_fraction", json!(0.53))
+}
+
 /// Grows until it is stopped, as far as a test is concerned: a distance that takes minutes to find out.
 pub(crate) fn endless_growth() -> Value {
-    let job = with(growth(), "/distance", json!({"type": "maximize"}));
+    let job = with(contract(), "/distance", json!({"type": "maximize"}));
     let job = with(job, "/specimen/size_mm", json!([150, 150, 150]));
     with(job, "/method/stop", json!({"stall_dt_s": 1e-300}))
 }
