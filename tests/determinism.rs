@@ -52,7 +52,7 @@ async fn without_a_server_too() {
 #[tokio::test]
 async fn after_a_power_cut() {
     let data_dir = DataDir::new();
-    let request = jobs::equal_spheres(400_000, 3);
+    let request = jobs::equal_spheres(200_000, 3);
     let server = Launch::new(&data_dir).start().await;
     let job = server.client().submit(&request).await;
     server.client().running(id_of(&job)).await;
