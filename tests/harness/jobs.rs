@@ -65,7 +65,7 @@ pub(crate) fn contract() -> Value {
     })
 }
 
-/// A cube of 64 mm of it, with 2600 grains: a second of growth, in which it can be broken off.
+/// The same mix with 2600 grains in a cube of 64 mm: a second of growth, in which a test can interrupt it.
 pub(crate) fn growth() -> Value {
     let job = with(contract(), "/specimen/size_mm", json!([64, 64, 64]));
     with(job, "/mix/volume_fraction", json!(0.53))

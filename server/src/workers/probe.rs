@@ -50,7 +50,8 @@ fn requests() -> [Value; 2] {
 /// For how many arguments each elementary function is compared.
 const ARGUMENTS: u32 = 10_000;
 
-/// Adds values of the elementary functions that the engine uses, for arguments between -7 and 100, to a digest.
+/// Adds values of the elementary functions that the engine takes from the C library to a digest, for arguments between
+/// -7 and 100.
 fn elementary_functions(digest: &mut Sha256) {
     for i in 0..ARGUMENTS {
         // Hidden from the compiler, which computes constants by functions of its own.
